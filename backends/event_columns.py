@@ -1,7 +1,8 @@
 """What an event is to a program that knows no JSON: columns of few types, which the leading comment of a text defines, one line each.
 
-    time FIELD as FORMAT        where an event has its time: the field `"τ"` of the patterns, in nanoseconds, or null
-    NAME := PATTERN             what fits a pattern; of several lines for one name, one of them
+    time FIELD as FORMAT        where an event has its time
+    NAME := PATTERN at T        what fits a pattern, `T` being its time in nanoseconds, or null; of several lines for one name,
+                                one of them; `at T` only where something asks for the time
     when GUARD                  and this guard holds of it
     COLUMN ASPECT of EXPRESSION what an event has that fits the pattern above; null where the expression is undefined
 
@@ -17,14 +18,15 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Final, NamedTuple, Self
 
 from rvaft.core.conditions import Unsayable
+from rvaft.core.property import Property
+from rvaft.core.times import timed, untimed
 from rvaft.errors import LanguageError
 from rvaft.language.parser import parse_guard, parse_pattern, parse_time
 from rvaft.model import guards, patterns
-from rvaft.model.event_time import TIME, EventTime
+from rvaft.model.event_time import EventTime
 from rvaft.model.expressions import guard_text, pattern_text, time_text
 from rvaft.model.guards import Guard, Operation, Operator
-from rvaft.model.patterns import Literal, ObjectPattern, Pattern, Variable
-from rvaft.model.tree import RVAFT
+from rvaft.model.patterns import Literal, Pattern
 from rvaft.model.values import Json, is_finite, is_number
 
 ASPECTS: Final = ("text", "kind", "number", "string", "time", "truth")
@@ -32,7 +34,7 @@ EXACT: Final = 2**46
 """Numbers that columns hold are less: sums of some of them are exact as doubles, too."""
 LONGEST: Final = 22 * 10**17
 """So are times, and durations, in nanoseconds: up to 2039. The difference of two of them, and some years, has 63 bits with its sign."""
-_FITS: Final = re.compile(r"(\w+) := (.*)")
+_FITS: Final = re.compile(r"(\w+) := (.*?)(?:(?<=[}\]_]) at ([A-Za-z_]\w*))?", re.ASCII)
 _HAS: Final = re.compile(rf"(\w+) ({'|'.join(ASPECTS)}) of (.*)")
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"')
 
@@ -96,7 +98,8 @@ class EventColumns:
         lines = [] if self.time is None else [time_text(self.time)]
         for name, several in self.fitting.items():
             for one in several:
-                lines.append(f"{name} := {pattern_text(one.pattern)}")
+                pattern, time = untimed(one.pattern)
+                lines.append(f"{name} := {pattern_text(pattern)}{'' if time is None else f' at {time}'}")
                 lines += [f"when {guard_text(guard)}" for guard in one.guards]
             for column, value in self.values.get(name, {}).items():
                 lines.append(f"{column} {value.aspect} of {guard_text(value.expression)}")
@@ -127,6 +130,7 @@ class EventColumns:
                 header.fitting[last].append(FittingEvent(pattern, (*known, guard)))
             elif fits := _FITS.fullmatch(line):
                 last, parsed = fits[1], parse_pattern(fits[2])
+                parsed = parsed if fits[3] is None else timed(parsed, fits[3])
                 header.fitting.setdefault(last, []).append(FittingEvent(parsed))
             elif last and (has := _HAS.fullmatch(line)):
                 header.values.setdefault(last, {})[has[1]] = ValueColumn(has[2], parse_guard(has[3]))
@@ -204,8 +208,6 @@ def require_exact_sums(*terms: Guard, time: bool) -> None:
         raise Unsayable("its sums are too long to be calculated exactly")
 
 
-def time_variables(tree: RVAFT) -> frozenset[str]:
-    """The variables of a plain tree that hold the times of its events."""
-    found = () if tree.time is None else map(tree.pattern, tree.occurrences)
-    fields = (pair for pattern in found if isinstance(pattern, ObjectPattern) for pair in pattern.fields)
-    return frozenset(part.name for name, part in fields if name == TIME and isinstance(part, Variable))
+def time_variables(prop: Property) -> frozenset[str]:
+    """The variables of a property that hold the times of its events."""
+    return frozenset(time for event in prop.events if (time := untimed(event.pattern)[1]) is not None)

@@ -1,6 +1,6 @@
-"""The events of a tree as a nest of parts: one event, all parts, one of them, some of them, or parts in sequence; for languages that say these.
+"""The events of a property as a nest of parts: one event, all parts, one of them, some of them, or parts in sequence; for languages that say these.
 
-It is made gate by gate. Where the parts of a node share events or variables (a node with several parents, a guard on what another node observes), its
+It is made part by part. Where parts share events or variables (a node with several parents, a guard on what another node observes), the
 scenarios are said one by one; where the order of one is no nest, two events without order are tried in both. Matches are of distinct events.
 """
 
@@ -9,18 +9,30 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import comb
-from typing import Final, NoReturn, TypeAlias
+from typing import Final, NoReturn, TypeAlias, assert_never
 
 import networkx as nx
 
 from backends.orders import Orders
-from rvaft.analysis.normal_form import Op, body, is_impossible
-from rvaft.analysis.scenarios import Kept, Resolutions, event, precedence
+from rvaft.core.part_numbers import Op
+from rvaft.core.property import (
+    All,
+    AtLeast,
+    Condition,
+    EndInOrder,
+    Event,
+    One,
+    Part,
+    Property,
+    Sequence,
+    Times,
+    Within,
+    parts_below,
+)
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.guards import Guard, conjuncts, variables
-from rvaft.model.nodes import Causality
 from rvaft.model.patterns import Pattern, rigid_variables
-from rvaft.model.tree import RVAFT, reachable
+from rvaft.support.bits import bits
 
 Refusal: TypeAlias = Callable[[str, Iterable[str]], NoReturn]
 """Raises why nodes cannot be said: a `TIE` of events, or a `WINDOW` over parts that become several."""
@@ -35,7 +47,7 @@ class Nest:
     op: Op
     parts: tuple["Nest", ...] = ()
     need: int = 0
-    node: str = ""
+    event: Event | None = None
     guards: tuple[Guard, ...] = ()
     within: int | None = None
     size: int = 0
@@ -46,14 +58,18 @@ class Nest:
         for part in self.parts:
             yield from part.inside()
 
+    def events(self) -> list[Event]:
+        """Its events, each as often as it is written."""
+        return [one.event for one in self.inside() if one.event is not None]
+
     def nodes(self) -> list[str]:
-        """The nodes whose events it has, each as often as it is written."""
-        return [one.node for one in self.inside() if one.op is Op.EVENT]
+        """The nodes of its events, each as often as it is written."""
+        return [event.source.node for event in self.events()]
 
     def during(self, within: int | None) -> "Nest":
         """The nest within a time, the shorter one if it has another; a single event takes none.
 
-        >>> both = joined(Op.ALL, [Nest(Op.EVENT, node="a"), Nest(Op.EVENT, node="b")])
+        >>> both = joined(Op.ALL, [Nest(Op.EVENT, size=1), Nest(Op.EVENT, size=2)])
         >>> both.during(5).during(9).within, both.parts[0].during(5).within
         (5, None)
         """
@@ -75,7 +91,7 @@ NEVER: Final = Nest(Op.ONE)
 def joined(op: Op, parts: Iterable[Nest], need: int = 0) -> Nest:
     """Parts under one operator, nothing that means nothing among them.
 
-    >>> joined(Op.ALL, [NOTHING, a := Nest(Op.EVENT, node="a", size=1)]) == a, joined(Op.SEQUENCE, [a, NEVER]) == NEVER
+    >>> joined(Op.ALL, [NOTHING, a := Nest(Op.EVENT, size=1)]) == a, joined(Op.SEQUENCE, [a, NEVER]) == NEVER
     (True, True)
     """
     found = list[Nest]()
@@ -101,133 +117,181 @@ def joined(op: Op, parts: Iterable[Nest], need: int = 0) -> Nest:
     )
 
 
-def in_every_order(tree: RVAFT, *, limit: int) -> Nest:
-    """A plain tree without guards as one of all orders in which its events can come, those with the same pattern being one; raises `TooLarge`.
+def in_every_order(prop: Property, *, limit: int) -> Nest:
+    """A property without guards as one of all orders in which its events can come, those with the same pattern being one; raises `TooLarge`.
 
     >>> from rvaft import loads
-    >>> [part.nodes() for part in in_every_order(loads("top and a b;"), limit=9).parts]
+    >>> from rvaft.core.passes import property_of
+    >>> [part.nodes() for part in in_every_order(property_of(loads("top and a b;")), limit=9).parts]
     [['a', 'b'], ['b', 'a']]
     """
-    orders = Orders(tree, limit=limit, apart=tree.nodes)
-    first: dict[Pattern | None, Nest] = {}
+    orders = Orders(prop, limit=limit, grouped=False)
+    first: dict[Pattern, Nest] = {}
     words = dict[tuple[Nest, ...], None]()
-    for kept in orders.scenarios():
-        events = [Nest(Op.EVENT, node=name, size=1) for name in kept if tree.nodes[name].has_event]
-        words |= dict.fromkeys(
-            orders.words(kept, {one.node: first.setdefault(tree.pattern(one.node), one) for one in events})
-        )
+    for scenario in orders.scenarios():
+        letters = {one: first.setdefault(one.pattern, Nest(Op.EVENT, event=one, size=1)) for one in scenario.events}
+        words |= dict.fromkeys(orders.words(scenario, letters))
     return joined(Op.ONE, [joined(Op.SEQUENCE, word) for word in words])
 
 
 class Nesting:
-    """The nest of a plain tree, whose nodes have `windows`. Variables that are `free` tie nothing. Raises `TooLarge` beyond `limit` of what the `unit` says.
+    """The nest of a property without counted events and ends in order. Variables that are `free` tie nothing.
+
+    Raises `TooLarge` beyond `limit` of what the `unit` says.
 
     >>> from rvaft import loads
+    >>> from rvaft.core.passes import property_of
     >>> def refused(*_): raise ValueError
-    >>> made = Nesting(loads("top sand a g; g and b c;"), {}, refused, limit=9, unit="events").nest()
+    >>> made = Nesting(property_of(loads("top sand a g; g and b c;")), refused, limit=9, unit="events").nest()
     >>> made.op.name, made.parts[1].op.name, made.size
     ('SEQUENCE', 'ALL', 3)
     """
 
-    def __init__(
-        self,
-        tree: RVAFT,
-        windows: Mapping[str, int],
-        refusal: Refusal,
-        *,
-        limit: int,
-        unit: str,
-        free: Container[str] = (),
-    ) -> None:
-        self._tree, self._windows, self._refuse, self._limit, self._unit = tree, windows, refusal, limit, unit
-        patterns = ((n.name, tree.pattern(n.name)) for n in tree.top_down() if n.has_event)
+    def __init__(self, prop: Property, refusal: Refusal, *, limit: int, unit: str, free: Container[str] = ()) -> None:
+        self._prop, self._refuse, self._limit, self._unit = prop, refusal, limit, unit
         self._binds = {
-            name: {one for one in rigid_variables(pattern) if one not in free} for name, pattern in patterns if pattern
+            event: frozenset(one for one in rigid_variables(event.pattern) if one not in free) for event in prop.events
         }
-        assert not free or not any(variables(node.when) for node in tree.nodes.values()), "a guard ties what is free"
-        self._shapes = {name: body(node) for name, node in tree.nodes.items()}
+        guarded = any(variables(part.guard) for part in prop.parts if isinstance(part, Condition))
+        assert not free or not guarded, "a guard ties what is free"
+        self._made_nests: dict[tuple[Part, tuple[Guard, ...]], Nest] = {}
+        self._knots = self._found_knots()
 
     def nest(self) -> Nest:
-        """The whole tree, NEVER if no feasible scenario can be detected.
+        """The whole property, NEVER if no feasible scenario can be detected.
 
         Raises what the refusal raises, and `TreeError` where no scenario is feasible.
         """
-        impossible = {node.name for node in self._tree.top_down() if is_impossible(node)}
-        kept: Kept = Resolutions(self._tree, impossible).union
-        knots, reached = self._knots(kept), {self._tree.root}
-        for name, below in kept.items():
-            reached.update(below if name in reached and name not in knots else ())
-        found: dict[str, Nest] = {}
-        for name in (name for name in reversed([*kept]) if name in reached):
-            if name in knots:
-                made = joined(Op.ONE, self._scenarios(name, kept))
-            else:
-                made = self._gate(name, [found[one] for one in self._shapes[name].children if one in kept[name]])
-            self._fits(made.size)
-            found[name] = made.during(self._windows.get(name))
-        whole = found.get(self._tree.root, NEVER)
-        if whole == NOTHING:
-            message = f"a scenario of {self._tree.root} has no event"
-            raise TreeError(message, rule="silent-scenario", nodes=[self._tree.root])
-        if whole == NEVER:  # in a feasible scenario guards with variables may never hold
-            next(Orders(self._tree, limit=self._limit, apart=self._tree.nodes).scenarios())
-        return whole
+        found, root = self._nest(self._prop.root, ()), self._prop.tree.root
+        if found == NOTHING:
+            raise TreeError(f"a scenario of {root} has no event", rule="silent-scenario", nodes=[root])
+        if found == NEVER:  # in a feasible scenario guards with variables may never hold
+            next(Orders(self._prop, limit=self._limit, grouped=False).scenarios())
+        return found
 
     def _fits(self, size: int) -> None:
         if size > self._limit:
             raise TooLarge(self._unit, limit=self._limit)
 
-    def _knots(self, kept: Kept) -> set[str]:
-        """The nodes whose scenarios may have an event or a variable in two of their parts."""
-        held: dict[str, set[object]] = {}
-        knots = set[str]()
-        for name in reversed([*kept]):
-            below = [held[child] for child in kept[name]]
-            own: set[object] = {event(name), *self._binds[name]} if name in self._binds else set()
-            asked = conjuncts(self._tree.nodes[name].when)
-            foreign: set[object] = {one for guard in asked if guard not in self._own(name) for one in variables(guard)}
-            parts = [own, foreign, *([set[object]().union(*below)] if self._shapes[name].need == 1 else below)]
-            held[name] = set[object]().union(*parts)
-            if len(held[name]) < sum(map(len, parts)):
-                knots.add(name)
+    def _found_knots(self) -> set[Part]:
+        """The parts whose scenarios may have an event or a variable in two of the parts inside."""
+        held: dict[Part, set[object]] = {}
+        knots = set[Part]()
+        for part in self._prop.parts:
+            inner = [held[one] for one in part.parts if not isinstance(one, Condition) or not isinstance(part, All)]
+            match part:
+                case Event():
+                    held[part] = {part, *self._binds[part]}
+                    continue
+                case Condition(guard=guard):
+                    held[part] = set(variables(guard))
+                    continue
+                case One():
+                    inner = [set[object]().union(*inner)]
+                case All():
+                    inner.append({name for guard in self._foreign(part) for name in variables(guard)})
+                case AtLeast() | Sequence() | Within():
+                    pass
+                case Times() | EndInOrder():
+                    raise AssertionError("passes remove these before")
+                case _:
+                    assert_never(part)
+            held[part] = set[object]().union(*inner)
+            if len(held[part]) < sum(map(len, inner)):
+                knots.add(part)
         return knots
 
-    def _own(self, name: str) -> list[Guard]:
-        """What the guard of a node asks of the node's own event."""
-        asked = conjuncts(self._tree.nodes[name].when) if name in self._binds else ()
-        return [one for one in asked if self._binds[name].issuperset(variables(one))]
+    def _own_event(self, part: All) -> Event | None:
+        """The event of the node that a part with conditions comes from, if that has one."""
+        node = part.source.node if part.source is not None else None
+        agenda: list[Part] = [one for one in part.parts if not isinstance(one, Condition)]
+        while agenda:
+            one = agenda.pop()
+            if one.source is not None and one.source.node == node:
+                if isinstance(one, Event):
+                    return one
+                agenda += one.parts
+        return None
 
-    def _gate(self, name: str, below: list[Nest]) -> Nest:
-        shape = self._shapes[name]
-        found = joined(shape.op, below, shape.need)
-        own = Nest(Op.EVENT, node=name, guards=tuple(self._own(name)), size=1) if name in self._binds else NOTHING
-        return joined(Op.SEQUENCE, (own, found) if self._tree.causality is Causality.TOP_DOWN else (found, own))
+    def _asked(self, part: All) -> list[Guard]:
+        return [guard for one in part.parts if isinstance(one, Condition) for guard in conjuncts(one.guard)]
+
+    def _own(self, part: All) -> tuple[Guard, ...]:
+        """What the conditions of a part ask of the event of its node alone."""
+        event = self._own_event(part)
+        known = frozenset[str]() if event is None else self._binds[event]
+        return tuple(guard for guard in self._asked(part) if known.issuperset(variables(guard)))
+
+    def _foreign(self, part: All) -> list[Guard]:
+        """What the conditions of a part ask of other events."""
+        own = self._own(part)
+        return [guard for guard in self._asked(part) if guard not in own]
+
+    def _nest(self, part: Part, asked: tuple[Guard, ...]) -> Nest:
+        """The nest of a part; `asked` is what guards ask of the event of the node that the part comes from."""
+        if (part, asked) not in self._made_nests:
+            found = joined(Op.ONE, self._scenarios(part)) if part in self._knots else self._gate(part, asked)
+            self._fits(found.size)
+            self._made_nests[part, asked] = found
+        return self._made_nests[part, asked]
+
+    def _gate(self, part: Part, asked: tuple[Guard, ...]) -> Nest:
+        def below() -> list[Nest]:
+            inner = (one for one in part.parts if not isinstance(one, Condition))
+            return [self._nest(one, asked if self._same_node(part, one) else ()) for one in inner]
+
+        match part:
+            case Event():
+                return Nest(Op.EVENT, event=part, guards=asked, size=1)
+            case Condition():
+                return NOTHING
+            case All():
+                asked = (*asked, *self._own(part))
+                return joined(Op.ALL, below())
+            case Sequence():
+                return joined(Op.SEQUENCE, below())
+            case One():
+                return joined(Op.ONE, [self._nest(one, ()) for one in part.parts])
+            case AtLeast(need=need):
+                return joined(Op.AT_LEAST, [self._nest(one, ()) for one in part.parts], need)
+            case Within(parts=(whole,), duration=duration):
+                return self._nest(whole, asked).during(duration)
+            case Within() | Times() | EndInOrder():
+                raise AssertionError("passes remove these before")
+            case _:
+                assert_never(part)
+
+    @staticmethod
+    def _same_node(part: Part, inner: Part) -> bool:
+        return part.source is not None and inner.source is not None and part.source.node == inner.source.node
 
     # -- one scenario after the other
 
-    def _scenarios(self, root: str, alive: Kept) -> Iterator[Nest]:
-        """The scenarios of a node and what is below it, each as a nest."""
-        if inside := [name for name in reachable(root, alive.__getitem__) if name in self._windows and name != root]:
+    def _scenarios(self, root: Part) -> Iterator[Nest]:
+        """The scenarios of a part, each as a nest."""
+        if inside := [one.source.node for one in parts_below(root) if isinstance(one, Within)]:
             self._refuse(WINDOW, inside)
-        names = reachable(root, lambda name: self._tree.nodes[name].children)
-        part = self._tree.changed(root=root, nodes=[self._tree.nodes[name] for name in names])
-        orders = Orders(part, limit=self._limit, apart=part.nodes)
+        orders = Orders(self._prop.with_root(root), limit=self._limit, grouped=False)
         self._made = 0
         with suppress(TreeError):  # none is feasible
-            for kept in orders.scenarios():
-                binds = {name: self._binds[name] for name in kept if name in self._binds}
+            for scenario in orders.scenarios():
+                binds = {event: self._binds[event] for event in scenario.events}
                 self._fits(len(binds))
                 for (one, have), (other, has) in combinations(binds.items(), 2):
                     if have & has:
-                        self._refuse(min(have & has), (one, other))
-                if asked := orders.asked(kept, binds, lambda node, _: self._refuse(TIE, [node])):
-                    said = {name: Nest(Op.EVENT, node=name, guards=tuple(asked[name]), size=1) for name in binds}
-                    before = nx.transitive_closure_dag(precedence(part, kept)).subgraph(map(event, binds))
-                    yield self._arranged(said, nx.relabel_nodes(before, {event(name): name for name in binds}))
+                        self._refuse(min(have & has), (one.source.node, other.source.node))
+                asked = orders.asked(scenario, binds, lambda node, _: self._refuse(TIE, [node]))
+                if asked:
+                    said = {event: Nest(Op.EVENT, event=event, guards=tuple(asked[event]), size=1) for event in binds}
+                    order = nx.DiGraph()
+                    order.add_nodes_from(said)
+                    for event, before in zip(scenario.events, scenario.before, strict=True):
+                        order.add_edges_from((scenario.events[earlier], event) for earlier in bits(before))
+                    yield self._arranged(said, order)
                 elif asked is not None:
                     yield NOTHING
 
-    def _arranged(self, said: Mapping[str, Nest], order: nx.DiGraph) -> Nest:
+    def _arranged(self, said: Mapping[Event, Nest], order: nx.DiGraph) -> Nest:
         """Some events of a scenario in their order."""
         if len(said) == 1:
             self._made += 1
@@ -235,11 +299,11 @@ class Nesting:
             return next(iter(said.values()))
         own = order.subgraph(said).to_undirected()
         for op, graph in ((Op.ALL, own), (Op.SEQUENCE, nx.complement(own))):
-            found = [[name for name in said if name in group] for group in nx.connected_components(graph)]
+            found = [[one for one in said if one in group] for group in nx.connected_components(graph)]
             if len(found) > 1:
                 place = [*said].index
-                found.sort(key=lambda names: (order.in_degree(names[0]) if op is Op.SEQUENCE else 0, place(names[0])))
-                return joined(op, [self._arranged({name: said[name] for name in names}, order) for names in found])
+                found.sort(key=lambda some: (order.in_degree(some[0]) if op is Op.SEQUENCE else 0, place(some[0])))
+                return joined(op, [self._arranged({one: said[one] for one in some}, order) for some in found])
         pair = next(pair for pair in combinations(said, 2) if not own.has_edge(*pair))
         ways = [nx.transitive_closure_dag(nx.DiGraph([*order.edges, both])) for both in (pair, pair[::-1])]
         return joined(Op.ONE, [self._arranged(said, way) for way in ways])

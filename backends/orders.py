@@ -1,4 +1,4 @@
-"""The orders in which the events of a tree may come, for languages that say one order at a time: words of letters, each once.
+"""The orders in which the events of a property may come, for languages that say one order at a time: words of letters, each once.
 
 Choices between leaves of which each stands by itself are made within a letter, votes keep no child more than they need (under `scattered`
 the others ask for nothing new), and words that differ in one letter become one. All of it is paid from a budget.
@@ -6,60 +6,91 @@ the others ask for nothing new), and words that differ in one letter become one.
 
 from collections import Counter
 from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping, Sequence
-from functools import reduce
-from operator import or_
-from typing import TypeVar
+from dataclasses import replace
+from typing import NamedTuple, TypeVar
 
-import networkx as nx
-
-from rvaft.analysis.normal_form import Op, body, is_constant, is_impossible
-from rvaft.analysis.scenarios import Kept, Point, event, precedence, resolutions
+from rvaft.core import scenarios as core
+from rvaft.core.property import All, Condition, Event, One, Part, Property, Source, with_parts
+from rvaft.core.scenarios import Scenario
 from rvaft.errors import TooLarge, TreeError
-from rvaft.model import guards, patterns
+from rvaft.model import guards
 from rvaft.model.guards import Guard
-from rvaft.model.nodes import Node
-from rvaft.model.tree import RVAFT, find_cycle
+from rvaft.model.patterns import Anything, rigid_variables
 from rvaft.support.bits import bits
 
 Letter = TypeVar("Letter", bound=Hashable)
 
 
-class Orders:
-    """The feasible scenarios of a plain tree, and the orders of each. Raises `TooLarge` beyond `limit` events of all orders, or `steps` for each.
+class Leaf(NamedTuple):
+    """An event with guards that it decides by itself."""
 
-    `groups` has the leaves of each choice that `tree` has as one leaf; those `apart` stay choices. Votes keep more children than they need if not `minimal`.
+    event: Event
+    guards: tuple[Guard, ...] = ()
+
+
+class Orders:
+    """The feasible scenarios of a property, and the orders of each. Raises `TooLarge` beyond `limit` events of all orders, or `steps` for each.
+
+    With `grouped`, a choice between leaves is one event of the scenarios, and `groups` has its leaves. Votes keep more children
+    than they need if not `minimal`.
 
     >>> from rvaft import loads
-    >>> orders = Orders(loads("top and a o; o or b c;"), limit=100)
-    >>> [(*orders.words(kept, {"a": "a", "o": "b|c"}),) for kept in orders.scenarios()], orders.groups
-    ([(('a', 'b|c'), ('b|c', 'a'))], {'o': ('b', 'c')})
+    >>> from rvaft.core.passes import property_of
+    >>> orders = Orders(property_of(loads("top and a o; o or b c;")), limit=100)
+    >>> scenario, = orders.scenarios()
+    >>> letters = {event: "|".join(leaf.event.source.node for leaf in orders.leaves(event)) for event in scenario.events}
+    >>> sorted(orders.words(scenario, letters))
+    [('a', 'b|c'), ('b|c', 'a')]
     """
 
     def __init__(
-        self, tree: RVAFT, *, limit: int, steps: int = 200, apart: Container[str] = (), minimal: bool = True
+        self, prop: Property, *, limit: int, steps: int = 200, grouped: bool = True, minimal: bool = True
     ) -> None:
         self._limit, self._left, self._minimal = limit, limit * steps, minimal
-        self._graphs: dict[int, nx.DiGraph] = {}
         self._said: set[tuple[Hashable, ...]] = set()
         self._events = 0
-        self.groups: dict[str, tuple[str, ...]] = {}
-        parents = Counter(child for node in tree.top_down() for child in node.children)
-        uses = Counter(name for node in tree.top_down() for name in {*_own(tree, node), *guards.variables(node.when)})
+        self.groups: dict[Event, tuple[Leaf, ...]] = {}
+        self.prop = self._grouped(prop) if grouped else prop
 
-        def stands_alone(name: str) -> bool:
-            node = tree.nodes[name]
-            own = _own(tree, node)
-            leaf = name in self.groups or (not node.children and node.has_event and not is_impossible(node))
-            untied = own >= {*guards.variables(node.when)} and all(uses[one] == 1 for one in own)
-            return leaf and parents[name] == 1 and untied
+    def _grouped(self, prop: Property) -> Property:
+        """The property where each choice between leaves is one event."""
+        uses = Counter(name for part in prop.parts for name in _names(part))
 
-        for node in tree.bottom_up():
-            bare = body(node).op is Op.ONE and not node.has_event and node.when is None and node.name not in apart
-            if bare and all(map(stands_alone, node.children)):
-                self.groups[node.name] = node.children
-        inside = {child for children in self.groups.values() for child in children}
-        nodes = (Node(name) if name in self.groups else node for name, node in tree.nodes.items() if name not in inside)
-        self.tree = tree.changed(nodes=list(nodes)) if inside else tree
+        def leaves(part: Part) -> tuple[Leaf, ...]:
+            """The leaves that a part is a choice between; none where it is no such choice."""
+            match part:
+                case _ if part in prop.shared:
+                    return ()
+                case Event():
+                    conditions: list[Part] = []
+                    found = Leaf(part)
+                case All(parts=(Event() as event, *conditions)):
+                    asked = [one for one in conditions if isinstance(one, Condition) and one not in prop.shared]
+                    if len(asked) < len(conditions):
+                        return ()
+                    found = Leaf(event, tuple(guard for one in asked for guard in guards.conjuncts(one.guard)))
+                case One(parts=parts):
+                    each = [leaves(inner) for inner in parts]
+                    return tuple(leaf for some in each for leaf in some) if all(each) else ()
+                case _:
+                    return ()
+            # the variables of the event and of its guards stand nowhere else
+            own = set(rigid_variables(found.event.pattern))
+            alone = all(uses[name] == sum(name in _names(one) for one in (found.event, *conditions)) for name in own)
+            return (found,) if alone and all(own.issuperset(_names(one)) for one in conditions) else ()
+
+        def change(part: Part, parts: tuple[Part, ...]) -> Part:
+            if isinstance(part, One) and part.source is not None and len(part.parts) > 1 and (found := leaves(part)):
+                letter = Event(Source(part.source.node), Anything())
+                self.groups[letter] = found
+                return letter
+            return with_parts(part, parts)
+
+        return replace(prop, root=prop.with_root(prop.root).rewritten(change).root)
+
+    def leaves(self, event: Event) -> tuple[Leaf, ...]:
+        """The leaves of a group; of any other event the event alone, without its guards."""
+        return self.groups.get(event, (Leaf(event),))
 
     def spend(self, steps: int) -> None:
         """Pay for steps of work."""
@@ -67,65 +98,65 @@ class Orders:
         if self._left < 0:
             raise TooLarge("events of all orders in which they may come", limit=self._limit)
 
-    def scenarios(self) -> Iterator[Kept]:
+    def scenarios(self) -> Iterator[Scenario]:
         """The feasible ones; `TreeError` where there is none."""
         found = False
-        for kept in resolutions(self.tree, minimal=self._minimal, limit=self._limit):
-            graph = precedence(self.tree, kept)
-            self.spend(len(graph))
-            if not find_cycle(graph):
-                found, self._graphs = True, {id(kept): graph}
-                yield kept
+        for scenario in core.scenarios(self.prop, minimal=self._minimal, limit=self._limit):
+            self.spend(len(scenario.kept))
+            found = True
+            yield scenario
         if not found:
-            root = self.tree.root
+            root = self.prop.tree.root
             raise TreeError(f"no scenario of {root} is feasible", rule="no-scenario", nodes=[root])
 
     def asked(
-        self, kept: Kept, bound: Mapping[str, Container[str]], several: Callable[[str, Guard], Exception | None]
-    ) -> dict[str, list[Guard]] | None:
+        self,
+        scenario: Scenario,
+        bound: Mapping[Event, Container[str]],
+        several: Callable[[str, Guard], Exception | None],
+    ) -> dict[Event, list[Guard]] | None:
         """What the guards of a scenario ask of each event; None where one of them never holds.
 
-        Each guard is put to one event that has (`bound`) all its variables, that of its own node if it can be. A guard that looks at several
-        events is given to `several` with its node; raises what that returns, if it is an error.
+        Each guard is put to one event that has (`bound`) all its variables, that of its own node if it can be. A guard that looks at
+        several events is given to `several` with its node; raises what that returns, if it is an error.
         """
-        found: dict[str, list[Guard]] = {name: [] for name in bound}
-        for node in (self.tree.nodes[name] for name in kept):
-            for guard in () if is_constant(node) else guards.conjuncts(node.when):
+        found: dict[Event, list[Guard]] = {event: [] for event in bound}
+        for condition in scenario.conditions:
+            node = condition.source.node
+            for guard in guards.conjuncts(condition.guard):
                 mentioned = {*guards.variables(guard)}
                 if not mentioned and not guards.holds(guard, {}):
                     return None
-                having = (name for name in (node.name, *bound) if all(one in bound.get(name, ()) for one in mentioned))
-                holder = next((name for name in having if name in bound), None)
-                if holder is not None:
-                    found[holder].append(guard)
-                elif mentioned and (refusal := several(node.name, guard)) is not None:
+                having = [event for event in bound if all(one in bound[event] for one in mentioned)]
+                own = [event for event in having if event.source.node == node and event not in self.groups]
+                if having:
+                    for holder in own or having[:1]:
+                        found[holder].append(guard)
+                elif mentioned and (refusal := several(node, guard)) is not None:
                     raise refusal
         return found
 
-    def after(self, kept: Kept) -> dict[str, frozenset[str]]:
-        """Of each event of a scenario, that it has just given, those that come after it."""
-        graph, names = self._graphs[id(kept)], [name for name in kept if self.tree.nodes[name].has_event]
-        later = (nx.descendants(graph, event(name)) for name in names)
-        return {
-            name: frozenset(one for one in names if event(one) in some) for name, some in zip(names, later, strict=True)
-        }
+    def after(self, scenario: Scenario) -> dict[Event, frozenset[Event]]:
+        """For each event of a scenario those that come after it."""
+        later: dict[Event, set[Event]] = {event: set() for event in scenario.events}
+        for event, before in zip(scenario.events, scenario.before, strict=True):
+            for one in bits(before):
+                later[scenario.events[one]].add(event)
+        return {event: frozenset(some) for event, some in later.items()}
 
-    def words(self, kept: Kept, letters: Mapping[str, Letter]) -> Iterator[tuple[Letter, ...]]:
-        """The orders of the events of a scenario, that it has just given, as words of the letters of its nodes; none that was there before."""
-        graph, names = self._graphs[id(kept)], list(letters)
-        number = {name: 1 << bit for bit, name in enumerate(names)}
-        before: dict[Point, int] = {}
-        for point in nx.topological_sort(graph):
-            earlier = (before[one] | (number[one[1]] if one[0] == "event" else 0) for one in graph.predecessors(point))
-            before[point] = reduce(or_, earlier, 0)
-        known = [before[event(name)] for name in names]
+    def words(self, scenario: Scenario, letters: Mapping[Event, Letter]) -> Iterator[tuple[Letter, ...]]:
+        """The orders of the events of a scenario as words of their letters; none that was there before."""
+        events, known = scenario.events, scenario.before
         needed, last = list(known), dict[Hashable, int]()
-        for one, name in enumerate(names):  # what is alike comes in one order
-            later = sum(bit for other, bit in number.items() if before[event(other)] & number[name])
-            alike = letters[name], known[one], later
+        after = [0] * len(events)
+        for one, before in enumerate(known):
+            for other in bits(before):
+                after[other] |= 1 << one
+        for one, event in enumerate(events):  # what is alike comes in one order
+            alike = letters[event], known[one], after[one]
             needed[one] |= last.get(alike, 0)
-            last[alike] = number[name]
-        everything = (1 << len(names)) - 1
+            last[alike] = 1 << one
+        everything = (1 << len(events)) - 1
         todo: list[tuple[frozenset[int], tuple[Letter, ...]]] = [(frozenset({0}), ())]
         while todo:
             done, word = todo.pop()
@@ -139,17 +170,18 @@ class Orders:
                 continue
             nexts: dict[Letter, set[int]] = {}
             for mask in done:
-                self.spend(1 + len(names) // 4)
+                self.spend(1 + len(events) // 4)
                 for one in bits(everything & ~mask):
                     if not needed[one] & ~mask:
-                        nexts.setdefault(letters[names[one]], set()).add(mask | 1 << one)
+                        nexts.setdefault(letters[events[one]], set()).add(mask | 1 << one)
             todo += [(frozenset(after), (*word, letter)) for letter, after in reversed(nexts.items())]
 
 
-def _own(tree: RVAFT, node: Node) -> set[str]:
-    """The variables of the event of a node."""
-    pattern = tree.pattern(node.name)
-    return set() if pattern is None else {*patterns.rigid_variables(pattern)}
+def _names(part: Part) -> set[str]:
+    """The variables that an event binds, or a guard asks for."""
+    if isinstance(part, Event):
+        return {*rigid_variables(part.pattern)}
+    return {*guards.variables(part.guard)} if isinstance(part, Condition) else set()
 
 
 def merged(

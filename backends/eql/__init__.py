@@ -64,7 +64,7 @@ class EqlBackend(Backend):
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
         """The queries; raises `TooLarge` beyond `limit` events of them, `NotExpressible` for what a sequence cannot say."""
-        text, symbols = EqlText(prop.asked or prop.tree, self.plain(prop, windows=False), limit).text()
+        text, symbols = EqlText(prop, limit).text()
         return SpecificationText(text, Metrics(symbols))
 
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:

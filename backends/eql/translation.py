@@ -9,10 +9,9 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, groupby
-from typing import Final
+from typing import Final, cast
 
 from backends.orders import Orders, merged
-from rvaft.analysis.scenarios import Kept
 from rvaft.core.conditions import (
     ComparisonTest,
     ConditionTest,
@@ -21,13 +20,15 @@ from rvaft.core.conditions import (
     TruthTest,
     spelled,
 )
+from rvaft.core.property import Event, Part, Property, Within
+from rvaft.core.scenarios import Scenario
 from rvaft.errors import NotExpressible, TooLarge
 from rvaft.model import guards
 from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import time_text
 from rvaft.model.guards import OPERATORS, Guard, Operation, Operator
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
-from rvaft.model.tree import RVAFT, reachable
+from rvaft.model.tree import reachable
 from rvaft.model.values import is_finite
 
 OPENING: Final = "// rvaft: any of these queries is a detection"
@@ -79,89 +80,82 @@ def query(items: Sequence[Item]) -> str:
 class EqlText:
     """One translation. Raises `NotExpressible`, `TooLarge`, and `TreeError` without a feasible scenario."""
 
-    def __init__(self, tree: RVAFT, plain: RVAFT, limit: int) -> None:
-        self._windows = {node.name: node.within for node in tree.nodes.values() if node.within is not None}
-        self._time = tree.time if self._windows else None
-        if max(node.times for node in tree.nodes.values()) > limit:
+    def __init__(self, prop: Property, limit: int) -> None:
+        self._time = prop.time if any(isinstance(part, Within) for part in prop.parts) else None
+        if len(prop.events) > limit:
             raise TooLarge("events of all orders in which they may come", limit=limit)
-        self._windows = {
-            name: self._windows[old] for name in plain.nodes if (old := plain.origins.get(name, name)) in self._windows
-        }
-        self._orders, self._tree = Orders(plain, limit=limit, apart=self._windows), plain
-        self._seen: dict[str, tuple[list[str], dict[str, str]]] = {}
-
-    def _refusal(self, reason: str, nodes: Iterable[str] = ()) -> NotExpressible:
-        return NotExpressible(reason, nodes=nodes)
+        self._orders = Orders(prop, limit=limit)
+        self._seen: dict[Event, tuple[list[str], dict[str, str]]] = {}
 
     def text(self) -> tuple[str, int]:
         """The text, and how many symbols its queries have."""
         orders = self._orders
-        some = ((kept, items) for kept in orders.scenarios() if (items := self._items(kept)) is not None)
-        words = chain.from_iterable(orders.words(kept, items) for kept, items in some)
+        some = ((one, items) for one in orders.scenarios() if (items := self._items(one)) is not None)
+        words = chain.from_iterable(orders.words(one, items) for one, items in some)
         alternatives = merged(words, _union, lambda item: (item.keys, item.span))
         texts = [query(word) for word in alternatives] or ["any where false"]
         header = OPENING if self._time is None else f"{OPENING}\n// {time_text(self._time)}"
         return f"{header}\n" + ";\n".join(texts) + "\n", sum(len(_TOKEN.findall(text)) for text in texts)
 
-    def _span(self, kept: Kept, names: Sequence[str]) -> int | None:
+    def _span(self, scenario: Scenario) -> int | None:
         """The shortest of the windows of a scenario, which must be over all its events."""
-        found = [name for name in kept if name in self._windows]
-        for name in found:
-            if not {*reachable(name, kept.__getitem__)}.issuperset(names):
-                raise self._refusal("`maxspan` is over a whole sequence, not over a part of it", [name])
-            if len(names) == 1:
-                raise self._refusal("a window over one event only asks for its time", [name])
-            if self._windows[name] % UNITS["ms"]:
-                raise self._refusal("a `maxspan` is of whole milliseconds", [name])
-        return min((self._windows[name] for name in found), default=None)
+        found = [part for part in scenario.kept if isinstance(part, Within)]
+        for window in found:
+            node = window.source.node
+            below = reachable(cast(Part, window), scenario.kept.__getitem__)
+            if sum(isinstance(one, Event) for one in below) < len(scenario.events):
+                raise NotExpressible("`maxspan` is over a whole sequence, not over a part of it", nodes=[node])
+            if len(scenario.events) == 1:
+                raise NotExpressible("a window over one event only asks for its time", nodes=[node])
+            if window.duration % UNITS["ms"]:
+                raise NotExpressible("a `maxspan` is of whole milliseconds", nodes=[node])
+        return min((window.duration for window in found), default=None)
 
-    def _items(self, kept: Kept) -> dict[str, Item] | None:
+    def _items(self, scenario: Scenario) -> dict[Event, Item] | None:
         """What each event of a scenario is asked, None where a guard never holds."""
-        names = [name for name in kept if self._orders.tree.nodes[name].has_event]
-        paths = {name: {} if name in self._orders.groups else self._look(name)[1] for name in names}
-        asked = self._orders.asked(
-            kept, paths, lambda node, _: self._refusal("a condition of EQL looks at one event", [node])
-        )
+        groups = self._orders.groups
+        paths = {event: {} if event in groups else self._look(event)[1] for event in scenario.events}
+        several = "a condition of EQL looks at one event"
+        asked = self._orders.asked(scenario, paths, lambda node, _: NotExpressible(several, nodes=[node]))
         if asked is None:
             return None
         holders = Counter(chain.from_iterable(paths.values()))
         shared = [variable for variable, count in holders.items() if count > 1]
         for variable in shared:
-            if holders[variable] < len(names):
-                having = [name for name in names if variable in paths[name]]
-                raise self._refusal(f"`by` ties all events of a sequence, and {variable} only some", having)
-        span = self._span(kept, names)
+            if holders[variable] < len(paths):
+                having = dict.fromkeys(event.source.node for event in paths if variable in paths[event])
+                raise NotExpressible(f"`by` ties all events of a sequence, and {variable} only some", nodes=having)
+        span = self._span(scenario)
         return {
-            name: Item(self._conditions(name, asked[name]), tuple(paths[name][one] for one in shared), span)
-            for name in names
+            event: Item(self._conditions(event, asked[event]), tuple(paths[event][one] for one in shared), span)
+            for event in scenario.events
         }
 
     # The conditions on one event.
 
-    def _conditions(self, name: str, asked: Iterable[Guard]) -> tuple[str, ...]:
+    def _conditions(self, event: Event, asked: Iterable[Guard]) -> tuple[str, ...]:
         """Conditions on an event of which one holds."""
-        if name in self._orders.groups:
-            inside = ((one, guards.conjuncts(self._tree.nodes[one].when)) for one in self._orders.groups[name])
-            each = chain.from_iterable(self._conditions(one, asked) for one, asked in inside)
+        if event in self._orders.groups:
+            each = chain.from_iterable(self._conditions(*leaf) for leaf in self._orders.groups[event])
             return tuple(dict.fromkeys(one for one in each if one != "false")) or ("false",)
-        texts, paths = self._look(name)
-        found = _all([*texts, *(self._truth(guard, paths, name) for guard in asked)])
+        texts, paths = self._look(event)
+        found = _all([*texts, *(self._truth(guard, paths, event.source.node) for guard in asked)])
         self._orders.spend(len(found))
         return (found,)
 
-    def _look(self, name: str) -> tuple[list[str], dict[str, str]]:
-        """What the pattern of a node asks of an event, and where its variables stand."""
-        if name not in self._seen:
+    def _look(self, event: Event) -> tuple[list[str], dict[str, str]]:
+        """What the pattern of an event asks, and where its variables stand."""
+        if event not in self._seen:
             found: dict[str, str] = {}
-            texts = list(self._matches(self._tree.pattern(name) or Anything(), "", name, found))
-            self._seen[name] = texts, {one: path for one, path in found.items() if not one.startswith("_")}
-        return self._seen[name]
+            texts = list(self._matches(event.pattern, "", event.source.node, found))
+            self._seen[event] = texts, {one: path for one, path in found.items() if not one.startswith("_")}
+        return self._seen[event]
 
     def _matches(self, pattern: Pattern, path: str, node: str, found: dict[str, str]) -> Iterator[str]:
         """What says that a pattern matches what stands at a path; notes where variables stand."""
         match pattern:
             case Variable(name) if name in found:
-                raise self._refusal("EQL compares no field with another one", [node])
+                raise NotExpressible("EQL compares no field with another one", nodes=[node])
             case Variable() | Anything():
                 if isinstance(pattern, Variable):
                     found[pattern.name] = path
@@ -169,7 +163,7 @@ class EqlText:
             case Literal(value):
                 yield f"{path} == {self._literal(value, node)}" if path else "false"
             case ListPattern(()) | ObjectPattern(()) if path:
-                raise self._refusal("EQL does not tell an object without fields from an empty list", [node])
+                raise NotExpressible("EQL does not tell an object without fields from an empty list", nodes=[node])
             case ListPattern(parts):
                 yield f"length({path}) == {len(parts)}" if path else "false"
                 for index, inner in enumerate(parts):
@@ -177,17 +171,19 @@ class EqlText:
             case ObjectPattern(fields):
                 for name, inner in fields:
                     if not name or any(sign in "`\r\n" or "\ud800" <= sign <= "\udfff" for sign in name):
-                        raise self._refusal("the name of a field in EQL has a letter, no line break and no `", [node])
+                        raise NotExpressible(
+                            "the name of a field in EQL has a letter, no line break and no `", nodes=[node]
+                        )
                     written = name if _PLAIN.fullmatch(name) else f"`{name}`"
                     yield from self._matches(inner, f"{path}.{written}" if path else written, node, found)
 
     def _literal(self, value: object, node: str) -> str:
         if value is None:
-            raise self._refusal("EQL does not tell a field with null from none", [node])
+            raise NotExpressible("EQL does not tell a field with null from none", nodes=[node])
         if not isinstance(value, str):
             return str(value).lower() if isinstance(value, bool) else repr(value)
         if any("\ud800" <= sign <= "\udfff" for sign in value):
-            raise self._refusal("a text of EQL has no half of a surrogate pair", [node])
+            raise NotExpressible("a text of EQL has no half of a surrogate pair", nodes=[node])
         return f'"{value.translate(_ESCAPES)}"'
 
     def _truth(self, guard: Guard, paths: Mapping[str, str], node: str) -> str:
@@ -215,7 +211,7 @@ class EqlText:
                     signs = [part.operator for part in guards.walk(guard) if isinstance(part, Operation)]
                     unsaid = [sign for sign in signs if sign in guards.ARITHMETIC | guards.FUNCTIONS - {*_FUNCTIONS}]
                     word = f"; it has no exact `{unsaid[0]}`" if unsaid else ""
-                    raise self._refusal(f"a condition of EQL compares a field with a constant{word}", [node])
+                    raise NotExpressible(f"a condition of EQL compares a field with a constant{word}", nodes=[node])
 
         def join(every: bool, parts: list[str]) -> str:
             found = _all(parts) if every else _any(parts)

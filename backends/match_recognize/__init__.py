@@ -9,7 +9,7 @@ from typing import ClassVar
 from backends.match_recognize.translation import RowPatternQueries
 from rvaft.backend import Backend, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
-from rvaft.core.passes import Pass, expand_times, order_ends, windows_to_guards
+from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
 from rvaft.core.property import Condition, Part, Property
 from rvaft.model.guards import Operator
 from rvaft.model.verdict import Semantics, Verdict
@@ -43,7 +43,7 @@ class MatchRecognizeBackend(Backend):
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
-    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards)
+    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
     values: ClassVar[frozenset[Value]] = JSON_VALUES
@@ -52,4 +52,4 @@ class MatchRecognizeBackend(Backend):
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """The queries; raises `NotExpressible` for what only Python computes alike, `TooLarge`."""
-        return SpecificationText(*RowPatternQueries(self.plain(prop), semantics, limit).text())
+        return SpecificationText(*RowPatternQueries(prop, semantics, limit).text())

@@ -11,13 +11,13 @@ from backends.event_columns import FittingEvent, ValueColumn, time_variables
 from backends.match_recognize.conditions import ALWAYS, NEVER, written
 from backends.match_recognize.flink import RowHeader
 from backends.orders import Orders
-from rvaft.analysis.scenarios import Kept
 from rvaft.backend import Metrics
 from rvaft.core.conditions import TruthCondition, TruthConditions, Unsayable
+from rvaft.core.property import Event, Property
+from rvaft.core.scenarios import Scenario
 from rvaft.errors import NotExpressible
 from rvaft.model.guards import Guard, variables
 from rvaft.model.patterns import Variable, rigid_variables
-from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 
 _ILLEGAL: Final = re.compile(r"[^a-z0-9]+")
@@ -29,12 +29,11 @@ _RESERVED: Final = {"trace", "pos", "ts", "is_relevant", "is_ignored"}
 class RowPatternQueries:
     """One translation. Raises `NotExpressible`, `TooLarge` beyond `limit` events of all orders, `TreeError` without a feasible scenario."""
 
-    def __init__(self, tree: RVAFT, semantics: Semantics, limit: int) -> None:
-        self._tree, self._semantics, self._size = tree, semantics, 0
-        self._orders = Orders(tree, limit=limit, apart=tree.nodes, minimal=semantics is Semantics.SCATTERED)
-        self._header = RowHeader(time=tree.time)
-        self._patterns = {name: pattern for name in tree.occurrences if (pattern := tree.pattern(name)) is not None}
-        self._times = time_variables(tree)
+    def __init__(self, prop: Property, semantics: Semantics, limit: int) -> None:
+        self._prop, self._semantics, self._size = prop, semantics, 0
+        self._orders = Orders(prop, limit=limit, grouped=False, minimal=semantics is Semantics.SCATTERED)
+        self._header = RowHeader(time=prop.time)
+        self._times = time_variables(prop)
         self._columns: dict[FittingEvent, str] = {}
         self._taken = set(_RESERVED)
 
@@ -43,8 +42,8 @@ class RowPatternQueries:
         projects = self._semantics in (Semantics.PROJECTED, Semantics.CONSECUTIVE)
         table = f"(SELECT * FROM events WHERE {self._relevance()})" if projects else "events"  # noqa: S608 (names of columns)
         queries: dict[str, None] = {}
-        for kept in self._orders.scenarios():
-            for columns, conditions in self._words(kept):
+        for scenario in self._orders.scenarios():
+            for columns, conditions in self._words(scenario):
                 self._size += len(columns)
                 queries[self._query(table, len(columns), conditions)] = None
         for fitting, column in self._columns.items():
@@ -54,8 +53,8 @@ class RowPatternQueries:
 
     def _relevance(self) -> str:
         """Which rows are looked at."""
-        whole = ((entry.pattern, entry.when) for entry in self._tree.alphabet)
-        ignored = ((self._tree.instantiate(ignore.on), ignore.when) for ignore in self._tree.ignores)
+        whole = ((entry.pattern, entry.when) for entry in self._prop.alphabet)
+        ignored = ((one.pattern, one.when) for one in self._prop.ignored)
         for column, pairs in (("is_relevant", whole), ("is_ignored", ignored)):
             several = [FittingEvent(pattern, () if when is None else (when,)) for pattern, when in pairs]
             if several:
@@ -63,10 +62,10 @@ class RowPatternQueries:
         start = "pos = 0 OR " if self._semantics is Semantics.PROJECTED else ""
         return start + " AND NOT ".join(self._header.fitting)
 
-    def _words(self, kept: Kept) -> Iterator[tuple[Sequence[str], list[str]]]:
+    def _words(self, scenario: Scenario) -> Iterator[tuple[Sequence[str], list[str]]]:
         """The orders of the events of a scenario, as columns that they fit, with the condition of each event."""
-        nodes, shared = self._orders.tree.nodes, dict[tuple[str, Guard], TruthCondition]()
-        bound = {name: frozenset(rigid_variables(self._patterns[name])) for name in kept if nodes[name].has_event}
+        shared = dict[tuple[str, Guard], TruthCondition]()
+        bound = {event: frozenset(rigid_variables(event.pattern)) for event in scenario.events}
         conditions = TruthConditions(
             self._times, lambda part: any(one.issuperset(variables(part)) for one in bound.values())
         )
@@ -75,13 +74,13 @@ class RowPatternQueries:
             with self._saying(node):
                 shared[node, guard] = conditions.of(guard)
 
-        own = self._orders.asked(kept, bound, several)
+        own = self._orders.asked(scenario, bound, several)
         if own is None:
             return
         letters = {name: (self._fitting(name, own[name]), (*shared,)) for name in bound}
         variables_of = {letters[name][0]: names for name, names in bound.items()}
         uses = Counter(chain(*bound.values()))
-        for word in self._orders.words(kept, letters):
+        for word in self._orders.words(scenario, letters):
             columns = [column for column, _ in word]
             asked = self._conditions(columns, variables_of, shared, sorted(name for name in uses if uses[name] > 1))
             if asked is not None:
@@ -139,9 +138,10 @@ class RowPatternQueries:
             known[name] = value
         return f"e{at + 1}.{name}"
 
-    def _fitting(self, node: str, own: Sequence[Guard]) -> str:
-        """The column that says of an event whether it is one of a node."""
-        fitting = FittingEvent(self._patterns[node], tuple(dict.fromkeys(own)))
+    def _fitting(self, event: Event, own: Sequence[Guard]) -> str:
+        """The column that says of a row whether it is an event under guards."""
+        node = event.source.node
+        fitting = FittingEvent(event.pattern, tuple(dict.fromkeys(own)))
         if fitting not in self._columns:
             self._columns[fitting] = self._fresh(f"is_{node}" if _ILLEGAL.sub("", node.lower()) else "is_event")
         return self._columns[fitting]

@@ -11,7 +11,7 @@ from backends.mfotl.monpoly import MfotlHeader
 from backends.mfotl.translation import MfotlFormula
 from rvaft.backend import Backend, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
-from rvaft.core.passes import Pass, expand_times, order_ends, windows_to_guards
+from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
 from rvaft.core.property import Condition, Part, Property
 from rvaft.model.guards import Operator
 from rvaft.model.verdict import Semantics, Verdict
@@ -41,7 +41,7 @@ class MfotlBackend(Backend):
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
-    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards)
+    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
     values: ClassVar[frozenset[Value]] = JSON_VALUES
@@ -50,7 +50,7 @@ class MfotlBackend(Backend):
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
         """The formula; raises `NotExpressible` for what only Python computes alike, `TooLarge`."""
-        return SpecificationText(*MfotlFormula(self.plain(prop), limit).text())
+        return SpecificationText(*MfotlFormula(prop, limit).text())
 
 
 class MfotlSignatureBackend(MfotlBackend):

@@ -10,14 +10,14 @@ from backends.event_columns import FittingEvent, ValueColumn, time_variables
 from backends.mfotl.conditions import Conditions, Ways, both
 from backends.mfotl.monpoly import Column, MfotlHeader
 from backends.orders import Orders
-from rvaft.analysis.scenarios import Kept
 from rvaft.backend import Metrics
 from rvaft.core.conditions import Unsayable
 from rvaft.core.patterns import overlaps
+from rvaft.core.property import Event, Property
+from rvaft.core.scenarios import Scenario
 from rvaft.errors import NotExpressible, TooLarge
 from rvaft.model.guards import Guard, variables
 from rvaft.model.patterns import Literal, ObjectPattern, Variable, rigid_variables
-from rvaft.model.tree import RVAFT
 
 _ILLEGAL: Final = re.compile(r"[^a-z0-9_]+")
 _TOKEN: Final = re.compile(r'"[^"]*"|\w+(?:\.\d+)?|[^\s\w]')
@@ -43,30 +43,29 @@ _RESERVED: Final = [
 class MfotlFormula:
     """One translation. Raises `NotExpressible`, `TooLarge` beyond `limit` atoms and comparisons, `TreeError` without a feasible scenario."""
 
-    def __init__(self, tree: RVAFT, limit: int) -> None:
+    def __init__(self, prop: Property, limit: int) -> None:
         self._limit, self._size = limit, 0
-        self._orders = Orders(tree, limit=limit, apart=tree.nodes)
-        self._header = MfotlHeader(time=tree.time)
-        self._patterns = {name: pattern for name in tree.occurrences if (pattern := tree.pattern(name)) is not None}
-        self._times = time_variables(tree)
+        self._orders = Orders(prop, limit=limit, grouped=False)
+        self._header = MfotlHeader(time=prop.time)
+        self._times = time_variables(prop)
         self._names: dict[Guard, str] = {}
         self._predicates: dict[tuple[FittingEvent, tuple[Column, ...]], str] = {}
         self._taken = {*_RESERVED}
 
     def text(self) -> tuple[str, Metrics]:
         """The text and its sizes."""
-        formulas = [formula for kept in self._orders.scenarios() for formula in self._disjuncts(kept)]
+        formulas = [formula for one in self._orders.scenarios() for formula in self._disjuncts(one)]
         if not formulas:  # no event is one of these
             self._header.fitting = {"never": [FittingEvent(ObjectPattern(()), (Literal(value=False),))]}
             formulas = ["EXISTS i1. (ONCE never(i1))"]
         formula = formulas[0] if len(formulas) == 1 else "\nOR ".join(f"({one})" for one in formulas)
         return f"{self._header}{formula}\n", Metrics(symbols=len(_TOKEN.findall(formula)), subformulas=self._size)
 
-    def _disjuncts(self, kept: Kept) -> Iterator[str]:
+    def _disjuncts(self, scenario: Scenario) -> Iterator[str]:
         """A scenario, once for each way in which its guards can hold."""
-        after = self._orders.after(kept)
-        events = sorted(after, key=lambda name: -len(after[name]))
-        bound = {name: frozenset(rigid_variables(self._patterns[name])) for name in events}
+        after = self._orders.after(scenario)
+        events = sorted(after, key=lambda event: -len(after[event]))
+        bound = {event: frozenset(rigid_variables(event.pattern)) for event in events}
         conditions, ways = Conditions(self._times, bound.values(), self._column), list[Ways]()
 
         def several(node: str, guard: Guard) -> NotExpressible | None:
@@ -77,7 +76,7 @@ class MfotlFormula:
                 return NotExpressible(reason, nodes=[node])
             return None
 
-        own = self._orders.asked(kept, bound, several)
+        own = self._orders.asked(scenario, bound, several)
         if own is None:
             return
         uses = Counter(chain(*bound.values()))
@@ -93,7 +92,7 @@ class MfotlFormula:
             orders.append([f"{places[one]} < {places[name]}" for one in last])
         for number, name in enumerate(events):
             for other in events[:number]:
-                if name not in after[other] and overlaps(self._patterns[name], self._patterns[other]):
+                if name not in after[other] and overlaps(name.pattern, other.pattern):
                     orders[number].append(f"NOT ({places[other]} = {places[name]})")
         for way in both(*ways):
             self._size += len(events) + sum(map(len, orders)) + len(way)
@@ -101,11 +100,11 @@ class MfotlFormula:
                 raise TooLarge("atoms and comparisons of the formula", limit=self._limit)
             yield _conjunction(atoms, orders, way, [*map(self._column, asked), *places.values()])
 
-    def _atom(self, node: str, guards: tuple[Guard, ...], columns: tuple[Column, ...], place: str) -> str:
-        """What says that a position has the event of a node, and binds these arguments."""
-        known = FittingEvent(self._patterns[node], guards), columns
+    def _atom(self, event: Event, guards: tuple[Guard, ...], columns: tuple[Column, ...], place: str) -> str:
+        """What says that a position has an event, and binds these arguments."""
+        known = FittingEvent(event.pattern, guards), columns
         if known not in self._predicates:
-            self._predicates[known] = name = self._fresh(node)
+            self._predicates[known] = name = self._fresh(event.source.node)
             self._header.fitting[name] = [known[0]]
             self._header.values[name] = {self._column(one): ValueColumn(one[1], one[0]) for one in columns}
         return f"(ONCE {self._predicates[known]}({', '.join([*map(self._column, columns), place])}))"

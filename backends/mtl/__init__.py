@@ -59,7 +59,7 @@ class MtlBackend(Backend):
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
         """The formula; raises `TooLarge` beyond `limit` events of all orders, `NotExpressible` for chains that are too long."""
-        chains = translation(self.plain(prop), limit)
+        chains = translation(prop, limit)
         header = "".join(f"{name} := {asked}\n" for name, asked in chains.propositions.items())
         formula = chains.reelay()
         return SpecificationText(f"/* rvaft\n{header}*/\n{formula}\n", Metrics(symbols(formula)))

@@ -68,7 +68,7 @@ class MtlR2u2Backend(Backend):
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """The file for C2PO; raises `NotExpressible` and `TooLarge` as `mtl` does."""
         mtl = MtlBackend()
-        chains = translation(self.plain(prop), limit)
+        chains = translation(prop, limit)
         formula = chains.c2po(HORIZON)
         header = "".join(f"-- {name} := {asked}\n" for name, asked in chains.propositions.items())
         text = (

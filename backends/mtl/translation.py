@@ -1,19 +1,18 @@
 """From a tree to a formula: a disjunction of the orders of its events, each a chain of what is strictly earlier."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Final
 
 from backends.orders import Orders, merged
-from rvaft.analysis.scenarios import Kept
+from rvaft.core.property import Event, Property
+from rvaft.core.scenarios import Scenario
 from rvaft.errors import NotExpressible
-from rvaft.model import guards, patterns
+from rvaft.model import patterns
 from rvaft.model.expressions import guard_text, pattern_text
 from rvaft.model.guards import Guard
-from rvaft.model.patterns import Anything
-from rvaft.model.tree import RVAFT
 
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"')
 _TOKEN: Final = re.compile(r"\w+|[^\s\w]")
@@ -55,33 +54,26 @@ def symbols(formula: str) -> int:
     return len(_TOKEN.findall(formula))
 
 
-def translation(tree: RVAFT, limit: int) -> Chains:
-    """The orders of the events of a plain tree; where there are none, what no event is."""
-    orders = Orders(tree, limit=limit)
+def translation(prop: Property, limit: int) -> Chains:
+    """The orders of the events of a property; where there are none, what no event is."""
+    orders = Orders(prop, limit=limit)
 
-    def question(name: str, asked: Sequence[Guard]) -> str:
-        pattern = tree.pattern(name) or Anything()
-        text = pattern_text(pattern) + "".join(f" when {guard_text(guard)}" for guard in dict.fromkeys(asked))
+    def question(event: Event, asked: Sequence[Guard]) -> str:
+        text = pattern_text(event.pattern) + "".join(f" when {guard_text(guard)}" for guard in dict.fromkeys(asked))
         return _STRING.sub(lambda found: found[0].replace("*/", "*\\u002f"), text)
 
-    def letters(kept: Kept) -> dict[str, tuple[str, ...]] | None:
-        names = [name for name in kept if orders.tree.nodes[name].has_event]
-        single = [name for name in names if name not in orders.groups]
-        bound = {name: {*patterns.rigid_variables(tree.pattern(name) or Anything())} for name in single}
+    def letters(scenario: Scenario) -> dict[Event, tuple[str, ...]] | None:
+        bound = {event: {*patterns.rigid_variables(event.pattern)} for event in scenario.events}
         several = "a proposition is about one event, and a guard compares several"
-        asked = orders.asked(kept, bound, lambda node, _: NotExpressible(several, nodes=[node]))
+        asked = orders.asked(scenario, bound, lambda node, _: NotExpressible(several, nodes=[node]))
         if asked is None:
             return None
-        found: dict[str, tuple[str, ...]] = {}
-        for name in names:
-            inside = orders.groups.get(name, ())
-            some = [question(one, guards.conjuncts(tree.nodes[one].when)) for one in _leaves(orders, inside)]
-            found[name] = tuple(dict.fromkeys(some)) if inside else (question(name, asked[name]),)
-        return found
+        leaves = {event: orders.groups.get(event, ((event, asked[event]),)) for event in scenario.events}
+        return {event: tuple(dict.fromkeys(question(*leaf) for leaf in some)) for event, some in leaves.items()}
 
-    some = ((kept, found) for kept in orders.scenarios() if (found := letters(kept)) is not None)
+    some = ((one, found) for one in orders.scenarios() if (found := letters(one)) is not None)
     words = merged(
-        chain.from_iterable(orders.words(kept, found) for kept, found in some),
+        chain.from_iterable(orders.words(one, found) for one, found in some),
         lambda several: tuple(dict.fromkeys(chain.from_iterable(several))),
     )
     if any(len(word) > _DEEPEST for word in words):
@@ -94,9 +86,3 @@ def translation(tree: RVAFT, limit: int) -> Chains:
     }
     named = tuple(tuple(tuple(names[one] for one in letter) for letter in word) for word in words)
     return Chains({name: one for one, name in names.items()}, named)
-
-
-def _leaves(orders: Orders, names: Iterable[str]) -> list[str]:
-    return [
-        leaf for name in names for leaf in (_leaves(orders, orders.groups[name]) if name in orders.groups else [name])
-    ]

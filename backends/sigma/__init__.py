@@ -65,7 +65,7 @@ class SigmaBackend(Backend):
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
         """The correlation with its rules; raises `TooLarge` beyond `limit` rules, `NotExpressible`, `ToolMissing` without PyYAML."""
-        text, symbols = SigmaRules(prop.asked or prop.tree, self.plain(prop, windows=False), limit).text()
+        text, symbols = SigmaRules(prop, limit).text()
         return SpecificationText(text, Metrics(symbols))
 
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:

@@ -14,12 +14,11 @@ from itertools import chain, combinations, product, takewhile
 from typing import Any, Final, NamedTuple, NoReturn, TypeAlias
 
 from backends.nests import NEVER, Nest, Nesting, in_every_order
-from rvaft.analysis.normal_form import Op
+from rvaft.core.part_numbers import Op
+from rvaft.core.property import Event, Property, Within
 from rvaft.errors import NotExpressible, TooLarge, installed
 from rvaft.model.expressions import time_text
-from rvaft.model.guards import variables
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Variable
-from rvaft.model.tree import RVAFT
 from rvaft.model.values import NUMBER, Json, equal
 
 _DAYS: Final = 50_000
@@ -47,30 +46,27 @@ class Junction(NamedTuple):
 
 
 class SigmaRules:
-    """One translation of a tree; `plain` is the same without counted leaves, `pand` and windows. `limit` counts rules and correlations."""
+    """One translation of a property. `limit` counts rules and correlations."""
 
-    def __init__(self, tree: RVAFT, plain: RVAFT, limit: int) -> None:
-        self._tree, self._limit = plain, limit
+    def __init__(self, prop: Property, limit: int) -> None:
+        self._prop, self._limit = prop, limit
         self._documents: dict[str, dict[str, Any]] = {}
         self._names: dict[object, str] = {}
         self._bound: dict[str, dict[str, str]] = {}
         """Of each rule the fields of its variables."""
         self._written = 0
-        if guards := [node.name for node in plain.top_down() if variables(node.when)]:
-            self._refuse("Sigma compares without types: to it a text is more than any number", guards)
-        asked = {tree.origins.get(n.name, n.name): n.within for n in tree.top_down() if n.within is not None}
-        self._windows = {name: asked[old] for name in plain.nodes if (old := plain.origins.get(name, name)) in asked}
-        self._time = time_text(tree.time) if asked and tree.time is not None else None
+        self._windows = [part for part in reversed(prop.parts) if isinstance(part, Within)]
+        self._time = time_text(prop.time) if self._windows and prop.time is not None else None
         self._groups = self._grouped()
 
     def text(self) -> tuple[str, int]:
         """The documents, and how many symbols they have."""
         yaml = installed("yaml", "PyYAML", "pip install '.[sigma]' in a checkout of rvaft")
         tied, refused = self._groups, lambda _, nodes: self._refuse(_WINDOW, nodes)
-        nest = Nesting(self._tree, self._windows, refused, limit=10 * self._limit, unit=_UNIT, free=tied).nest()
+        nest = Nesting(self._prop, refused, limit=10 * self._limit, unit=_UNIT, free=tied).nest()
         if nest == NEVER:
-            self._refuse("no rule detects nothing, and a guard never holds", [self._tree.root])
-        title = _ODD.sub("?", self._tree.root)[:256].strip() or "tree"
+            self._refuse("no rule detects nothing, and a guard never holds", [self._prop.tree.root])
+        title = _ODD.sub("?", self._prop.tree.root)[:256].strip() or "tree"
         whole = {"title": title, "correlation": self._correlation(nest)}
         whole |= {} if self._time is None else {"rvaft": self._time}
         documents = [*sorted(self._documents.values(), key=lambda one: "correlation" in one), whole]
@@ -78,8 +74,7 @@ class SigmaRules:
         return "---\n".join(texts), len(re.findall(r"\w+|\S", "---\n".join(texts)))
 
     def _refuse(self, reason: str, nodes: Iterable[str]) -> NoReturn:
-        named = dict.fromkeys(self._tree.origins.get(name, name) for name in nodes)
-        raise NotExpressible(reason, nodes=named)
+        raise NotExpressible(reason, nodes=dict.fromkeys(nodes))
 
     def _fits(self, size: int) -> None:
         if size > self._limit:
@@ -129,7 +124,7 @@ class SigmaRules:
     def _of(self, kind: str, names: list[str], within: int | None, **further: Any) -> dict[str, Any]:
         """A correlation of rules and correlations; its groups have the same values in the variables."""
         if within is not None and (within < _SECOND or within % _SECOND or within > _DAYS * 86_400 * _SECOND):
-            self._refuse("a timespan is of whole seconds, one or more", self._windows)
+            self._refuse("a timespan is of whole seconds, one or more", (one.source.node for one in self._windows))
         bound = {name: self._bound[name] for name in names if name in self._bound}
         aliases = {
             alias: {name: bound[name][one] for name in bound}
@@ -152,11 +147,11 @@ class SigmaRules:
 
     def _grouped(self) -> dict[str, str]:
         """The variables that all events have, each with the field that all have it in, or an alias of their fields."""
-        fields = {n.name: dict(_places(self._pattern(n.name), ())) for n in self._tree.top_down() if n.has_event}
+        fields = {event: dict(_places(event.pattern, ())) for event in self._prop.events}
         names = list(dict.fromkeys(chain.from_iterable(fields.values())))
         shared = sorted(name for name in names if sum(name in one for one in fields.values()) > 1)
         for name in shared:
-            if lacking := [node for node, one in fields.items() if name not in one]:
+            if lacking := [event.source.node for event, one in fields.items() if name not in one]:
                 self._refuse(f"a correlation groups by what all of its events have, and not all have {name}", lacking)
         by = {name: {one[name] for one in fields.values()} for name in shared}
         several = [name for name in shared if len(by[name]) > 1]
@@ -195,16 +190,21 @@ class SigmaRules:
     def _mixed(self, nest: Nest) -> list[str]:
         """Two events without order that can be the same one."""
         for one, other in combinations(nest.parts, 2) if nest.op in (Op.ALL, Op.AT_LEAST) else ():
-            for nodes in product(one.nodes(), other.nodes()):
-                if not disjoint(*map(self._pattern, nodes)):
-                    return [*nodes]
+            for events in product(one.events(), other.events()):
+                if not disjoint(*(event.pattern for event in events)):
+                    return [event.source.node for event in events]
         return next(filter(None, map(self._mixed, nest.parts)), [])
 
     def _in_every_order(self, nodes: Iterable[str], reason: str) -> Nest:
         """The whole tree as one of all orders in which its events can come; refused for a reason where there are windows in it."""
-        if any(name != self._tree.root for name in self._windows):
+        if any(window is not self._prop.root for window in self._windows):
             self._refuse(reason, nodes)
-        return in_every_order(self._tree, limit=10 * self._limit)
+        return in_every_order(self._without_window(), limit=10 * self._limit)
+
+    def _without_window(self) -> Property:
+        """The property without the window over all of it."""
+        root = self._prop.root
+        return self._prop.with_root(root.parts[0] if isinstance(root, Within) else root)
 
     def _is_step(self, nest: Nest) -> bool:
         """Whether a rule says it: an event, or one of several."""
@@ -224,40 +224,36 @@ class SigmaRules:
             word += "_"
         return self._names.setdefault(key, word)
 
-    def _pattern(self, node: str) -> Pattern:
-        pattern = self._tree.pattern(node)
-        assert pattern is not None, "only nodes with events are observed"
-        return pattern
-
     def _key(self, step: Nest) -> object:
         """What equal steps have in common."""
-        return step if step.within is not None else tuple(map(self._pattern, step.nodes()))
+        return step if step.within is not None else tuple(event.pattern for event in step.events())
 
     def _rule(self, step: Nest, number: int) -> str:
         """The name of the rule for the events of a step, another one for each number; or of the correlation for a nest with a window."""
         if step.within is not None:
             return self._child(self._correlation(step))
         if (key := (self._key(step), number)) not in self._names:
-            nodes = step.nodes()
-            name = self._named(key, nodes[0].partition("[")[0])
-            self._documents[name] = self._detecting(name, nodes)
-            self._bound[name] = dict(_places(self._pattern(nodes[0]), ()))
+            events = step.events()
+            name = self._named(key, events[0].source.node)
+            self._documents[name] = self._detecting(name, events)
+            self._bound[name] = dict(_places(events[0].pattern, ()))
             self._fits(len(self._documents))
         return self._names[key]
 
-    def _detecting(self, name: str, nodes: list[str]) -> dict[str, Any]:
-        """A rule that an event of one of the nodes fits."""
+    def _detecting(self, name: str, events: list[Event]) -> dict[str, Any]:
+        """A rule that fits what one of these events is."""
         detection: dict[str, Any] = {}
-        for number, node in enumerate(nodes):
-            detection["selection" if len(nodes) == 1 else f"selection{number}"] = self._selection(node)
-        condition = "selection" if len(nodes) == 1 else "1 of selection*"
+        for number, event in enumerate(events):
+            detection["selection" if len(events) == 1 else f"selection{number}"] = self._selection(event)
+        condition = "selection" if len(events) == 1 else "1 of selection*"
         logsource = {"category": "rvaft"}
         return {"title": name, "name": name, "logsource": logsource, "detection": {**detection, "condition": condition}}
 
-    def _selection(self, node: str) -> dict[str, Any]:
+    def _selection(self, event: Event) -> dict[str, Any]:
         found: dict[str, Any] = {}
+        node = event.source.node
         bound = set[str]()
-        todo: list[tuple[tuple[str, ...], Pattern]] = [((), self._pattern(node))]
+        todo: list[tuple[tuple[str, ...], Pattern]] = [((), event.pattern)]
         while todo:
             way, part = todo.pop(0)
             if way and (not re.fullmatch(r"[^.|\0-\x1f\ud800-\udfff]+", way[-1]) or _COLUMN.fullmatch(way[0])):

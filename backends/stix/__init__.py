@@ -89,10 +89,9 @@ class StixBackend(Backend):
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
         """The pattern; `TooLarge` beyond `limit` observation expressions, `OptionError` for a mapping that lacks a type or a field."""
-        tree, plain = prop.asked or prop.tree, self.plain(prop, windows=False)
-        windows = any(node.within is not None for node in tree.top_down())
-        header = replace(self._header, time=tree.time if windows else None)
-        text, symbols = StixPattern(tree, plain, header, limit).text()
+        windows = any(isinstance(part, Within) for part in prop.parts)
+        header = replace(self._header, time=prop.time if windows else None)
+        text, symbols = StixPattern(prop, header, limit).text()
         return SpecificationText(text, Metrics(symbols))
 
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:

@@ -9,10 +9,10 @@ from typing import Final, NoReturn
 from backends.nests import NEVER, TIE, WINDOW, Nest, Nesting
 from backends.stix.comparisons import Unsaid, comparisons, step
 from backends.stix.observations import EVENT, StixHeader, Way, property_of
-from rvaft.analysis.normal_form import Op
+from rvaft.core.part_numbers import Op
+from rvaft.core.property import Property, Within
 from rvaft.errors import NotExpressible
 from rvaft.model.patterns import Literal, ObjectPattern
-from rvaft.model.tree import RVAFT
 
 _SECOND: Final = 1_000_000_000
 _LONGEST: Final = 1_000 * 366 * 86_400 * _SECOND
@@ -25,19 +25,18 @@ _SIGNS: Final = {Op.ALL: " AND ", Op.SEQUENCE: " FOLLOWEDBY ", Op.ONE: " OR "}
 
 
 class StixPattern:
-    """One translation of a tree; `plain` is the same without counted leaves, `pand` and windows. `limit` counts observation expressions."""
+    """One translation of a property. `limit` counts observation expressions."""
 
-    def __init__(self, tree: RVAFT, plain: RVAFT, header: StixHeader, limit: int) -> None:
-        self._plain, self._header = plain, header
-        asked = {tree.origins.get(n.name, n.name): n.within for n in tree.top_down() if n.within is not None}
-        for name, within in asked.items():
-            if within < 1 or within % 1_000 or within > _LONGEST or (within > _EXACT and within % _SECOND):
-                self._refuse(
-                    "WITHIN is of whole microseconds, one or more, and of whole seconds beyond 30 years", [name]
-                )
-        windows = {name: asked[old] for name in plain.nodes if (old := plain.origins.get(name, name)) in asked}
+    def __init__(self, prop: Property, header: StixHeader, limit: int) -> None:
+        self._prop, self._header = prop, header
+        for window in reversed(prop.parts):
+            if isinstance(window, Within):
+                within = window.duration
+                if within < 1 or within % 1_000 or within > _LONGEST or (within > _EXACT and within % _SECOND):
+                    reason = "WITHIN is of whole microseconds, one or more, and of whole seconds beyond 30 years"
+                    raise NotExpressible(reason, nodes=[window.source.node])
         unit = "observation expressions of the pattern"
-        self._nest = Nesting(plain, windows, self._inseparable, limit=limit, unit=unit).nest()
+        self._nest = Nesting(prop, self._inseparable, limit=limit, unit=unit).nest()
 
     def text(self) -> tuple[str, int]:
         """The pattern with its header, and how many symbols it has without."""
@@ -45,8 +44,7 @@ class StixPattern:
         return f"{self._header}{pattern}", len(_TOKEN.findall(pattern))
 
     def _refuse(self, reason: str, nodes: Iterable[str]) -> NoReturn:
-        named = dict.fromkeys(self._plain.origins.get(name, name) for name in nodes)
-        raise NotExpressible(reason, nodes=named)
+        raise NotExpressible(reason, nodes=dict.fromkeys(nodes))
 
     def _inseparable(self, why: str, nodes: Iterable[str]) -> NoReturn:
         if why == WINDOW:
@@ -73,8 +71,9 @@ class StixPattern:
         return f"({text})" if inside and len(written) > 1 else text
 
     def _event(self, nest: Nest) -> str:
-        node, pattern, on = nest.node, self._plain.pattern(nest.node), self._plain.nodes[nest.node].on
-        assert pattern is not None, "only nodes with events are observed"
+        assert nest.event is not None
+        node, pattern = nest.event.source.node, nest.event.pattern
+        on = self._prop.tree.nodes[node].on
         match pattern:
             case ObjectPattern((("event", Literal(name)),)) if on is None or on.event not in self._header.types:
                 kind = str(name)

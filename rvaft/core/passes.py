@@ -298,7 +298,7 @@ def _with_ends(prop: Property, chosen_ends: Mapping[tuple[Event, ...], Event] | 
             more += [Sequence(None, (other, last)) for other in lasts if other is not last]
         if len(set(ended)) < len(ended):
             return IMPOSSIBLE
-        return All(part.source, (*parts, *more, Sequence(None, tuple(ended))))
+        return All(part.source, tuple(dict.fromkeys((*parts, *more, Sequence(None, tuple(ended))))))
 
     return prop.rewritten(change)
 
@@ -492,6 +492,8 @@ def _flatten(prop: Property, _: int) -> Property:
                 kind = type(part)
                 nested = (each.parts if isinstance(each, kind) else (each,) for each in parts)
                 inner = [one for each in nested for one in each if not (isinstance(one, All) and not one.parts)]
+                if isinstance(part, All):
+                    inner = list(dict.fromkeys(inner))
                 if not inner:
                     return NOTHING
                 return inner[0] if len(inner) == 1 else kind(part.source, tuple(inner))

@@ -278,4 +278,6 @@ def with_parts(part: Part, parts: tuple[Part, ...]) -> Part:
     """The part with other parts directly inside."""
     if isinstance(part, Event | Times | Condition) or parts == part.parts:
         return part
+    if isinstance(part, All):  # parts that have become the same are observed once
+        parts = tuple(dict.fromkeys(parts))
     return replace(part, parts=parts)

@@ -237,9 +237,9 @@ class RVAFT:
         return f"<RVAFT {self.root}: {len(self.nodes)} nodes>"
 
 
-def reachable(start: str, children: Callable[[str], Sequence[str]]) -> Iterator[str]:
+def reachable(start: T, children: Callable[[T], Sequence[T]]) -> Iterator[T]:
     """The nodes that these children lead to, the first one included, each once, in preorder."""
-    seen: set[str] = set()
+    seen: set[T] = set()
     todo = [start]
     while todo:
         name = todo.pop()

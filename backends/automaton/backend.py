@@ -99,5 +99,5 @@ def _built(prop: Property, semantics: Semantics, work: Work) -> tuple[Automaton,
         plans = [Plan(parts, graph, number, at_least=not scattered, work=work) for number, graph in enumerate(graphs)]
         automaton = determinised(plans, letters, work, semantics)
     if semantics is Semantics.CONSECUTIVE:
-        return refined(automaton, letters), parts, letters
-    return minimised(automaton, letters, looping=scattered), parts, letters
+        return refined(automaton, letters, work), parts, letters
+    return minimised(automaton, letters, work, looping=scattered), parts, letters

@@ -147,13 +147,14 @@ class _Successors:
             together |= reached
         if together not in self._best:
             best = together & ~union(self._worse[index] for index in bits(together))
-            self._best[together] = frozenset(self._found[index] for index in bits(best))
+            self._best[together] = found = frozenset(self._found[index] for index in bits(best))
+            self._work.step(10 * len(found))
         return self._best[together]
 
     def _lead(self, atom: int, holding: int) -> int | None:
         """What the moves of one atom lead to, or None where one of them is complete."""
         moves = self.by_atom[atom]
-        self._work.step(len(moves))
+        self._work.step(20 * len(moves))
         possible = (move for move in moves if not move.needed & ~holding)
         moved = [self._plans[move.target.plan].breaking(move, holding) for move in possible]
         if any(self._plans[configuration.plan].is_complete(configuration) for configuration in moved):
@@ -203,7 +204,7 @@ _SELF: Final = -1
 """Stands for the class of the state that an edge leaves."""
 
 
-def minimised(automaton: Automaton, letters: FeasibleLetters, *, looping: bool) -> Automaton:
+def minimised(automaton: Automaton, letters: FeasibleLetters, work: Work, *, looping: bool) -> Automaton:
     """The minimal automaton over the feasible letters, its states in breadth-first order.
 
     `looping` says where an event leads that a state does not see: back to it, or to the state without hope.
@@ -216,9 +217,10 @@ def minimised(automaton: Automaton, letters: FeasibleLetters, *, looping: bool) 
     def equals(row: StateRow, successor: int) -> bool:
         """Whether a row is that of a class which its state leads to."""
         theirs, either = rows[successor], {successor: _SELF}
+        work.step(len(row.targets) + len(theirs.targets))
         if {*row.targets.values(), _SELF, successor} != {*theirs.targets.values(), _SELF, successor}:
             return False
-        return _same(row.redirected(either), theirs.redirected(either), letters)
+        return _same(row.redirected(either), theirs.redirected(either), letters, work)
 
     def class_for(row: StateRow) -> int:
         for successor in dict.fromkeys(row.targets.values()):
@@ -226,7 +228,7 @@ def minimised(automaton: Automaton, letters: FeasibleLetters, *, looping: bool) 
                 return successor
         known = by_signature.setdefault(_signature(row, letters, default), [])
         for one in known:
-            if _same(row, rows[one], letters):
+            if _same(row, rows[one], letters, work):
                 return one
         known.append(len(rows))
         rows.append(row)
@@ -234,11 +236,12 @@ def minimised(automaton: Automaton, letters: FeasibleLetters, *, looping: bool) 
 
     for state in _from_the_end(automaton):
         class_of[state] = _SELF
+        work.step(2 * len(automaton.rows[state].targets))
         class_of[state] = class_for(automaton.rows[state].redirected(class_of))
     return _in_order(class_of[automaton.start], [row.redirected({_SELF: number}) for number, row in enumerate(rows)])
 
 
-def refined(automaton: Automaton, letters: FeasibleLetters) -> Automaton:
+def refined(automaton: Automaton, letters: FeasibleLetters, work: Work) -> Automaton:
     """The minimal automaton over the feasible letters where an event that a state does not see leads to the start."""
     order = [state for state in automaton.in_order() if state not in (DETECTED, HOPELESS)]
     class_of = {DETECTED: DETECTED, HOPELESS: HOPELESS, **dict.fromkeys(order, 2)}
@@ -247,8 +250,9 @@ def refined(automaton: Automaton, letters: FeasibleLetters) -> Automaton:
         new = {DETECTED: DETECTED, HOPELESS: HOPELESS}
         for state in order:
             row = automaton.rows[state].redirected(class_of)
+            work.step(2 * len(row.targets))
             known = split.setdefault((class_of[state], _signature(row, letters, class_of[automaton.start])), [])
-            alike = next((one for one in known if _same(row, rows[one], letters)), len(rows))
+            alike = next((one for one in known if _same(row, rows[one], letters, work)), len(rows))
             if alike == len(rows):
                 known.append(alike)
                 rows.append(row)
@@ -260,14 +264,16 @@ def refined(automaton: Automaton, letters: FeasibleLetters) -> Automaton:
         class_of = new
 
 
-def _same(one: StateRow, other: StateRow, letters: FeasibleLetters) -> bool:
+def _same(one: StateRow, other: StateRow, letters: FeasibleLetters, work: Work) -> bool:
     """Whether all letters lead to the same."""
+    work.step(len(one.targets) + len(other.targets))
     if one.sees == other.sees and one.targets == other.targets:
         return True
     if set(one.targets.values()) != set(other.targets.values()):
         return False
     for atoms in letters.over(one.sees | other.sees):
         asked = one.asks.get(atoms & one.sees, 0) | other.asks.get(atoms & other.sees, 0)
+        work.step(10 << asked.bit_count())
         if any(one.target(atoms | held) != other.target(atoms | held) for held in _subsets(asked)):
             return False
     return True

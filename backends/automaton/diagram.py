@@ -13,7 +13,7 @@ from typing import Final
 from backends.automaton.determinise import DETECTED, HOPELESS, Automaton, StateRow
 from backends.automaton.hoa_writer import Cube, cubes, title_of
 from backends.automaton.letters import FeasibleLetters
-from backends.automaton.structure import Structure
+from backends.automaton.structure import Structure, Work
 from rvaft.core.property import Property
 from rvaft.errors import TooLarge
 from rvaft.export.dot import html, html_lines, table, title
@@ -51,14 +51,15 @@ def diagram(
     order = automaton.in_order()
     if len(order) > limit:
         raise TooLarge(f"{len(order)} states are too many to draw", limit=limit)
-    states, edges, written = [], [], 0
+    states, edges, written, work = [], [], 0, Work(limit)
     looks = {
         DETECTED: "label=<⊤>, shape=doublecircle",
         HOPELESS: f'label=<⊥>, style=filled, fillcolor="#e4e4e4", color="{_QUIET}"',
     }
     for state in order:
         states.append(f"s{number[state]} [{looks.get(state, f'label=<{number[state]}>')}];")
-        for target, lines in () if state in looks else _edges(automaton.rows[state], structure, letters, prop).items():
+        leaving = {} if state in looks else _edges(automaton.rows[state], structure, letters, prop, work)
+        for target, lines in leaving.items():
             written += len(lines)
             look = f', color="{_QUIET}", fontcolor="{_QUIET}", style=dashed' if target == HOPELESS else ""
             label = table(lines, space=2, cell='align="left" bgcolor="white"')  # which covers the lines that pass
@@ -82,9 +83,11 @@ def diagram(
     return "\n".join([f"digraph {title(title_of(prop, semantics))} {{", *(f"  {line}" for line in lines), "}", ""])
 
 
-def _edges(row: StateRow, structure: Structure, letters: FeasibleLetters, prop: Property) -> dict[int, list[str]]:
+def _edges(
+    row: StateRow, structure: Structure, letters: FeasibleLetters, prop: Property, work: Work
+) -> dict[int, list[str]]:
     """For each target of a state the lines of the label."""
-    leaving, rest = cubes(row), row.targets.get(0)
+    leaving, rest = cubes(row, work), row.targets.get(0)
     if len(leaving) == 1:
         return {target: ["any event"] for target in leaving}
     atoms = (1 << len(structure.patterns)) - 1

@@ -63,16 +63,13 @@ class Cube(NamedTuple):
     yes: int
     no: int
 
-    def covers(self, other: "Cube") -> bool:
-        """Whether every letter of the other is one of this."""
-        return not (self.yes & ~other.yes or self.no & ~other.no)
 
-
-def cubes(row: StateRow) -> dict[int, list[Cube]]:
+def cubes(row: StateRow, work: Work) -> dict[int, list[Cube]]:
     """For each target of a state what leads there: short, and disjoint from what leads to the others.
 
-    A letter needs to say `not` only of the propositions by which letters with another target differ.
+    A letter needs to say `not` only of the propositions by which letters with another target differ. Raises `TooLarge`.
     """
+    work.step(10 * len(row.targets))
     own: dict[int, int] = {}
     for letter, target in row.targets.items():
         own[target] = own.get(target, 0) | letter
@@ -82,16 +79,19 @@ def cubes(row: StateRow) -> dict[int, list[Cube]]:
     for letter, target in row.targets.items():
         seen = row.sees | row.asks[letter & row.sees]
         found.setdefault(target, []).append(Cube(letter, elsewhere[target] & seen & ~letter))
-    return {target: _needed(those) for target, those in found.items()}
+    return {target: _needed(those, work) for target, those in found.items()}
 
 
-def _needed(those: list[Cube]) -> list[Cube]:
+def _needed(those: list[Cube], work: Work) -> list[Cube]:
     """Without cubes that another one covers, which holds no proposition that they do not: found by its first one."""
     ordered: list[Cube] = []
     kept: dict[int, list[Cube]] = {}
     for one in sorted(dict.fromkeys(those), key=lambda cube: cube.yes.bit_count()):
         firsts = (0, *(1 << proposition for proposition in bits(one.yes)))
-        if not any(other.covers(one) for first in firsts for other in kept.get(first, ())):
+        near = [kept[first] for first in firsts if first in kept]
+        work.step(sum(map(len, near)))
+        without = ~one.yes, ~one.no
+        if not any(not (yes & without[0] or no & without[1]) for some in near for yes, no in some):
             kept.setdefault(one.yes & -one.yes, []).append(one)
             ordered.append(one)
     return ordered
@@ -114,7 +114,7 @@ def write(
     """
     order = automaton.in_order()
     number = {state: index for index, state in enumerate(order)}
-    edges = {state: cubes(automaton.rows[state]) for state in order if state not in (DETECTED, HOPELESS)}
+    edges = {state: cubes(automaton.rows[state], work) for state in order if state not in (DETECTED, HOPELESS)}
     used = [cube for leaving in edges.values() for those in leaving.values() for cube in those]
     always = ["0"] if relevance is None else ["0", "1"]  # what holds on all these edges
     said = union(cube.yes | cube.no for cube in used)
@@ -139,8 +139,10 @@ def write(
         guards = [*words(cube.yes & ~atoms), *words(cube.no & ~atoms, "!")]
         return "&".join([*(() if aliased else always), *said, *words(excluded, "!"), *guards])
 
-    body = []
+    body: list[str] = []
+    length = 0
     for state in order:
+        work.size(length)
         body.append(f"State: {number[state]}")
         written = {target: [label(cube) for cube in those] for target, those in edges.get(state, {}).items()}
         if state not in edges:
@@ -148,6 +150,7 @@ def write(
         elif relevance is not None:
             written[state] = ["0&!1", *written.get(state, [])]
         body += [f"[{' | '.join(those)}] {number[target]}" for target, those in written.items()]
+        length += sum(map(len, body[-len(written) :]))
         if state == DETECTED:
             body.append(f"[!0] {len(order)}")
     if DETECTED in number:

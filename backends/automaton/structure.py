@@ -27,7 +27,11 @@ from rvaft.support.bits import union
 STEPS: Final = 1000
 """How many steps of the construction the limit allows for each state it allows."""
 QUICK: Final = 10_000_000
-"""So many steps take a few seconds, and are allowed under any limit."""
+"""So many steps take about a second, and are allowed under any limit."""
+CHARACTERS: Final = 100
+"""How long the text may be for each state that the limit allows."""
+SHORT: Final = 1_000_000
+"""A text of so many characters is allowed under any limit."""
 
 
 class Work:
@@ -38,10 +42,15 @@ class Work:
         self._steps = 0
 
     def step(self, many: int) -> None:
-        """So many more steps are done; each takes about a fifth of a microsecond."""
+        """So many more steps are done; each takes about a tenth of a microsecond."""
         self._steps += many
         if self._steps > QUICK:
             self.check(self._steps, f"steps of the construction, {STEPS} allowed for each state", STEPS)
+
+    def size(self, characters: int) -> None:
+        """Refuse a text that is longer."""
+        if characters > SHORT:
+            self.check(characters, f"characters of the text, {CHARACTERS} allowed for each state", CHARACTERS)
 
     def check(self, reached: int, what: str, each: int = 1) -> None:
         """Refuse more of something than `each` for each state."""

@@ -148,12 +148,15 @@ class LtlfMonitor(Monitor):
     def _advance(self, event: Json) -> Verdict:
         program, residuals, atoms = self._program, self._program.residuals, self._program.atoms
         event = program.stamped(event)
+        residuals.begin()
         candidates = frozenset([program.names[number] for number in program.index.candidates(event)])
 
         def extensions(residual: int, binding: Binding) -> Iterator[Binding]:
             """With the values that one more atom takes from the event."""
             if not residuals.variables(residual) <= binding.keys():
-                for name in sorted(residuals.now(residual) & candidates):
+                asked = residuals.now(residual) & candidates
+                residuals.ask(len(asked))
+                for name in sorted(asked):
                     if not atoms[name].binds <= binding.keys():
                         extended = atoms[name].extended(event, binding)
                         if extended is not None:
@@ -161,6 +164,7 @@ class LtlfMonitor(Monitor):
 
         def step(residual: int, binding: Binding, before: Binding) -> tuple[Verdict, int]:
             asked = residuals.now(residual) & candidates
+            residuals.ask(len(asked))
             letter = frozenset([name for name in asked if atoms[name].holds(event, binding, before)])
             accepted, rest = residuals.step(residual, letter)
             if accepted and residuals.is_valid(rest):

@@ -16,6 +16,10 @@ from rvaft.support.budget import Call, run
 
 NODE_LIMIT: Final = 2_000_000
 SEARCH_LIMIT: Final = 1_000_000
+STEPS: Final = 3_000_000
+"""How many elementary steps one event may take, and reading the formula."""
+_ATOM: Final = 5
+"""What it costs to ask one atom of an event."""
 STEPS_KEPT: Final = 200_000
 """How many steps are remembered, of all residuals together."""
 
@@ -23,6 +27,20 @@ BOTTOM: Final = 0
 TOP: Final = 1
 _CONSTANT: Final = -1
 """The variable of the constants: below all others."""
+
+
+class Steps:
+    """The elementary steps that are left for this event, about a microsecond each; `take` raises `TooLarge` where there are none."""
+
+    def __init__(self) -> None:
+        self.left = STEPS
+
+    def take(self, steps: int) -> None:
+        """Take some steps."""
+        self.left -= steps
+        if self.left < 0:
+            remedy = "run the tree by the engine or another backend, or put fewer events into one window"
+            raise TooLarge("steps for one event of an LTLf formula", limit=STEPS, remedy=remedy)
 
 
 class _Diagrams:
@@ -33,7 +51,8 @@ class _Diagrams:
     Computers, 1986).
     """
 
-    def __init__(self) -> None:
+    def __init__(self, steps: Steps) -> None:
+        self._steps = steps
         self.nodes = [(_CONSTANT, BOTTOM, BOTTOM), (_CONSTANT, TOP, TOP)]
         """Variable, function where it is false, function where it is true."""
         self._index: dict[tuple[int, int, int], int] = {}
@@ -70,11 +89,14 @@ class _Diagrams:
 
     def choice(self, f: int, g: int, h: int) -> int:
         """If f then g else h."""
-        nodes, known = self.nodes, self._choices
+        nodes, known, steps = self.nodes, self._choices, self._steps
         todo: list[tuple[int, int, int, int]] = [(f, g, h, _CONSTANT)]
         done: list[int] = []
         while todo:
             f, g, h, variable = todo.pop()
+            steps.left -= 1
+            if steps.left < 0:
+                steps.take(1)
             if variable != _CONSTANT:  # both halves are done
                 high, low = done.pop(), done.pop()
                 known[f, g, h] = self._node(variable, low, high)
@@ -102,6 +124,7 @@ class _Diagrams:
             if node not in seen:
                 seen.add(node)
                 todo.extend(self.nodes[node][1:])
+        self._steps.take(len(seen))
         return sorted(seen)[2:]
 
     def compose(self, f: int, by: Mapping[int, int]) -> int:
@@ -133,8 +156,9 @@ class Residuals:
 
     def __init__(self, formulas: Formulas, mentions: Mapping[str, frozenset[str]]) -> None:
         self._formulas = formulas
-        self._diagrams = _Diagrams()
-        self._continuations = _Continuations(formulas, self._diagrams)
+        self._steps = Steps()
+        self._diagrams = _Diagrams(self._steps)
+        self._continuations = _Continuations(formulas, self._diagrams, self._steps)
         self._lifted: dict[int, int] = {TRUE: TOP, FALSE: BOTTOM}
         self._asks = cache(lambda formula: frozenset(formulas.atoms(formula, now=True)))
         self._after = lru_cache(STEPS_KEPT)(lambda one, letter: run(self._progress(one, letter, dict(_CONSTANTS))))
@@ -159,6 +183,14 @@ class Residuals:
             self._bare.append(bare or op is Connective.ATOM)
             self._monotone.append(monotone or op is Connective.EVENTUALLY)
             self._variables.append(mentions.get(name, frozenset()).union(*names))
+
+    def begin(self) -> None:
+        """Allow the steps of one more event."""
+        self._steps.left = STEPS
+
+    def ask(self, atoms: int) -> None:
+        """Count so many atoms that are asked of an event; raises `TooLarge`."""
+        self._steps.take(_ATOM * atoms)
 
     def of(self, formula: int) -> int:
         """The residual that is the formula itself."""
@@ -200,6 +232,7 @@ class Residuals:
             return known[formula]
         diagrams = self._diagrams
         op, operands, name = self._formulas.rows[formula]
+        self._steps.take(1 + len(operands))
         match op:
             case Connective.TRUE | Connective.FALSE:
                 found = known[formula]
@@ -267,7 +300,8 @@ class _Continuations:
     also those that no event can produce.
     """
 
-    def __init__(self, formulas: Formulas, diagrams: _Diagrams) -> None:
+    def __init__(self, formulas: Formulas, diagrams: _Diagrams, steps: Steps) -> None:
+        self._steps = steps
         self._rows = formulas.rows
         self._diagrams = diagrams
         self.satisfied = cache(self._satisfied)
@@ -289,6 +323,7 @@ class _Continuations:
                 return True
             elif current not in visited and current not in self._dead:
                 visited.add(current)
+                self._steps.take(len(current))
                 if len(visited) > SEARCH_LIMIT:
                     raise TooLarge("the search for a continuation meets more sets of obligations", limit=SEARCH_LIMIT)
                 path.append(current)
@@ -335,6 +370,7 @@ class _Continuations:
         changed = True
         while changed:
             changed, todo, clauses = False, clauses[::-1], []
+            self._steps.take(10 + 2 * len(todo))
             while todo:
                 clause = todo.pop()
                 possible = [way for way in clause if not any((~one, later) in taken for one, later in way)]

@@ -12,7 +12,7 @@ from rvaft.backend import Metrics
 from rvaft.core.part_numbers import NumberedParts, numbered
 from rvaft.core.property import Property
 from rvaft.core.times import untimed
-from rvaft.errors import TreeError
+from rvaft.errors import TooLarge, TreeError
 from rvaft.model.verdict import Semantics
 
 _RESERVED: Final = ("true", "false", "xor", "rvaft", "atom", "relevant", "ignored")
@@ -22,8 +22,14 @@ _LEAVES: Final = frozenset({Connective.TRUE, Connective.FALSE, Connective.ATOM})
 _PREFIX: Final = frozenset({Connective.NOT, Connective.NEXT, Connective.EVENTUALLY})
 
 
+CHARACTERS: Final = 20
+"""How long the text may be for each subformula that the limit allows."""
+SHORT: Final = 1_000_000
+"""A text of so many characters is allowed under any limit."""
+
+
 class Translation:
-    """One translation. Raises `TooLarge` beyond `limit` distinct subformulas, `TreeError` without a feasible scenario."""
+    """One translation. Raises `TooLarge` beyond `limit` distinct subformulas or a text of that size, `TreeError` without a feasible scenario."""
 
     def __init__(self, prop: Property, semantics: Semantics, limit: int) -> None:
         self._prop = prop
@@ -55,8 +61,12 @@ class Translation:
         in_order = sorted(header.atoms, key=self._rank.__getitem__)
         header.atoms = {name: header.atoms[name] for name in in_order if name in used}
         texts = [formula, *(f"{name} = {text}" for name, text in header.definitions.items())]
+        written = f"{header}{formula}\n"
+        if len(written) > max(SHORT, CHARACTERS * self._limit):
+            what = f"characters of the LTLf text, {CHARACTERS} allowed for each subformula"
+            raise TooLarge(what, limit=self._limit)
         symbols = sum(len(_TOKEN.findall(text)) for text in texts)
-        return f"{header}{formula}\n", Metrics(symbols=symbols, subformulas=formulas.size(root))
+        return written, Metrics(symbols=symbols, subformulas=formulas.size(root))
 
     def _formula(self, form: NumberedParts, guards: GuardsOf, monotone: bool, relevant: int) -> int:
         anatomy = Anatomy(simplified(form, monotone=monotone))

@@ -1,14 +1,16 @@
 """Sizes, and what is too large: of every backend, in two tables; how LTLf grows, as Spot counts too; deep trees, impossible ones."""
 
+from contextlib import suppress
 from random import Random
 from time import process_time
-from typing import Any
+from typing import Any, Final
 
 import pytest
 
 from backends.ltlf.reader import split, spot
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, random_tree
 from rvaft.analysis.plain_trees import plain_trees
+from rvaft.api import loads
 from rvaft.backend import backend
 from rvaft.errors import TooLarge, TreeError
 from rvaft.language.printer import dumps
@@ -27,6 +29,35 @@ def test_what_is_too_large(name: str, text: str, semantics: str, limit: int | No
     assert error.value.what.startswith(what)
     assert error.value.limit == (limit or backend(name).default_limit)
     assert process_time() - start < 5
+
+
+SIX: Final = """
+time t as s; event px(p) = { x: p }; event py(p) = { y: p };
+r 2of3 a b c when X <= X within 0 s; a on px(X) times 3; b and d e; d on px(X); e on py(X); c on py(_);
+"""
+NINE: Final = """
+time t as s; r 2of3 a b c within 3 s; a 2of3 d e f within 2 s; b 2of3 f g h within 1 s; c 2of3 d g h within 1 s;
+d times 3; e times 3; f times 3; g times 3;
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("semantics", Semantics)
+@pytest.mark.parametrize("text", [SIX, NINE])
+@pytest.mark.parametrize("name", ["automaton", "ltlf"])
+def test_small_trees_end_within_the_default_limit(name: str, text: str, semantics: Semantics) -> None:
+    start = process_time()
+    with suppress(TooLarge):
+        assert len(backend(name).translate(loads(text), semantics).text) < 12_000_000
+    assert process_time() - start < 20
+
+
+@needs_spot
+def test_an_event_that_takes_too_many_steps_is_too_large() -> None:
+    specification, start = backend("ltlf").translate(loads(NINE), Semantics.SCATTERED), process_time()
+    with pytest.raises(TooLarge, match="steps for one event of an LTLf formula"):
+        list(specification.monitor().run([{"event": name, "t": 0} for name in "def"]))
+    assert process_time() - start < 10
 
 
 @pytest.mark.parametrize(("name", "text", "semantics", "limit", "sizes"), rows(__file__, "sizes.txt"))

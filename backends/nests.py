@@ -148,7 +148,10 @@ class Nesting:
         self._shapes = {name: body(node) for name, node in tree.nodes.items()}
 
     def nest(self) -> Nest:
-        """The whole tree; raises what the refusal raises, and `TreeError` where no scenario is feasible."""
+        """The whole tree, NEVER if no feasible scenario can be detected.
+
+        Raises what the refusal raises, and `TreeError` where no scenario is feasible.
+        """
         impossible = {node.name for node in self._tree.top_down() if is_impossible(node)}
         kept: Kept = Resolutions(self._tree, impossible).union
         knots, reached = self._knots(kept), {self._tree.root}
@@ -162,10 +165,13 @@ class Nesting:
                 made = self._gate(name, [found[one] for one in self._shapes[name].children if one in kept[name]])
             self._fits(made.size)
             found[name] = made.during(self._windows.get(name))
-        if found.get(self._tree.root, NEVER) in (NEVER, NOTHING):
-            message = f"no scenario of {self._tree.root} is feasible"
-            raise TreeError(message, rule="no-scenario", nodes=[self._tree.root])
-        return found[self._tree.root]
+        whole = found.get(self._tree.root, NEVER)
+        if whole == NOTHING:
+            message = f"a scenario of {self._tree.root} has no event"
+            raise TreeError(message, rule="silent-scenario", nodes=[self._tree.root])
+        if whole == NEVER:  # in a feasible scenario guards with variables may never hold
+            next(Orders(self._tree, limit=self._limit, apart=self._tree.nodes).scenarios())
+        return whole
 
     def _fits(self, size: int) -> None:
         if size > self._limit:

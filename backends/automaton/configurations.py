@@ -14,7 +14,7 @@ from math import comb
 from typing import Final, NamedTuple, assert_never
 
 from backends.automaton.structure import Structure, Work
-from rvaft.core.numbered import NumberedPart, NumberedParts, Op
+from rvaft.core.part_numbers import NumberedPart, NumberedParts, Op
 from rvaft.core.property import Condition
 from rvaft.support.bits import bits, mask_of, union
 

@@ -15,7 +15,7 @@ from functools import cached_property
 from math import comb
 from typing import Final, assert_never
 
-from rvaft.core.numbered import NumberedPart, NumberedParts, Op, divided, numbered
+from rvaft.core.part_numbers import NumberedPart, NumberedParts, Op, divided, numbered
 from rvaft.core.property import Condition, Event, Property
 from rvaft.errors import TooLarge
 from rvaft.model.event_time import duration_text

@@ -19,7 +19,7 @@ from typing import Final, NamedTuple, TypeAlias, TypeVar, assert_never
 
 from backends.ltlf.formulas import FALSE, TRUE, Formulas
 from backends.ltlf.parts import Anatomy
-from rvaft.core.numbered import NumberedPart, NumberedParts, Op, divided
+from rvaft.core.part_numbers import NumberedPart, NumberedParts, Op, divided
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, union
 from rvaft.support.budget import Call, CellBudget, run

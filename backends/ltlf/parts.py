@@ -11,7 +11,7 @@ from typing import Final, TypeAlias, assert_never
 
 import networkx as nx
 
-from rvaft.core.numbered import EMPTY, NumberedPart, NumberedParts, Op, divided
+from rvaft.core.part_numbers import EMPTY, NumberedPart, NumberedParts, Op, divided
 from rvaft.core.patterns import Overlaps
 from rvaft.core.property import Event
 from rvaft.model.guards import Guard

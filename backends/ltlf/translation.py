@@ -9,7 +9,7 @@ from backends.ltlf.formulas import FALSE, JUNCTIONS, TRUE, Connective, Formulas
 from backends.ltlf.parts import Anatomy, GuardsOf, settled, simplified
 from backends.ltlf.reader import Header, Observation
 from rvaft.backend import Metrics
-from rvaft.core.numbered import NumberedParts, numbered
+from rvaft.core.part_numbers import NumberedParts, numbered
 from rvaft.core.property import Property
 from rvaft.core.times import untimed
 from rvaft.errors import TreeError

@@ -13,7 +13,7 @@ from functools import reduce
 from itertools import chain, combinations, product, takewhile
 from typing import Any, Final, NamedTuple, NoReturn, TypeAlias
 
-from backends.nests import Nest, Nesting, in_every_order
+from backends.nests import NEVER, Nest, Nesting, in_every_order
 from rvaft.analysis.normal_form import Op
 from rvaft.errors import NotExpressible, TooLarge, installed
 from rvaft.model.expressions import time_text
@@ -68,6 +68,8 @@ class SigmaRules:
         yaml = installed("yaml", "PyYAML", "pip install '.[sigma]' in a checkout of rvaft")
         tied, refused = self._groups, lambda _, nodes: self._refuse(_WINDOW, nodes)
         nest = Nesting(self._tree, self._windows, refused, limit=10 * self._limit, unit=_UNIT, free=tied).nest()
+        if nest == NEVER:
+            self._refuse("no rule detects nothing, and a guard never holds", [self._tree.root])
         title = _ODD.sub("?", self._tree.root)[:256].strip() or "tree"
         whole = {"title": title, "correlation": self._correlation(nest)}
         whole |= {} if self._time is None else {"rvaft": self._time}

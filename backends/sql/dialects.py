@@ -69,6 +69,14 @@ class Dialect:
     """The result of whole numbers, an error where it has more than 64 bits."""
     finite: Form
     """The result of numbers, NULL where it is not finite; PostgreSQL stops there with an error."""
+    integral: Form
+    """A number with decimals as a whole number, NULL where it is none, an error where it has more than 64 bits."""
+    fractional: Form
+    """A number with decimals, NULL where it is a whole number."""
+    part: str
+    """What a column of a part is called, of its type, the depth of the comparison and the number of the part."""
+    with_parts: Callable[[int, "Parts", str], str]
+    """A truth value over named parts of it, each of which may use those before; they run only where it is looked at."""
     compare: Form
     """A whole number, a sign, another number: exactly."""
     least_of: str
@@ -167,6 +175,31 @@ def _pointer(event: str, path: Path) -> tuple[str, str]:
     return event, quoted("".join(f"/{str(step).replace('~', '~0').replace('/', '~1')}" for step in path))
 
 
+Parts: TypeAlias = Sequence[Mapping[str, str]]
+"""The columns of each part of a comparison, by their types."""
+
+
+def _subquery(depth: int, parts: Parts, truth: str) -> str:
+    """Each part as a table with the columns of those before it."""
+    tables, before = list[str](), ""
+    for number, columns in enumerate(parts, 1):
+        said = ", ".join(f"{expression} AS {kind}_{depth}_{number}" for kind, expression in columns.items())
+        start = f"SELECT *, {said} FROM {before}" if before else f"SELECT {said}"
+        before = f"term_{depth}_{number}"
+        tables.append(f"{before} AS MATERIALIZED ({start})")
+    return f"(WITH {', '.join(tables)} SELECT {truth} FROM {before})"
+
+
+def _lambdas(depth: int, parts: Parts, truth: str) -> str:
+    """Each part as a step that adds columns to a structure: DuckDB would run a subquery for every event."""
+    found = ""
+    for number, columns in enumerate(parts, 1):
+        said = ", ".join(f"{kind}_{number} := {expression}" for kind, expression in columns.items())
+        added = f"lambda term_{depth}: struct_insert(term_{depth}, {said})"
+        found = f"list_transform({found}, {added})" if found else f"[struct_pack({said})]"
+    return f"list_transform({found}, lambda term_{depth}: {truth})[1]"
+
+
 _CHECKED: Final = (
     "(SELECT CASE typeof(v) WHEN 'real' THEN json('an integer of more than 64 bits') ELSE v END FROM (SELECT {0} AS v))"
 )
@@ -204,6 +237,13 @@ _SQLITE: Final = Dialect(
     literal=lambda said, _: f"({said})" if said.startswith("-") else said,
     checked=_CHECKED.format,
     finite="nullif(nullif({0}, 9e999), -9e999)".format,
+    integral=(
+        "CASE WHEN abs({0}) >= 9223372036854775808.0 THEN json('an integer of more than 64 bits') "
+        "WHEN {0} = CAST({0} AS INTEGER) THEN CAST({0} AS INTEGER) END"
+    ).format,
+    fractional="CASE WHEN {0} <> CAST({0} AS INTEGER) THEN {0} END".format,
+    part="{0}_{1}_{2}",
+    with_parts=_subquery,
     compare="{0} {1} {2}".format,
     least_of="min",
     greatest="max",
@@ -258,6 +298,10 @@ _DUCKDB: Final = Dialect(
     literal="CAST('{0}' AS {1})".format,
     checked="({0})".format,
     finite=_FINITE.format,
+    integral="CASE WHEN {0} = floor({0}) THEN CAST({0} AS BIGINT) END".format,
+    fractional="CASE WHEN {0} <> floor({0}) THEN {0} END".format,
+    part="term_{1}.{0}_{2}",
+    with_parts=_lambdas,
     compare=(
         "CASE WHEN {0} IS NULL OR {2} IS NULL THEN NULL WHEN {2} >= 9223372036854775808.0 THEN 0 {1} 1 WHEN {2} < -9223372036854775808.0 THEN 1 {1} 0 "
         "ELSE ({0}, 0) {1} (CAST(floor({2}) AS BIGINT), CASE WHEN {2} > floor({2}) THEN 1 ELSE 0 END) END"
@@ -301,6 +345,8 @@ _POSTGRES: Final = replace(
     whole="bigint",
     real="double precision",
     finite="({0})".format,
+    part="{0}_{1}_{2}",
+    with_parts=_subquery,
     numbers={
         "whole": f"CASE WHEN {{0}} ~ '^({_NUMBER})$' THEN CAST({{0}} AS bigint) END",
         "real": f"CASE WHEN {{0}} ~ '^({_FULL})$' AND {{0}} !~ '^({_NUMBER})$' THEN CAST({{0}} AS double precision) END",

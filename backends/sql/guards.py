@@ -2,10 +2,14 @@
 
 `and` and `or` of SQL look at both sides, those of guards from the left: so they become CASE. A value is a `SqlTerm`, a column for each type that it
 may have; which one it has is known when the query runs.
+
+A number is its mathematical value: before it is calculated with, a double with an integral value becomes that integer.
+In a comparison each part that is calculated stands once, with a name.
 """
 
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from backends.sql.dialects import Dialect, Path
@@ -18,6 +22,12 @@ _SIGNS: Final = {Operator.EQ: "=", Operator.NE: "<>", Operator.NEGATE: "-"}
 FACETS: Final = ("whole", "real", "text", "truth", "null", "key")
 """What a variable is asked for."""
 _EXACT: Final = 2**53
+_FROM_TERMS: Final = COMPARISONS | {Operator.IN, Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS}
+"""What makes a truth value of others."""
+_SIMPLE: Final = re.compile(r"[\w.]+|\(-[\w.]+\)")
+"""A name, or a number, which needs no name."""
+MAX_NAMED: Final = 100
+"""Parts with names in a comparison."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,12 +52,19 @@ class SqlTerm:
         whole, real, text, truth, null, key = map(facets.__getitem__, FACETS)
         return cls(whole, real, text, truth, null, total=True, key=key)
 
+    @property
+    def fraction(self) -> bool:
+        """Whether it is a constant that is no whole number."""
+        return self.whole is None and self.constant is not None
+
 
 class Guards:
     """Guards in a dialect."""
 
     def __init__(self, dialect: Dialect) -> None:
         self.dialect = dialect
+        self._named: list[list[dict[str, str]]] = []
+        """The named parts of the comparisons that are being written."""
 
     def variable(self, event: str, path: Path) -> SqlTerm:
         """What stands at a path of an event."""
@@ -64,6 +81,8 @@ class Guards:
             case bool():
                 return SqlTerm(truth="true" if value else "false", total=True)
             case int() | float():
+                if isinstance(value, float) and value.is_integer() and abs(value) < 2**63:
+                    value = int(value)
                 if isinstance(value, int) and abs(value) >= 2**63:
                     reason = f"{value} is an integer of more than 64 bits"
                     raise NotExpressible(reason)
@@ -94,8 +113,34 @@ class Guards:
             case Operation(Operator.LIKE, (text, Literal(str() as glob))):
                 matched = self.term(text, binding).text
                 return SqlTerm(truth=matched and f"({self.dialect.like(matched, glob)})")
+            case Operation(operator, operands) if operator in _FROM_TERMS:
+                self._named.append([])
+                truth = self._applied(operator, [self.term(operand, binding) for operand in operands]).truth
+                depth, named = len(self._named), self._named.pop()
+                return SqlTerm(truth=self.dialect.with_parts(depth, named, truth) if truth and named else truth)
             case Operation(operator, operands):
                 return self._applied(operator, [self.term(operand, binding) for operand in operands])
+
+    def _once(self, term: SqlTerm) -> SqlTerm:
+        """The term with names for its numbers and its text, where the dialect has them; whole numbers need none."""
+        kinds = {"whole": term.whole, "real": term.real, "text": term.text}
+        long = {kind: said for kind, said in kinds.items() if said is not None and not _SIMPLE.fullmatch(said)}
+        if not (long and self._named and (term.real or term.text)):
+            return term
+        named = self._named[-1]
+        if len(named) > MAX_NAMED:
+            reason = f"a comparison calculates in more than {MAX_NAMED} steps"
+            raise NotExpressible(reason)
+        if long not in named:
+            named.append(long)
+        place = len(self._named), named.index(long) + 1
+        columns = {kind: self.dialect.part.format(kind, *place) for kind in long}
+        return replace(
+            term,
+            whole=columns.get("whole", term.whole),
+            real=columns.get("real", term.real),
+            text=columns.get("text", term.text),
+        )
 
     def _applied(self, operator: Operator, terms: list[SqlTerm]) -> SqlTerm:
         dialect, first = self.dialect, terms[0]
@@ -127,14 +172,15 @@ class Guards:
             case Operator.LOWER:
                 return SqlTerm(text=first.text and dialect.lower(first.text))
             case Operator.NUMBER:
+                first = self._once(first)
                 of_text = {kind: first.text and dialect.read_number(first.text, kind) for kind in ("whole", "real")}
-                return SqlTerm(_first(first.whole, of_text["whole"]), _first(first.real, of_text["real"]))
+                return self._once(SqlTerm(_first(first.whole, of_text["whole"]), _first(first.real, of_text["real"])))
             case Operator.MIN | Operator.MAX:
                 return self._extreme(operator, terms)
             case Operator.NEGATE:
                 return self._calculated("-", self.literal(0), first, real=f"(-{first.real})")
             case Operator.ABS:
-                return SqlTerm(first.whole and f"abs({first.whole})", first.real and f"abs({first.real})")
+                return self._once(SqlTerm(first.whole and f"abs({first.whole})", first.real and f"abs({first.real})"))
             case _ if operator in ARITHMETIC:
                 return self._calculated(operator.value, first, terms[1])
             case _ if operator in COMPARISONS:
@@ -188,19 +234,32 @@ class Guards:
         """Whole numbers with whole numbers exactly, unless they are divided; all else as numbers with decimals."""
         dialect = self.dialect
         if sign == "/":
-            a, b = self._double(left, exact=True), self._double(right, exact=True)
-            return SqlTerm(real=dialect.finite(f"{a} / nullif({b}, 0)") if a and b else None)
+            a, b = (self._double(self._once(one), exact=True) for one in (left, right))
+            return self._once(SqlTerm(real=dialect.finite(f"{a} / nullif({b}, 0)") if a and b else None))
+        if not (left.fraction or right.fraction):  # beside one of these all is rounded
+            left, right = self._mathematical(left), self._mathematical(right)
         both = left.whole is not None and right.whole is not None
         whole = dialect.checked(f"{left.whole} {sign} {right.whole}") if both else None
         a, b = self._double(left), self._double(right)
         if a is None or b is None or not (left.real or right.real):
-            return SqlTerm(whole)
+            return self._once(SqlTerm(whole))
         if both and not (left.real and right.real):  # the other one is whole, always
             a, b = left.real or a, right.real or b
         found = real or dialect.finite(f"{a} {sign} {b}")
         if both and left.real and right.real:
             found = f"CASE WHEN {left.whole} IS NULL OR {right.whole} IS NULL THEN {found} END"
-        return SqlTerm(whole, found)
+        return self._once(SqlTerm(whole, found))
+
+    def _mathematical(self, term: SqlTerm) -> SqlTerm:
+        """A number to calculate with: a double with an integral value as that integer, an error beyond 64 bits."""
+        if term.real is None:
+            return term
+        if term.total and term.key is None:  # a literal
+            reason = f"{term.real} is an integer of more than 64 bits"
+            raise NotExpressible(reason)
+        term = self._once(term)
+        whole = _first(term.whole, self.dialect.integral(term.real))
+        return self._once(SqlTerm(whole, self.dialect.fractional(term.real)))
 
     def _double(self, term: SqlTerm, *, exact: bool = False) -> str | None:
         """A number as one with decimals; `exact` is an error where a whole number is not one exactly."""
@@ -230,7 +289,7 @@ class Guards:
                 else None
                 for a, b in ((term.whole, found.whole), (term.real, found.real))
             ]
-            found = SqlTerm(ways[0], ways[1])
+            found = self._once(SqlTerm(ways[0], ways[1]))
         return found
 
 

@@ -174,11 +174,16 @@ class Query:
         return [*map(frozenset, found)]
 
     def left_open(self, trace: Sequence[Json]) -> str:
-        """Why a table does not keep an event, or its time, if that is so."""
+        """Why a table does not keep an event, or its time, or the query cannot calculate with its numbers, if that is so."""
         try:
             _ = [*self._loaded(0, trace)]
         except TraceError as error:
             return error.message
+        if has_larger([*trace], BITS // 2, doubles=True):  # whose product has more bits than a column
+            try:
+                self.first_detections([trace])
+            except ToolFailed:
+                return "the query calculates numbers of more than 64 bits"
         return ""
 
     def _loaded(self, number: int, trace: Sequence[Json]) -> Iterator[tuple[Any, ...]]:

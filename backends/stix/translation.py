@@ -6,7 +6,7 @@ from decimal import Decimal
 from itertools import groupby
 from typing import Final, NoReturn
 
-from backends.nests import TIE, WINDOW, Nest, Nesting
+from backends.nests import NEVER, TIE, WINDOW, Nest, Nesting
 from backends.stix.comparisons import Unsaid, comparisons, step
 from backends.stix.observations import EVENT, StixHeader, Way, property_of
 from rvaft.analysis.normal_form import Op
@@ -18,6 +18,8 @@ _SECOND: Final = 1_000_000_000
 _LONGEST: Final = 1_000 * 366 * 86_400 * _SECOND
 _EXACT: Final = 1_000_000_000 * _SECOND
 """The longest window with a fraction of a second that the matcher does not round."""
+_NEVER: Final = f"[{EVENT}:type != '{EVENT}']"
+"""A pattern that no events match."""
 _TOKEN: Final = re.compile(r"'(?:[^'\\]|\\.)*'|[\w.:-]+|\S", re.DOTALL)
 _SIGNS: Final = {Op.ALL: " AND ", Op.SEQUENCE: " FOLLOWEDBY ", Op.ONE: " OR "}
 
@@ -54,6 +56,8 @@ class StixPattern:
 
     def _written(self, nest: Nest, *, inside: bool = False) -> str:
         """A nest as a pattern, or as an operand of another; equal observations are counted."""
+        if nest == NEVER:
+            return _NEVER
         if nest.op is Op.EVENT:
             return self._event(nest)
         nest = nest.ways()
@@ -85,6 +89,6 @@ class StixPattern:
             test = comparisons(pattern, nest.guards, path)
         except Unsaid as reason:
             self._refuse(str(reason), [node])
-        if isinstance(test, bool):  # any event, or none
-            test = f"{EVENT}:type {'=' if test else '!='} '{EVENT}'"
-        return f"[{test}]"
+        if test is False:
+            return _NEVER
+        return f"[{EVENT}:type = '{EVENT}']" if test is True else f"[{test}]"

@@ -40,6 +40,9 @@ BEYOND: Final = "a guard calculates in a way that has no known bounds"
 
 _CALCULATING: Final = ARITHMETIC | {Operator.ABS, Operator.MIN, Operator.MAX}
 _MODERATE: Final = 2**64
+_EXACT: Final = 2**53
+_SMALL: Final = 4
+"""A product with such a whole number is monotone without bounds."""
 _BITS: Final = 64
 _DOUBLE_BITS: Final = 1024 + _BITS
 """From two to this power on all integers are alike, but for as many bits more as steps with moderate constants can take back."""
@@ -109,7 +112,7 @@ class Asked:
         for name in names:
             self._constant(name, *filter(is_number, constants))
         calculated, other = (left, right) if isinstance(left, Operation) else (right, left)
-        if len(names) > 1 or not (isinstance(other, Literal) and _is_monotone(calculated)):
+        if len(names) > 1 or not (isinstance(other, Literal) and _is_monotone(calculated, other.value)):
             self.gap = SEVERAL if len(names) > 1 else BEYOND
             return
         (name,), limit = names, other.value
@@ -151,8 +154,13 @@ def _folded(guard: Guard) -> Guard | None:
     return guard
 
 
-def _is_monotone(guard: Guard) -> bool:
-    """Whether a chain of steps leads from one variable here, each with a constant of moderate size."""
+def _is_monotone(guard: Guard, limit: Scalar) -> bool:
+    """Whether a chain of steps leads from one variable here, each with a constant of moderate size.
+
+    Whole numbers are exact, others are rounded. So a sum with a whole constant is monotone if that is at most 2**53, and
+    a product with one where results are less than 2**54; beyond that it does not matter if `limit` is at most 2**53.
+    """
+    reach = abs(limit) if isinstance(limit, (int, float)) else 0
     while isinstance(guard, Operation):
         operands = [_folded(operand) for operand in guard.operands]
         constants = [one.value for one in operands if isinstance(one, Literal)]
@@ -166,6 +174,21 @@ def _is_monotone(guard: Guard) -> bool:
         sizes = [abs(one) for one in constants if isinstance(one, (int, float)) and one]
         if not all(1 / _MODERATE <= size <= _MODERATE for size in sizes):
             return False
+        size = max(sizes, default=1)
+        whole = size == int(size)
+        match guard.operator:
+            case Operator.ADD | Operator.SUB:
+                if whole and size > _EXACT:
+                    return False
+                reach += size
+            case Operator.MUL:
+                if whole and size > _SMALL and reach > _EXACT:
+                    return False
+                reach /= size
+            case Operator.DIV:
+                reach *= size
+            case _:
+                reach = max(reach, size)
         guard = others[0]
     return isinstance(guard, Variable)
 
@@ -423,19 +446,11 @@ class Choices:
         return list(found.values())
 
     def _forms(self, place: Place, demands: Demands, taken: Collection[Place]) -> list[Json]:
-        """A number as integer and as double, which may differ where guards calculate; an object or a list also undefined."""
-        literal = demands.literal(place)
-        if literal is None:
-            carrier = demands.carrier(place, taken) if self._undefined else None
-            return [] if carrier is None else [Container(), Container(carrier)]
-        value = literal.value
-        if not (self._calculated and isinstance(value, (int, float)) and is_number(value)):
+        """An object or a list, defined and undefined."""
+        if demands.literal(place) is not None:
             return []
-        try:
-            other: int | float = int(value) if isinstance(value, float) else float(value)
-        except OverflowError:
-            return [value]
-        return [value, other] if other == value else [value]
+        carrier = demands.carrier(place, taken) if self._undefined else None
+        return [] if carrier is None else [Container(), Container(carrier)]
 
 
 def _groups(placed: Iterable[Placed], *, together: bool) -> list[list[Place]]:

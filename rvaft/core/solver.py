@@ -164,7 +164,7 @@ class _GuardFacts:
         for operator, left, right in way:
             for part in chain(walk(left), walk(right)):
                 self._note(part)
-            self._compare(operator, _term(left), _term(right))
+            self._compare(operator, left, right)
             self._difference(operator, left, right)
             self._difference(OPERATORS[operator].mirrored or operator, right, left)
 
@@ -184,7 +184,7 @@ class _GuardFacts:
                 self.at_most.append((left, right))
 
     def _note(self, part: Guard) -> None:
-        term = _term(part)
+        term = part
         own = self.sorts[term]
         match part:
             case Literal(constant):
@@ -194,16 +194,16 @@ class _GuardFacts:
                 own.add(_NUMBER)
             case Operation(Operator.LOWER, (operand,)):
                 own.add(_STRING)
-                self.sorts[_term(operand)].add(_STRING)
+                self.sorts[operand].add(_STRING)
             case Operation(operator, operands) if operator in _VALUES:
-                for number in (term, *map(_term, operands)):
+                for number in (term, *operands):
                     self.sorts[number].add(_NUMBER)
                 if operator is Operator.ADD and isinstance(operands[0], Literal):
                     operands = operands[::-1]
                 match operands:
                     case (base, Literal(int() as whole)) if type(whole) is int and operator in _SHIFTS:
                         shift = whole if operator is Operator.ADD else -whole
-                        row = self.sums.setdefault(_term(base), {0: _term(base)})
+                        row = self.sums.setdefault(base, {0: base})
                         self._compare(Operator.EQ, row.setdefault(shift, term), term)
             case _:
                 pass
@@ -215,9 +215,9 @@ class _GuardFacts:
                 at_least = operator in (Operator.GE, Operator.EQ)
                 at_most = operator in (Operator.LE, Operator.EQ)
                 if (operator is Operator.GT and c >= 0) or (at_least and c > 0):
-                    self.less.append((_term(b), _term(a)))
+                    self.less.append((b, a))
                 elif (operator is Operator.LT and c <= 0) or (at_most and c < 0):
-                    self.less.append((_term(a), _term(b)))
+                    self.less.append((a, b))
 
     def contradict(self) -> bool:
         """Whether no values can be so."""
@@ -257,11 +257,6 @@ class _GuardFacts:
 
 
 _SHIFTS: Final = (Operator.ADD, Operator.SUB)
-
-
-def _term(guard: Guard) -> Hashable:
-    """1 and 1.0 are equal, but adding one or the other need not be: they are two terms."""
-    return (type(guard.value), guard.value) if isinstance(guard, Literal) else guard
 
 
 def _sort(constant: Scalar) -> str:

@@ -3,7 +3,9 @@
 After detection: one match of the lowest-numbered branch that has one, with its scenario. Before: what the branches that are still
 alive wait for. A node is pending in a branch if some partial match of the branch has all that precedes the node's event, but not that
 event. As for the verdict, whether the variables and guards can ever agree is not looked at. Under `scattered` only those partial
-matches count that the engine follows: one that another can replace waits for nothing that matters.
+matches count that the engine follows: one that another can replace waits for nothing that matters. Under `consecutive`
+and `scattered` neither does one that the times of its events rule out, which the engine drops at once: there is no ⊥ that
+it could delay, and a log with a long `times N` leaf would otherwise keep N partial matches for each event.
 
 All of this is found when it is asked for, from how the partial matches came about; monitoring does nothing for it.
 """

@@ -15,10 +15,14 @@ can do all that it can, is kept.
 
 What makes a guard one for greater (smaller) values, as `rvaft.model.guards` evaluates it:
 
-- Rounding is monotone: of two values of one type, x <= y, and a constant c, x + c <= y + c holds for the computed results too, for whole
-  numbers exactly and for IEEE doubles after rounding (a whole number is first rounded to a double where c is one). The
-  same goes for x + e where e is whatever the rest of the guard gives, the same for both. Not so between values of two types: 2**53 and
-  2.0**53 are equal, but 2.0**53 + 11 is greater than 2**53 + 11. So only values of one type are compared.
+- Rounding is monotone: of two whole numbers, x <= y, and a constant c, x + c <= y + c holds for the computed results
+  too: exactly if c is whole, and after rounding if not (x is then first rounded to a double). So it does for two
+  numbers that are not whole, always after rounding. The same goes for x + e where e is whatever the rest of the guard
+  gives, the same for both. Not so between a whole number and another one: 0.5 + (2**53 + 1) is 2**53 after rounding,
+  but 0 + (2**53 + 1) is exact. So two values are compared only if both are whole, or neither is. A sum may be whole for
+  the one and not for the other. Hence to a sum only constants are added, and of whole ones only those up to 2**53: of
+  these, and of a number that is not whole and so less than 2**52, the sum is less than 2**54, where a whole number that
+  is greater (or smaller) than a sum is not passed by rounding it.
 - Comparisons of numbers are exact, whatever their types. On texts they are those of code points; arithmetic on texts is undefined.
 - What is undefined does not hold, nor does its negation. So it must not depend on x whether a comparison is defined. Types decide it, and
   being finite, and the conversion of a whole number to a double. Therefore values and constants beyond `MOST` are left out: added to a
@@ -50,7 +54,7 @@ from rvaft.core.times import Extreme
 from rvaft.engine.compiled_tree import CompiledTree, Op
 from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration
 from rvaft.engine.partial_matches import Matching
-from rvaft.model.guards import Guard, Operation, Operator, variables
+from rvaft.model.guards import Guard, Operation, Operator, variables, walk
 from rvaft.model.patterns import Literal, Variable
 from rvaft.model.values import Json, exact, is_number, key
 
@@ -103,7 +107,10 @@ def commits(matching: Matching, before: Configuration, after: Configuration, nod
 
 MOST: Final = 10**100
 
+_EXACT: Final = 2**53
+"""All whole numbers up to this one are doubles."""
 _MIXED: Final = None
+_SUMS: Final = (Operator.ADD, Operator.SUB)
 _FIRST_GREATER: Final = (Operator.GT, Operator.GE)
 _COMPARISONS: Final = (*_FIRST_GREATER, Operator.LT, Operator.LE)
 
@@ -304,7 +311,11 @@ def _turned(sign: int | None) -> int | None:
 
 
 def _slope(term: Guard, name: str) -> tuple[int | None, bool]:
-    """The sign of a variable in a sum that mentions it once, and whether the rest of it is constants."""
+    """The sign of a variable in a sum that mentions it once, and whether the rest of it is constants.
+
+    To a sum with a term that is no constant only whole constants are added, and of whole constants beyond 2**53, and of
+    other terms, one alone is added, to the variable itself.
+    """
     match term:
         case Variable():
             return 1, True
@@ -318,9 +329,12 @@ def _slope(term: Guard, name: str) -> tuple[int | None, bool]:
             slope, alone = _slope(inner, name)
             if operator is Operator.SUB and inner is right:
                 slope = _turned(slope)
-            if isinstance(other, Literal) and _moderate(other.value):
-                return (slope, alone) if alone or type(other.value) is int else (_MIXED, False)
-            return (slope, False) if alone else (_MIXED, False)
+            itself = not any(isinstance(part, Operation) and part.operator in _SUMS for part in walk(inner))
+            if isinstance(other, Literal) and isinstance(other.value, int | float) and _moderate(other.value):
+                whole = other.value == int(other.value)
+                fits = itself or abs(other.value) <= _EXACT if whole else alone
+                return (slope, alone) if fits else (_MIXED, False)
+            return (slope, False) if itself else (_MIXED, False)
         case _:
             return _MIXED, False
 
@@ -330,7 +344,9 @@ def _moderate(value: Json) -> bool:
 
 
 def scale(value: Json) -> type | None:
-    """What two values have in common that can be compared; None for a value that cannot be."""
-    if type(value) is str or (type(value) in (int, float) and _moderate(value)):
+    """What two values have in common that can be compared (`int` if both are whole); None for a value that cannot be."""
+    if type(value) is str or (type(value) is int and _moderate(value)):
         return type(value)
+    if type(value) is float and _moderate(value):
+        return int if value.is_integer() else float
     return None

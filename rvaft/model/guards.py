@@ -13,7 +13,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, StrEnum, auto
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, Final, Generic, NamedTuple, TypeAlias, TypeVar
 
 from rvaft.model.patterns import Binding, Literal, Variable
@@ -100,15 +100,20 @@ def _ordered(compare: Callable[[Any, Any], bool]) -> Callable[[Json, Json], Json
     return compared
 
 
-def _calculating(calculate: Callable[..., Any], *, texts: bool = False) -> Callable[..., Json]:
-    """An operation on numbers, or on texts."""
+def _calculating(calculate: Callable[..., Any]) -> Callable[..., Json]:
+    """An operation on numbers: a double with an integral value is that integer, so equal operands give equal results."""
 
     def calculated(*arguments: Json) -> Json:
+        numbers = []
         for argument in arguments:
-            if not (isinstance(argument, str) if texts else is_number(argument) and is_finite(argument)):
-                return UNDEFINED
+            if type(argument) is not int:
+                if not is_number(argument) or argument - argument != 0:
+                    return UNDEFINED
+                numbers.append(int(argument) if argument.is_integer() else argument)
+            else:
+                numbers.append(argument)
         try:
-            result = calculate(*arguments)
+            result = calculate(*numbers)
         except (ZeroDivisionError, OverflowError):
             return UNDEFINED
         return result if is_finite(result) else UNDEFINED
@@ -116,7 +121,13 @@ def _calculating(calculate: Callable[..., Any], *, texts: bool = False) -> Calla
     return calculated
 
 
-_texts: Final = partial(_calculating, texts=True)
+def _texts(calculate: Callable[..., Any]) -> Callable[..., Json]:
+    """An operation on texts."""
+
+    def calculated(*arguments: Json) -> Json:
+        return calculate(*arguments) if all(isinstance(one, str) for one in arguments) else UNDEFINED
+
+    return calculated
 
 
 @lru_cache(maxsize=1_000)
@@ -189,26 +200,15 @@ for _operator in COMPARISONS:
     assert OPERATORS[_facts.mirrored or Operator.NOT].mirrored is _operator
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Operation:
     """An operator applied: one operand for NOT and NEGATE, two or more for AND, OR, MIN and MAX, else two; of IN the value and the literals.
 
-    Operations are equal where they are written alike. 1 and 1.0, equal as values, are not: arithmetic tells them apart.
+    Operations are equal where their operators and operands are; 1 and 1.0 are one operand, since they are one number.
     """
 
     operator: Operator
     operands: tuple["Guard", ...]
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Operation) and self._written == other._written
-
-    def __hash__(self) -> int:
-        return hash(self._written)
-
-    @property
-    def _written(self) -> tuple[Hashable, ...]:
-        exact = ((type(part), repr(part.value)) if isinstance(part, Literal) else part for part in self.operands)
-        return (self.operator, *exact)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ Python's own `==` will not do: it makes `True == 1`. Values are what a JSON deco
 """
 
 import json
+import math
 import re
 from collections.abc import Hashable, Iterable, Mapping
 from typing import Any, Final, TypeAlias
@@ -16,6 +17,7 @@ Scalar: TypeAlias = str | int | float | bool | None
 _LONG: Final = 16
 """A decimal of fewer characters is the shortest that denotes its double."""
 _PLAIN: Final = (str, int, float, bool, type(None))
+_KEYS: Final = (str, int, float)
 
 
 class Exact(float):
@@ -67,7 +69,7 @@ def is_finite(value: Json) -> bool:
     (True, False)
     """
     if type(value) in _PLAIN:  # by far most are
-        return type(value) is not float or bool(value - value == 0)
+        return type(value) is not float or math.isfinite(value)
     todo = [value]
     while todo:
         part = todo.pop()
@@ -80,11 +82,11 @@ def is_finite(value: Json) -> bool:
     return True
 
 
-def has_larger(value: Json, bits: int) -> bool:
-    """Whether a whole number in a value has more than so many bits, its sign among them.
+def has_larger(value: Json, bits: int, *, doubles: bool = False) -> bool:
+    """Whether a whole number in a value has more than so many bits, its sign among them; with `doubles` also a double.
 
-    >>> has_larger({"id": 2**63 - 1}, 64), has_larger([2**63], 64)
-    (False, True)
+    >>> has_larger({"id": 2**63 - 1}, 64), has_larger([2**63], 64), has_larger(1e20, 64), has_larger(1e20, 64, doubles=True)
+    (False, True, False, True)
     """
     todo = [value]
     while todo:
@@ -93,7 +95,9 @@ def has_larger(value: Json, bits: int) -> bool:
             todo.extend(part.values())
         elif isinstance(part, list):
             todo.extend(part)
-        elif isinstance(part, int) and part.bit_length() >= bits:
+        elif (isinstance(part, int) and part.bit_length() >= bits) or (
+            doubles and isinstance(part, float) and abs(part) >= 1 << bits - 1
+        ):
             return True
     return False
 
@@ -150,19 +154,19 @@ def _flattened(value: Json, *, exactly: bool) -> Hashable:
         elif v - v != 0 if isinstance(v, float) else False:  # not finite: equal to nothing, and one like the other
             out.append("undefined" if exactly else object())
         else:
-            out.append((type(v), v) if exactly else v)
+            out.append(v)
     return out[0] if len(out) == 1 else tuple(out)
 
 
 def exact(value: Json) -> Hashable:
-    """A hashable stand-in for one value: equal where nothing can tell two values apart.
+    """A hashable stand-in for one value: equal where nothing can tell two values apart, also if both are undefined.
 
-    >>> exact(1) == exact(1.0), exact([1]) == exact([1])
-    (False, True)
+    >>> exact(1) == exact(1.0), exact(1) == exact(True), exact([math.nan]) == exact([math.nan])
+    (True, False, True)
     """
-    return (type(value), value) if type(value) in _PLAIN and value == value else _flattened(value, exactly=True)  # noqa: PLR0124
+    return value if type(value) in _KEYS and value == value else _flattened(value, exactly=True)  # noqa: PLR0124
 
 
 def fingerprint(binding: Mapping[str, Json]) -> frozenset[tuple[str, Hashable]]:
-    """A hashable stand-in for a binding. Finer than equality of values: a guard may tell 2**60 from 2.0**60."""
+    """A hashable stand-in for a binding: equal where nothing can tell the values apart."""
     return frozenset((name, exact(value)) for name, value in binding.items())

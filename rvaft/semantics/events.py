@@ -182,7 +182,7 @@ def evaluate(guard: Guard, binding: Binding) -> Any:
     if operator == "not":
         return not typed(values[0], bool)
     if operator == "neg":
-        return -typed(values[0], int, float)
+        return -numeric(values[0])
     if operator in FUNCTIONS:
         return FUNCTIONS[operator](*values)
     return binary(operator, *values)
@@ -224,9 +224,9 @@ FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     "contains": lambda text, part: typed(part, str) in typed(text, str),
     "like": like,
     "lower": lambda text: "".join(character.lower() for character in typed(text, str)),
-    "abs": lambda value: abs(typed(value, int, float)),
-    "min": lambda *values: min([typed(value, int, float) for value in values]),
-    "max": lambda *values: max([typed(value, int, float) for value in values]),
+    "abs": lambda value: abs(numeric(value)),
+    "min": lambda *values: min(map(numeric, values)),
+    "max": lambda *values: max(map(numeric, values)),
     "number": number,
 }
 """Clauses: text and membership in guards; wrong types are undefined here, too."""
@@ -241,9 +241,15 @@ def binary(operator: str, left: Any, right: Any) -> Any:
             typed(left, int, float), typed(right, int, float)
         below, equal = left < right, left == right
         return {"<": below, "<=": below or equal, ">": not below and not equal, ">=": not below}[operator]
-    a, b = typed(left, int, float), typed(right, int, float)
+    a, b = numeric(left), numeric(right)
     result = a + b if operator == "+" else a - b if operator == "-" else a * b if operator == "*" else a / b
     return finite(result)
+
+
+def numeric(value: Any) -> int | float:
+    """Clause: a number is its mathematical value: a double with an integral value is that integer in arithmetic."""
+    number = typed(value, int, float)
+    return int(number) if number == math.floor(number) else number
 
 
 def typed(value: Any, *types: type) -> Any:

@@ -130,7 +130,8 @@ def test_decided(texts: list[str], expected: bool | None) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "value"), [("X + 1 == X", 1e17), ("X + 0.5 < X", 2**53 + 1), ("X + 1 >= 5 and X < 4", 3.9999999999999996)]
+    ("text", "value"),
+    [("X + 0.5 == X", 1e17), ("X + 0.5 < X", 2**53 + 1), ("X + 1 >= 5 and X < 4", 3.9999999999999996)],
 )
 def test_what_holds_through_rounding_is_not_called_contradictory(text: str, value: float) -> None:
     guard = parse_guard(text)

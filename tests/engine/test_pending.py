@@ -197,3 +197,13 @@ def test_many_branches_are_taken_together(semantics: str) -> None:
     engine = Engine(rvaft.loads(f"top and {' '.join(f'g{n}' for n in range(20))}; {gates}"), semantics)
     engine.step({"event": "a3"})
     assert told(engine.pending()) == {None: {f"{side}{n}" for n in range(20) for side in "ab" if n != 3}}
+
+
+@pytest.mark.parametrize(
+    ("semantics", "waits"), [("strict", "b"), ("projected", "b"), ("consecutive", "a"), ("scattered", "a")]
+)
+def test_what_its_times_rule_out_is_left_out_where_no_verdict_waits_for_its_end(semantics: str, waits: str) -> None:
+    tree = "time ts as s; event n(v) = { n: v }; top sand a b within 1 s; a on n(1); b on n(2);"
+    engine = Engine(rvaft.loads(tree), semantics)
+    engine.step({"n": 1})
+    assert told(engine.pending()) == {1: {waits}}

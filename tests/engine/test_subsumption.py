@@ -21,7 +21,7 @@ from tests.engine.checking import compare, small_and_valid
 
 NUMBERS: Final = (
     *(0, 1, 2, 3, -1, 0.5, 2.5, -0.0, 10**16, 2**53, 2.0**53, 2**53 + 1, 1e16),
-    *(1e100, -(10**100), 1e300, 1.7e308),
+    *(1e100, -(10**100), 1e300, 1.7e308, 0.25, 0.75, 2**52 - 0.5, 2**53 + 3, 2**54 + 6),
 )
 VALUES: Final[tuple[Any, ...]] = (
     *(*NUMBERS, 10**101, 10**309, 2**1024 - 2**970 + 1, -1.7e308),
@@ -167,8 +167,7 @@ def test_of_ever_later_or_earlier_times_one_is_kept(times: Sequence[int], matche
 
 
 @pytest.mark.parametrize("values", [(2**53, 2.0**53), (2.0**53, 2**53)])
-def test_values_of_two_types_stay_side_by_side(values: tuple[float, float]) -> None:
-    """2**53 and 2.0**53 are equal, but what is added to them is rounded for one of them only."""
+def test_equal_values_of_two_types_can_do_the_same(values: tuple[float, float]) -> None:
     monitor = Engine(rvaft.loads(TYPES + LATE.replace("10", "11")), "scattered")
     list(monitor.run({"n": "a", "v": value} for value in values))
     assert monitor.step({"n": "b", "v": 2**53 + 11}) is Verdict.TRUE

@@ -63,6 +63,11 @@ def value(data: s.Data, values: Bound) -> Json:
     return s.fold(data, step)
 
 
+def _mathematical(number: Number) -> Number:
+    """A number as its mathematical value: a double with an integral value is that integer."""
+    return int(number) if isinstance(number, float) and number.is_integer() else number
+
+
 def _applied(sign: str, given: list[Json]) -> Json:
     if sign in ("&&", "||"):  # the first operand where it decides, else the second
         first, second = given
@@ -74,7 +79,7 @@ def _applied(sign: str, given: list[Json]) -> Json:
     if sign in _COMPARE:
         return _COMPARE[sign](*given)
     try:
-        result = _CALCULATE[sign](*given)
+        result = _CALCULATE[sign](*map(_mathematical, given))
     except (ZeroDivisionError, OverflowError, ValueError):
         return None
     return result if isinstance(result, int) or math.isfinite(result) else None

@@ -25,7 +25,7 @@ _FLAT: Final = ("and", "or", "shuffle")
 def mark(value: Json | Name) -> Hashable:
     """A hashable stand-in for a value or a variable: two have the same one only where nothing can ever tell them apart.
 
-    Finer than equality of JSON values: 1 and 1.0 are equal, but calculate differently once they are large.
+    Finer than equality of JSON values: 1 and 1.0 are equal, and their marks are not.
     """
     out: list[Hashable] = []
     todo = [value]

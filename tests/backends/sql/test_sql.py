@@ -92,6 +92,18 @@ def test_what_sql_cannot_say_is_refused(text: str, reason: str) -> None:
     assert (raised.value.reason, raised.value.backend) == (reason, "sql")
 
 
+@pytest.mark.parametrize("language", READING)
+def test_parts_of_a_comparison_that_are_calculated_stand_once(language: Backend) -> None:
+    guard = "((number(V) / 4 + 1) * 3 - number(lower(V))) / 7 + abs(number(V)) < max(number(V) * 2, 8) / 3"
+    tree = loads(f"event e(x) = {{ x: x }}; r and a b; a on e(V) when {guard}; b;")
+    assert len(language.translate(tree, Semantics.SCATTERED).text) < 30_000
+    assert first(language, tree, Semantics.SCATTERED, [{"x": "80"}, {"event": "b"}, {"x": "1"}]) == 3
+    long, longer = (loads(f"event e(x) = {{ x: x }}; r on e(X) when X{' + X' * steps} > 0;") for steps in (25, 80))
+    assert first(language, long, Semantics.SCATTERED, [{"x": 0.5}]) == 1
+    with pytest.raises(NotExpressible, match="a comparison calculates in more than 100 steps"):
+        language.translate(longer, Semantics.SCATTERED)
+
+
 @pytest.mark.parametrize(("text", "message"), rows("malformed.txt"))
 def test_what_is_no_query_is_one_line(text: str, message: str, tmp_path: Path) -> None:
     with pytest.raises(LanguageError, match=message):

@@ -38,11 +38,23 @@ def code_lines(text: str, tree: ast.Module) -> int:
     return len({line for token in tokens for line in range(token.start[0], token.end[0] + 1)} - docs)
 
 
-def imports(parent: ast.AST, known: Mapping[str, object], *, inside: bool = False) -> Iterator[tuple[str, bool]]:
-    """Which of the known modules are imported, and whether inside a function; what only type checkers see is left out."""
+def imports(
+    parent: ast.AST, known: Mapping[str, object], *, inside: bool = False, hidden: bool = False
+) -> Iterator[tuple[str, bool, bool]]:
+    """Yield each import of a known module: its name, whether it is inside a function, and whether it is hidden.
+
+    An import is hidden that only type checkers see, or that names the module in a text: `import_module("…")`.
+    """
     for node in ast.iter_child_nodes(parent):
         match node:
             case ast.If(test=ast.Name(id="TYPE_CHECKING")):
+                yield from imports(node, known, inside=inside, hidden=True)
+                continue
+            case ast.Call(
+                func=ast.Name(id="import_module") | ast.Attribute(attr="import_module"),
+                args=[ast.Constant(value=str(name)), *_],
+            ) if name in known:
+                yield name, inside, True
                 continue
             case ast.Import(names=names):
                 found = [name.name for name in names]
@@ -50,9 +62,9 @@ def imports(parent: ast.AST, known: Mapping[str, object], *, inside: bool = Fals
                 found = [inner if (inner := f"{base}.{name.name}") in known else base for name in names]
             case _:
                 within = inside or isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
-                yield from imports(node, known, inside=within)
+                yield from imports(node, known, inside=within, hidden=hidden)
                 continue
-        yield from ((name, inside) for name in dict.fromkeys(found) if name in known)
+        yield from ((name, inside, hidden) for name in dict.fromkeys(found) if name in known)
 
 
 def measured() -> dict[str, int]:
@@ -61,8 +73,8 @@ def measured() -> dict[str, int]:
     texts = {name: path.read_text(encoding="utf-8") for name, path in files.items()}
     trees = {name: ast.parse(text) for name, text in texts.items()}
     lines = {name: len(text.splitlines()) for name, text in texts.items()}
-    edges = [(name, other, inner) for name, tree in trees.items() for other, inner in imports(tree, files)]
-    circles = networkx.strongly_connected_components(networkx.DiGraph([(a, b) for a, b, _ in edges]))
+    edges = [(name, *found) for name, tree in trees.items() for found in imports(tree, files)]
+    circles = networkx.strongly_connected_components(networkx.DiGraph([(a, b) for a, b, *_ in edges]))
     classes = Counter(node.name for tree in trees.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
     largest = max(map(len, circles), default=0)
     return {
@@ -74,7 +86,8 @@ def measured() -> dict[str, int]:
         ),
         "most files in one folder": max(Counter(path.parent for path in files.values()).values()),
         "largest import circle": largest if largest > 1 else 0,
-        "imports of ours inside functions": sum(inner for _, _, inner in edges),
+        "imports of ours inside functions": sum(inner for _, _, inner, _ in edges),
+        "imports of ours by name or for types only": sum(hidden for *_, hidden in edges),
         "class names used twice": sum(count > 1 for count in classes.values()),
         "files that name gates": sum(bool(GATES.search(text)) for text in texts.values()),
         "modules that are bare gerunds or participles": sum(bool(BARE.fullmatch(path.stem)) for path in files.values()),

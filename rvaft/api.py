@@ -249,8 +249,10 @@ def one_of(choices: type[Choice], value: Choice | str) -> Choice:
 
 
 @no_collections()
-def loads(text: str, file: str = "<text>", *, strict_galileo: bool = False) -> RVAFT:
+def loads(text: str, file: str = "<text>", *, strict_galileo: bool = False, confine_imports: bool = False) -> RVAFT:
     """The tree that a text stands for; imports are relative to the folder of `file`.
+
+    With `confine_imports`, those of files outside that folder are refused.
 
     Raises `LanguageError` for what is not in the language and `TreeError` for the first rule that the tree breaks. Galileo's dynamic
     gates are read with the meaning that observed failures have, or, with `strict_galileo`, refused.
@@ -259,18 +261,18 @@ def loads(text: str, file: str = "<text>", *, strict_galileo: bool = False) -> R
     <RVAFT top: 3 nodes>
     """
     expect("the text of a tree", text, str, "a str")
-    return _checked(parse(text, file, strict_galileo=strict_galileo))
+    return _checked(parse(text, file, strict_galileo=strict_galileo, confine_imports=confine_imports))
 
 
 @no_collections()
-def load(path: os.PathLike[str] | str, *, strict_galileo: bool = False) -> RVAFT:
+def load(path: os.PathLike[str] | str, *, strict_galileo: bool = False, confine_imports: bool = False) -> RVAFT:
     """The tree in a file, also in Galileo's format; raises as `loads` does, and `OSError` where it cannot be read.
 
     >>> load("trees/gates/and.rvaft")
     <RVAFT top: 4 nodes>
     """
     expect("the path of a tree", path, str | os.PathLike, "a str or a path")
-    return _checked(parse_file(path, strict_galileo=strict_galileo))
+    return _checked(parse_file(path, strict_galileo=strict_galileo, confine_imports=confine_imports))
 
 
 def _checked(draft: Draft) -> RVAFT:

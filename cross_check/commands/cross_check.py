@@ -152,7 +152,7 @@ _PUBLISHED: Final = "Also run RML by the published monitor, of which DIR is a ch
 @click.option("--against", multiple=True, metavar="[LANG:]FILE", help="A specification to hold against each TREE.")
 @click.option("--backends", metavar="A,B", help="These backends instead of all faithful ones.")
 @click.option("--semantics", callback=options.some(Semantics), metavar="S,...|all", help=_SEMANTICS)
-@options.strict_galileo
+@options.reading_options
 @options.part_options
 @options.number("--random", text="Compare N random trees.")
 @click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="The seed of everything random.")

@@ -38,7 +38,7 @@ _WIDTH: Final = "Of tables and figures; only with --latex or --plots.  [default:
 @click.command("compare")
 @click.argument("trees", nargs=-1, metavar="[TREE]...")
 @click.option("--gates", callback=options.some(Gate), metavar="and,or,...", help=_GATES)
-@options.strict_galileo
+@options.reading_options
 @options.number("--max-arity", default=MAX_ARITY, text="Gates with 1 to N children, VOT with every threshold.")
 @click.option("--semantics", callback=options.some(Semantics), metavar="S,...|all", help=_SEMANTICS)
 @click.option(

@@ -23,7 +23,7 @@ _FORMATS: Final = "What to print: github are annotations of a workflow, sarif is
 
 @click.command("check")
 @click.argument("trees", nargs=-1, required=True, metavar="TREE...")
-@options.strict_galileo
+@options.reading_options
 @click.option("--strict", is_flag=True, help="Warnings count as errors do.")
 @options.output_format("text", "json", "github", "sarif", text=_FORMATS)
 def check_command(*, trees: tuple[str, ...], strict: bool, form: str) -> int:

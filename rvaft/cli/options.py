@@ -66,23 +66,28 @@ def timeout_option(text: str, default: float | None = None) -> Callable[[F], F]:
 
 flag: Final = partial(click.option, is_flag=True, default=None)
 """An option that is given, refused by its other name, or left open."""
-_STRICT: Final = "strict_galileo"
+_READING: Final = {
+    "strict_galileo": "Refuse Galileo's dynamic gates instead of reading them as observed failures.",
+    "confine_imports": "Refuse imports of files outside the folder of the tree.",
+}
+"""The options of how trees are read, with their help."""
 
 
-def _remember(context: click.Context, _parameter: object, value: bool) -> None:
-    context.meta[_STRICT] = value
+def _remember(context: click.Context, parameter: click.Parameter, value: bool) -> None:
+    context.meta[str(parameter.name)] = value
 
 
-_STRICTLY: Final = "Refuse Galileo's dynamic gates instead of reading them as observed failures."
-strict_galileo: Final = click.option(
-    "--strict-galileo", is_flag=True, expose_value=False, callback=_remember, help=_STRICTLY
-)
-"""`--strict-galileo`, for commands that read trees by `load_tree`, `read_tree` or `read_draft`."""
+def reading_options(function: F) -> F:
+    """`--strict-galileo` and `--confine-imports`, for commands that use `load_tree`, `read_tree` or `read_draft`."""
+    for name, text in reversed(_READING.items()):
+        option = f"--{name.replace('_', '-')}"
+        function = click.option(option, name, is_flag=True, expose_value=False, callback=_remember, help=text)(function)
+    return function
 
 
 def tree_argument(function: F) -> F:
     """The argument TREE, and how it is read."""
-    return click.argument("tree", metavar="TREE")(strict_galileo(function))
+    return click.argument("tree", metavar="TREE")(reading_options(function))
 
 
 strict_json: Final = click.option(
@@ -272,25 +277,27 @@ def _standard_text() -> str:
 
 def load_tree(path: str) -> RVAFT:
     """The tree in a file, read as strictly as the command line asks; raises as `rvaft.load` does."""
-    return load(path, strict_galileo=_is_strict())
+    return load(path, **_reading())
 
 
 def read_tree(tree: str) -> RVAFT:
     """The tree in a file, or for `-` on standard input; raises as `rvaft.load` does."""
     if tree != "-":
         return load_tree(tree)
-    return loads(_standard_text(), "<stdin>", strict_galileo=_is_strict())
+    return loads(_standard_text(), "<stdin>", **_reading())
 
 
 def read_draft(tree: str) -> Draft:
     """The draft in a file, or for `-` on standard input; raises as `parse` does, and `OSError`."""
     if tree != "-":
-        return parse_file(tree, strict_galileo=_is_strict())
-    return parse(_standard_text(), "<stdin>", strict_galileo=_is_strict())
+        return parse_file(tree, **_reading())
+    return parse(_standard_text(), "<stdin>", **_reading())
 
 
-def _is_strict() -> bool:
-    return bool(click.get_current_context().meta.get(_STRICT))
+def _reading() -> dict[str, bool]:
+    """How the command line asks trees to be read."""
+    meta = click.get_current_context().meta
+    return {name: bool(meta.get(name)) for name in _READING}
 
 
 @contextmanager

@@ -63,7 +63,7 @@ class Expectation(NamedTuple):
 @click.command("test")
 @click.argument("trees", nargs=-1, required=True, metavar="TREE...")
 @click.option("--update", is_flag=True, help="Write NAME.verdicts.json anew from what the engine says now.")
-@options.strict_galileo
+@options.reading_options
 @options.output_format("text", "junit")
 def test_command(*, trees: tuple[str, ...], update: bool, form: str) -> int:
     """Run the traces NAME.traces/*.jsonl, or in another format, beside each TREE, and compare with the verdicts in NAME.verdicts.json.

@@ -87,8 +87,10 @@ def parse_time(text: str, file: str = "<time>") -> EventTime:
     return time
 
 
-def parse(text: str, file: str = "<text>", *, strict_galileo: bool = False) -> Draft:
+def parse(text: str, file: str = "<text>", *, strict_galileo: bool = False, confine_imports: bool = False) -> Draft:
     """The draft that a text and its imports make; paths of imports are relative to the folder of `file`.
+
+    With `confine_imports` a file outside that folder is not read. Without it, no error quotes the text of such a file.
 
     Raises `LanguageError` for what is not in the language, here or in an imported file, and `NoTree` where no statement is about
     a node. What is in the language and still no tree (a cycle, a part set twice, …) stays in the draft. Galileo's dynamic gates are
@@ -98,7 +100,7 @@ def parse(text: str, file: str = "<text>", *, strict_galileo: bool = False) -> D
     ['a', 'top']
     """
     draft = Draft(file)
-    _read_all(_Source(file, draft, [], os.path.realpath(file), text))
+    _read_all(_Source(file, draft, [], os.path.realpath(file), text), confined=confine_imports)
     if not draft.nodes:
         raise NoTree(draft)
     draft.carry_out_prunes()
@@ -106,10 +108,10 @@ def parse(text: str, file: str = "<text>", *, strict_galileo: bool = False) -> D
     return draft
 
 
-def parse_file(path: os.PathLike[str] | str, *, strict_galileo: bool = False) -> Draft:
+def parse_file(path: os.PathLike[str] | str, *, strict_galileo: bool = False, confine_imports: bool = False) -> Draft:
     """The draft of a file and its imports; raises `LanguageError` as `parse` does, and `OSError` where it cannot be read."""
     name = os.fspath(path)
-    return parse(_text_of(name), name, strict_galileo=strict_galileo)
+    return parse(_text_of(name), name, strict_galileo=strict_galileo, confine_imports=confine_imports)
 
 
 def _text_of(name: str) -> str:
@@ -150,9 +152,10 @@ class _Source(Page):
 
 
 @no_collections()
-def _read_all(main: _Source) -> None:
+def _read_all(main: _Source, *, confined: bool) -> None:
     """Read a file and its imports into its draft, depth first, each file once; the importing file's `toplevel` counts."""
     toplevels: dict[str, list[Said[str]]] = {}
+    folder = Path(os.path.realpath(os.path.dirname(main.file)))  # noqa: PTH120 - of a text, the current folder
     open_files = [main.begin()]
     while open_files:
         source = open_files[-1]
@@ -160,10 +163,10 @@ def _read_all(main: _Source) -> None:
             if not isinstance(statement, ImportStatement):
                 statement(source)
                 continue
-            inner = _imported(source, statement.path, open_files)
+            inner = _imported(source, statement.path, open_files, folder, confined=confined)
             source.imported.append(inner.identity)
             if inner.identity not in toplevels:
-                open_files.append(inner.begin())
+                open_files.append(_begun(inner, folder))
                 break
         else:
             inherited = (said for identity in source.imported for said in toplevels[identity])
@@ -172,11 +175,36 @@ def _read_all(main: _Source) -> None:
     main.draft.toplevels = toplevels[main.identity]
 
 
-def _imported(source: _Source, path: Token, open_files: list[_Source]) -> _Source:
+def _is_outside(identity: str, folder: Path) -> bool:
+    """Whether a file is outside a folder, links followed."""
+    return not Path(identity).is_relative_to(folder)
+
+
+def _begun(source: _Source, folder: Path) -> _Source:
+    """An imported file, parsed; an error does not quote its text if it is outside the folder of the tree."""
+    try:
+        return source.begin()
+    except LanguageError as error:
+        if not _is_outside(source.identity, folder):
+            raise
+        what = "this is not in the language of trees (the text of a file outside the folder of the tree is not shown)"
+        raise LanguageError(what, file=error.file, line=error.line, column=error.column) from None
+
+
+def _imported(source: _Source, path: Token, open_files: list[_Source], folder: Path, *, confined: bool) -> _Source:
     def error(message: str) -> LanguageError:
         return error_at(message, source.text.removeprefix("\ufeff"), path.start_pos or 0, source.file)
 
     name = os.path.join(os.path.dirname(source.file), path)  # noqa: PTH118, PTH120 - keeps "./" as written
+    try:
+        identity = os.path.realpath(name)
+    except ValueError as inner:  # a path that no system can have
+        raise error(f"cannot import {shown(path)}: cannot read the file: {inner}") from inner
+    if confined and _is_outside(identity, folder):
+        raise error(
+            f"cannot import {shown(path)}: it is outside the folder of the tree; "
+            "move it there, or read the tree without --confine-imports"
+        )
     try:
         text = _text_of(name)
     except LanguageError as inner:
@@ -185,7 +213,6 @@ def _imported(source: _Source, path: Token, open_files: list[_Source]) -> _Sourc
         raise error(f"cannot import {shown(path)}: {inner.message}") from inner
     except OSError as inner:
         raise error(f"cannot import {shown(path)}: {inner.strerror}") from inner
-    identity = os.path.realpath(name)
     if any(identity == other.identity for other in open_files):
         raise error(f"the files import each other in a circle: {shown(path)} is being read already")
     return _Source(name, source.draft, [], identity, text)

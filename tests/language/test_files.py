@@ -195,3 +195,31 @@ def test_arguments_of_a_wrong_type(call: Callable[[], object], said: str) -> Non
     with pytest.raises(WrongType) as caught:
         call()
     assert str(caught.value).replace("WindowsPath", "PosixPath") == said
+
+
+def test_no_error_quotes_a_file_outside_the_folder_of_the_tree(tmp_path: Path) -> None:
+    folder = tmp_path / "trees"
+    (folder / "inner").mkdir(parents=True)
+    (tmp_path / "secret.txt").write_text("root:x:0:0\n")
+    (folder / "own.rvaft").write_text("root:x;")
+    (folder / "link.rvaft").symlink_to(tmp_path / "secret.txt")
+    (folder / "inner" / "far.rvaft").write_text('import "../../secret.txt";')
+    tree = folder / "tree.rvaft"
+    for path in (str(tmp_path / "secret.txt"), "../secret.txt", "link.rvaft", "inner/far.rvaft"):
+        tree.write_text(f'import "{path}"; top or a;')
+        with pytest.raises(LanguageError, match=r"1:1: this is not in the language of trees") as raised:
+            load(tree)
+        assert "root:x" not in str(raised.value)
+        with pytest.raises(LanguageError, match="it is outside the folder of the tree; move it there, or read"):
+            load(tree, confine_imports=True)
+    tree.write_text('import "own.rvaft"; top or a;')
+    with pytest.raises(LanguageError, match="root:x"):
+        load(tree)
+
+
+def test_confined_imports_of_the_folder_of_the_tree_and_those_in_it(tmp_path: Path) -> None:
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "events.rvaft").write_text('import "../more.rvaft"; event e(x) = { x: x };')
+    (tmp_path / "more.rvaft").write_text("ignore e(2);")
+    (tmp_path / "tree.rvaft").write_text('import "parts/events.rvaft"; top and a; a on e(1);')
+    assert load(tmp_path / "tree.rvaft", confine_imports=True).root == "top"

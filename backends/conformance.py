@@ -28,7 +28,7 @@ from rvaft.backend import Backend, Observed, Specification
 from rvaft.errors import LanguageError, NotExpressible, TooLarge
 from rvaft.language.parser import parse
 from rvaft.model.expressions import CLAUSES, GATES
-from rvaft.model.guards import FUNCTIONS, ORDERINGS, POINTS, Operation, Operator, holds, walk
+from rvaft.model.guards import FUNCTIONS, NUMERIC, ORDERINGS, POINTS, Operation, Operator, holds, walk
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Causality, Gate, Kind
 from rvaft.model.patterns import ListPattern, Literal, Pattern, Variable, match, variables
@@ -218,7 +218,7 @@ ALIKE: Final = 4
 """So many of the prefixes that lead to one state are held against each other."""
 
 
-OF_STRINGS: Final = FUNCTIONS - {Operator.ABS, Operator.MIN, Operator.MAX}
+OF_STRINGS: Final = FUNCTIONS - NUMERIC
 
 
 def everything(example: Example, semantics: Semantics) -> bool:  # noqa: ARG001 -- a `Required`

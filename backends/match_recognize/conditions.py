@@ -11,7 +11,6 @@ from rvaft.core.conditions import (
     ComparisonTest,
     ConditionTest,
     EqualityTest,
-    Sort,
     SortTest,
     TruthCondition,
     TruthTest,
@@ -19,7 +18,7 @@ from rvaft.core.conditions import (
     spelled,
 )
 from rvaft.errors import TooLarge
-from rvaft.model.guards import Guard, Operation, Operator
+from rvaft.model.guards import Guard, Operation, Operator, Sort
 from rvaft.model.patterns import Literal
 
 Column: TypeAlias = Callable[[str, Guard], str | None]

@@ -13,7 +13,6 @@ from rvaft.core.conditions import (
     ComparisonTest,
     ConditionTest,
     EqualityTest,
-    Sort,
     SortTest,
     TruthConditions,
     TruthTest,
@@ -21,7 +20,7 @@ from rvaft.core.conditions import (
     spelled,
 )
 from rvaft.errors import TooLarge
-from rvaft.model.guards import FUNCTIONS, Guard, Operation, Operator, variables
+from rvaft.model.guards import FUNCTIONS, Guard, Operation, Operator, Sort, variables
 from rvaft.model.patterns import Literal, Variable
 
 Ways: TypeAlias = tuple[tuple[str, ...], ...]

@@ -14,8 +14,8 @@ import networkx as nx
 from cross_check.letters.unification import ROOT, Demands, Fresh, Place
 from rvaft.errors import TooLarge
 from rvaft.model.guards import (
-    ARITHMETIC,
     COMPARISONS,
+    NUMERIC,
     ORDERINGS,
     UNDEFINED,
     Guard,
@@ -38,7 +38,6 @@ from rvaft.model.values import Json, Scalar, is_number, key
 SEVERAL: Final = "a guard calculates with several values"
 BEYOND: Final = "a guard calculates in a way that has no known bounds"
 
-_CALCULATING: Final = ARITHMETIC | {Operator.ABS, Operator.MIN, Operator.MAX}
 _MODERATE: Final = 2**64
 _EXACT: Final = 2**53
 _SMALL: Final = 4
@@ -99,9 +98,9 @@ class Asked:
                 self._constant(name, constant)
             case _:
                 operators = [side.operator for side in (left, right) if isinstance(side, Operation)]
-                if any(operator in _CALCULATING for operator in operators):
+                if any(operator in NUMERIC for operator in operators):
                     self._calculation(left, right)
-                if any(operator not in _CALCULATING for operator in operators):  # the other side is a truth value then
+                if any(operator not in NUMERIC for operator in operators):  # the other side is a truth value then
                     self._condition(left)
                     self._condition(right)
 
@@ -165,7 +164,7 @@ def _is_monotone(guard: Guard, limit: Scalar) -> bool:
         operands = [_folded(operand) for operand in guard.operands]
         constants = [one.value for one in operands if isinstance(one, Literal)]
         others = [one for one in operands if one is not None and not isinstance(one, Literal)]
-        if guard.operator not in _CALCULATING or len(others) != 1 or len(constants) != len(operands) - 1:
+        if guard.operator not in NUMERIC or len(others) != 1 or len(constants) != len(operands) - 1:
             return False
         if guard.operator is Operator.DIV and isinstance(operands[0], Literal):
             return False

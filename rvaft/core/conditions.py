@@ -7,16 +7,17 @@ constants, variables and what is calculated of them: for a language there is not
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Final, TypeAlias, TypeVar
 
 from rvaft.model.guards import (
     ARITHMETIC,
+    FUNCTIONS,
     OPERATORS,
     ORDERINGS,
     Guard,
     Operation,
     Operator,
+    Sort,
     folded,
     is_total,
     value,
@@ -26,18 +27,6 @@ from rvaft.model.patterns import Literal, Variable
 from rvaft.model.values import equal, is_number
 
 T = TypeVar("T")
-
-
-class Sort(StrEnum):
-    """What the value of a term is; of a variable it is not known, or it is the time of an event. What is VOID has no value, ever."""
-
-    NUMBER = "number"
-    TIME = "time"
-    TEXT = "text"
-    TRUTH = "truth"
-    NULL = "null"
-    UNKNOWN = "unknown"
-    VOID = "void"
 
 
 class Unsayable(Exception):
@@ -153,7 +142,8 @@ class TruthConditions:
             case operator if operator in ORDERINGS:
                 sign = operator if wanted else OPERATORS[operator].negated
                 return _any(self._compared(sort, left, str(sign), others[0]) for sort in (Sort.NUMBER, Sort.TEXT))
-            case _:
+            case operator:
+                assert operator in ARITHMETIC | FUNCTIONS, f"no conditions for {operator}"
                 return TruthTest(guard, wanted) if self.sort(guard) is Sort.TRUTH else NEVER
 
     def _decided(self, guard: Guard, wanted: bool, rest: TruthCondition) -> TruthCondition:
@@ -221,33 +211,19 @@ class TruthConditions:
             case Variable(name):
                 return Sort.TIME if name in self._times else Sort.UNKNOWN
             case Operation(operator, operands):
-                found = _SORTS.get(operator, Sort.TRUTH)
-                if not variables(term):  # what has one is folded
+                facts = OPERATORS[operator]
+                if not variables(term):  # a term with a value is folded
                     return Sort.VOID
-                if operator in _OPERANDS:
+                if operator in ARITHMETIC | FUNCTIONS and facts.takes is not None:
                     sorts = {self.sort(one) for one in operands}
-                    if not sorts <= {*_OPERANDS[operator], Sort.UNKNOWN}:
+                    taken = {*facts.takes, Sort.UNKNOWN, *((Sort.TIME,) if Sort.NUMBER in facts.takes else ())}
+                    if not sorts <= taken:
                         return Sort.VOID
-                    if found is Sort.NUMBER and Sort.TIME in sorts:
+                    if facts.gives is Sort.NUMBER and Sort.TIME in sorts:
                         if {Sort.UNKNOWN, Sort.NUMBER} & {self.sort(one) for one in operands if variables(one)}:
                             raise Unsayable("it calculates with a time and with what is none")
                         return Sort.TIME
-                return found
-
-
-_SORTS: Final = {
-    **dict.fromkeys((*ARITHMETIC, Operator.ABS, Operator.MIN, Operator.MAX, Operator.NUMBER), Sort.NUMBER),
-    Operator.LOWER: Sort.TEXT,
-}
-"""What operators give; all others give a truth value."""
-_OPERANDS: Final = {
-    **dict.fromkeys((*ARITHMETIC, Operator.ABS, Operator.MIN, Operator.MAX), (Sort.NUMBER, Sort.TIME)),
-    Operator.NUMBER: (Sort.NUMBER, Sort.TIME, Sort.TEXT),
-    **dict.fromkeys(
-        (Operator.LOWER, Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS, Operator.LIKE), (Sort.TEXT,)
-    ),
-}
-"""What operators take, where they are no comparisons or junctions."""
+                return facts.gives
 
 
 def _all(parts: Iterable[TruthCondition]) -> TruthCondition:

@@ -14,15 +14,14 @@ from itertools import chain, combinations, pairwise, product
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from rvaft.model.guards import (
-    ARITHMETIC,
     COMPARISONS,
-    FUNCTIONS,
     OPERATORS,
     ORDERINGS,
     UNDEFINED,
     Guard,
     Operation,
     Operator,
+    Sort,
     folded,
     holds,
     value,
@@ -112,16 +111,26 @@ def _when(guard: Guard, *, truth: bool) -> list[Way]:
             operator = Operator.EQ if truth else Operator.NE
             compared_with = [_when(Operation(operator, (operand, one)), truth=True) for one in listed]
             return _bounded(chain(*compared_with)) if truth else _all_of(compared_with)
-        case Operation(operator) if operator not in _VALUES:  # of texts
-            constant = value(guard, {}) if not variables(guard) else truth
-            lowered = [Operation(Operator.LOWER, (operand,)) for operand in guard.operands]  # which says: it is a text
-            return [tuple(GuardComparison(Operator.EQ, one, one) for one in lowered)] if constant is truth else []
-        case _:
+        case Operation(operator) if operator not in _VALUES:
+            if not variables(guard):
+                return [()] if value(guard, {}) is truth else []
+            if OPERATORS[operator].takes != _TEXTS:
+                return [()]
+            lowered = [Operation(Operator.LOWER, (operand,)) for operand in guard.operands]  # defined for texts alone
+            return [tuple(GuardComparison(Operator.EQ, one, one) for one in lowered)]
+        case Operation():
             return []  # numbers and texts have no truth value
 
 
-_VALUES: Final = ARITHMETIC | {Operator.ABS, Operator.MIN, Operator.MAX, Operator.LOWER, Operator.NUMBER}
-"""What makes numbers or texts, and no truth values."""
+_VALUES: Final = frozenset(operator for operator, facts in OPERATORS.items() if facts.gives is not Sort.TRUTH)
+"""Operators that give numbers or texts."""
+_TEXTS: Final = frozenset({Sort.TEXT})
+_TEXT_TESTS: Final = frozenset(
+    operator
+    for operator, facts in OPERATORS.items()
+    if facts.takes == _TEXTS and facts.gives is Sort.TRUTH and facts.arity == 2
+)
+"""Operators that compare a text with another text."""
 
 
 def _all_of(parts: list[list[Way]]) -> list[Way]:
@@ -139,8 +148,6 @@ def _bounded(ways: Iterable[Way]) -> list[Way]:
 
 # The proof from sorts and order.
 
-_NUMBER, _STRING = "number", "string"
-
 
 def refuted(guards: Iterable[Guard]) -> bool:
     """Whether it is proved that no values make all guards hold; False says nothing."""
@@ -157,7 +164,7 @@ class _GuardFacts:
         self.at_most: list[tuple[Hashable, Hashable]] = []
         self.less: list[tuple[Hashable, Hashable]] = []
         self.unequal: list[tuple[Hashable, Hashable]] = []
-        self.sorts: defaultdict[Hashable, set[str]] = defaultdict(set)  # of every term
+        self.sorts: defaultdict[Hashable, set[Sort]] = defaultdict(set)  # of every term
         self.constants: dict[Hashable, Any] = {}
         self.sums: dict[Hashable, dict[int, Hashable]] = {}  # of a term those that are it plus a whole number
         self.compared: set[Hashable] = set()
@@ -190,14 +197,13 @@ class _GuardFacts:
             case Literal(constant):
                 self.constants[term] = constant
                 own.add(_sort(constant))
-            case Operation(Operator.NUMBER):
-                own.add(_NUMBER)
-            case Operation(Operator.LOWER, (operand,)):
-                own.add(_STRING)
-                self.sorts[operand].add(_STRING)
             case Operation(operator, operands) if operator in _VALUES:
-                for number in (term, *operands):
-                    self.sorts[number].add(_NUMBER)
+                facts = OPERATORS[operator]
+                own.add(facts.gives)
+                if facts.takes is not None and len(facts.takes) == 1:
+                    (taken,) = facts.takes
+                    for operand in operands:
+                        self.sorts[operand].add(taken)
                 if operator is Operator.ADD and isinstance(operands[0], Literal):
                     operands = operands[::-1]
                 match operands:
@@ -223,7 +229,7 @@ class _GuardFacts:
         """Whether no values can be so."""
         for row in self.sums.values():
             self.at_most += [(row[less], row[more]) for less, more in pairwise(sorted(row))]
-        for sort in (_NUMBER, _STRING):
+        for sort in (Sort.NUMBER, Sort.TEXT):
             mine = [term for term, constant in self.constants.items() if _sort(constant) == sort]
             for low, high in pairwise(sorted(mine, key=self.constants.__getitem__)):
                 self._compare(Operator.EQ if self.constants[low] == self.constants[high] else Operator.LT, low, high)
@@ -244,7 +250,7 @@ class _GuardFacts:
 
         if any(same(low, high) for low, high in (*self.less, *self.unequal)):
             return True
-        others = [term for term, constant in self.constants.items() if _sort(constant) not in (_NUMBER, _STRING)]
+        others = [term for term, constant in self.constants.items() if _sort(constant) not in (Sort.NUMBER, Sort.TEXT)]
         terms = list(number)
         return any(same(*pair) for pair in combinations(others, 2)) or any(
             self._mixed({terms[index] for index in bits(component)}) for component in set(beside)
@@ -252,19 +258,19 @@ class _GuardFacts:
 
     def _mixed(self, terms: set[Hashable]) -> bool:
         """Whether these terms, of one sort, would have to be of two sorts, or of one that has no order."""
-        sorts = set[str]().union(*(self.sorts[term] for term in terms))
-        return len(sorts) > 1 or (not sorts <= {_NUMBER, _STRING} and not self.compared.isdisjoint(terms))
+        sorts = set[Sort]().union(*(self.sorts[term] for term in terms))
+        return len(sorts) > 1 or (not sorts <= {Sort.NUMBER, Sort.TEXT} and not self.compared.isdisjoint(terms))
 
 
 _SHIFTS: Final = (Operator.ADD, Operator.SUB)
 
 
-def _sort(constant: Scalar) -> str:
+def _sort(constant: Scalar) -> Sort:
     if is_number(constant):
-        return _NUMBER
+        return Sort.NUMBER
     if isinstance(constant, str):
-        return _STRING
-    return "null" if constant is None else "boolean"
+        return Sort.TEXT
+    return Sort.NULL if constant is None else Sort.TRUTH
 
 
 # The proof over real numbers, by sympy.
@@ -467,7 +473,7 @@ def _texts(guards: list[Guard], binding: Binding) -> Iterator[str]:
     """Texts that begin, go on and end as guards ask, and what globs stand for at the least."""
     found: dict[Operator, list[str]] = {}
     for part in chain(*map(walk, guards)):
-        if isinstance(part, Operation) and part.operator in FUNCTIONS and part.operator not in _VALUES:
+        if isinstance(part, Operation) and part.operator in _TEXT_TESTS:
             asked = _known(part.operands[1], binding)
             if isinstance(asked, str):
                 found.setdefault(part.operator, []).append(asked)

@@ -17,6 +17,7 @@ from rvaft.analysis.branches import branch as branch_of
 from rvaft.errors import OptionError
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import guard_text, on_text
+from rvaft.model.guards import COMPARISONS
 from rvaft.model.nodes import Gate, Kind, Node
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json
@@ -318,7 +319,6 @@ _TOKEN: Final = re.compile(
     r"""(\s*)(?=\S)(\[?not\s+\(+|[0-9][0-9.eE+-]*\ (?:ns|us|ms|s|min|h|d)\b\)*|(?:"(?:[^"\\]|\\.)*"?|[^\s"(]+)?[^\s"(]*\(*)"""
 )
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"?')
-_COMPARISONS: Final = frozenset({"==", "!=", "<", "<=", ">", ">="})
 _INSIDE: Final = 3
 """The first kind of place that is inside of a comparison or another term."""
 
@@ -417,7 +417,7 @@ def _tokens(text: str) -> Iterator[_CodeToken]:
         elif not blank or before == "not":
             kind = 5
         else:
-            kind = _INSIDE if word in _COMPARISONS else 4
+            kind = _INSIDE if word in COMPARISONS else 4
         yield _CodeToken(blank, word, (depth, kind))
         signs = _STRING.sub("", word)
         depth += sum(signs.count(sign) for sign in "([{") - sum(signs.count(sign) for sign in ")]}")

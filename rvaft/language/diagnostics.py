@@ -16,7 +16,7 @@ from rvaft.errors import LanguageError
 from rvaft.language.draft import DYNAMIC_GATES
 from rvaft.model.event_time import UNITS, TimeFormat
 from rvaft.model.expressions import CLAUSES, DYNAMIC, GATES, OPERATOR_WORDS, RESERVED, STATEMENTS, TOPIC
-from rvaft.model.guards import FUNCTIONS, POINTS, Operator
+from rvaft.model.guards import COMPARISONS, FUNCTIONS, POINTS, Operator
 from rvaft.model.verdict import Semantics
 from rvaft.support.terminal import visible
 
@@ -373,7 +373,6 @@ def _odd_names(at: _Situation) -> Advice:
         yield f'expected {expectation(at.possible)}; a node named {bad.text} is written "{bad.text}"', bad.start
 
 
-_COMPARISONS: Final = ("==", "!=", "<=", ">=", "<", ">")
 _SPELLINGS: Final = ("and && & ∧", "or || | ∨", "not ! ¬", "== =", "!= <> ≠", "<= =< ≤", ">= => ≥")
 _FOREIGN_SIGNS: Final = {sign: ours for ours, *signs in map(str.split, _SPELLINGS) for sign in signs}
 """The signs of other languages in a guard, and how they are written here."""
@@ -415,10 +414,10 @@ def _function_slips(at: _Situation) -> Advice:
 def _term_slips(at: _Situation) -> Advice:
     """Slips in guards, calls and patterns."""
     bad, last = at.bad, at.last
-    if bad.text in _COMPARISONS and at.can("PLUS") and not at.can("COMPARISON"):
+    if bad.text in COMPARISONS and at.can("PLUS") and not at.can("COMPARISON"):
         yield "comparisons do not chain: write `A < B and B < C`", bad.start
     if bad.text in _FOREIGN_SIGNS and (at.can("PLUS") or at.can("VARIABLE", "LPAR")):
-        if bad.text == "=" and last.text in _COMPARISONS:
+        if bad.text == "=" and last.text in COMPARISONS:
             yield "equality is written ==", last.start
         yield f"{shown(bad.text)} is written {_FOREIGN_SIGNS[bad.text]} here", bad.start
     yield from _function_slips(at)

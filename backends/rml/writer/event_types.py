@@ -16,8 +16,8 @@ from itertools import product
 from typing import Final, TypeGuard, assert_never
 
 from backends.rml.writer.terms import RmlNames, applied, in_arithmetic, in_patterns, quoted, spellings
+from rvaft.capabilities import CALCULATING
 from rvaft.model.guards import (
-    ARITHMETIC,
     FUNCTIONS,
     JUNCTIONS,
     OPERATORS,
@@ -39,7 +39,7 @@ ALWAYS: Final = Operation(Operator.AND, ())
 NEVER: Final = Operation(Operator.OR, ())
 
 
-NUMERIC: Final = ARITHMETIC | {Operator.ABS, Operator.MIN, Operator.MAX}
+NUMERIC: Final = CALCULATING
 """What RML calculates; its `min` and `max` take two numbers."""
 TEXTS: Final = FUNCTIONS - NUMERIC
 """What RML has no notion of."""

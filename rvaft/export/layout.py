@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, assert_never
 
 from rvaft.analysis.branches import branch as branch_of
 from rvaft.errors import OptionError
@@ -48,7 +48,13 @@ assert set(_GATES) == set(Gate), "every gate has a text"
 
 def turn(node: Node, place: int) -> int:
     """Which of the children, in the order of a gate, stands at that place, from 0."""
-    return len(node.children) - place if node.gate is Gate.SAND_RL else place + 1
+    match node.gate:
+        case Gate.SAND_RL:
+            return len(node.children) - place
+        case None | Gate.OR | Gate.AND | Gate.SAND | Gate.PAND | Gate.VOT:
+            return place + 1
+        case _:
+            assert_never(node.gate)
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,7 +33,7 @@ OPERATOR_WORDS: Final = ("and", "or", "not")
 DYNAMIC: Final = frozenset(
     {"xor", "nor", "nand", "not", "por", "pxor", "sor", "seq", "mutex", "inhibit"}
     | {"spare", "wsp", "csp", "hsp", "fdep", "pdep", "rdep"}
-)
+).difference(GATES)
 """Gates of other fault-tree languages: reserved, so that a forgotten semicolon does not make them names."""
 
 RESERVED: Final = frozenset({*STATEMENTS, *GATES, *CLAUSES, *OPERATOR_WORDS, *DYNAMIC})

@@ -242,6 +242,8 @@ def binary(operator: str, left: Any, right: Any) -> Any:
         below, equal = left < right, left == right
         return {"<": below, "<=": below or equal, ">": not below and not equal, ">=": not below}[operator]
     a, b = numeric(left), numeric(right)
+    if operator not in ("+", "-", "*", "/"):
+        raise NotImplementedError(f"the reference has no meaning for the operator {operator}")
     result = a + b if operator == "+" else a - b if operator == "-" else a * b if operator == "*" else a / b
     return finite(result)
 

@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     wanted += ["--max-arity", str(options.max_arity), "--timeout", str(TIMEOUT), "--jobs", str(options.jobs)]
     for group, *limit in GROUPS:
         with chdir(FOLDER), redirect_stdout(io.StringIO()):  # the table is in the file
-            words = ["compare", *wanted, "--group", group, *limit, "--csv", str(table), "--resume"]
+            words = ["compare", *wanted, "--languages", group, *limit, "--csv", str(table), "--resume"]
             status: int = rvaft(words, standalone_mode=False)
         if status > 1:
             return status

@@ -28,7 +28,7 @@ from rvaft.core.property import (
 from rvaft.core.scenarios import resolutions
 from rvaft.errors import NotExpressible
 from rvaft.model import patterns
-from rvaft.model.guards import Duration, Guard, Operation, Operator, conjuncts, time_points, variables, walk
+from rvaft.model.guards import Duration, Guard, Operation, Operator, conjuncts, holds, time_points, variables, walk
 from rvaft.model.patterns import ListPattern, Literal, ObjectPattern, Pattern
 from rvaft.model.verdict import Semantics
 
@@ -243,6 +243,8 @@ def _tied(prop: Property, semantics: Semantics) -> _Tie | None:
     if alone and all(count == 1 for count in uses.values()):
         return None
     for kept in resolutions(prop, minimal=semantics is Semantics.SCATTERED):
+        if any(isinstance(part, Condition) and _never_holds(part.guard) for part in kept):
+            continue
         events = [part for part in kept if isinstance(part, Event | Times)]
         for part in events:
             for name in sorted(binding[part]):
@@ -256,6 +258,11 @@ def _tied(prop: Property, semantics: Semantics) -> _Tie | None:
                     nodes = dict.fromkeys((condition.source.node, *_names(having)))
                     return _Tie(Ties.ANY, "a guard over several events", tuple(nodes))
     return None
+
+
+def _never_holds(guard: Guard) -> bool:
+    """Whether a conjunct without variables does not hold."""
+    return any(not variables(one) and not holds(one, {}) for one in conjuncts(guard))
 
 
 def _names(events: Iterable[Event | Times]) -> tuple[str, ...]:

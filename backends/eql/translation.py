@@ -6,30 +6,21 @@ nowhere else, whichever types the fields of an event have.
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, groupby
-from typing import Final, cast
+from typing import ClassVar, Final, cast
 
+from backends.field_conditions import FieldConditions, FieldPath, Lack, has_surrogate, naming
 from backends.orders import Orders, merged
-from rvaft.core.conditions import (
-    ComparisonTest,
-    ConditionTest,
-    EqualityTest,
-    TruthConditions,
-    TruthTest,
-    spelled,
-)
 from rvaft.core.property import Event, Part, Property, Within
 from rvaft.core.scenarios import Scenario
 from rvaft.errors import NotExpressible, TooLarge
-from rvaft.model import guards
 from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import time_text
-from rvaft.model.guards import OPERATORS, Guard, Operation, Operator
-from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.guards import Guard, Operator
 from rvaft.model.tree import reachable
-from rvaft.model.values import is_finite
+from rvaft.model.values import Json
 
 OPENING: Final = "// rvaft: any of these queries is a detection"
 _WORDS: Final = "and any as by const false fork in join like macro maxspan not null of or regex runs sample sequence true until where with"
@@ -39,8 +30,6 @@ _TOKEN: Final = re.compile(r'"(?:[^"\\]|\\.)*"|`[^`]*`|[\w.]+|[^\s\w]')
 _SPANS: Final = {"d": UNITS["d"], "h": UNITS["h"], "m": UNITS["min"], "s": UNITS["s"], "ms": UNITS["ms"]}
 _RUNS: Final = 100
 """So many at most takes Elasticsearch of `with runs`."""
-_O: Final = Operator
-_FUNCTIONS: Final = {_O.STARTSWITH: "startsWith", _O.ENDSWITH: "endsWith", _O.CONTAINS: "stringContains"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +74,8 @@ class EqlText:
         if len(prop.events) > limit:
             raise TooLarge("events of all orders in which they may come", limit=limit)
         self._orders = Orders(prop, limit=limit)
-        self._seen: dict[Event, tuple[list[str], dict[str, str]]] = {}
+        self._dialect = EqlConditions(self._orders.spend)
+        self._seen: dict[Event, dict[str, str]] = {}
 
     def text(self) -> tuple[str, int]:
         """The text, and how many symbols its queries have."""
@@ -114,7 +104,7 @@ class EqlText:
     def _items(self, scenario: Scenario) -> dict[Event, Item] | None:
         """What each event of a scenario is asked, None where a guard never holds."""
         groups = self._orders.groups
-        paths = {event: {} if event in groups else self._look(event)[1] for event in scenario.events}
+        paths = {event: {} if event in groups else self._paths(event) for event in scenario.events}
         several = "a condition of EQL looks at one event"
         asked = self._orders.asked(scenario, paths, lambda node, _: NotExpressible(several, nodes=[node]))
         if asked is None:
@@ -138,96 +128,73 @@ class EqlText:
         if event in self._orders.groups:
             each = chain.from_iterable(self._conditions(*leaf) for leaf in self._orders.groups[event])
             return tuple(dict.fromkeys(one for one in each if one != "false")) or ("false",)
-        texts, paths = self._look(event)
-        found = _all([*texts, *(self._truth(guard, paths, event.source.node) for guard in asked)])
-        self._orders.spend(len(found))
-        return (found,)
+        with naming(event.source.node):
+            return (self._dialect.of(event.pattern, asked),)
 
-    def _look(self, event: Event) -> tuple[list[str], dict[str, str]]:
-        """What the pattern of an event asks, and where its variables stand."""
+    def _paths(self, event: Event) -> dict[str, str]:
+        """Where the variables that an event shares with others stand."""
         if event not in self._seen:
-            found: dict[str, str] = {}
-            texts = list(self._matches(event.pattern, "", event.source.node, found))
-            self._seen[event] = texts, {one: path for one, path in found.items() if not one.startswith("_")}
+            with naming(event.source.node):
+                found = self._dialect.paths(event.pattern)
+            self._seen[event] = {name: path for name, path in found.items() if not name.startswith("_")}
         return self._seen[event]
 
-    def _matches(self, pattern: Pattern, path: str, node: str, found: dict[str, str]) -> Iterator[str]:
-        """What says that a pattern matches what stands at a path; notes where variables stand."""
-        match pattern:
-            case Variable(name) if name in found:
-                raise NotExpressible("EQL compares no field with another one", nodes=[node])
-            case Variable() | Anything():
-                if isinstance(pattern, Variable):
-                    found[pattern.name] = path
-                yield f"{path} != null" if path else "true"
-            case Literal(value):
-                yield f"{path} == {self._literal(value, node)}" if path else "false"
-            case ListPattern(()) | ObjectPattern(()) if path:
-                raise NotExpressible("EQL does not tell an object without fields from an empty list", nodes=[node])
-            case ListPattern(parts):
-                yield f"length({path}) == {len(parts)}" if path else "false"
-                for index, inner in enumerate(parts):
-                    yield from self._matches(inner, f"{path}[{index}]", node, found)
-            case ObjectPattern(fields):
-                for name, inner in fields:
-                    if not name or any(sign in "`\r\n" or "\ud800" <= sign <= "\udfff" for sign in name):
-                        raise NotExpressible(
-                            "the name of a field in EQL has a letter, no line break and no `", nodes=[node]
-                        )
-                    written = name if _PLAIN.fullmatch(name) else f"`{name}`"
-                    yield from self._matches(inner, f"{path}.{written}" if path else written, node, found)
 
-    def _literal(self, value: object, node: str) -> str:
-        if value is None:
-            raise NotExpressible("EQL does not tell a field with null from none", nodes=[node])
-        if not isinstance(value, str):
-            return str(value).lower() if isinstance(value, bool) else repr(value)
-        if any("\ud800" <= sign <= "\udfff" for sign in value):
-            raise NotExpressible("a text of EQL has no half of a surrogate pair", nodes=[node])
-        return f'"{value.translate(_ESCAPES)}"'
+class EqlConditions(FieldConditions):
+    """The conditions of EQL; `spend` is told the length of each."""
 
-    def _truth(self, guard: Guard, paths: Mapping[str, str], node: str) -> str:
-        """What holds of an event exactly where a guard is true."""
+    exists, equals, is_truth, length = "{p} != null", "{p} == {v}", "{p} == {v}", "length({p}) == {n}"
+    differs = "(({p} == {v}) == null or {p} != {v})"
+    functions: ClassVar[Mapping[Operator, str]] = {
+        Operator.STARTSWITH: "startsWith({p}, {v})",
+        Operator.ENDSWITH: "endsWith({p}, {v})",
+        Operator.CONTAINS: "stringContains({p}, {v})",
+    }
+    denied = '(not {t} and stringContains({p}, ""))'
+    reasons: ClassVar[Mapping[Lack, str]] = {
+        Lack.TWO_FIELDS: "EQL compares no field with another one",
+        Lack.CONTAINER: "EQL does not tell an object without fields from an empty list",
+        Lack.CALCULATION: "a condition of EQL compares a field with a constant",
+        Lack.NULL: "EQL does not tell a field with null from none",
+        Lack.SURROGATE: "a text of EQL has no half of a surrogate pair",
+        Lack.FIELD_NAME: "the name of a field in EQL has a letter, no line break and no `",
+    }
 
-        def test(one: ConditionTest) -> str:
-            match one:
-                case TruthTest(Variable(name), wanted):
-                    return f"{paths[name]} == {str(wanted).lower()}"
-                case TruthTest(Operation(operator, (Variable(name), Literal(value))), wanted) if operator in _FUNCTIONS:
-                    text = f"{_FUNCTIONS[operator]}({paths[name]}, {self._literal(value, node)})"
-                    return text if wanted else f'(not {text} and stringContains({paths[name]}, ""))'
-                case EqualityTest(Variable(name), Literal(value), wanted) | EqualityTest(
-                    Literal(value), Variable(name), wanted
-                ):
-                    path, constant = paths[name], self._literal(value, node)
-                    same = f"{path} == {constant}"
-                    found = same if wanted else f"(({same}) == null or {path} != {constant})"
-                    return found if is_finite(value) else "false"
-                case ComparisonTest(_, Variable(name), sign, Literal(value)):
-                    return f"{paths[name]} {sign} {self._literal(value, node)}" if is_finite(value) else "false"
-                case ComparisonTest(sort, Literal() as left, sign, Variable() as right):
-                    return test(ComparisonTest(sort, right, str(OPERATORS[Operator(sign)].mirrored), left))
-                case _:
-                    signs = [part.operator for part in guards.walk(guard) if isinstance(part, Operation)]
-                    unsaid = [sign for sign in signs if sign in guards.ARITHMETIC | guards.FUNCTIONS - {*_FUNCTIONS}]
-                    word = f"; it has no exact `{unsaid[0]}`" if unsaid else ""
-                    raise NotExpressible(f"a condition of EQL compares a field with a constant{word}", nodes=[node])
+    def __init__(self, spend: Callable[[int], None]) -> None:
+        self._spend = spend
 
-        def join(every: bool, parts: list[str]) -> str:
-            found = _all(parts) if every else _any(parts)
-            self._orders.spend(len(found))
-            return found
+    def path(self, way: FieldPath) -> str:
+        """Names of fields with dots between, and places of lists in brackets."""
+        text = ""
+        for step in way:
+            if isinstance(step, int):
+                text += f"[{step}]"
+                continue
+            if not step or has_surrogate(step) or not {*"`\r\n"}.isdisjoint(step):
+                raise self.lacks(Lack.FIELD_NAME)
+            text += ("." if text else "") + (step if _PLAIN.fullmatch(step) else f"`{step}`")
+        return text
 
-        return spelled(TruthConditions().of(guard), test, join)
+    def literal(self, value: Json) -> str:
+        """A constant of EQL."""
+        match value:
+            case None:
+                raise self.lacks(Lack.NULL)
+            case bool():
+                return str(value).lower()
+            case str():
+                if has_surrogate(value):
+                    raise self.lacks(Lack.SURROGATE)
+                return f'"{value.translate(_ESCAPES)}"'
+            case _:
+                return repr(value)
 
+    def all(self, texts: Iterable[str]) -> str:
+        """The conjunction; its length is spent."""
+        found = super().all(texts)
+        self._spend(len(found))
+        return found
 
-def _all(texts: Iterable[str]) -> str:
-    found = list(dict.fromkeys(text for text in texts if text != "true"))
-    return "false" if "false" in found else " and ".join(found) or "true"
-
-
-def _any(texts: Iterable[str]) -> str:
-    found = list(dict.fromkeys(text for text in texts if text != "false"))
-    if "true" in found or len(found) < 2:
-        return "true" if "true" in found else found[0] if found else "false"
-    return f"({' or '.join(f'({one})' if ' and ' in one else one for one in found)})"
+    def operand(self, text: str) -> str:
+        """A conjunction in parentheses."""
+        return f"({text})" if " and " in text else text

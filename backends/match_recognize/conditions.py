@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import Final, TypeAlias
 
 from backends.event_columns import constant, require_exact_sums
+from backends.field_conditions import conjunction
 from rvaft.core.conditions import (
     ComparisonTest,
     ConditionTest,
@@ -74,7 +75,7 @@ def written(condition: TruthCondition, column: Column) -> str:
                 raise Unsayable(f"doubles calculate {operator.name.lower()} otherwise")
 
     def join(every: bool, parts: list[str]) -> str:
-        found = _all(parts) if every else _any(parts)
+        found = conjunction(parts, " AND ", ALWAYS, NEVER) if every else _any(parts)
         if len(found) > LENGTH:
             raise TooLarge("characters of a condition", limit=LENGTH)
         return found
@@ -89,12 +90,6 @@ def _literal(cell: object) -> str:
         return f"'{quoted}'"
     text = f"{cell!r}" if isinstance(cell, int) or "e" in repr(cell) else f"{cell!r}E0"
     return f"({text})" if text.startswith("-") else text
-
-
-def _all(several: Iterable[str]) -> str:
-    """The conjunction, each condition once."""
-    found = dict.fromkeys(one for one in several if one != ALWAYS)
-    return NEVER if NEVER in found else " AND ".join(found) or ALWAYS
 
 
 def _any(several: Iterable[str]) -> str:

@@ -12,7 +12,7 @@ from backends.sql.reader import query
 from backends.sql.translation import SqlQuery
 from rvaft.backend import Backend, Highlighting, Match, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
-from rvaft.core.passes import Pass, expand_times, order_ends, windows_to_guards
+from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
 from rvaft.core.property import Condition, Part, Property
 from rvaft.errors import OptionError
 from rvaft.model.guards import Operator
@@ -42,7 +42,7 @@ class SqlBackend(Backend):
     json_alone: ClassVar[bool] = True
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
-    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards)
+    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.LATE})
     values: ClassVar[frozenset[Value]] = JSON_VALUES
@@ -52,7 +52,7 @@ class SqlBackend(Backend):
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """The query; raises `TooLarge` beyond `limit` events that are joined, `NotExpressible` for a constant that no table can hold."""
-        return SpecificationText(*SqlQuery(prop.asked or prop.tree, semantics, DIALECTS[self.dialect], limit).text())
+        return SpecificationText(*SqlQuery(prop, semantics, DIALECTS[self.dialect], limit).text())
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """A monitor that runs a query, whoever wrote it; raises `LanguageError`."""

@@ -170,7 +170,13 @@ class Query:
         """For each trace all its matches, of a query that tells traces apart."""
         found: list[set[Match]] = [set() for _ in traces]
         for number, nodes in self._rows(traces, "SELECT trace, nodes"):
-            found[number].add(frozenset(json.loads(nodes).items()))
+            found[number].add(
+                frozenset(
+                    (node, position)
+                    for node, positions in json.loads(nodes).items()
+                    for position in (positions if isinstance(positions, list) else [positions])
+                )
+            )
         return [*map(frozenset, found)]
 
     def left_open(self, trace: Sequence[Json]) -> str:

@@ -10,27 +10,25 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
-from typing import Final, NamedTuple
-
-import networkx as nx
+from typing import Final
 
 from backends.sql.dialects import Dialect, Path
 from backends.sql.guards import FACETS, Guards, SqlTerm
 from rvaft.analysis.branches import number_of
-from rvaft.analysis.normal_form import Op, body
-from rvaft.analysis.plain_trees import LIMIT, asks_for_time, plain_trees
-from rvaft.analysis.scenarios import Kept, event, precedence, resolutions
 from rvaft.backend import Metrics
 from rvaft.core.patterns import compatible
-from rvaft.errors import NotExpressible, TooLarge, TreeError
+from rvaft.core.property import Event, One, Property
+from rvaft.core.scenarios import Kept, scenarios
+from rvaft.core.times import untimed
+from rvaft.errors import TooLarge, TreeError
 from rvaft.model.event_time import TIME
 from rvaft.model.guards import Guard, Operation, Operator, variables
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, rigid_variables
-from rvaft.model.tree import RVAFT, Whole, find_cycle
 from rvaft.model.verdict import Semantics
+from rvaft.support.bits import bits
 
 _TOKEN: Final = re.compile(r"'(?:[^']|'')*'|[\w.]+|->>|[<>]=?|<>|\|\||\S")
 _LENGTH: Final = 400
@@ -41,43 +39,36 @@ TABLES: Final = 60
 
 @dataclass(frozen=True)
 class QueriedScenario:
-    """A scenario: what is `before` each occurrence, which come in that order, and the guards that ask for variables."""
+    """A scenario: what is `before` each event, which come in that order, and the guards that ask for variables."""
 
-    tree: RVAFT
     branch: int
-    before: Mapping[str, frozenset[str]]
+    before: Mapping[Event, frozenset[Event]]
     guards: tuple[Guard, ...]
-    timed: bool
 
     @cached_property
-    def patterns(self) -> dict[str, Pattern]:
-        """What each occurrence asks of its event."""
-        return {name: pattern for name in self.before if (pattern := self.tree.pattern(name)) is not None}
-
-    @cached_property
-    def binders(self) -> dict[str, list[str]]:
-        """The occurrences of each variable."""
-        found: dict[str, list[str]] = {}
-        for name, pattern in self.patterns.items():
-            for variable in rigid_variables(pattern):
-                found.setdefault(variable, []).append(name)
+    def binders(self) -> dict[str, list[Event]]:
+        """The events that bind each variable."""
+        found: dict[str, list[Event]] = {}
+        for event in self.before:
+            for variable in rigid_variables(event.pattern):
+                found.setdefault(variable, []).append(event)
         return found
 
-    def near(self, name: str) -> list[str]:
-        """The occurrences just before one."""
-        before = self.before[name]
+    def near(self, event: Event) -> list[Event]:
+        """The events just before one."""
+        before = self.before[event]
         return [other for other in self.before if other in before and not any(other in self.before[c] for c in before)]
 
     @cached_property
-    def apart(self) -> list[tuple[str, str]]:
-        """The occurrences without an order that one event can match both."""
+    def apart(self) -> list[tuple[Event, Event]]:
+        """The events without an order of which one can match the patterns of both."""
         pairs = ((a, b) for a, b in combinations(self.before, 2) if a not in self.before[b] and b not in self.before[a])
-        return [(a, b) for a, b in pairs if compatible(self.patterns[a], self.patterns[b])]
+        return [(a, b) for a, b in pairs if compatible(a.pattern, b.pattern)]
 
     @cached_property
-    def homes(self) -> list[tuple[Guard, str | None]]:
+    def homes(self) -> list[tuple[Guard, Event | None]]:
         """Each guard with the occurrence whose event has all that it asks for, if there is one; of equal values the earliest counts, 1 or 1.0."""
-        found: list[tuple[Guard, str | None]] = []
+        found: list[tuple[Guard, Event | None]] = []
         for guard in self.guards:
             asked = {name: self.binders.get(name, []) for name in variables(guard)}
             every = {name: None for names in asked.values() for name in names}
@@ -87,20 +78,16 @@ class QueriedScenario:
         return found
 
     @cached_property
-    def times(self) -> dict[str, str]:
-        """The variables that are times of events, with the occurrence of each."""
-        pairs = (
-            (name, pattern.fields) for name, pattern in self.patterns.items() if isinstance(pattern, ObjectPattern)
-        )
-        times = ((name, part) for name, fields in pairs for field, part in fields if field == TIME and self.timed)
-        return {part.name: name for name, part in times if isinstance(part, Variable)}
+    def times(self) -> dict[str, Event]:
+        """The variables that are times of events, with the event of each."""
+        return {time: event for event in self.before if (time := untimed(event.pattern)[1]) is not None}
 
     @cached_property
-    def windows(self) -> dict[Guard, tuple[frozenset[str], int]]:
+    def windows(self) -> dict[Guard, tuple[frozenset[Event], int]]:
         """The guards that are windows, with the occurrences below each and how long it is."""
         return {guard: found for guard, home in self.homes if home is None and (found := self._window(guard))}
 
-    def _window(self, guard: Guard) -> tuple[frozenset[str], int] | None:
+    def _window(self, guard: Guard) -> tuple[frozenset[Event], int] | None:
         match guard:
             case Operation(Operator.LE, (Operation(Operator.SUB, (end, start)), Literal(int() as length))):
                 match end, start:
@@ -111,14 +98,14 @@ class QueriedScenario:
         return None
 
     @cached_property
-    def tried(self) -> frozenset[str]:
+    def tried(self) -> frozenset[Event]:
         """The occurrences whose events are tried one by one, whatever the query looks for: where a guard compares them, or they are apart."""
         guards = (guard for guard, home in self.homes if home is None and guard not in self.windows)
         compared = (name for guard in guards for one in variables(guard) for name in self.binders.get(one, ()))
         return frozenset([*compared, *(name for pair in self.apart for name in pair)])
 
     @cached_property
-    def starts(self) -> dict[str, tuple[frozenset[str], int]]:
+    def starts(self) -> dict[str, tuple[frozenset[Event], int]]:
         """The windows that have events which are not tried one by one, each with the column of its start."""
         windows = (window for window in dict.fromkeys(self.windows.values()) if window[0] - self.tried)
         return {f"s{number}": window for number, window in enumerate(windows, 1)}
@@ -131,56 +118,36 @@ class QueriedScenario:
     @property
     def counts(self) -> bool:
         """Whether three events of one kind or more follow each other, so that every match would be very many."""
-        patterns = (pattern for name, pattern in self.patterns.items() if name not in self.tried)
-        return any(number > 2 for number in Counter(map(_without_time, patterns)).values())
+        patterns = (untimed(event.pattern)[0] for event in self.before if event not in self.tried)
+        return any(number > 2 for number in Counter(patterns).values())
 
 
-class SameTree(NamedTuple):
-    """A tree that is the same as itself alone: equal trees may write their numbers otherwise."""
-
-    tree: RVAFT
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, SameTree) and self.tree is other.tree
-
-    def __hash__(self) -> int:
-        return id(self.tree)
-
-
-@lru_cache(maxsize=4)  # a comparison asks for each semantics
-def _scenarios(same: SameTree, limit: int, *, minimal: bool) -> tuple[QueriedScenario, ...]:
-    """The scenarios of a tree; raises `TooLarge` beyond `limit` events that are joined."""
-    tree, found, joined = same.tree, list[QueriedScenario](), 0
-    timed = any(map(asks_for_time, tree.top_down()))
-    in_time = tree.changed(time=replace(tree.time, late=None)) if tree.time and tree.time.late is not None else tree
-    for plain in plain_trees(in_time, limit=min(limit, LIMIT)):
-        for kept in resolutions(plain, minimal=minimal, limit=limit):
-            graph = precedence(plain, kept)
-            if find_cycle(graph):
-                continue
-            some = [name for name in kept if plain.nodes[name].has_event]
-            joined += max(len(some), 1)
-            if joined > limit or len(some) > TABLES:
-                what = "events joined in the scenarios" if joined > limit else "events joined in a scenario"
-                raise TooLarge(what, limit=limit if joined > limit else TABLES)
-            before = {
-                name: frozenset(one for kind, one, _ in nx.ancestors(graph, event(name)) if kind == "event")
-                for name in some
-            }
-            order = {name: before[name] for name in sorted(some, key=lambda name: len(before[name]))}
-            guards = tuple(w for name in kept if (w := plain.nodes[name].when) is not None and variables(w))
-            found.append(QueriedScenario(plain, _branch(plain, kept), order, guards, timed))
+def _scenarios(prop: Property, limit: int, *, minimal: bool) -> tuple[QueriedScenario, ...]:
+    """The scenarios of a property; raises `TooLarge` beyond `limit` events that are joined."""
+    found, joined = list[QueriedScenario](), 0
+    for scenario in scenarios(prop, minimal=minimal, limit=limit):
+        joined += max(len(scenario.events), 1)
+        if joined > limit or len(scenario.events) > TABLES:
+            what = "events joined in the scenarios" if joined > limit else "events joined in a scenario"
+            raise TooLarge(what, limit=limit if joined > limit else TABLES)
+        before = {
+            event: frozenset(scenario.events[one] for one in bits(earlier))
+            for event, earlier in zip(scenario.events, scenario.before, strict=True)
+        }
+        order = {event: before[event] for event in sorted(before, key=lambda event: len(before[event]))}
+        guards = tuple(condition.guard for condition in scenario.conditions)
+        found.append(QueriedScenario(_branch(prop, scenario.kept), order, guards))
     return tuple(found)
 
 
-def _branch(tree: RVAFT, kept: Kept) -> int:
-    part, origins = tree.part_of or Whole(tree), tree.origins
-    if part.branch is not None:
-        return part.branch
-    choosing = {name: children[0] for name, children in kept.items() if body(tree.nodes[name]).op is Op.ONE}
-    choices = {origins.get(name, name): origins.get(child, child) for name, child in choosing.items()}
-    known = {name: child for name, child in choices.items() if name in part.tree.nodes}
-    return number_of(part.tree, known, kind=part.kind) or 0
+def _branch(prop: Property, kept: Kept) -> int:
+    """The number of the branch of a scenario."""
+    if prop.branch is not None:
+        return prop.branch
+    gates = [part for part in kept if isinstance(part, One) and part.source is not None]
+    chosen = ((gate.source, kept[gate][0].source) for gate in gates)
+    choices = {gate.node: child.node for gate, child in chosen if gate is not None and child is not None}
+    return number_of(prop.tree, choices, kind=prop.kind) or 0
 
 
 @dataclass(frozen=True)
@@ -194,27 +161,25 @@ class QueriedRow:
 class SqlQuery:
     """One translation. Raises `TooLarge` beyond `limit` events that are joined, `TreeError` without a feasible scenario."""
 
-    def __init__(self, tree: RVAFT, semantics: Semantics, dialect: Dialect, limit: int) -> None:
-        self.tree, self.semantics, self.dialect, self.limit = tree, semantics, dialect, limit
+    def __init__(self, prop: Property, semantics: Semantics, dialect: Dialect, limit: int) -> None:
+        self.prop, self.semantics, self.dialect, self.limit = prop, semantics, dialect, limit
         self.guards = Guards(dialect)
         self.tables: dict[str, str] = {}
-        """Of each query the name of the table that it makes."""
-        self.late = None if tree.time is None else tree.time.late
-        self.timed = any(map(asks_for_time, tree.top_down()))
-        patterns = [*map(tree.pattern, tree.nodes), *(tree.instantiate(ignore.on) for ignore in tree.ignores)]
-        if self.timed and any(TIME in dict(one.fields) for one in patterns if isinstance(one, ObjectPattern)):
-            reason = f"the time of an event is called {TIME} there, and this tree reads a field of that name"
-            raise NotExpressible(reason)
-        same = SameTree(tree)
-        self.scenarios = _scenarios(same, limit, minimal=True) if semantics is Semantics.SCATTERED else ()
+        """For each query the name of the table that it makes."""
+        self.late = None if prop.time is None else prop.time.late
+        self.timed = any(untimed(event.pattern)[1] is not None for event in prop.events)
+        self.scenarios = _scenarios(prop, limit, minimal=True) if semantics is Semantics.SCATTERED else ()
         self.first = all(one.loose for one in self.scenarios) or any(one.counts for one in self.scenarios)
         """Whether first matches are looked for, and not all."""
         if not (self.first and self.scenarios):
-            self.first, self.scenarios = False, _scenarios(same, limit, minimal=False)
+            self.first, self.scenarios = False, _scenarios(prop, limit, minimal=False)
         if not self.scenarios:
-            raise TreeError(f"no scenario of {tree.root} is feasible", rule="no-scenario", nodes=[tree.root])
+            root = prop.tree.root
+            raise TreeError(f"no scenario of {root} is feasible", rule="no-scenario", nodes=[root])
         self.most = max(len(one.before) for one in self.scenarios)
-        self.variables = [*dict.fromkeys(name for one in self.scenarios for name in one.binders)]
+        self.variables = [
+            *dict.fromkeys(name for one in self.scenarios for name in one.binders if name not in one.times)
+        ]
 
     def text(self) -> tuple[str, Metrics]:
         """The text and its sizes."""
@@ -228,7 +193,7 @@ class SqlQuery:
         return f"{self._header(text)}{text}", Metrics(symbols=len(_TOKEN.findall(text)))
 
     def _header(self, text: str) -> str:
-        time, late = self.tree.time, self.late
+        time, late = self.prop.time, self.late
         rows = "the first match of each scenario" if self.first else "every match"
         rows += (
             ""
@@ -237,7 +202,7 @@ class SqlQuery:
         )
         lines = [
             f"rvaft sql {self.dialect.name}",
-            f"The attack-fault tree {json.dumps(self.tree.root)} under {self.semantics}: {rows}.",
+            f"The attack-fault tree {json.dumps(self.prop.tree.root)} under {self.semantics}: {rows}.",
             *(f"{self._column(name)} {name}" for name in self.variables if "_key" in text or "_json" in text),
             "events(trace, pos, event, time): the log, its number from 1, the event as JSON, nanoseconds or NULL.",
         ]
@@ -264,20 +229,17 @@ class SqlQuery:
             return source
         wanted = ["NOT late"] if late and self.semantics is not Semantics.STRICT else []
         if self.semantics.projects:
-            relevant = [self._condition(one.pattern, [one.when] if one.when else []) for one in self.tree.alphabet]
-            ignored = [
-                self._condition(self.tree.instantiate(one.on), [one.when] if one.when else [])
-                for one in self.tree.ignores
-            ]
+            relevant = [self._condition(one.pattern, [one.when] if one.when else []) for one in self.prop.alphabet]
+            ignored = [self._condition(one.pattern, [one.when] if one.when else []) for one in self.prop.ignored]
             wanted.append(f"({' OR '.join(dict.fromkeys(f'({one})' for one in relevant))})")
             wanted += [f"({one}) IS NOT TRUE" for one in dict.fromkeys(ignored)]
         where = f" WHERE {' AND '.join(wanted)}" if wanted else ""
         place = "row_number() OVER (PARTITION BY trace ORDER BY pos) AS place"
         return self._table(f"SELECT trace, pos, event, time{late}, {place} FROM {source}{where}", "place_")
 
-    def _leaf(self, one: QueriedScenario, name: str, places: str, wanted: Set[str]) -> str:
-        """The table of the events of an occurrence, with these columns of its variables."""
-        pattern = one.patterns[name]
+    def _leaf(self, one: QueriedScenario, name: Event, places: str, wanted: Set[str]) -> str:
+        """The table of the rows that an event of a scenario can be, with these columns of its variables."""
+        pattern = name.pattern
         where = [self._condition(pattern, [guard for guard, home in one.homes if home == name])]
         columns = ["trace", "pos"]
         paths = _paths(pattern)
@@ -308,7 +270,7 @@ class SqlQuery:
         while todo:
             path, part = todo.pop()
             match part:
-                case Variable(name) if path == (TIME,) and self.timed:
+                case Variable(name) if path == (TIME,):
                     places[name] = path
                 case Literal() | ListPattern() if not path:  # an event is an object
                     asked.append("false")
@@ -333,7 +295,7 @@ class SqlQuery:
         return " AND ".join(dict.fromkeys(asked)) or "true"
 
     def _term(self, path: Path) -> SqlTerm:
-        return SqlTerm(whole="time") if self.timed and path == (TIME,) else self.guards.variable("event", path)
+        return SqlTerm(whole="time") if path == (TIME,) else self.guards.variable("event", path)
 
     # the query of a scenario
 
@@ -387,21 +349,28 @@ class SqlQuery:
             raise TooLarge("tables joined in a scenario", limit=TABLES)
         lasts = [f"{alias[name]}.pos" for name in one.before if not any(name in some for some in one.before.values())]
         last = lasts[0] if len(lasts) == 1 else f"{self.dialect.greatest}({', '.join(lasts)})"
-        nodes = self._object((self._called(one.tree, name), f"{row}.pos") for name, row in alias.items())
+        places_of: dict[str, list[str]] = {}
+        for event, row in sorted(alias.items(), key=lambda item: item[0].source.number):
+            places_of.setdefault(event.source.node, []).append(f"{row}.pos")
+        nodes = self._object(
+            (event.source.node, self._numbers(places_of[event.source.node]))
+            for event in alias
+            if event.source.number
+            == min(other.source.number for other in alias if other.source.node == event.source.node)
+        )
         what = f"{first}.trace, {last} AS detected, {one.branch} AS branch,\n  {nodes} AS nodes, {values} AS variables"
         condition = "\n  AND ".join(dict.fromkeys([*joins, *where]))
         distinct = "DISTINCT " if self.first and not one.loose else ""
         return f"SELECT {distinct}{what}\nFROM {', '.join(sources)}" + (f"\nWHERE {condition}" if condition else "")
 
-    @staticmethod
-    def _called(tree: RVAFT, name: str) -> str:
-        """What an occurrence is called in the tree as it was written."""
-        name = tree.origins.get(name, name)
-        own = name.rstrip("'").removesuffix("[event]")  # so a gate's event is called where the end of a `pand` is one
-        nodes = () if tree.part_of is None else tree.part_of.tree.nodes
-        return own if own in nodes and name not in nodes else name
+    def _numbers(self, said: Sequence[str]) -> str:
+        """A number, or a JSON list of several."""
+        if len(said) == 1:
+            return said[0]
+        comma = f" || {self.dialect.text(', ')} || "
+        return f"{self.dialect.text('[')} || {comma.join(said)} || {self.dialect.text(']')}"
 
-    def _order(self, one: QueriedScenario, alias: Mapping[str, str]) -> Iterator[str]:
+    def _order(self, one: QueriedScenario, alias: Mapping[Event, str]) -> Iterator[str]:
         """Which positions, or places, the occurrences may have."""
         first, *others = alias.values()
         position, size = "pos", len(alias)
@@ -424,11 +393,15 @@ class SqlQuery:
     # the first events for all that ties the events of a scenario together
 
     def _firsts(
-        self, one: QueriedScenario, tables: Mapping[str, str], alias: Mapping[str, str], wanted: Mapping[str, Set[str]]
-    ) -> dict[str, QueriedRow]:
+        self,
+        one: QueriedScenario,
+        tables: Mapping[Event, str],
+        alias: Mapping[Event, str],
+        wanted: Mapping[str, Set[str]],
+    ) -> dict[Event, QueriedRow]:
         """For each occurrence its events, or where they are not tried one by one those at the least position after what comes before it."""
         keys = {name: [key for key in sorted(wanted[row]) if key.endswith("_key")] for name, row in alias.items()}
-        found: dict[str, QueriedRow] = {}
+        found: dict[Event, QueriedRow] = {}
         for name, row in alias.items():
             if name in one.tried:
                 found[name] = QueriedRow(tables[name], {**{key: key for key in keys[name]}, f"p{row[1:]}": "pos"})
@@ -455,7 +428,7 @@ class SqlQuery:
         return found
 
     def _start(
-        self, column: str, members: Sequence[str], tables: Mapping[str, str], keys: Mapping[str, Sequence[str]]
+        self, column: str, members: Sequence[Event], tables: Mapping[Event, str], keys: Mapping[Event, Sequence[str]]
     ) -> QueriedRow:
         """When a window may start: the times of the events below it, with the values that all of them share."""
         every = [key for key in keys[members[0]] if all(key in keys[name] for name in members)]
@@ -471,7 +444,9 @@ class SqlQuery:
         said = {column: f"{row}.{own}" for column, own in has.shared.items()}
         return [f"{one} = {known[column]}" for column, one in said.items() if known.setdefault(column, one) != one]
 
-    def _shared(self, one: QueriedScenario, alias: Mapping[str, str], rows: Mapping[str, QueriedRow]) -> Iterator[str]:
+    def _shared(
+        self, one: QueriedScenario, alias: Mapping[Event, str], rows: Mapping[Event, QueriedRow]
+    ) -> Iterator[str]:
         """That the rows of occurrences have the same in the columns that they share, and are in its windows."""
         known: dict[str, str] = {}
         for name, row in alias.items():
@@ -487,12 +462,6 @@ class SqlQuery:
             for number, (name, value) in enumerate(items)
         ]
         return f"{' || '.join(said)} || '}}'" if said else "'{}'"
-
-
-def _without_time(pattern: Pattern) -> Pattern:
-    if isinstance(pattern, ObjectPattern):
-        return ObjectPattern(tuple(pair for pair in pattern.fields if pair[0] != TIME))
-    return pattern
 
 
 def _paths(pattern: Pattern) -> dict[str, Path]:

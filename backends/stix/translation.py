@@ -6,8 +6,9 @@ from decimal import Decimal
 from itertools import groupby
 from typing import Final, NoReturn
 
+from backends.field_conditions import naming
 from backends.nests import NEVER, TIE, WINDOW, Nest, Nesting
-from backends.stix.comparisons import Unsaid, comparisons, step
+from backends.stix.comparisons import StixConditions, step
 from backends.stix.observations import EVENT, StixHeader, Way, property_of
 from rvaft.core.part_numbers import Op
 from rvaft.core.property import Property, Within
@@ -84,10 +85,5 @@ class StixPattern:
             names = ".".join(step(property_of(name)) for name in way)
             return self._header.path(kind, way) if self._header.types else f"{EVENT}:{names}"
 
-        try:
-            test = comparisons(pattern, nest.guards, path)
-        except Unsaid as reason:
-            self._refuse(str(reason), [node])
-        if test is False:
-            return _NEVER
-        return f"[{EVENT}:type = '{EVENT}']" if test is True else f"[{test}]"
+        with naming(node):
+            return f"[{StixConditions(path).of(pattern, nest.guards)}]"

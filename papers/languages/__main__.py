@@ -14,7 +14,7 @@ from typing import Final
 
 from papers.languages.findings import missed
 from papers.languages.measurement import Measurement
-from papers.languages.note import FOLDER, TREES, expressible, expressible_tex, note, short
+from papers.languages.note import FOLDER, TREES, capabilities_tex, expressible, expressible_tex, languages, note, short
 from papers.languages.plots import plots
 from papers.languages.tables import csv_text, headline, latex_text, read_rows
 from rvaft.cli import main as rvaft
@@ -53,9 +53,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     wanted = [*(f"trees/{name}.rvaft" for name in TREES), "--gates", ",".join(Gate), "--semantics", "all"]
     wanted += ["--max-arity", str(options.max_arity), "--timeout", str(TIMEOUT), "--jobs", str(options.jobs)]
-    for languages, *limit in GROUPS:
+    for group, *limit in GROUPS:
         with chdir(FOLDER), redirect_stdout(io.StringIO()):  # the table is in the file
-            words = ["compare", *wanted, "--languages", languages, *limit, "--csv", str(table), "--resume"]
+            words = ["compare", *wanted, "--languages", group, *limit, "--csv", str(table), "--resume"]
             status: int = rvaft(words, standalone_mode=False)
         if status > 1:
             return status
@@ -90,6 +90,7 @@ def texts(rows: Sequence[Measurement]) -> dict[str, str]:
     return {
         "README.md": note(rows, STATES),
         "expressible.tex": expressible_tex(*expressible(rows)),
+        "capabilities.tex": capabilities_tex(languages(rows)),
         "languages.tex": latex_text([row for row in rows if row.gate is not None]),
         "short.tex": latex_text(short(rows)),
     }

@@ -7,6 +7,8 @@ from typing import Final
 from papers.languages.findings import SECTIONS, Finding
 from papers.languages.measurement import Measurement, Outcome
 from papers.languages.tables import milliseconds, unable
+from rvaft.backend import backend
+from rvaft.capabilities import table
 from rvaft.export.latex import escaped
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
@@ -28,6 +30,7 @@ One tree in {languages} languages: which of them can say it, how large, how fast
 | --- | --- |
 | `languages.csv` | every measurement; [docs/compare.md](../../docs/compare.md) explains the columns |
 | `expressible.tex` | the first table below, for LaTeX |
+| `capabilities.tex` | the second table below, for LaTeX |
 | `languages.tex`, `short.tex` | LaTeX tables of all, and of a selection of gates |
 | `figures/` | plots: `gates-MEASURE-SEMANTICS`, each as PDF and PNG |
 
@@ -39,6 +42,13 @@ Where a text that people write in one of these languages says something else tha
 ## Which can say what
 
 A number is the reason why not, below the table. All trees are under `scattered`; the last rows say of how many of these {trees} trees a language can say what they mean under each semantics.
+
+"""
+_CAPABILITIES: Final = """
+## What each backend lists
+
+A backend refuses every tree that has something which the backend does not list. The table is made from the lists of the backends
+(`rvaft backends --capabilities`). A "yes" means that the backend writes it for some trees.
 
 """
 _MEASURED: Final = """
@@ -77,6 +87,8 @@ def note(rows: Sequence[Measurement], limit: int) -> str:
     parts = [
         _HEAD.format(languages=len(names), trees=len(TREES)),
         _lines(_markdown(*expressible(rows))),
+        _CAPABILITIES,
+        _lines(_markdown(capabilities(names), ())),
         _MEASURED.format(most=most, count=f"{len(rows):,}", outcomes=outcomes, limit=limit),
         _lines(_large([row for row in rows if row.gate is not None])),
         _SEEN,
@@ -119,16 +131,16 @@ def expressible(rows: Sequence[Measurement]) -> tuple[list[list[str]], list[str]
             return str(reasons.setdefault(row.reason, len(reasons) + 1))
         return "yes" if _is_said(row) else "other verdicts" if row.differing else str(row.ended)
 
-    table = [["tree", *names]]
+    found = [["tree", *names]]
     for tree in TREES:
         title = (FOLDER / "trees" / f"{tree}.rvaft").read_text(encoding="utf-8").splitlines()[0].strip("/ .")
-        table.append([title, *(said(cells[tree, Semantics.SCATTERED, name]) for name in names)])
+        found.append([title, *(said(cells[tree, Semantics.SCATTERED, name]) for name in names)])
     for semantics in Semantics:
         can = (sum(_is_said(cells[tree, semantics, name]) for tree in TREES) for name in names)
-        table.append([f"{semantics}, of {len(TREES)}", *map(str, can)])
+        found.append([f"{semantics}, of {len(TREES)}", *map(str, can)])
     runs = (_told([row for row in rows if row.language == name]) for name in names)
-    table.append(["a run tells", *runs])
-    return table, list(reasons)
+    found.append(["a run tells", *runs])
+    return found, list(reasons)
 
 
 def _is_said(row: Measurement) -> bool:
@@ -142,8 +154,8 @@ def _told(rows: Sequence[Measurement]) -> str:
     return "detections only" if any(row.detections_only for row in rows) else "verdicts"
 
 
-def _markdown(table: Sequence[Sequence[str]], reasons: Sequence[str]) -> Iterator[str]:
-    heading, *others = table
+def _markdown(lines: Sequence[Sequence[str]], reasons: Sequence[str]) -> Iterator[str]:
+    heading, *others = lines
     yield f"| {' | '.join(heading)} |"
     yield "| --- |" + " :---: |" * (len(heading) - 1)
     yield from (f"| {' | '.join(line)} |" for line in others)
@@ -151,9 +163,40 @@ def _markdown(table: Sequence[Sequence[str]], reasons: Sequence[str]) -> Iterato
     yield from (f"{number}. {reason}" for number, reason in enumerate(reasons, 1))
 
 
-def expressible_tex(table: Sequence[Sequence[str]], reasons: Sequence[str]) -> str:
+def capabilities(names: Sequence[str]) -> list[tuple[str, ...]]:
+    """A table, its heading first, of what the backends of these names list."""
+    heading, *others = table({name: backend(name).capabilities() for name in names})
+    return [("", *heading[1:]), *others]
+
+
+def capabilities_tex(names: Sequence[str]) -> str:
+    r"""The same for LaTeX, to be read by `\input`."""
+    heading, *others = ([escaped(cell.replace("`", "")) for cell in line] for line in capabilities(names))
+    turned = " & ".join(rf"\rotatebox{{90}}{{{name}}}" for name in heading[1:])
+    return "\n".join(
+        [
+            "% Needs \\usepackage[T1]{fontenc} and \\usepackage{booktabs,graphicx,textcomp}.",
+            r"\begin{table*}[htbp]",
+            r"\centering",
+            r"\caption{What each backend lists; it refuses every tree that has anything else.}",
+            r"\label{tab:languages-capabilities}",
+            r"\footnotesize\setlength{\tabcolsep}{3.5pt}",
+            rf"\begin{{tabular}}{{l{'c' * (len(heading) - 1)}}}",
+            r"\toprule",
+            rf" & {turned} \\",
+            r"\midrule",
+            *(" & ".join(line) + r" \\" for line in others),
+            r"\bottomrule",
+            r"\end{tabular}",
+            r"\end{table*}",
+            "",
+        ]
+    )
+
+
+def expressible_tex(cells: Sequence[Sequence[str]], reasons: Sequence[str]) -> str:
     r"""The same for LaTeX, to be read by `\input`; the reasons stand below the table."""
-    heading, *others = ([escaped(cell) for cell in line] for line in table)
+    heading, *others = ([escaped(cell) for cell in line] for line in cells)
     turned = " & ".join(rf"\rotatebox{{90}}{{{name}}}" for name in heading[1:])
     lines = [" & ".join(rf"\rotatebox{{90}}{{{cell}}}" if cell in ("emitted", "detections only", "verdicts") else cell for cell in line) + r" \\" for line in others]  # fmt: skip
     below = " ".join(f"({number}) {escaped(reason.replace('`', ''))}." for number, reason in enumerate(reasons, 1))

@@ -420,7 +420,8 @@ def _bind_times(prop: Property, _: int) -> Property:
                 return with_parts(part, parts)
 
     made = prop.with_root(prop.root).rewritten(change)
-    return replace(made, time=prop.time if names else None)
+    late = prop.time is not None and prop.time.late is not None
+    return replace(made, time=prop.time if names or late else None)
 
 
 def _variables(part: Part) -> tuple[str, ...]:
@@ -438,7 +439,7 @@ def _variables(part: Part) -> tuple[str, ...]:
 bind_times: Final = Pass("bind_times", frozenset(), _bind_times)
 """The times of events that guards ask for become variables of the events' patterns (`rvaft.core.times.timed`).
 
-It follows `windows_to_guards`. A property whose guards ask for no time has no `time` afterwards."""
+It follows `windows_to_guards`. Where nothing asks for the time of an event, the property has no `time` afterwards."""
 
 
 # What the semantics makes superfluous.

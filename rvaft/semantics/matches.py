@@ -12,7 +12,7 @@ from rvaft.semantics.reference import Partial, chosen_scenarios, guards_hold, re
 from rvaft.semantics.scenarios import Scenario
 
 Match = frozenset[tuple[str, int]]
-"""The occurrences of a match, each with its position, from 1."""
+"""The events of a match: the node of each, and its position, from 1. A counted node has several."""
 
 
 def matches(
@@ -85,7 +85,7 @@ def _served(
             in_order = any(all(place[a] < place[b] for b in names for a in order[b]) for order in scenario.orders)
             times = {name: time_of(scenario.tree.time, trace[position - 1]) for name, position in place.items()}
             if in_order and guards_hold(scenario, Partial(0, 0, scenario.occurrences, binding, times)):
-                yield frozenset(place.items()), tried
+                yield frozenset((scenario.observing[name].name, position) for name, position in place.items()), tried
                 limit, tried = limit - tried, 0
             continue
         node = scenario.observing[names[len(taken)]]

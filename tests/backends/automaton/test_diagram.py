@@ -153,6 +153,14 @@ def test_nothing_overlaps(tree: str) -> None:
         assert found.smallest >= 10
 
 
+def test_guards_are_labelled_as_the_tree_writes_them() -> None:
+    tree = loads("time t as s; top sand a b late within 2 h; late when at(b) - at(a) < 5 min;")
+    drawing = AutomatonBackend().diagram(tree, Semantics.STRICT)
+    assert "at(b) - at(a) &lt; 5 min;" in drawing
+    assert "top within 2 h&#93;" in drawing
+    assert "T1" not in drawing
+
+
 @pytest.mark.spot
 @pytest.mark.parametrize("semantics", list(Semantics))
 def test_what_is_left_out_makes_no_difference(semantics: Semantics) -> None:

@@ -83,7 +83,7 @@ def test_rows_and_what_they_cannot_hold() -> None:
     header = RowHeader.read(emitted(tree))
     row = header.row({"v": 2.0, "w": "*/ '", "t": 2})
     assert row == {
-        "is_a": True, "a_x_text": "2", "a_at_a_time": 2_000_000_000, "is_b": False, "b_x_text": None, "b_at_b_time": None,
+        "is_a": True, "a_x_text": "2", "a_t1_time": 2_000_000_000, "is_b": False, "b_x_text": None, "b_t2_time": None,
     }  # fmt: skip
     assert header.left_open([{"v": 1, "w": "*/ '", "t": 10**12}]) == "a time of 2.2e18 ns or more is no exact one there"
     assert header.left_open([{"v": 1, "w": "*/ '", "t": 2_190_000_000}]) == ""  # the year 2039

@@ -55,8 +55,8 @@ def test_the_signature_and_the_facts_of_an_event() -> None:
     tree = 'time t as s; event p(v, w) = { v: v, w: w }; top sand a b within 1 s; a on p(X, "*) p(\\"1\\")"); b on p(X, Y) when Y > 1;'
     text = emitted(tree)
     assert emitted(tree, "mfotl-signature").splitlines() == [
-        "a(At_a_kind: string, At_a_time: int, X_text: string, position: int)",
-        "b(At_b_kind: string, At_b_time: int, X_text: string, position: int)",
+        "a(T1_kind: string, T1_time: int, X_text: string, position: int)",
+        "b(T2_kind: string, T2_time: int, X_text: string, position: int)",
     ]
     header = MfotlHeader.read(text)
     event = {"v": '"), a("\n', "w": '*) p("1")', "t": 2}
@@ -124,7 +124,7 @@ FAULTS = {
     "an order dropped": ("(i1 < i2)", "(i1 <= i1)"),
     "an order turned round": ("(i1 < i2)", "(i2 < i1)"),
     "one event serves two": ("NOT (i3 = i4)", "NOT (i1 = i4)"),
-    "a variable of its own": ("ONCE d(At_d_kind, At_d_time, X_text", "ONCE d(At_d_kind, At_d_time, _"),
+    "a variable of its own": ("ONCE d(T4_kind, T4_time, X_text", "ONCE d(T4_kind, T4_time, _"),
     "a guard dropped": ("(Y_number < Z_number)", "(Y_number <= Y_number)"),
     "a window one unit off": ("<= 1000000000", "<= 999999999"),
 }

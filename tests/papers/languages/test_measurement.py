@@ -179,7 +179,7 @@ OK = (Outcome.OK, "")
 ODD = [  # how the translation and the run ended, and why
     (Odd(endless), {"timeout": 0.2}, (Outcome.TIMEOUT, "not within 0.2 s", None, "")),
     (Odd(waiting), {"timeout": 0.02}, (Outcome.TIMEOUT, "not within 0.2 s by the clock", None, "")),
-    (Odd(reader=endless), {"timeout": 0.4}, (*OK, Outcome.TIMEOUT, "not within 0.4 s")),
+    (Odd(reader=endless), {"timeout": 0.8}, (*OK, Outcome.TIMEOUT, "not within 0.8 s")),
     (Odd(busy, busy), {"timeout": 0.6}, (*OK, Outcome.TIMEOUT, "not within 0.6 s")),  # for both together
     (Odd(greedy), {"memory": 5000}, (Outcome.TOO_LARGE, "megabytes of memory (limit 5000)", None, "")),
     (Odd(reader=greedy), {"memory": 5000}, (*OK, Outcome.TOO_LARGE, "megabytes of memory (limit 5000)")),

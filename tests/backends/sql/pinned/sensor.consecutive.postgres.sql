@@ -2,9 +2,6 @@
 -- The attack-fault tree "alarm" under consecutive: every match.
 -- v1 Room
 -- v2 Value
--- v3 At_warm
--- v4 At_door
--- v5 At_window
 -- events(trace, pos, event, time): the log, its number from 1, the event as JSON, nanoseconds or NULL.
 -- time ["ts"] as s
 WITH

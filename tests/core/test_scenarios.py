@@ -20,7 +20,7 @@ from rvaft.core.scenario_space import (
     precedence,
     standstill,
 )
-from rvaft.core.scenarios import Kept, resolutions
+from rvaft.core.scenarios import resolutions
 from rvaft.core.scenarios import scenarios as of_property
 from rvaft.errors import TooLarge
 from rvaft.model.guards import holds, variables
@@ -28,10 +28,10 @@ from rvaft.model.tree import RVAFT, find_cycle
 from rvaft.semantics import Scenario, branches, feasible_scenarios, scenarios
 from rvaft.semantics.scenarios import of_branch
 from rvaft.support.budget import Budget, Undecided
+from tests.core.kept import names, parts_of
 from tests.core.trees import random_tree, small_trees
 
 Sample: TypeAlias = list[tuple[Random, RVAFT, list[Scenario]]]
-Names: TypeAlias = dict[str, tuple[str, ...]]
 Meaning: TypeAlias = tuple[frozenset[str], frozenset[tuple[str, str]], frozenset[str]]
 """The nodes with events, the pairs of them that are ordered, and the nodes with a guard over variables."""
 
@@ -45,36 +45,6 @@ def sample(request: pytest.FixtureRequest) -> Sample:
 def is_dead(scenario: Scenario) -> bool:
     guards = [node.when for node in scenario.nodes if node.when is not None and not variables(node.when)]
     return not all(holds(guard, {}) for guard in guards)
-
-
-def names(tree: RVAFT, kept: Kept | None) -> Names | None:
-    """The kept nodes with their kept children, as the reference has them."""
-    if kept is None:
-        return None
-    edges = {
-        (one.source.node, inner.source.node)
-        for one, some in kept.items()
-        for inner in some
-        if one.source and inner.source
-    }
-    there = {part.source.node for part in kept if part.source}
-    return {
-        name: tuple(child for child in tree.nodes[name].children if (name, child) in edges)
-        for name in tree.order
-        if name in there
-    }
-
-
-def parts_of(space: ScenarioSpace, scenario: Scenario) -> Kept:
-    """The kept parts of a scenario of the reference."""
-    wanted = {(name, child) for name, children in scenario.kept.items() for child in children}
-    kept = {}
-    for part in space.order:
-        name = part.source.node if part.source else ""
-        if name in scenario.kept:
-            sources = [(inner, inner.source.node) for inner in part.parts if inner.source]
-            kept[part] = tuple(inner for inner, child in sources if child == name or (name, child) in wanted)
-    return kept
 
 
 def edges_of(space: ScenarioSpace) -> list[tuple[str, str, Edge]]:
@@ -127,7 +97,7 @@ def test_precedence(sample: Sample) -> None:
     for _, tree, every in sample:
         space = ScenarioSpace(tree)
         for scenario in every[:15]:
-            kept = parts_of(space, scenario)
+            kept = parts_of(space.prop, scenario)
             graph = precedence(kept)
             before, ends = scenario.before, any(isinstance(part, EndInOrder) for part in kept)
             cyclic = any(name in earlier for name, earlier in before.items())
@@ -141,13 +111,13 @@ def test_precedence(sample: Sample) -> None:
 def test_one_by_one(sample: Sample) -> None:
     for _, tree, every in sample:
         prop = build(tree)
-        found = [frozenset((names(tree, kept) or {}).items()) for kept in resolutions(prop, limit=10_000)]
+        found = [frozenset(names(tree, kept).items()) for kept in resolutions(prop, limit=10_000)]
         assert len(set(found)) == len(found) <= most_scenarios(prop)
         assert set(found) == {frozenset(scenario.kept.items()) for scenario in every if not is_dead(scenario)}
         if not tree.shared:
             assert most_scenarios(prop) == len(every)
         minimal = resolutions(prop, minimal=True, limit=10_000)
-        assert {frozenset((names(tree, kept) or {}).items()) for kept in minimal} <= set(found)
+        assert {frozenset(names(tree, kept).items()) for kept in minimal} <= set(found)
         if found:
             with pytest.raises(TooLarge):
                 list(resolutions(prop, limit=len(found) - 1))
@@ -167,7 +137,7 @@ def test_what_may_be_together(sample: Sample) -> None:
         ]
         ways = Resolutions(space.everything, {space.whole[name] for name in banned}, {edge for _, _, edge in without})
         assert bool(ways) == bool(left)
-        assert {pair for name, some in (names(tree, ways.union) or {}).items() for pair in product([name], some)} == {
+        assert {pair for name, some in names(tree, ways.union).items() for pair in product([name], some)} == {
             (parent, child) for kept in left for parent, children in kept.items() for child in children
         }
         for nodes in islice(combinations(tree.order, 2), 10):
@@ -176,9 +146,9 @@ def test_what_may_be_together(sample: Sample) -> None:
                 kept for kept in left if {*nodes} <= kept.keys() and all(c in kept.get(p, ()) for p, c, _ in asked)
             ]
             parts, needed = [space.whole[name] for name in nodes], [edge for _, _, edge in asked]
-            kept = names(tree, ways.scenario(parts, needed, Budget()))
+            kept = ways.scenario(parts, needed, Budget())
             assert ways.possible(parts, Budget(), edges=needed) == (kept is not None) == bool(fitting)
-            assert kept is None or kept in fitting
+            assert kept is None or names(tree, kept) in fitting
 
 
 def test_feasible_scenarios(sample: Sample) -> None:
@@ -189,16 +159,16 @@ def test_feasible_scenarios(sample: Sample) -> None:
             both = [s for s in every if {one, other} <= s.occurrences]
             ways = [(one, other), (other, one)]
             apart = [s.kept for s in both if all(any(a not in order[b] for order in s.orders) for a, b in ways)]
-            kept = names(tree, space.feasible(space.budget(), apart=(one, other)))
-            assert kept is None if not apart else kept in apart
+            kept = space.feasible(space.budget(), apart=(one, other))
+            assert (names(tree, kept) in apart) if kept else not apart
             without = random.sample(tree.order, 1)
             lacking = [s.kept for s in every if one in s.kept and s.kept.keys().isdisjoint(without)]
-            kept = names(tree, space.feasible(space.budget(), (one,), without=without))
-            assert kept is None if not lacking else kept in lacking
+            kept = space.feasible(space.budget(), (one,), without=without)
+            assert (names(tree, kept) in lacking) if kept else not lacking
             part = random.choice([name for name in tree.order if name not in space.leaf] or [one])
             quiet = [s.kept for s in every if one in s.kept and part in s.kept and not s.events(part)]
-            found = None if part == one else space.feasible(space.budget(), (one,), silent=part)
-            assert found is None if not quiet else names(tree, found) in quiet
+            kept = None if part == one else space.feasible(space.budget(), (one,), silent=part)
+            assert (names(tree, kept) in quiet) if kept else not quiet
 
 
 def test_what_every_scenario_has(sample: Sample) -> None:

@@ -18,8 +18,8 @@ from rvaft.model.patterns import Literal
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
-from rvaft.monitoring.monitor_set import Per, columns
 from rvaft.rules.rule import listing
+from rvaft.stream.monitor_set import Per, columns
 from rvaft.support.budget import Undecided
 from rvaft.support.network import LOCAL, is_address, require_host
 

@@ -1,4 +1,5 @@
-"""Guards over several events as conditions of SQL that are TRUE exactly where a guard is true; where it is false or undefined they are FALSE, or NULL.
+"""Guards over several events as conditions of SQL that are TRUE exactly where a guard is true;
+where it is false or undefined they are FALSE, or NULL.
 
 What is about one event alone stands in a column of its own; comparisons and sums of several columns are left to SQL.
 """

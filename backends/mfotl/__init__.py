@@ -1,8 +1,9 @@
 """The `mfotl` backend: metric first-order temporal logic, for MonPoly and its formally verified kernel VeriMon.
 
-The text explains itself: a leading comment defines the predicates as columns of an event (`backends.event_columns`). The
-programs read the signature of the predicates from a file of its own, which `signature` gives. The last argument of every
-predicate is the position of the event in the trace. The unit of `limit` is atoms and comparisons of the formula.
+The text explains itself: a leading comment defines the predicates as columns of an event
+(`backends.event_columns`). The programs read the signature of the predicates from a file of its
+own, which `signature` gives. The last argument of every predicate is the position of the event in
+the trace. The unit of `limit` is atoms and comparisons of the formula.
 """
 
 from typing import ClassVar
@@ -20,7 +21,9 @@ __all__ = ["MfotlBackend"]
 
 
 class MfotlBackend(Backend):
-    """A closed formula of past MFOTL, true from the first detection on: every tree under `scattered`, with variables and arithmetic.
+    """A closed formula of past MFOTL, true from the first detection on.
+
+    Every tree under `scattered`, with variables and arithmetic.
 
     Nothing here runs it: in a comparison the program does that a path names (`rvaft cross-check --monpoly`).
 

@@ -1,4 +1,5 @@
-"""Guards over several events as disjunctions of conjunctions of MonPoly's comparisons, each of which is about arguments that are bound.
+"""Guards over several events as disjunctions of conjunctions of MonPoly's comparisons, each of
+which is about arguments that are bound.
 
 What MonPoly does not calculate as guards do is an argument of its own, where it is about one event alone.
 """
@@ -49,7 +50,10 @@ def either(*several: Ways) -> Ways:
 
 
 class Conditions:
-    """The guards of a scenario; `times` are the variables that hold times, `column` writes the argument of a column, which is `asked` for then.
+    """The guards of a scenario.
+
+    `times` are the variables that hold times, `column` writes the argument of a column, which is
+    `asked` for then.
 
     `bound` are the variables of each event.
     """

@@ -50,8 +50,8 @@ def coverage_command(
 ) -> int:
     """Say which branches of a tree some LOG detects, and how far the logs came in the others.
 
-    A LOG is as for `monitor`: JSON Lines, or what its name or --input says; - is standard input, and a pattern such as 'runs/*.jsonl'
-    stands for the files that match it.
+    A LOG is as for `monitor`: JSON Lines, or what its name or --input says; - is standard input,
+    and a pattern such as 'runs/*.jsonl' stands for the files that match it.
     """
     whole = options.load_tree(tree)
     coverage = Coverage(whole, **chosen)

@@ -126,9 +126,12 @@ class PageRequest:
 def report_command(
     *, tree: str, logs: tuple[str, ...], branch: int | None, kind: Kind | None, output: str | None, **given: Any
 ) -> int:
-    """Write a page about what happened in each LOG: the tree, event by event, detections, and what could have been missed.
+    """Write a page about what happened in each LOG.
 
-    A LOG is as for `monitor`. The page is one HTML file that needs no network. The exit status is 1 when the tree is detected in some log.
+    The tree, event by event, detections, and what could have been missed.
+
+    A LOG is as for `monitor`. The page is one HTML file that needs no network. The exit status is 1
+    when the tree is detected in some log.
     """
     options.refuse(tree == "-", "TREE is a file: what standard input has is the log")
     require_companions(given)

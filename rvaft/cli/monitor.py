@@ -109,8 +109,9 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given: Any) -> int:
     """Watch the events of each TRACE for a tree and give verdicts.
 
-    A TRACE is JSON Lines, or what its name or --input says, and may be a pattern such as 'logs/**/*.jsonl', or a URL such as mqtt://HOST/TOPIC. No TRACE, or -, reads standard
-    input as it comes. The exit status is 1 when the tree is detected in some trace.
+    A TRACE is JSON Lines, or what its name or --input says, and may be a pattern such as
+    'logs/**/*.jsonl', or a URL such as mqtt://HOST/TOPIC. No TRACE, or -, reads standard input as
+    it comes. The exit status is 1 when the tree is detected in some trace.
     """
     options.refuse(tree == "-", "TREE is a file: what standard input has is the log")
     _check(given)
@@ -192,7 +193,10 @@ def _with_foxglove(
 
 
 def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any]) -> MonitoringPlan:
-    """What the options say is done with every trace, by the monitors of a part of a tree; without a backend the engine's."""
+    """What the options say is done with every trace, by the monitors of a part of a tree.
+
+    Without a backend the engine's.
+    """
     semantics, backend, limit = meant(whole, given["semantics"]), given.get("backend"), given["max_configurations"]
     limit = limit or DEFAULT_LIMIT
 
@@ -222,7 +226,9 @@ def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any]) -> MonitoringPl
 
 
 def _check(given: dict[str, Any]) -> None:
-    """Refuse options that do not go together, and a drawing that cannot be made, now rather than at a detection, hours from here."""
+    """Refuse options that do not go together, and a drawing that cannot be made, now rather than at
+    a detection, hours from here.
+    """
     refuse, form, explain = options.refuse, given["form"], given["explain"]
     refuse(given["word"] is not None and given["traces"], "--word and TRACE exclude each other")
     # A text explains nothing, keeps nothing, and knows no kinds: commands for these would never run.
@@ -247,7 +253,9 @@ def require_companions(given: Mapping[str, Any]) -> None:
 
 
 class TracesGiven:
-    """What the names on a command line stand for; those of files that are not there are told, and noted in `missing`."""
+    """What the names on a command line stand for; those of files that are not there are told, and
+    noted in `missing`.
+    """
 
     def __init__(self, names: Sequence[str], log_format: options.LogFormat, *, live: bool) -> None:
         self.missing = Failures()

@@ -1,4 +1,8 @@
-"""`rvaft test`: a tree's own traces against the verdicts that are expected of them; what the file does not state is not looked at."""
+"""`rvaft test`.
+
+A tree's own traces against the verdicts that are expected of them; what the file does not state is
+not looked at.
+"""
 
 import json
 from collections import deque
@@ -66,9 +70,11 @@ class Expectation(NamedTuple):
 @options.reading_options
 @options.output_format("text", "junit")
 def test_command(*, trees: tuple[str, ...], update: bool, form: str) -> int:
-    """Run the traces NAME.traces/*.jsonl, or in another format, beside each TREE, and compare with the verdicts in NAME.verdicts.json.
+    """Run the traces NAME.traces/*.jsonl, or in another format, beside each TREE, and compare with
+    the verdicts in NAME.verdicts.json.
 
-    Exit with 1 where a verdict differs. With --update the verdicts are those of the engine: look at the difference before you commit it.
+    Exit with 1 where a verdict differs. With --update the verdicts are those of the engine: look at
+    the difference before you commit it.
     """
     failures, rows = Failures(), list[Expectation]()
     for tree in trees:

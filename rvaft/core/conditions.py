@@ -1,8 +1,10 @@
-"""When a guard is true and when it is false, said without undefined: conjunctions and disjunctions of tests, each of which holds or does not.
+"""When a guard is true and when it is false, said without undefined: conjunctions and disjunctions
+of tests, each of which holds or does not.
 
-A guard is undefined where a part of it that counts is, so `not (X < Y)` is no negation of `X < Y`: both ask for two numbers or two texts. Here what
-makes a guard true and what makes it false are said apart, and nothing is negated but a test. The tests look at terms, which are
-constants, variables and what is calculated of them: for a language there is nothing left but to spell the tests.
+A guard is undefined where a part of it that counts is, so `not (X < Y)` is no negation of `X < Y`:
+both ask for two numbers or two texts. Here what makes a guard true and what makes it false are said
+apart, and nothing is negated but a test. The tests look at terms, which are constants, variables
+and what is calculated of them: for a language there is nothing left but to spell the tests.
 """
 
 from collections.abc import Callable, Collection, Iterable
@@ -88,8 +90,9 @@ _EQUAL: Final = {True: "=", False: "<>"}
 class TruthConditions:
     """The conditions of guards.
 
-    `times` are variables that hold times of events: a condition that mixes them with other numbers is `Unsayable`, and they have no value
-    where they are null. A term that `is_whole` is not taken apart, as a variable is not; by default there are no others.
+    `times` are variables that hold times of events: a condition that mixes them with other numbers
+    is `Unsayable`, and they have no value where they are null. A term that `is_whole` is not taken
+    apart, as a variable is not; by default there are no others.
 
     >>> from rvaft.language.parser import parse_guard
     >>> guard = parse_guard("not (X < 2 or Y)")
@@ -108,7 +111,9 @@ class TruthConditions:
         self._known: dict[tuple[Guard, bool], TruthCondition] = {}
 
     def of(self, guard: Guard, *, wanted: bool = True) -> TruthCondition:
-        """What holds exactly where a guard is true (or false), as it is defined. Parts of it may be one object that stands in several places."""
+        """What holds exactly where a guard is true (or false), as it is defined. Parts of it may be
+        one object that stands in several places.
+        """
         return self._when(folded(guard), wanted)
 
     def _when(self, guard: Guard, wanted: bool) -> TruthCondition:
@@ -202,7 +207,10 @@ class TruthConditions:
         return whole and (isinstance(term, Operation) or self.sort(term) is not Sort.TIME)
 
     def sort(self, term: Guard) -> Sort:
-        """What the value of a term is, where it has one; raises `Unsayable` for what is calculated of a time and of what is none."""
+        """What the value of a term is, where it has one.
+
+        Raises `Unsayable` for what is calculated of a time and of what is none.
+        """
         match term:
             case Literal(constant):
                 if isinstance(constant, bool):
@@ -252,7 +260,11 @@ def _joined(every: bool, parts: Iterable[TruthCondition]) -> TruthCondition:
 
 
 def spelled(condition: TruthCondition, test: Callable[[ConditionTest], T], join: Callable[[bool, list[T]], T]) -> T:
-    """The condition in a language: `test` spells a test, `join` all (true) or one (false) of several; what stands in several places is spelled once."""
+    """The condition in a language.
+
+    `test` spells a test, `join` all (true) or one (false) of several; what stands in several places
+    is spelled once.
+    """
     known: dict[int, T] = {}
 
     def of(part: TruthCondition) -> T:

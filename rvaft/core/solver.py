@@ -1,9 +1,13 @@
-"""Whether guards can hold together: a search for values, a proof that there are none, and what exact arithmetic would say.
+"""Whether guards can hold together.
 
-What is found is certain. A *witness* is checked with the guards' own evaluation; finding none proves nothing. Guards are *refuted* by the sorts of values
-(a number is no string) and their order, both exact whatever the values are: comparing an integer with a double rounds nothing. Of
-arithmetic, which rounds, the proof uses only what rounding keeps: adding a larger whole number gives no smaller result, and a
-difference has the sign of the comparison or is zero. Where that proves nothing sympy is asked, of inequalities weakened by what rounding could add.
+A search for values, a proof that there are none, and what exact arithmetic would say.
+
+What is found is certain. A *witness* is checked with the guards' own evaluation; finding none
+proves nothing. Guards are *refuted* by the sorts of values (a number is no string) and their order,
+both exact whatever the values are: comparing an integer with a double rounds nothing. Of
+arithmetic, which rounds, the proof uses only what rounding keeps: adding a larger whole number
+gives no smaller result, and a difference has the sign of the comparison or is zero. Where that
+proves nothing sympy is asked, of inequalities weakened by what rounding could add.
 """
 
 import operator as python
@@ -50,10 +54,11 @@ def contradictory(guards: Iterable[Guard]) -> bool | None:
 
 # What must be true for guards to hold, as alternatives of comparisons (a disjunctive normal form).
 #
-# A guard holds when its value is `true`, and then every comparison that decided so was defined. Its negation `not (a < b)` is true
-# exactly when `a >= b` is: both are defined. So each alternative is a list of comparisons that are all *true*, and no
-# negation is left. What an alternative cannot say (a comparison of truth values, say) is left out: alternatives are implied by the
-# guards, not equivalent to them, which is what a proof of contradiction needs.
+# A guard holds when its value is `true`, and then every comparison that decided so was defined. Its
+# negation `not (a < b)` is true exactly when `a >= b` is: both are defined. So each alternative is
+# a list of comparisons that are all *true*, and no negation is left. What an alternative cannot say
+# (a comparison of truth values, say) is left out: alternatives are implied by the guards, not
+# equivalent to them, which is what a proof of contradiction needs.
 
 MAX_ALTERNATIVES: Final = 256
 
@@ -74,7 +79,9 @@ class TooManyAlternatives(Exception):
 
 
 def _alternatives(guards: Iterable[Guard]) -> list[Way]:
-    """The ways in which all guards can hold, none where they surely cannot; where they are too many, one that says nothing."""
+    """The ways in which all guards can hold, none where they surely cannot; where they are too
+    many, one that says nothing.
+    """
     try:
         return _all_of([_when(guard, truth=True) for guard in guards])
     except TooManyAlternatives:
@@ -90,7 +97,8 @@ def _when(guard: Guard, *, truth: bool) -> list[Way]:
             decides = junction is Operator.OR
             if truth is not decides:
                 return _all_of([_when(operand, truth=truth) for operand in operands])
-            # Read from the left, one operand decides, and those before it have the other truth value: they are defined too.
+            # Read from the left, one operand decides, and those before it have the other truth
+            # value: they are defined too.
             ways: list[Way] = []
             for index, operand in enumerate(operands):
                 before = [_when(earlier, truth=not decides) for earlier in operands[:index]]
@@ -155,7 +163,8 @@ def refuted(guards: Iterable[Guard]) -> bool:
 
 
 class _GuardFacts:
-    """Terms with what is known of their sorts and order: pairs of terms that are `<=`, those that are `<`, those that are `!=`.
+    """Terms with what is known of their sorts and order: pairs of terms that are `<=`, those that
+    are `<`, those that are `!=`.
 
     That a term occurs in a true comparison says that it is defined, and so of which sort its operands are.
     """
@@ -286,7 +295,8 @@ _CALCULATED: Final[dict[Operator, Callable[..., Any]]] = {
 
 
 def contradictory_over_reals(guards: Iterable[Guard], *, weaken: bool = False) -> bool | None:
-    """Whether the guards could hold at most through rounding: no real numbers make them hold. None where sympy cannot tell.
+    """Whether the guards could hold at most through rounding: no real numbers make them hold. None
+    where sympy cannot tell.
 
     With `weaken`, comparisons that rounding could make true are left out.
     """
@@ -297,8 +307,8 @@ def contradictory_over_reals(guards: Iterable[Guard], *, weaken: bool = False) -
 def _survives_rounding(comparison: GuardComparison) -> bool:
     """Whether nothing is rounded, or only once, and strictly compared with a representable number.
 
-    Rounding is monotone and keeps representable numbers, so `round(x) < c` implies `x < c` for such a c, x being one operation on a variable and a
-    small integer.
+    Rounding is monotone and keeps representable numbers, so `round(x) < c` implies `x < c` for such
+    a c, x being one operation on a variable and a small integer.
     """
 
     def representable(number: object) -> bool:
@@ -379,9 +389,11 @@ DEFAULT_TRIES: Final = 4_000
 
 
 def witness(guards: Iterable[Guard], tries: int = DEFAULT_TRIES) -> dict[str, Json] | None:
-    """Values under which all guards hold, or None where none were found in so many evaluations (and 20 more for each guard).
+    """Values under which all guards hold, or None where none were found in so many evaluations (and
+    20 more for each guard).
 
-    >>> witness([Operation(Operator.GT, (Variable("X"), Literal(5))), Operation(Operator.LT, (Variable("Y"), Variable("X")))])
+    >>> greater = Operation(Operator.GT, (Variable("X"), Literal(5)))
+    >>> witness([greater, Operation(Operator.LT, (Variable("Y"), Variable("X")))])
     {'X': 6, 'Y': 5}
     """
     todo = list(dict.fromkeys(guards))
@@ -461,7 +473,9 @@ _INVERSE: Final = {
 
 
 def _near(guards: list[Guard], name: str, binding: Binding) -> Iterator[Json]:
-    """What is compared with anything, as far as that has a value now, and where a comparison changes its mind about the variable."""
+    """What is compared with anything, as far as that has a value now, and where a comparison
+    changes its mind about the variable.
+    """
     for guard in guards:
         sides = (side for part in _comparisons(guard) for side in part.operands)
         yield from (known for side in sides if (known := _known(side, binding)) is not UNDEFINED)

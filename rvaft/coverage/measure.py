@@ -50,9 +50,10 @@ Kept: TypeAlias = Mapping[int, tuple[int, ...]]
 class LackingEvents:
     """The fewest events that a partial match of a branch still lacks, over all feasible scenarios that it is a part of.
 
-    In a branch only KofN gates have a choice left: they keep K children or more. Where no node is shared, the cheapest children
-    are the answer, gate by gate. The gates above shared nodes (the *core*) depend on each other: their choices are tried one by
-    one, and each scenario is looked at as a whole.
+    In a branch only KofN gates have a choice left: they keep K children or more. Where no node is
+    shared, the cheapest children are the answer, gate by gate. The gates above shared nodes (the
+    *core*) depend on each other: their choices are tried one by one, and each scenario is looked at
+    as a whole.
     """
 
     def __init__(self, compiled: CompiledTree) -> None:
@@ -62,10 +63,12 @@ class LackingEvents:
     def fewest(
         self, taken: Mapping[int, int], dead: Collection[int] = (), *, exact: bool = True
     ) -> tuple[int, Collection[int]]:
-        """How many are lacking when these are taken and the guards of the dead nodes do not hold, and the nodes of such a scenario.
+        """How many are lacking when these are taken and the guards of the dead nodes do not hold,
+        and the nodes of such a scenario.
 
-        `taken` maps each node with an event to the position of its event. If `exact`, the scenario contains all that is taken;
-        otherwise it may do without some of it. There has to be such a scenario. Raises `TooLarge`.
+        `taken` maps each node with an event to the position of its event. If `exact`, the scenario
+        contains all that is taken; otherwise it may do without some of it. There has to be such a
+        scenario. Raises `TooLarge`.
         """
         compiled = self._compiled
         if not compiled.chooses:
@@ -88,7 +91,9 @@ class LackingEvents:
     def _cheapest(
         self, nodes: Iterable[int], dead: Collection[int], taken: Collection[int], forced: Collection[int]
     ) -> dict[int, tuple[int, tuple[int, ...]]]:
-        """For each of the nodes (children first) that can be kept, how many events it lacks at least, and the children kept for it."""
+        """For each of the nodes (children first) that can be kept, how many events it lacks at
+        least, and the children kept for it.
+        """
         found: dict[int, tuple[int, tuple[int, ...]]] = {}
         for node in nodes:
             children, need = self._compiled.children[node], self._compiled.need[node]
@@ -139,7 +144,9 @@ class LackingEvents:
                 yield whole
 
     def _keeps_order(self, kept: Kept, taken: Mapping[int, int]) -> bool:
-        """Whether a scenario is feasible, and what is taken came in an order that it allows and before all that is lacking."""
+        """Whether a scenario is feasible, and what is taken came in an order that it allows and
+        before all that is lacking.
+        """
         compiled = self._compiled
         inside: dict[int, int] = {}
         before = [0] * len(compiled.names)
@@ -162,7 +169,9 @@ class LackingEvents:
 
 
 class Reach(NamedTuple):
-    """The best that a log did: how many events were lacking, the number of the last event matched (0 for none), what came next."""
+    """The best that a log did: how many events were lacking, the number of the last event matched
+    (0 for none), what came next.
+    """
 
     lacking: int
     event: int
@@ -172,9 +181,10 @@ class Reach(NamedTuple):
 class AlternativeFollower(Engine):
     """The monitor of a branch, or of one alternative of it, that remembers the best of the partial matches it met.
 
-    It is given only the events that may matter to it, with what the whole tree says of them, since there may be very many branches.
-    Under `scattered` no partial match is lost but to a better one, and the end of the log is early enough; else they end, so they are
-    looked at whenever they grow. Raises `TooLarge`.
+    It is given only the events that may matter to it, with what the whole tree says of them, since
+    there may be very many branches. Under `scattered` no partial match is lost but to a better one,
+    and the end of the log is early enough; else they end, so they are looked at whenever they grow.
+    Raises `TooLarge`.
     """
 
     _apart = False  # how far the parts came together is what is measured
@@ -294,8 +304,9 @@ class BranchFollower:
 class BranchCoverage:
     """One branch: it was reached `reached` of the `needed` events; `detected` logs detect it.
 
-    `log` and `event` are where it was first detected or else came farthest first; `event` is the number of the last event
-    matched there, from 1. Both are None where no event of the branch was matched. `awaited` is what could have come next.
+    `log` and `event` are where it was first detected or else came farthest first; `event` is the
+    number of the last event matched there, from 1. Both are None where no event of the branch was
+    matched. `awaited` is what could have come next.
     """
 
     number: int
@@ -312,9 +323,10 @@ class BranchCoverage:
 class CoverageReport:
     """What the logs covered.
 
-    `infeasible` are the numbers of branches without a feasible scenario, which nothing can detect and which do not count. `nodes` is the number of nodes
-    with a runtime event in the branches that do, `unseen` are those whose event no event of any log was. `oversights` are what could have been
-    part of a match and was not, `warnings` the same as sentences.
+    `infeasible` are the numbers of branches without a feasible scenario, which nothing can detect
+    and which do not count. `nodes` is the number of nodes with a runtime event in the branches that
+    do, `unseen` are those whose event no event of any log was. `oversights` are what could have
+    been part of a match and was not, `warnings` the same as sentences.
     """
 
     semantics: Semantics
@@ -340,8 +352,9 @@ class CoverageReport:
 class Coverage:
     """Reads logs one by one and says what they covered.
 
-    Raises `OptionError`, `TreeError` for a tree that breaks a rule, that has no such branch or kind, or of which no such branch is feasible, and
-    `TooLarge` beyond `limit` branches; `configurations` bounds the partial matches that are followed in each.
+    Raises `OptionError`, `TreeError` for a tree that breaks a rule, that has no such branch or
+    kind, or of which no such branch is feasible, and `TooLarge` beyond `limit` branches;
+    `configurations` bounds the partial matches that are followed in each.
 
     >>> import rvaft
     >>> coverage = Coverage(rvaft.loads("top or a x; x sand b c;"))
@@ -396,7 +409,10 @@ class Coverage:
                 self._branches.append((fresh, frozenset(one.nodes)))
 
     def add(self, log: str, events: Iterable[Json] | BinaryIO, *, strict_json: bool = False) -> None:
-        """Read a whole log, its events or the bytes of JSON Lines. Raises what reading them raises, and `TooLarge`; a log that raises does not count."""
+        """Read a whole log, its events or the bytes of JSON Lines.
+
+        Raises what reading them raises, and `TooLarge`; a log that raises does not count.
+        """
         followers = [(fresh.fork(), nodes) for fresh, nodes in self._branches]
         live, seen, number, data_warnings = followers, set[str](), 0, DataWarnings(self._types)
         numbered = (
@@ -439,7 +455,10 @@ class Coverage:
         return sketch
 
     def _hit(self, event: Json, sight: Sight, *, projects: bool) -> set[str]:
-        """The nodes that an event may be, where it counts: by the pattern and by the guard that the event alone decides."""
+        """The nodes that an event may be, where it counts.
+
+        By the pattern and by the guard that the event alone decides.
+        """
         sketch = self._sketch(event, sight)
         if projects and any(one.admits(event) for one in sketch.ignored):
             return set()

@@ -1,7 +1,8 @@
-"""What people are told about a text that is not in the language: where it went wrong, what was expected, how to mend it.
+"""What people are told about a text that is not in the language: where it went wrong, what was
+expected, how to mend it.
 
-Common slips are known: each is a condition on the words around the place, with its advice. The first that holds speaks; where none
-does, the message says what the grammar expected.
+Common slips are known: each is a condition on the words around the place, with its advice. The
+first that holds speaks; where none does, the message says what the grammar expected.
 """
 
 import re
@@ -97,7 +98,11 @@ _LONGEST_LINE: Final = 300
 
 
 class _Lexeme(NamedTuple):
-    """A piece of text: a string with its quotes, a word or number, a sign; the empty text stands for the start or the end."""
+    """A piece of text.
+
+    A string with its quotes, a word or number, a sign; the empty text stands for the start or the
+    end.
+    """
 
     text: str
     start: int
@@ -121,7 +126,10 @@ class _Lexeme(NamedTuple):
 
 
 class _Situation(NamedTuple):
-    """Where a text went wrong: the statement so far, its last piece, what cannot stand there, the two pieces that follow."""
+    """Where a text went wrong.
+
+    The statement so far, its last piece, what cannot stand there, the two pieces that follow.
+    """
 
     before: tuple[_Lexeme, ...]
     last: _Lexeme

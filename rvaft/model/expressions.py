@@ -107,7 +107,10 @@ SIGNS: Final = {operator: facts.sign for operator, facts in OPERATORS.items()}
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """How guards and events are written; `signs` of the operators without the spaces around them, those before an operand with theirs."""
+    """How guards and events are written.
+
+    `signs` of the operators without the spaces around them, those before an operand with theirs.
+    """
 
     node: Callable[[str], str] = name_text
     event: Callable[[str], str] = word_text

@@ -1,8 +1,9 @@
 """Guards: the expression type, the table of operators, and the value of a guard under an assignment of the variables.
 
-A value is JSON or `UNDEFINED` (wrong types, division by zero, overflow, what is not finite). Undefined
-propagates through every operator, except that `and` and `or` read left to right and do not look at the right side when the left
-decides. The parser bounds the nesting of an expression (`MAX_DEPTH`), so the recursion here is bounded too.
+A value is JSON or `UNDEFINED` (wrong types, division by zero, overflow, what is not finite).
+Undefined propagates through every operator, except that `and` and `or` read left to right and do
+not look at the right side when the left decides. The parser bounds the nesting of an expression
+(`MAX_DEPTH`), so the recursion here is bounded too.
 """
 
 import json
@@ -83,11 +84,12 @@ class Sort(StrEnum):
 class OperatorFacts(NamedTuple):
     """What every module but the reference and the backends knows about an operator.
 
-    `level` says how tightly it binds. `takes` has the sorts of its operands, and is None where it takes every value; an
-    operand of another sort makes it undefined. `gives` is the sort of its value. `function` gives the value of defined
-    operands, and is None where not all of them are evaluated. `arity` is None for two operands or more. A comparison has
-    three more facts: `negated` is true where it is false (both are defined there), `mirrored` is the same comparison with
-    its sides exchanged, and `compare` is Python's.
+    `level` says how tightly it binds. `takes` has the sorts of its operands, and is None where it
+    takes every value; an operand of another sort makes it undefined. `gives` is the sort of its
+    value. `function` gives the value of defined operands, and is None where not all of them are
+    evaluated. `arity` is None for two operands or more. A comparison has three more facts:
+    `negated` is true where it is false (both are defined there), `mirrored` is the same comparison
+    with its sides exchanged, and `compare` is Python's.
     """
 
     level: int
@@ -121,7 +123,10 @@ def _ordered(compare: Callable[[Any, Any], bool]) -> Callable[[Json, Json], Json
 
 
 def _calculating(calculate: Callable[..., Any]) -> Callable[..., Json]:
-    """An operation on numbers: a double with an integral value is that integer, so equal operands give equal results."""
+    """An operation on numbers.
+
+    A double with an integral value is that integer, so equal operands give equal results.
+    """
 
     def calculated(*arguments: Json) -> Json:
         numbers = []
@@ -152,7 +157,10 @@ def _texts(calculate: Callable[..., Any]) -> Callable[..., Json]:
 
 @lru_cache(maxsize=1_000)
 def _glob(glob: str) -> re.Pattern[str]:
-    """What matches the whole of a text: the pieces between stars are looked for from the left, each once, and the last at the end."""
+    """What matches the whole of a text.
+
+    The pieces between stars are looked for from the left, each once, and the last at the end.
+    """
     first, *others = [["." if sign == "?" else re.escape(sign) for sign in piece] for piece in re.split(r"\*+", glob)]
     inner = "".join(f"(?>.*?{''.join(piece)})" for piece in others[:-1])
     last = "".join(f"(?=.{{{len(piece)}}})(?>.*)(?<={''.join(piece)})" for piece in others[-1:])
@@ -249,7 +257,10 @@ for _operator in COMPARISONS:
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """An operator applied: one operand for NOT and NEGATE, two or more for AND, OR, MIN and MAX, else two; of IN the value and the literals.
+    """An operator applied.
+
+    One operand for NOT and NEGATE, two or more for AND, OR, MIN and MAX, else two; of IN the value
+    and the literals.
 
     Operations are equal where their operators and operands are; 1 and 1.0 are one operand, since they are one number.
     """
@@ -262,7 +273,8 @@ class Operation:
 class TimePoint(Variable):
     """`at(NODE)`, `start(NODE)` or `end(NODE)`: a variable that the times of events bind; `name` identifies it.
 
-    `number` is 0 in a tree. In a property it is the occurrence of the event (`at`), or the copy of the node (`start`, `end`).
+    `number` is 0 in a tree. In a property it is the occurrence of the event (`at`), or the copy of
+    the node (`start`, `end`).
     """
 
     point: str = "at"
@@ -453,9 +465,12 @@ def predicate(guard: Guard) -> Predicate:
 
 @dataclass(frozen=True, slots=True)
 class Outcomes(Generic[H]):
-    """What is derived `of` a binding from the guards that hold of it, which `held` gives as bits; they may ask for one `field` alone.
+    """What is derived `of` a binding from the guards that hold of it, which `held` gives as bits.
 
-    With `ordered` each compares it with a number, and so holds from some value on or up to one. Without `held` there are no guards.
+    They may ask for one `field` alone.
+
+    With `ordered` each compares it with a number, and so holds from some value on or up to one.
+    Without `held` there are no guards.
     """
 
     of: Callable[[Mapping[str, Json]], H]
@@ -464,7 +479,9 @@ class Outcomes(Generic[H]):
     ordered: bool = False
 
     def parted(self, alike: "Alike") -> list[tuple[H, "Alike"]]:
-        """Events with what is derived of them, those of which it is the same together: mostly all, which few values say."""
+        """Events with what is derived of them, those of which it is the same together: mostly all,
+        which few values say.
+        """
         if self._are_alike(alike):
             return [(self.of(alike.events[0]), alike)]
         found: dict[H, list[Mapping[str, Json]]] = {}

@@ -1,4 +1,6 @@
-"""The WebSocket server, with one session per connection or one for all, and whom it lets in; needs the library `websockets`."""
+"""The WebSocket server, with one session per connection or one for all, and whom it lets in; needs
+the library `websockets`.
+"""
 
 import asyncio
 import errno
@@ -39,7 +41,9 @@ _OVERSIZE: Final = 16
 _BACKLOG: Final = 1024
 """Connections that the system may queue: all monitors of a robot start at once."""
 _ACCEPTED: Final = 1
-"""Connections that `asyncio` accepts at a time, and retries that it schedules when the limit of open files is reached."""
+"""Connections that `asyncio` accepts at a time, and retries that it schedules when the limit of
+open files is reached.
+"""
 _HANDSHAKE: Final = 5.0
 """Seconds that a client has to say what it wants."""
 _PATIENCE: Final = 1.0
@@ -54,8 +58,10 @@ _LIBRARY.propagate = False
 class Server:
     """Answers the messages of all connections; `fresh` gives the session of a new one.
 
-    `say` is told, a line each, of connections, of messages that are no events, and of detections. Port 0 is any that is free; `origins` are
-    allowed beside those of programs, as `origin` gives them; `connections` is how many there may be at once. A browser is shown the `page`, if there is one.
+    `say` is told, a line each, of connections, of messages that are no events, and of detections.
+    Port 0 is any that is free; `origins` are allowed beside those of programs, as `origin` gives
+    them; `connections` is how many there may be at once. A browser is shown the `page`, if there is
+    one.
     """
 
     protocol: Protocol
@@ -210,14 +216,19 @@ def _library(part: str) -> Any:
 
 
 def _answering(connection: Any) -> Any:
-    """The library's connection, which leaves what is no request, or has a body, without an answer, so that it has one."""
+    """The library's connection, which leaves what is no request, or has a body, without an answer,
+    so that it has one.
+    """
 
     class Answering(connection):  # type: ignore[misc] # the library is imported on use
         def send_data(self) -> None:
             unread = isinstance(self.protocol.handshake_exc, _library("exceptions").InvalidMessage)
             if unread and self.request is None and not self.transport.is_closing():
                 why = b"400 what came is no request of HTTP, or has a body\n"
-                head = b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/plain\r\nConnection: close\r\nContent-Length: %d\r\n\r\n"
+                head = (
+                    b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/plain\r\nConnection: "
+                    b"close\r\nContent-Length: %d\r\n\r\n"
+                )
                 with suppress(RuntimeError, OSError):  # the library has said its last word already
                     self.transport.write(head % len(why) + why)
             super().send_data()

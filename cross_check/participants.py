@@ -13,10 +13,12 @@ from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 from cross_check.letters import ties
 from cross_check.results import Status
 from rvaft.analysis.branches import restrict
-from rvaft.analysis.plain_trees import asks_for_time
-from rvaft.analysis.scenarios import SCENARIOS, most_scenarios
 from rvaft.api import loads
 from rvaft.backend import Backend, Match, Observed, Specification, all_backends, backend, speaking
+from rvaft.core.build import build
+from rvaft.core.passes import property_of
+from rvaft.core.scenario_space import most_scenarios
+from rvaft.core.scenarios import LIMIT
 from rvaft.engine import Engine
 from rvaft.errors import LanguageError, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
 from rvaft.language.printer import dumps
@@ -161,7 +163,7 @@ def loaded(name: str) -> Backend | None:
 
 def times_matter(tree: RVAFT) -> bool:
     """Whether a verdict can depend on the times of events: then they tie events together."""
-    return tree.time is not None and (tree.time.late is not None or any(map(asks_for_time, tree.top_down())))
+    return tree.time is not None and (tree.time.late is not None or property_of(tree).timed)
 
 
 def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
@@ -211,9 +213,9 @@ def reference_of(
     tree: RVAFT, semantics: Semantics, *, name: str = REFERENCE, branch: int | None = None, kind: Kind | None = None
 ) -> Participant:
     """The definition at work; absent where there are too many scenarios to try them all."""
-    scenarios = most_scenarios(tree)
-    if scenarios > SCENARIOS:
-        raise TooLarge(f"about {scenarios:.0e} scenarios to try one by one", limit=SCENARIOS)
+    scenarios = most_scenarios(build(tree))
+    if scenarios > LIMIT:
+        raise TooLarge(f"about {scenarios:.0e} scenarios to try one by one", limit=LIMIT)
     first = Reference(tree, semantics, branch=branch, kind=kind)
     part = restrict(tree, branch=branch, kind=kind)
     return Participant(name, first.fork, observed=observed_by(part), timed=times_matter(part))

@@ -15,8 +15,9 @@ from cross_check.generate.values import places, put
 from cross_check.letters import Letters, letters, with_twins
 from cross_check.participants import Participant, literals, times_matter
 from cross_check.results import Job
-from rvaft.analysis.scenarios import fewest_events
 from rvaft.backend import Observed
+from rvaft.core.passes import property_of
+from rvaft.core.scenario_space import fewest_events
 from rvaft.errors import TooLarge
 from rvaft.model.patterns import Anything
 from rvaft.model.tree import RVAFT
@@ -67,7 +68,8 @@ def trials(
 
     All words up to some length over the letters, if they are wanted, and random traces.
     """
-    longest = effort.length or max(SHORTEST, min(fewest_events(part.bottom_up())[part.root].events + 2, LONGEST))
+    prop = property_of(part)
+    longest = effort.length or max(SHORTEST, min(fewest_events(prop.parts)[prop.root].events + 2, LONGEST))
     clock = Random(f"{job.title} {job.semantics}".encode(errors="surrogateescape"))  # noqa: S311 (no secret)
     for word in _words(participants, effort.words, longest) if words else ():
         yield walked(clock, part, word) if times_matter(part) else word

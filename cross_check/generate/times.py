@@ -12,6 +12,9 @@ from math import inf, nan
 from random import Random
 from typing import Final, TypeAlias
 
+from rvaft.core.property import Condition, Event, Part, Property, Source, Times, Within
+from rvaft.core.scenario_space import node_of
+from rvaft.core.scenarios import Kept
 from rvaft.core.times import point_bounds
 from rvaft.model.event_time import UNITS, TimeFormat
 from rvaft.model.guards import (
@@ -44,7 +47,6 @@ _PAIRS: Final = 30
 
 Bound: TypeAlias = tuple[int, int, int]
 """Two events by number and the most that the first may be after the second, in nanoseconds."""
-Kept: TypeAlias = Mapping[str, tuple[str, ...]]
 
 
 # -- the field with the time --------------------------------------------------------------------------------------------
@@ -165,20 +167,22 @@ def durations(tree: RVAFT) -> list[int]:
 class Schedule:
     """The times of the events of one scenario, and the values that variables get from them.
 
-    `order` has the node of each event. A variable that stands where the time does, and for which guards ask, keeps its value; others
-    follow the time.
+    `order` has the node of each event. A variable that stands where the time does, and that a guard uses, keeps its value;
+    other variables there follow the time.
     """
 
     def __init__(
-        self, random: Random, tree: RVAFT, kept: Kept, order: Sequence[str], binding: Binding, *, plain: bool
+        self, random: Random, prop: Property, kept: Kept, order: Sequence[str], binding: Binding, *, plain: bool
     ) -> None:
+        tree = prop.asked or prop.tree
         assert tree.time is not None
-        self.random, self.tree, self.kept = random, tree, kept
+        self.random, self.tree, self.prop, self.kept = random, tree, prop, kept
         self.order, self.binding, self.plain = order, binding, plain
-        guards = {name: [part for part in conjuncts(tree.nodes[name].when) if time_points(part)] for name in kept}
-        self._guards = [*chain.from_iterable(guards.values())]
-        self._windows = [name for name in kept if tree.nodes[name].within is not None]
-        self.asking = [*(name for name, some in guards.items() if some), *self._windows] or [*order]
+        timed = [part for part in kept if isinstance(part, Condition) and time_points(part.guard)]
+        self._guards = [guard for part in timed for guard in conjuncts(part.guard) if time_points(guard)]
+        self._windows = [part for part in kept if isinstance(part, Within)]
+        asking: list[Part] = [*timed, *self._windows]
+        self.asking = [*map(node_of, asking)] or [*order]
         """The nodes that have a condition on time, or all."""
         asked = {name for node in tree.top_down() for name in variables(node.when)}
         stands = [standing(tree.pattern(name) or Anything(), tree.time.field) for name in order]
@@ -229,12 +233,12 @@ class Schedule:
         """Bounds under which all conditions hold that are on time alone; where there is a choice, some."""
         for guard in self._guards:
             yield from self._demanded(guard, truth=True)
-        for name in self._windows:
-            events = self._events(TimePoint.of("start", name))
+        for window in self._windows:
+            events = self._below(window)
             if len(events) > _PAIRS:
                 yield from ((a, b, 0) for a, b in pairwise(events))
                 events = [events[0], events[-1]]
-            yield from ((a, b, self.tree.nodes[name].within or 0) for a in events for b in events)
+            yield from ((a, b, window.duration) for a in events for b in events)
         late = None if self.tree.time is None else self.tree.time.late
         if late is not None:
             every = range(len(self.order))
@@ -243,8 +247,16 @@ class Schedule:
 
     def _events(self, point: TimePoint) -> list[int]:
         """The events that a time point is about."""
-        part = {point.node} if point.point == "at" else set(reachable(point.node, lambda name: self.kept.get(name, ())))
-        return [number for number, name in enumerate(self.order) if name in part]
+        if point.point == "at":
+            return [number for number, name in enumerate(self.order) if name == point.node]
+        whole = self.prop.wholes.get(Source(point.node, point.number))
+        return [] if whole is None else self._below(whole)
+
+    def _below(self, whole: Part) -> list[int]:
+        """The events of a part."""
+        below = reachable(whole, lambda part: self.kept.get(part, ()))
+        names = {node_of(part) for part in below if isinstance(part, Event | Times)}
+        return [number for number, name in enumerate(self.order) if name in names]
 
     def _demanded(self, guard: Guard, *, truth: bool) -> Iterator[Bound]:
         """Bounds under which a guard is true, or false; what is not on time alone is left to chance."""

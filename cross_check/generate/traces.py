@@ -21,14 +21,24 @@ from cross_check.generate.values import (
     interesting_values,
 )
 from cross_check.letters import answers
-from rvaft.analysis.normal_form import Op, body, is_impossible
-from rvaft.analysis.scenarios import Edge, Fewest, Kept, Point, edges_along, fewest_events, path, precedence
-from rvaft.analysis.scenarios import event as point_of
 from rvaft.backend import Observed
+from rvaft.core.passes import property_of
+from rvaft.core.property import AtLeast, Condition, EndInOrder, Event, One, Part, Property, Times, fewest
+from rvaft.core.scenario_space import (
+    Edge,
+    Fewest,
+    Point,
+    edges_along,
+    fewest_events,
+    node_of,
+    path,
+    point_of,
+    precedence,
+)
+from rvaft.core.scenarios import Kept, is_constant
 from rvaft.engine import Engine
 from rvaft.errors import RvaftError, TooLarge
-from rvaft.model.guards import time_points
-from rvaft.model.nodes import Node
+from rvaft.model.guards import holds, time_points
 from rvaft.model.patterns import Anything, Binding, Literal, Pattern, match, rigid_variables
 from rvaft.model.tree import RVAFT, find_cycle, reachable
 from rvaft.model.values import Json
@@ -93,12 +103,12 @@ def is_ignored(tree: RVAFT, event: Json) -> bool:
 
 # Random scenarios of a tree (semantics, section 2), drawn from the root down without enumerating them.
 #
-# What turns out to be impossible is banned for the draws that follow, so that the choices above it are made differently: a node
-# (its guard cannot hold) or a tree edge (it takes part in a cycle of the precedence). Every feasible scenario can be drawn as
-# long as nothing is banned.
+# What turns out to be impossible is banned for the draws that follow, so that the choices above it are made differently: a
+# node (its guard cannot hold) or a tree edge (it takes part in a cycle of the precedence). Every feasible scenario can be
+# drawn as long as nothing is banned.
 
 Ban: TypeAlias = str | Edge
-"""A node, or a tree edge (parent, child), that no scenario drawn may have."""
+"""A node, or a tree edge, that no scenario drawn may have."""
 
 _MORE_THAN_NEEDED: Final = 0.3
 """How often a choice of at least K keeps more than K children."""
@@ -114,7 +124,7 @@ _REMEMBERED: Final = 10_000
 
 @dataclass
 class Cyclic(Exception):
-    """Some event has to come before itself; `edges` are the tree edges (parent, child) of one cycle."""
+    """Some event has to come before itself; `edges` are the tree edges of one cycle."""
 
     edges: list[Edge]
 
@@ -123,57 +133,58 @@ class Scenarios:
     """The scenarios of a tree that have nothing banned."""
 
     def __init__(self, tree: RVAFT) -> None:
-        self.tree = tree
+        self.prop = property_of(tree)
         self.bans: set[Ban] = set()
-        self._never = {node.name for node in tree.top_down() if is_impossible(node)}
-        self._fewest = fewest_events(tree.bottom_up(), without=self._never)
+        conditions = [part for part in self.prop.parts if isinstance(part, Condition)]
+        self._never = {part for part in conditions if is_constant(part) and not holds(part.guard, {})}
+        self._fewest = fewest_events(self.prop.parts, without=self._never)
         self._precedences: dict[Hashable, nx.DiGraph] = {}
 
     def draw(self, random: Random, *, lean: bool = False) -> Kept | None:
-        """One scenario, or None where every one has something banned; `lean` takes the choices with the fewest events.
+        """The kept parts of one scenario, or None where each has something banned; `lean` makes the choices with the fewest events.
 
-        Its precedence may be cyclic; of the guards only those without variables hold for sure.
+        The precedence of the scenario may be cyclic; of its conditions only those without variables hold for sure.
         """
         least = self._least() if self.bans else self._fewest
-        if self.tree.root not in least:
+        if self.prop.root not in least:
             return None
-        kept: dict[str, tuple[str, ...]] = {}
-        agenda = [self.tree.root]
+        kept: dict[Part, tuple[Part, ...]] = {}
+        agenda = [self.prop.root]
         while agenda:
-            name = agenda.pop()
-            if name not in kept:
-                kept[name] = self._choice(random, self.tree.nodes[name], least, lean=lean)
-                agenda.extend(kept[name])
-        return kept
+            part = agenda.pop()
+            if part not in kept:
+                kept[part] = self._choice(random, part, least, lean=lean)
+                agenda.extend(kept[part])
+        return {part: kept[part] for part in reversed(self.prop.parts) if part in kept}
 
     def ban(self, random: Random, bans: Sequence[Ban]) -> None:
         """Ban one of these, such that scenarios are left; where there is none such, start afresh with nothing banned."""
         for ban in random.sample(bans, min(len(bans), _TRIED)):
             if ban not in self.bans:
                 self.bans.add(ban)
-                if self.tree.root in self._least():
+                if self.prop.root in self._least():
                     return
                 self.bans.remove(ban)
         self.bans.clear()
 
     def order(self, random: Random, kept: Kept) -> list[str]:
-        """The occurrences of a scenario, one after the other; raises `Cyclic` where no order keeps the precedence.
+        """The node of each event of a scenario, in a random order; raises `Cyclic` where no order keeps the precedence.
 
-        Every order that keeps it can come out: points of the precedence that are no event are passed at once. A leaf with
-        `times N` comes N times. With which event a part under `pand` ends is drawn.
+        Every order that keeps the precedence can come out. A leaf with `times N` comes N times. The event with which a part
+        under `pand` ends is drawn.
         """
-        pands = [name for name in kept if self.tree.nodes[name].gate == "pand"]
+        ordered = [part for part in kept if isinstance(part, EndInOrder)]
         for _ in range(_ENDS):
             graph = self._precedence(kept)
-            if pands:
+            if ordered:
                 graph = graph.copy()
-            for name in pands:
-                _end_in_order(random, self.tree, kept, name, graph)
+            for part in ordered:
+                _end_in_order(random, kept, part, graph)
             try:
-                return _drawn_order(random, graph, {name: self.tree.nodes[name].times for name in kept})
+                return [node_of(event) for event in _drawn_order(random, graph)]
             except Cyclic as found:
                 cyclic = found
-                if not pands:
+                if not ordered:
                     break
         raise cyclic
 
@@ -182,35 +193,39 @@ class Scenarios:
         if scenario not in self._precedences:
             if sum(map(len, self._precedences.values())) > _REMEMBERED:
                 self._precedences.clear()
-            self._precedences[scenario] = precedence(self.tree, kept)
+            self._precedences[scenario] = precedence(kept)
         return self._precedences[scenario]
 
-    def _choice(self, random: Random, node: Node, least: Mapping[str, Fewest], *, lean: bool) -> tuple[str, ...]:
-        below = body(node)
-        if not below.chooses:
-            return node.children
-        possible = [child for child in node.children if child in least and (node.name, child) not in self.bans]
+    def _choice(self, random: Random, part: Part, least: Mapping[Part, Fewest], *, lean: bool) -> tuple[Part, ...]:
+        if not isinstance(part, One | AtLeast):
+            return part.parts
+        possible = [inner for inner in part.parts if inner in least and (part, inner) not in self.bans]
+        need = fewest(part)
         if lean:
             random.shuffle(possible)
-            chosen = set(sorted(possible, key=lambda child: least[child].events)[: below.need])
+            chosen = set(sorted(possible, key=lambda inner: least[inner].events)[:need])
         else:
-            more = below.op is Op.AT_LEAST and random.random() < _MORE_THAN_NEEDED
-            chosen = set(random.sample(possible, random.randint(below.need, len(possible)) if more else below.need))
-        return tuple(child for child in node.children if child in chosen)
+            more = isinstance(part, AtLeast) and random.random() < _MORE_THAN_NEEDED
+            chosen = set(random.sample(possible, random.randint(need, len(possible)) if more else need))
+        return tuple(inner for inner in part.parts if inner in chosen)
 
-    def _least(self) -> dict[str, Fewest]:
-        """For each node that a scenario can have the fewest events of its part."""
-        nodes = self._never | {ban for ban in self.bans if isinstance(ban, str)}
+    def _least(self) -> dict[Part, Fewest]:
+        """For each part that a scenario can have the fewest events."""
+        banned = self._never | {part for part in self.prop.parts if node_of(part) in self.bans}
         edges = {ban for ban in self.bans if not isinstance(ban, str)}
-        return fewest_events(self.tree.bottom_up(), without=nodes, without_edges=edges)
+        return fewest_events(self.prop.parts, without=banned, without_edges=edges)
 
 
-def _drawn_order(random: Random, graph: "nx.DiGraph", left: dict[str, int]) -> list[str]:
-    """The events of a precedence in an order that keeps it, each as often as it is `left`."""
+def _drawn_order(random: Random, graph: "nx.DiGraph") -> list[Event | Times]:
+    """The events of a precedence in an order that keeps it, each as often as it counts.
+
+    Points of the precedence that are no event are passed at once, so that every order can come out.
+    """
     waits: dict[Point, int] = dict(graph.in_degree())
     ready: list[Point] = []
     silent = [point for point, number in waits.items() if number == 0]
-    order: list[str] = []
+    order: list[Event | Times] = []
+    left = {part: part.count for _, part, _ in waits if isinstance(part, Times)}
     while silent or ready:
         if silent:
             point = silent.pop()
@@ -218,9 +233,11 @@ def _drawn_order(random: Random, graph: "nx.DiGraph", left: dict[str, int]) -> l
             index = random.randrange(len(ready))
             ready[index], ready[-1] = ready[-1], ready[index]
             point = ready.pop()
-            order.append(point[1])
-            left[point[1]] -= 1
-            if left[point[1]]:
+            event = point[1]
+            assert isinstance(event, Event | Times)
+            order.append(event)
+            if isinstance(event, Times) and left[event] > 1:
+                left[event] -= 1
                 ready.append(point)
                 continue
         del waits[point]
@@ -235,17 +252,17 @@ def _drawn_order(random: Random, graph: "nx.DiGraph", left: dict[str, int]) -> l
     return order
 
 
-def _end_in_order(random: Random, tree: RVAFT, kept: Kept, gate: str, graph: "nx.DiGraph") -> None:
-    """Draw for each part under a `pand` the event with which it ends, after its others and before the end of the next part."""
-    before: Point | None = None
-    for child in kept[gate]:
-        part = [point_of(name) for name in reachable(child, kept.__getitem__) if tree.nodes[name].has_event]
-        lasts = [one for one in part if not any(path(graph, one[1], other[1]) for other in part if other != one)]
-        if not part:
+def _end_in_order(random: Random, kept: Kept, ordered: Part, graph: "nx.DiGraph") -> None:
+    """Draw the event with which each part in an order of ends ends, after its other events and before the end of the next part."""
+    before: Part | None = None
+    for inner in kept[ordered]:
+        events = [part for part in reachable(inner, kept.__getitem__) if isinstance(part, Event | Times)]
+        lasts = [one for one in events if not any(path(graph, one, other) for other in events if other is not one)]
+        if not events:
             continue
-        last = random.choice(lasts or part)
-        earlier = [one for one in part if one != last] + ([] if before is None else [before])
-        graph.add_edges_from(((one, last) for one in earlier), via=(gate, child))
+        last = random.choice(lasts or events)
+        earlier = [one for one in events if one is not last] + ([] if before is None else [before])
+        graph.add_edges_from(((point_of(one), point_of(last)) for one in earlier), via=(ordered, inner))
         before = last
 
 
@@ -323,8 +340,8 @@ def guided(
     It may be detected before its end, where a part of it is a match too. `scenarios` are those of the tree, where several traces are
     wanted. Raises `NoTraceFound`.
     """
-    making = _Making(random, tree, Semantics(semantics), manner)
     scenarios = scenarios or Scenarios(tree)
+    making = _Making(random, tree, scenarios.prop, Semantics(semantics), manner)
     scenarios.bans.clear()
     longest, attempts = manner.longest, manner.attempts
     why, nodes, shortest = "", list[str](), None
@@ -354,9 +371,10 @@ def guided(
 class _Making:
     """Events for the occurrences of one scenario after the other, for one tree under one semantics."""
 
-    def __init__(self, random: Random, tree: RVAFT, semantics: Semantics, manner: Manner) -> None:
+    def __init__(self, random: Random, tree: RVAFT, prop: Property, semantics: Semantics, manner: Manner) -> None:
         self.random = random
         self.tree = tree
+        self.prop = prop
         self.semantics = semantics
         self.manner = manner
         self.others = interesting_values(tree)
@@ -376,7 +394,8 @@ class _Making:
                     return True
             return False
 
-        every = (demand for name in kept for demand in guard_demands(name, self.tree.nodes[name].when))
+        conditions = (part for part in kept if isinstance(part, Condition))
+        every = (demand for part in conditions for demand in guard_demands(part.source.node, part.guard))
         demands = [demand for demand in every if not time_points(demand.guard)]
         patterns = {name: self.tree.pattern(name) or Anything() for name in order}
         if self.semantics.projects and self.tree.ignores:
@@ -385,7 +404,8 @@ class _Making:
             ]
         binding = self._binding(demands, list(patterns.values()))
         if self.tree.time is not None:
-            return self._timed(Schedule(self.random, self.tree, kept, order, binding, plain=self.look is not None))
+            schedule = Schedule(self.random, self.prop, kept, order, binding, plain=self.look is not None)
+            return self._timed(schedule)
         return [events[name] if name in events else self._event(patterns[name], binding, self.values) for name in order]
 
     def _timed(self, schedule: Schedule) -> list[Json]:

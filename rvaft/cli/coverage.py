@@ -11,9 +11,9 @@ from rvaft.cli import FAILED, FOUND, Failures, options, warn
 from rvaft.core.classifier import TreeReads
 from rvaft.coverage import DEFAULT_BRANCHES, Coverage, json_text, table_text
 from rvaft.engine.monitor import DEFAULT_LIMIT
-from rvaft.monitoring.detection import told_fields
 from rvaft.readers.json_lines import JsonLinesReader
 from rvaft.readers.log import Interest, Log, LogSource, expanded, required_stream, source_of
+from rvaft.stream.detection import told_fields
 
 _NARROWEST: Final = 60
 """Columns below which the table is not made narrower."""

@@ -21,15 +21,17 @@ from rvaft.model.expressions import on_text
 from rvaft.model.nodes import Kind
 from rvaft.model.patterns import match
 from rvaft.model.tree import RVAFT
-from rvaft.monitoring.checkpoint import EVERY, CheckpointFile
-from rvaft.monitoring.detection import Hooks
-from rvaft.monitoring.monitor_set import MonitorSet, Per, columns
-from rvaft.monitoring.publisher import publisher_class
-from rvaft.monitoring.run import DEFAULT_WINDOW, MAX_KEYS, Field, Key, MonitoringPlan
 from rvaft.monitors import Monitor
 from rvaft.readers.json_lines import JsonLinesReader
 from rvaft.readers.log import InputOptions, LogReader, expanded, required_stream
 from rvaft.rules.rule import listing
+from rvaft.stream.checkpoint import EVERY, CheckpointFile
+from rvaft.stream.detection import Hooks
+from rvaft.stream.keys import Field, Key
+from rvaft.stream.listeners import publisher_class
+from rvaft.stream.monitor_set import MonitorSet, Per, columns
+from rvaft.stream.order import DEFAULT_WINDOW
+from rvaft.stream.plan import MAX_KEYS, MonitoringPlan
 
 TERMINAL: Final = "-"
 """In place of a file: draw among the text."""

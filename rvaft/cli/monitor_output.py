@@ -14,13 +14,15 @@ from rvaft.model.event_time import UNITS
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
-from rvaft.monitoring import detection
-from rvaft.monitoring.checkpoint import CheckpointFile
-from rvaft.monitoring.detection import Hooks, counted
-from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet, Per
-from rvaft.monitoring.near_misses import Statistics
-from rvaft.monitoring.run import Listener, MonitoredTrace, MonitoringPlan, Totals, TraceRun, VerdictChange
 from rvaft.monitors import Ended, Explanation
+from rvaft.stream import detection
+from rvaft.stream.checkpoint import CheckpointFile
+from rvaft.stream.detection import Hooks, counted
+from rvaft.stream.listeners import Listener, MonitoredTrace, VerdictChange
+from rvaft.stream.monitor_set import DetectionCount, MonitorSet, Per
+from rvaft.stream.plan import MonitoringPlan, Totals
+from rvaft.stream.run import TraceRun
+from rvaft.stream.statistics import Statistics
 from rvaft.support.terminal import ProgressBar, columns, cut, visible
 
 ENDS: Final = 1_000
@@ -174,9 +176,9 @@ class Reporter(Listener):
 
     def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:
         """All traces have been read, one at least to its end; `totals` are what they held, what could have been missed, and what ⊥ means."""
-        doubts, hindsight = totals.oversights.lines, totals.hindsight
+        doubts, semantics_hint = totals.data_warnings.lines, totals.semantics_hint
         if self.sums and totals.statistics is not None:
-            meant = [f"note: {hindsight.line}"] if hindsight is not None and hindsight.line else []
+            meant = [f"note: {semantics_hint.line}"] if semantics_hint is not None and semantics_hint.line else []
             summed = _summary(self.settings, rows) if self.settings.summed else ()
             for line in (*held(totals.statistics), *meant, *summed, *(f"warning: {line}" for line in doubts)):
                 self.sink.line(line)

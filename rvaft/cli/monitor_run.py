@@ -16,16 +16,18 @@ from rvaft.cli.monitor_output import REPORTERS, MonitorSettings, Reporter, Sink,
 from rvaft.errors import OptionError, RvaftError, TooLarge, TraceError
 from rvaft.export import PICTURES, fired_dot, fired_text, picture
 from rvaft.model.values import Json
-from rvaft.monitoring.checkpoint import open_at
-from rvaft.monitoring.detection import detection
-from rvaft.monitoring.follow import FollowedFile, stopping
-from rvaft.monitoring.hindsight import Hindsight
-from rvaft.monitoring.near_misses import Statistics
-from rvaft.monitoring.oversights import Oversights
-from rvaft.monitoring.parallel_reader import STRETCH
-from rvaft.monitoring.run import EventBuffer, Listener, MonitoringPlan, Totals, TraceRun, VerdictChange
 from rvaft.readers.json_lines import LinesRead
 from rvaft.readers.log import Live, Log, LogReader, LogSource, open_log, source_of, suffix
+from rvaft.readers.parallel_blocks import STRETCH
+from rvaft.stream.checkpoint import open_at
+from rvaft.stream.data_warnings import DataWarnings
+from rvaft.stream.detection import detection
+from rvaft.stream.follow import FollowedFile, stopping
+from rvaft.stream.listeners import EventBuffer, Listener, VerdictChange
+from rvaft.stream.plan import MonitoringPlan, Totals
+from rvaft.stream.run import TraceRun
+from rvaft.stream.semantics_hint import SemanticsHint
+from rvaft.stream.statistics import Statistics
 from rvaft.support.files import SUFFIXES as COMPRESSED
 from rvaft.support.files import deliver
 from rvaft.support.processes import Killed, in_processes
@@ -159,8 +161,8 @@ class _Run(Listener):
         sums = self.reporter.sums
         self.totals = Totals(
             Statistics(monitors.types) if sums or not tried else None,  # what is told now, or when the run goes on
-            Oversights(monitors.types),
-            Hindsight(monitors.columns[0].part, tried=tried) if settings.unchosen and sums else None,
+            DataWarnings(monitors.types),
+            SemanticsHint(monitors.columns[0].part, tried=tried) if settings.unchosen and sums else None,
         )
         self.reporter.totals = self.totals
         self.reaction = _OnDetection(settings, sink, deliver=deliver)

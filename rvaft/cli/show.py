@@ -21,8 +21,8 @@ from rvaft.export.property_text import WIDTH as LATEX_WIDTH
 from rvaft.export.property_text import align_latex, kinds_of, property_sign, property_text, property_unicode
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
-from rvaft.monitoring.detection import counted, matched_events
 from rvaft.readers.registry import read_log
+from rvaft.stream.detection import counted, matched_events
 from rvaft.support.files import deliver
 from rvaft.support.terminal import visible
 

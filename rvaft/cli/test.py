@@ -19,10 +19,10 @@ from rvaft.errors import OptionError, TreeError
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.near_misses import EventTypeIndex
-from rvaft.monitoring.oversights import Oversights
 from rvaft.readers.log import suffix
 from rvaft.readers.registry import read_log, suffixes
+from rvaft.stream.data_warnings import DataWarnings
+from rvaft.stream.statistics import EventTypeIndex
 from rvaft.support.files import write_whole
 from rvaft.support.terminal import visible
 
@@ -133,10 +133,10 @@ def _opened(name: str) -> tuple[Path, RVAFT, dict[str, list[Json]]]:
         raise OptionError(f"{name}: no traces: put them into {folder}/ as NAME.jsonl")
     names = {file: file.stem if file.suffix == ".jsonl" else file.name for file in files}
     traces = {names[file]: list(read_log(file, reads=TreeReads(tree), warn=warn)) for file in files}
-    oversights = Oversights(EventTypeIndex(tree))
+    data_warnings = DataWarnings(EventTypeIndex(tree))
     for trace, events in traces.items():
-        deque(oversights.over(enumerate(events, 1), f"{trace}: "), maxlen=0)
-    for line in oversights.lines:
+        deque(data_warnings.over(enumerate(events, 1), f"{trace}: "), maxlen=0)
+    for line in data_warnings.lines:
         warn(f"{name}: {line}")
     return Path(name).with_suffix(".verdicts.json"), tree, traces
 

@@ -30,11 +30,11 @@ from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.fast_reader import FastReader, exact_time, plain_fields
-from rvaft.monitoring.near_misses import EventTypeIndex, Sight
-from rvaft.monitoring.oversights import Oversight, Oversights
 from rvaft.monitors import Awaited
+from rvaft.readers.json_blocks import JsonBlockReader, exact_time, plain_fields
 from rvaft.readers.json_lines import read
+from rvaft.stream.data_warnings import DataWarning, DataWarnings
+from rvaft.stream.statistics import EventTypeIndex, Sight
 from rvaft.support.bits import bits
 
 DEFAULT_BRANCHES: Final = 1_000
@@ -323,7 +323,7 @@ class CoverageReport:
     infeasible: tuple[int, ...]
     nodes: int
     unseen: tuple[Awaited, ...]
-    oversights: tuple[Oversight, ...] = ()
+    oversights: tuple[DataWarning, ...] = ()
     warnings: tuple[str, ...] = ()
 
     @property
@@ -376,7 +376,7 @@ class Coverage:
         )
         self._letters = TreeLetters(self._compiled)
         self._types = EventTypeIndex(tree, (letter.pattern for letter in self._letters.letters))
-        self._oversights = Oversights(self._types)
+        self._warnings = DataWarnings(self._types)
         chosen = [numbered(tree, branch)] if branch is not None else list(islice(branches(tree), limit + 1))
         if branch is None and len(chosen) > limit:
             remedy = "--limit allows more; or choose one with --branch N, or prune the tree"
@@ -398,16 +398,16 @@ class Coverage:
     def add(self, log: str, events: Iterable[Json] | BinaryIO, *, strict_json: bool = False) -> None:
         """Read a whole log, its events or the bytes of JSON Lines. Raises what reading them raises, and `TooLarge`; a log that raises does not count."""
         followers = [(fresh.fork(), nodes) for fresh, nodes in self._branches]
-        live, seen, number, oversights = followers, set[str](), 0, Oversights(self._types)
+        live, seen, number, data_warnings = followers, set[str](), 0, DataWarnings(self._types)
         numbered = (
-            self._numbered(log, cast("BufferedIOBase", events), strict_json, oversights)
+            self._numbered(log, cast("BufferedIOBase", events), strict_json, data_warnings)
             if isinstance(events, IOBase)
             else enumerate(events, 1)
         )
         strict, scattered = (self.semantics is one for one in (Semantics.STRICT, Semantics.SCATTERED))
         projects = self.semantics.projects
         try:
-            for number, event, sight in oversights.over(numbered, f"{log}: "):
+            for number, event, sight in data_warnings.over(numbered, f"{log}: "):
                 hit = set[str]() if sight is None else self._hit(event, sight, projects=projects)
                 seen |= hit
                 if hit or strict:
@@ -423,7 +423,7 @@ class Coverage:
             raise
         self._logs += 1
         self._seen |= seen
-        self._oversights.merge(oversights)
+        self._warnings.merge(data_warnings)
         for place, ((follower, _), reach) in enumerate(zip(followers, reached, strict=True)):
             known = self._best[place]
             best = replace(known, detected=known.detected + (follower.verdict is Verdict.TRUE))
@@ -450,7 +450,7 @@ class Coverage:
         return {name for name, values in found if (own := self._own[name]) is None or holds(own, values)}
 
     def _numbered(
-        self, log: str, stream: BufferedIOBase, strict_json: bool, oversights: Oversights
+        self, log: str, stream: BufferedIOBase, strict_json: bool, data_warnings: DataWarnings
     ) -> Iterator[tuple[int, Json]]:
         """The events of a log with their numbers; those that concern nothing are left out where that can be.
 
@@ -463,7 +463,7 @@ class Coverage:
             return
         every = time is not None and time.late is not None  # then the time of each event counts
         before = 0
-        reader = FastReader(
+        reader = JsonBlockReader(
             reads,
             (lambda _: True) if every else self._types.possible,
             fields,
@@ -471,16 +471,16 @@ class Coverage:
             strict=strict_json,
         )
         for batch in reader.read(stream, log):
-            calm = not every and self._are_calm([event for _, event in batch.events], oversights)
+            calm = not every and self._are_calm([event for _, event in batch.events], data_warnings)
             yield from ((before + place + 1, found) for place, found in batch.events[-1 if calm else 0 :])
             before += batch.total
 
-    def _are_calm(self, events: Sequence[Json], oversights: Oversights) -> bool:
+    def _are_calm(self, events: Sequence[Json], data_warnings: DataWarnings) -> bool:
         """Whether no event may be a node's or has something to be noted, as is easily seen of all."""
         groups = self._types.groups(events) if set(map(type, events)) == {dict} else None
         for sight, group in groups or ():
             told = self._sketch(group.events[0], sight).told
-            if told is None or not oversights.are_good(group, sight):
+            if told is None or not data_warnings.are_good(group, sight):
                 return False
             if any(one.relevant if self.semantics.projects else one.serving for one, _ in told.parted(group)):
                 return False
@@ -491,5 +491,5 @@ class Coverage:
         kept = {name for _, nodes in self._branches for name in nodes if name in self._own}
         unseen = awaited(self.tree, kept - self._seen)
         counts = tuple(self._best), tuple(self._infeasible), len(kept)
-        missed = tuple(replace(one) for one in self._oversights.found.values())
-        return CoverageReport(self.semantics, self._logs, *counts, unseen, missed, tuple(self._oversights.lines))
+        missed = tuple(replace(one) for one in self._warnings.found.values())
+        return CoverageReport(self.semantics, self._logs, *counts, unseen, missed, tuple(self._warnings.lines))

@@ -8,11 +8,9 @@ result for the tree. What is written is read back.
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, Final, assert_never
 
-from rvaft.analysis.normal_form import Op, body
-from rvaft.analysis.scenarios import most_events
 from rvaft.errors import OptionError
 from rvaft.model.expressions import WORD, bare_value, guard_text
 from rvaft.model.nodes import Causality, Gate, Node
@@ -92,8 +90,8 @@ def galileo_text(tree: RVAFT) -> str:
 def losses(tree: RVAFT) -> Iterator[str]:
     """What the Galileo text does not say, one clause each."""
     nodes = list(tree.top_down())
-    most = most_events(tree, lambda node: int(node.leaf))
-    ordered = sum(body(node).op is Op.SEQUENCE and any(most[one] > 1 for one in node.children) for node in nodes)
+    several = _with_several_leaves(tree)
+    ordered = sum(node.gate in _SEQUENCES and not several.isdisjoint(node.children) for node in nodes)
     unwritable = sum(not _is_plain(*pair) for node in nodes for pair in node.attributes)
     unrated = sum(node.leaf and not node.attributes for node in nodes)
     for lost, what in (
@@ -121,15 +119,32 @@ def losses(tree: RVAFT) -> Iterator[str]:
         yield f"{unrated} basic event{'s' * (unrated != 1)} without a rate or probability, which most tools require"
 
 
-_GATES: Final = {Op.ALL: "and", Op.ONE: "or", Op.SEQUENCE: "pand", Op.AT_LEAST: "{}of{}"}
+def _with_several_leaves(tree: RVAFT) -> set[str]:
+    """The nodes with more than one leaf below them in some scenario."""
+    most: dict[str, int] = {}
+    for node in tree.bottom_up():
+        below = [most[child] for child in node.children]
+        most[node.name] = min(2, max(below) if node.gate is Gate.OR else sum(below)) if below else 1
+    return {name for name, leaves in most.items() if leaves > 1}
+
+
+_SEQUENCES: Final = (Gate.SAND, Gate.SAND_RL)
+_GATES: Final[Mapping[Gate, str]] = {
+    Gate.AND: "and",
+    Gate.OR: "or",
+    Gate.SAND: "pand",
+    Gate.SAND_RL: "pand",
+    Gate.PAND: "pand",
+    Gate.VOT: "{}of{}",
+}
+assert set(_GATES) == set(Gate), "every gate has a word"
 
 
 def _statement(node: Node) -> str:
-    below = body(node)
-    word = "pand" if node.gate is Gate.PAND else _GATES[below.op]
-    gate = [] if node.leaf else [word.format(below.need, len(below.children))]
+    gate = [] if node.gate is None else [_GATES[node.gate].format(node.threshold, len(node.children))]
+    children = node.children[::-1] if node.gate is Gate.SAND_RL else node.children
     attributes = [f"{key}={value}" for key, value in node.attributes if _is_plain(key, value)]
-    return " ".join([_name(node.name), *gate, *map(_name, below.children), *attributes]) + ";"
+    return " ".join([_name(node.name), *gate, *map(_name, children), *attributes]) + ";"
 
 
 def _name(name: str) -> str:

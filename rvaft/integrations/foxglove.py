@@ -16,10 +16,9 @@ from rvaft.errors import OptionError, installed
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
-from rvaft.monitoring.detection import detection, matched_events
-from rvaft.monitoring.publisher import Publisher
-from rvaft.monitoring.run import EventBuffer, MonitoredTrace, VerdictChange
 from rvaft.monitors import Explanation
+from rvaft.stream.detection import detection, matched_events
+from rvaft.stream.listeners import EventBuffer, MonitoredTrace, Publisher, VerdictChange
 from rvaft.support.files import telling
 
 Given = TypeVar("Given")

@@ -17,7 +17,7 @@ from time import monotonic
 from typing import Any, Final, Literal
 from urllib.parse import parse_qs, urlsplit
 
-from rvaft.monitoring.report import policy
+from rvaft.reports.log_report import policy
 from rvaft.support.network import LOCAL, own, unavailable
 
 PERIOD: Final = 0.25

@@ -26,22 +26,16 @@ from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, decimal, is_finite
 from rvaft.model.verdict import Semantics
-from rvaft.monitoring.checkpoint import packed, unpacked
-from rvaft.monitoring.detection import counted, detection, places
-from rvaft.monitoring.monitor_set import MonitorSet, Per, columns
-from rvaft.monitoring.oversights import Oversights
-from rvaft.monitoring.run import (
-    EventBuffer,
-    Field,
-    Key,
-    Listener,
-    MonitoringPlan,
-    OrderedField,
-    Totals,
-    TraceRun,
-    VerdictChange,
-)
 from rvaft.readers.json_lines import decode
+from rvaft.stream.checkpoint import packed, unpacked
+from rvaft.stream.data_warnings import DataWarnings
+from rvaft.stream.detection import counted, detection, places
+from rvaft.stream.keys import Field, Key
+from rvaft.stream.listeners import EventBuffer, Listener, VerdictChange
+from rvaft.stream.monitor_set import MonitorSet, Per, columns
+from rvaft.stream.order import OrderedField
+from rvaft.stream.plan import MonitoringPlan, Totals
+from rvaft.stream.run import TraceRun
 
 if TYPE_CHECKING:
     import pandas
@@ -255,7 +249,7 @@ class _KeyRun:
         self.key = plan.key.told(tuple(json.loads(group)))
         self._listener = _Detections(plan, options, self.key)
         buffer = EventBuffer(reads=plan.run.reads)
-        totals = Totals(None, Oversights(plan.run.monitors.types))
+        totals = Totals(None, DataWarnings(plan.run.monitors.types))
         self._run = TraceRun(plan.run, "", [self._listener], totals, buffer=buffer)
         self._failure = ""
         self._rejected = self._unplaced = 0
@@ -279,7 +273,7 @@ class _KeyRun:
 
     @property
     def _lines(self) -> list[str]:
-        lines = [*self._run.warnings, *self._run.totals.oversights.lines]
+        lines = [*self._run.warnings, *self._run.totals.data_warnings.lines]
         if self._unplaced:
             what = f"without a number or time in the field {self._plan.order_by} stand before the others"
             lines.append(f"{counted(self._unplaced)} {what}")

@@ -13,7 +13,7 @@ from textwrap import indent
 from typing import Any, Final, NamedTuple
 from weakref import WeakKeyDictionary
 
-from rvaft.analysis.scenarios import ScenarioSpace
+from rvaft.core.scenario_space import ScenarioSpace
 from rvaft.errors import RvaftError, TreeError
 from rvaft.language.draft import Draft
 from rvaft.model.tree import RVAFT

@@ -6,10 +6,10 @@ from difflib import get_close_matches
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-from rvaft.analysis.normal_form import Op, body
-from rvaft.analysis.scenarios import Kept
+from rvaft.core.property import AtLeast, One
+from rvaft.core.scenario_space import node_of
+from rvaft.core.scenarios import Kept
 from rvaft.model.nodes import Place
-from rvaft.model.tree import RVAFT
 
 
 class Severity(StrEnum):
@@ -78,10 +78,11 @@ def did_you_mean(name: str, known: Iterable[str], *, cutoff: float = 0.6) -> str
     return f"; did you mean {folded[close[0]]}?" if close else ""
 
 
-def branch_of(tree: RVAFT, kept: Kept) -> str:
-    """The branch of a scenario, named by what it chooses at each `or`, and under `KofN` by the children chosen."""
-    gates = [(name, body(node).op) for name in kept if len((node := tree.nodes[name]).children) > 1]
-    choices = [f"{kept[name][0]} at {name}" for name, op in gates if op is Op.ONE]
-    votes = [f"{name} keeps {' '.join(kept[name])}" for name, op in gates if op is Op.AT_LEAST]
+def branch_of(kept: Kept) -> str:
+    """The branch of a scenario as text: what it chooses at each `or`, and the children that it keeps at each `KofN`."""
+    gates = [part for part in kept if len(part.parts) > 1]
+    choices = [f"{node_of(kept[gate][0])} at {node_of(gate)}" for gate in gates if isinstance(gate, One)]
+    keeping = [(gate, " ".join(map(node_of, kept[gate]))) for gate in gates if isinstance(gate, AtLeast)]
+    votes = [f"{node_of(gate)} keeps {children}" for gate, children in keeping]
     branch = f"the branch that chooses {listing(choices)}" if choices else "the only branch"
     return f"{branch}, when {listing(votes)}" if votes else branch

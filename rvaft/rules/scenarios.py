@@ -6,9 +6,10 @@ from functools import cache
 from itertools import combinations, islice, pairwise
 from typing import Final, TypeAlias
 
-from rvaft.analysis.normal_form import Op, body
-from rvaft.analysis.scenarios import Kept, ScenarioSpace, borne_surely, inevitable, path
 from rvaft.core.patterns import Overlaps
+from rvaft.core.property import Condition, EndInOrder, One, Part, Sequence
+from rvaft.core.scenario_space import ScenarioSpace, borne_surely, inevitable, is_edge, node_of, path
+from rvaft.core.scenarios import Kept
 from rvaft.core.solver import contradictory, contradictory_over_reals, refuted, witness
 from rvaft.model.guards import Guard, Operation, Operator, conjuncts, time_points, variables
 from rvaft.model.nodes import Node
@@ -39,15 +40,16 @@ def no_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
 def silent_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
     """Every feasible scenario must have an occurrence; one without is feasible when its guards are: it orders nothing."""
     tree = space.tree
-    if all(node.has_event for node in tree.top_down() if node.leaf):
+    if all(node.name in space.leaf for node in tree.top_down() if node.leaf):
         return
-    marks = dict.fromkeys(tree.occurrences, _EVENT) | dict.fromkeys(space.dead, _EVENT | _NEVER)
-    if inevitable(tree, marks, _EVENT | _NEVER)[tree.root]:
+    marks: dict[Part, int] = dict.fromkeys(space.leaf.values(), _EVENT)
+    marks |= dict.fromkeys(space.never, _EVENT | _NEVER)
+    if inevitable(space.order, marks, _EVENT | _NEVER)[space.prop.root]:
         return
-    kept = space.feasible(space.budget(), without=frozenset(tree.occurrences))
+    kept = space.feasible(space.budget(), without=tree.occurrences)
     assert kept is not None
-    guards = tuple(name for name in kept if tree.nodes[name].when is not None) or (tree.root,)
-    message = f"{branch_of(tree, kept)}, has no runtime event and would be detected before anything happened"
+    guards = tuple(node_of(part) for part in kept if isinstance(part, Condition)) or (tree.root,)
+    message = f"{branch_of(kept)}, has no runtime event and would be detected before anything happened"
     mend = f"; give {listing(guards[:3], 'or')} an event with `on`"
     yield RuleReport(tree.nodes[guards[0]].place(), message.replace(", has", " has") + mend, guards)
 
@@ -64,17 +66,17 @@ def infeasible_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
     if space.acyclic or space.is_empty:
         return
     budget = space.budget()
-    for knot in knots(space.order):
+    for knot in knots(space.widest):
         found = space.cyclic(budget, knot)
         if found is not None:
             kept, nodes = found
-            where = f"before itself in {branch_of(tree, kept)}, so that scenario is dropped"
+            where = f"before itself in {branch_of(kept)}, so that scenario is dropped"
             mend = "let no event be part of two children of one ordered gate"
             message = f"{listing(nodes)} would have to come {where}; {mend}"
             yield RuleReport(tree.nodes[nodes[0]].place(), message, nodes)
     if (unending := space.endless(budget)) is not None:
         kept, gate = unending
-        where = f"cannot end one after the other in {branch_of(tree, kept)}, so that scenario is dropped"
+        where = f"cannot end one after the other in {branch_of(kept)}, so that scenario is dropped"
         mend = "let no two of them end with the same event"
         yield RuleReport(tree.nodes[gate].place("gate"), f"the parts of {gate} {where}; {mend}", (gate,))
 
@@ -104,9 +106,10 @@ def _unordered(space: ScenarioSpace, one: str, other: str, budget: Budget) -> bo
     apart = bool(space.tree.shared) or space.ends
     if apart:
         budget.spend(5 * len(space.tree.order))
-        apart = bool(path(space.order, one, other) or path(space.order, other, one))
+        events = space.leaf[one], space.leaf[other]
+        apart = bool(path(space.widest, *events) or path(space.widest, *events[::-1]))
     if not apart and space.acyclic:
-        return space.resolutions.possible((one, other), budget)
+        return space.resolutions.possible((space.whole[one], space.whole[other]), budget)
     return space.feasible(budget, (one, other), apart=(one, other) if apart else None) is not None
 
 
@@ -116,36 +119,38 @@ def _rivals(space: ScenarioSpace, budget: Budget) -> Iterator[tuple[str, str]]:
     Sets of occurrences are bits by numbers that follow one another in every part of the forest.
     """
     tree, kept = space.tree, space.resolutions.union
-    groups = _by_event(tree, [name for name in tree.occurrences if name in kept])
+    groups = _by_event(tree, [name for name in tree.occurrences if space.leaf[name] in kept])
     many = Overlaps(list(groups))
     budget.spend(len(groups))
     # A pattern overlaps itself, so the nodes that have it are rivals of each other too.
-    group_of = {
-        name: number
+    group_of: dict[Part, int] = {
+        space.leaf[name]: number
         for number, group in enumerate(groups.values())
         if len(group) > 1 or many.compatible(number) != 1 << number
         for name in group
     }
-    parent, part = _forest(kept, group_of)
-    names = sorted(group_of, key=lambda name: part[name].start)
+    parent, below = _forest(kept, group_of)
+    events = sorted(group_of, key=lambda event: below[event].start)
     index = {name: index for index, name in enumerate(tree.order)}
-    members = [mask_of(part[name].start for name in group if name in group_of) for group in groups.values()]
+    members = [
+        mask_of(below[event].start for event in events if group_of[event] == group) for group in range(len(groups))
+    ]
 
     @cache
     def rivals(group: int) -> int:
         return members[group] | union(members[other] for other in bits(many.exact(group, budget)))
 
-    free: dict[str, int] = {}  # what neither order nor choice surely keeps apart from a node
-    for name in kept:
-        over = parent.get(name)
-        free[name] = _mask(range(len(names))) ^ _mask(part[name]) if over is None else free[over]
-        if over is not None and body(tree.nodes[over]).op not in (Op.SEQUENCE, Op.ONE):
-            free[name] |= _mask(part[over][over in group_of :]) ^ _mask(part[name])
-        if name in group_of and free[name]:
-            found = [index[names[rival]] for rival in bits(free[name] & rivals(group_of[name]))]
-            for later in sorted(place for place in found if place > index[name]):
+    free: dict[Part, int] = {}  # what neither order nor choice surely keeps apart from a part
+    for part in kept:
+        around = parent.get(part)
+        free[part] = _mask(range(len(events))) ^ _mask(below[part]) if around is None else free[around]
+        if around is not None and not isinstance(around, Sequence | One):
+            free[part] |= _mask(below[around]) ^ _mask(below[part])
+        if part in group_of and free[part]:
+            found = [index[node_of(events[rival])] for rival in bits(free[part] & rivals(group_of[part]))]
+            for later in sorted(place for place in found if place > index[node_of(part)]):
                 budget.spend(1)
-                yield name, tree.order[later]
+                yield node_of(part), tree.order[later]
 
 
 def _by_event(tree: RVAFT, names: list[str]) -> dict[Pattern, list[str]]:
@@ -160,25 +165,25 @@ def _by_event(tree: RVAFT, names: list[str]) -> dict[Pattern, list[str]]:
     return groups
 
 
-def _forest(kept: dict[str, tuple[str, ...]], marked: Container[str]) -> tuple[dict[str, str], dict[str, range]]:
-    """The nodes that have one parent, with it: they are only where it is. And of each node the numbers of the marked ones in its part."""
-    parents: dict[str, list[str]] = {}
-    for name, children in kept.items():
-        for child in children:
-            parents.setdefault(child, []).append(name)
-    parent = {child: above[0] for child, above in parents.items() if len(above) == 1}
-    size = {name: int(name in marked) for name in kept}
-    for name in reversed(kept):
-        if name in parent:
-            size[parent[name]] += size[name]
-    part: dict[str, range] = {}
-    following: dict[str | None, int] = {None: 0}  # the next number, in the part of each node and outside of all
-    for name in kept:
-        start = following[parent.get(name)]
-        following[parent.get(name)] += size[name]
-        following[name] = start + (name in marked)
-        part[name] = range(start, start + size[name])
-    return parent, part
+def _forest(kept: Kept, marked: Container[Part]) -> tuple[dict[Part, Part], dict[Part, range]]:
+    """For each part inside exactly one other part that one, and for each part the numbers of the marked parts below it."""
+    parents: dict[Part, list[Part]] = {}
+    for part, inside in kept.items():
+        for inner in inside:
+            parents.setdefault(inner, []).append(part)
+    parent = {part: around[0] for part, around in parents.items() if len(around) == 1}
+    size = {part: int(part in marked) for part in kept}
+    for part in reversed(list(kept)):
+        if part in parent:
+            size[parent[part]] += size[part]
+    below: dict[Part, range] = {}
+    following: dict[Part | None, int] = {None: 0}  # the next number, below each part and outside of all
+    for part in kept:
+        start = following[parent.get(part)]
+        following[parent.get(part)] += size[part]
+        following[part] = start + (part in marked)
+        below[part] = range(start, start + size[part])
+    return parent, below
 
 
 def _mask(numbers: range) -> int:
@@ -190,25 +195,29 @@ def shared_under_order(space: ScenarioSpace) -> Iterator[RuleReport]:
     tree, budget, kept = space.tree, space.budget(), space.resolutions.union
     if not tree.shared:
         return
-    slots: dict[str, int] = {}
+    above: dict[Part, list[Part]] = {}
+    for part, inside in kept.items():
+        for inner in inside:
+            above.setdefault(inner, []).append(part)
+    slots: dict[Part, int] = {}
     owners: list[str] = []
-    for name in kept:
-        sides: dict[str, int] = {}
-        for parent in tree.parents(name):
-            if name in kept.get(parent, ()):
-                sides[parent] = slots[parent]
-                if (gate := tree.nodes[parent].gate) is not None and gate.ordered:
-                    sides[parent] |= 1 << len(owners)
-                    owners.append(parent)
-        slots[name] = union(sides.values())
-        for one, other in combinations(sides, 2):
-            if sides[one] == sides[other]:
+    for part in kept:
+        sides: dict[Part, int] = {}
+        for around in above.get(part, ()):
+            sides[around] = slots[around]
+            if isinstance(around, Sequence | EndInOrder) and is_edge(around, part):
+                sides[around] |= 1 << len(owners)
+                owners.append(node_of(around))
+        slots[part] = union(sides.values())
+        for first, second in combinations(sides, 2):
+            if sides[first] == sides[second]:
                 continue
             budget.spend(1)
-            if not space.resolutions.possible((), budget, edges=[(one, name), (other, name)]):
+            if not space.resolutions.possible((), budget, edges=[(first, part), (second, part)]):
                 continue
-            slot = (sides[one] ^ sides[other]).bit_length() - 1
-            by, too = (one, other) if sides[one] >> slot & 1 else (other, one)
+            slot = (sides[first] ^ sides[second]).bit_length() - 1
+            name, one, other = node_of(part), node_of(first), node_of(second)
+            by, too = (one, other) if sides[first] >> slot & 1 else (other, one)
             said = f"{name} is shared by {one} and {other} and happens once"
             so = f"so the order that {owners[slot]} asks for by way of {by} also binds it below {too}"
             message = f"{said}, {so}; use two nodes if two events are meant"
@@ -234,20 +243,21 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
         bound_here = set(rigid_variables(tree.pattern(node.name) or Anything()))
         bound_here.update(one.name for one in time_points(node.when))
         asked += ((node, name) for name in variables(node.when) if name not in bound_here)
-    sure = borne_surely(tree, space.dead, [(node.name, name) for node, name in asked], binders)
+    bearers = {name: [space.leaf[binder] for binder in some] for name, some in binders.items()}
+    sure = borne_surely(space, [(node.name, name) for node, name in asked], bearers)
     budget = space.budget()
     for node, name in asked if space.resolutions else ():
         if (node.name, name) in sure:
             continue
         kept: Kept | None
         try:
-            kept = space.feasible(budget, [node.name], without=frozenset(binders.get(name, ())))
+            kept = space.feasible(budget, [node.name], without=binders.get(name, ()))
         except Undecided:
             if not space.acyclic:
                 raise
             kept = {}  # There surely is such a scenario, only it was not found in time to be named.
         if kept is not None:
-            where = branch_of(tree, kept) if kept else "some branch"
+            where = branch_of(kept) if kept else "some branch"
             mend = f"no `on` binds it{did_you_mean(name, tree.variables, cutoff=_ONE_OF_TWO_LETTERS)}"
             if name in binders:
                 there = f"use it in the `on` of a node that is there whenever {node.name} is"
@@ -282,7 +292,7 @@ def contradictory_guards(space: ScenarioSpace) -> Iterator[RuleReport]:
                 budget.spend(_ALGEBRA)
                 certain = contradictory(guards) is True
             where = f"the guards of {listing(core)}" if len(core) > 1 else f"the guard of {core[0]}"
-            branch, together = branch_of(space.tree, kept), " together" * (len(core) > 1)
+            branch, together = branch_of(kept), " together" * (len(core) > 1)
             if certain:
                 message = f"{where} cannot hold{together} in {branch}; mend one"
             elif contradictory_over_reals(guards):
@@ -302,7 +312,8 @@ def _groups(space: ScenarioSpace) -> Iterable[Group]:
             leader[name] = name = leader[leader[name]]
         return name
 
-    own = ((node.name, _without_times(node.when)) for node in space.tree.top_down() if node.name in space.resolutions)
+    conditions = (part for part in space.resolutions.union if isinstance(part, Condition))
+    own = ((node_of(part), _without_times(part.guard)) for part in conditions)
     guarded = [(name, guard) for name, guard in own if guard is not None]
     for _, guard in guarded:
         for one, other in pairwise(variables(guard)):
@@ -325,7 +336,10 @@ def _conflicts(space: ScenarioSpace, group: Group, budget: Budget) -> Iterator[t
 
     At least one for each scenario whose guards have no witness, unless a set found before is part of it or overlaps it.
     """
-    possible = space.resolutions.possible
+
+    def possible(nodes: Core) -> bool:
+        return space.resolutions.possible((space.whole[name] for name in nodes), budget)
+
     todo: list[Core] = [tuple(group)]
     seen = set(todo)
     while todo:
@@ -337,11 +351,11 @@ def _conflicts(space: ScenarioSpace, group: Group, budget: Budget) -> Iterator[t
         if kept is not None:
             yield core, kept
         else:
-            apart = next((pair for pair in combinations(core, 2) if not possible(pair, budget)), None)
+            apart = next((pair for pair in combinations(core, 2) if not possible(pair)), None)
         left_out = core if kept is None and apart is None else [core[-1] if apart is None else apart[0]]
         rest = [tuple(other for other in names if other != name) for name in left_out]
         if apart is not None:
-            rest.append(tuple(n for n in names if n == apart[0] or possible((apart[0], n), budget)))
+            rest.append(tuple(n for n in names if n == apart[0] or possible((apart[0], n))))
         for smaller in rest:
             if smaller not in seen:
                 seen.add(smaller)

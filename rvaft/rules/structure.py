@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator
 
-from rvaft.analysis.scenarios import ScenarioSpace
+from rvaft.core.scenario_space import ScenarioSpace
 from rvaft.language.draft import UNMENTIONED, Draft, DraftTopic, GateUse, Said
 from rvaft.model.expressions import guard_text, name_text
 from rvaft.model.guards import time_points
@@ -312,6 +312,6 @@ def unused_event(space: ScenarioSpace) -> Iterator[RuleReport]:
 def root_event(space: ScenarioSpace) -> Iterator[RuleReport]:
     """The undesired event is what the tree concludes, not what it observes."""
     root = space.tree.nodes[space.tree.root]
-    if root.has_event:
+    if root.name in space.leaf:
         message = f"the root {root.name} carries a runtime event, which every match must contain; move it to a child"
         yield RuleReport(root.place("on"), message, (root.name,))

@@ -4,8 +4,10 @@ from collections.abc import Iterator
 from itertools import pairwise
 from typing import Final, NamedTuple, TypeAlias
 
-from rvaft.analysis.plain_trees import MOST
-from rvaft.analysis.scenarios import Edge, Kept, ScenarioSpace, borne_surely, fewest_events
+from rvaft.core.passes import MOST
+from rvaft.core.property import Event, Times
+from rvaft.core.scenario_space import Edge, ScenarioSpace, borne_surely, fewest_events, node_of
+from rvaft.core.scenarios import Kept
 from rvaft.core.times import point_bounds
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import POINTS, TimePoint, conjuncts, time_points
@@ -34,18 +36,19 @@ def _asked(node: Node) -> list[tuple[str, TimePoint]]:
 def unbound_time(space: ScenarioSpace) -> Iterator[RuleReport]:
     """Every time point is of a node with events in every feasible scenario that contains the guard, `at` of one with one event."""
     tree = space.tree
-    nodes = [node for node in tree.top_down() if node.name in space.resolutions]
+    nodes = [node for node in tree.top_down() if space.whole[node.name] in space.resolutions]
     asked = [(node, part, one) for node in nodes for part, one in _asked(node)]
     if not asked:
         return
-    fewest = fewest_events(tree.bottom_up(), without=space.dead)
-    bearers = {one.node: [one.node] for _, _, one in asked}
-    there = borne_surely(tree, space.dead, [(node.name, one.node) for node, _, one in asked], bearers)
+    least = fewest_events(reversed(space.order), without=space.never)
+    silent = {name for name, whole in space.whole.items() if whole in least and not least[whole].events}
+    bearers = {one.node: [space.whole[one.node]] for _, _, one in asked if one.node in space.whole}
+    there = borne_surely(space, [(node.name, one.node) for node, _, one in asked], bearers)
     budget = space.budget()
     for node, part, one in asked:
         text, other, kept, name = guard_text(one), tree.nodes.get(one.node), None, node.name
         said = f"{text} in the guard of {name}"
-        if one.point == "at" and other is not None and (other.times > 1 or not other.has_event):
+        if one.point == "at" and other is not None and (other.times > 1 or tree.pattern(one.node) is None):
             if space.feasible(budget, [name]) is not None:
                 has = "has no event of its own" if other.times == 1 else f"has {other.times} events"
                 mend = f"write start({text[3:-1]}) or end({text[3:-1]})"
@@ -54,24 +57,24 @@ def unbound_time(space: ScenarioSpace) -> Iterator[RuleReport]:
                 yield RuleReport(node.place(part), message, (name,))
             continue
         if (name, one.node) not in there:
-            kept = space.feasible(budget, [name], without=frozenset([one.node]))
+            kept = space.feasible(budget, [name], without=[one.node])
         if kept is not None:
-            where = f"{one.node} is not in {branch_of(tree, kept)}"
+            where = f"{one.node} is not in {branch_of(kept)}"
             message = f"{said} has no event: {where}; ask for the time of a node that is there whenever {name} is"
             yield RuleReport(node.place(part), message, (name,))
-        elif one.point != "at" and other is not None and one.node in fewest and not fewest[one.node].events:
+        elif one.point != "at" and one.node in silent:
             kept = space.feasible(budget, [name], silent=one.node)
             if kept is not None:
                 said = said if part == "when" else f"the window of {name}"
-                where = f"the part of {one.node} has no event in {branch_of(tree, kept)}"
+                where = f"the part of {one.node} has no event in {branch_of(kept)}"
                 message = f"{said} has no time: {where}; let a node of that part observe an event with `on`"
                 yield RuleReport(node.place(part), message, (name,))
 
 
 # Conditions on time that cannot hold together: differences of times (x - y <= c) that add up to less than nothing.
 
-Need: TypeAlias = str | Edge
-"""What a bound on times needs a scenario to have: a node whose condition it is, a child and the parent that keeps it, or, after "", a node with its event."""
+Need: TypeAlias = str | Event | Times | Edge
+"""What a scenario must have for a bound on times: a node with its condition, an event, or a child below its parent."""
 
 
 class TimeBound(NamedTuple):
@@ -86,7 +89,8 @@ class TimeBound(NamedTuple):
 def contradictory_times(space: ScenarioSpace) -> Iterator[RuleReport]:
     """Some branch has conditions on time that no times satisfy together."""
     tree = space.tree
-    bounds = [bound for node in tree.top_down() if node.name in space.resolutions for bound in _conditions(node)]
+    nodes = [node for node in tree.top_down() if space.whole[node.name] in space.resolutions]
+    bounds = [bound for node in nodes for bound in _conditions(node)]
     if not bounds:
         return
     bounds += _containments(space)
@@ -100,10 +104,9 @@ def contradictory_times(space: ScenarioSpace) -> Iterator[RuleReport]:
         if not needs:
             continue
         core = tuple(name for name in tree.order if name in needs)
+        events = (node_of(need) for need in needs if isinstance(need, Event | Times))
         edges = [need for need in needs if isinstance(need, tuple)]
-        nodes = [*core, *(name for parent, name in edges if not parent)]
-        edges = [edge for edge in edges if edge[0]]
-        kept = space.feasible(budget, nodes, edges=edges)
+        kept = space.feasible(budget, [*core, *events], edges=edges)
         if kept is not None and frozenset(core) not in told:
             told.add(frozenset(core))
             yield _impossible(space, core, kept)
@@ -117,7 +120,7 @@ def _impossible(space: ScenarioSpace, core: tuple[str, ...], kept: Kept) -> Rule
     named = [(word, [name for own, name in found if own == part]) for part, word in _WORDS.items()]
     told = " and ".join(f"the {word}{'s' * (len(names) > 1)} of {listing(names)}" for word, names in named if names)
     together = " together" * (len(found) > 1)
-    message = f"{told} cannot hold{together} in {branch_of(space.tree, kept)}, whatever the times are; mend one"
+    message = f"{told} cannot hold{together} in {branch_of(kept)}, whatever the times are; mend one"
     return RuleReport(space.tree.nodes[core[0]].place(found[0][0]), message, core)
 
 
@@ -130,19 +133,17 @@ def _conditions(node: Node) -> Iterator[TimeBound]:
 
 
 def _containments(space: ScenarioSpace) -> Iterator[TimeBound]:
-    """What is so in every scenario: an event lies between the start and the end of its part, and a part within that of its parent."""
-    for name, children in space.resolutions.union.items():
-        node = space.tree.nodes[name]
-        at, start, end = (f"{point}({name})" for point in POINTS)
-        if node.has_event:
-            yield from (TimeBound(start, at, 0, ("", name)), TimeBound(at, end, 0, ("", name)))
-            if node.leaf and node.times == 1:
-                yield from (TimeBound(at, start, 0, ("", name)), TimeBound(end, at, 0, ("", name)))
-        for child in children:
-            yield from (
-                TimeBound(start, f"start({child})", 0, (name, child)),
-                TimeBound(f"end({child})", end, 0, (name, child)),
-            )
+    """The bounds of every scenario: an event is between the start and the end of its node, a node between those of its parent."""
+    for part, inside in space.resolutions.union.items():
+        at, start, end = (f"{point}({node_of(part)})" for point in POINTS)
+        if isinstance(part, Event | Times):
+            yield from (TimeBound(start, at, 0, part), TimeBound(at, end, 0, part))
+            if isinstance(part, Event) and node_of(part) not in space.gate:
+                yield from (TimeBound(at, start, 0, part), TimeBound(end, at, 0, part))
+        for child in space.tree.nodes[node_of(part)].children:
+            if (inner := space.whole[child]) in inside:
+                yield TimeBound(start, f"start({child})", 0, (part, inner))
+                yield TimeBound(f"end({child})", end, 0, (part, inner))
 
 
 def _contradiction(bounds: list[TimeBound]) -> list[Need]:

@@ -17,7 +17,7 @@ from rvaft.model.nodes import Gate, Node
 from rvaft.model.patterns import Literal
 from rvaft.model.tree import RVAFT
 from rvaft.semantics import feasible_scenarios
-from tests.analysis.trees import random_tree, small_trees
+from tests.core.trees import random_tree, small_trees
 
 Meaning: TypeAlias = tuple[frozenset[str], frozenset[tuple[str, str]], frozenset[str]]
 """Occurrences, pairs of them of which the first comes first, nodes with a guard over variables."""

@@ -23,7 +23,7 @@ from rvaft.model.nodes import Gate
 from rvaft.model.tree import RVAFT, find_cycle
 from rvaft.semantics import Scenario, feasible_scenarios, scenarios
 from rvaft.support.budget import Budget, Undecided
-from tests.analysis.trees import random_tree
+from tests.core.trees import random_tree
 
 Sample: TypeAlias = list[tuple[Random, RVAFT, list[Scenario]]]
 

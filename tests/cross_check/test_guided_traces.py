@@ -36,6 +36,8 @@ from rvaft.engine import Engine
 from rvaft.model.values import Json
 from rvaft.semantics import feasible_scenarios
 from rvaft.semantics.reference import relevant
+from tests.core.kept import names as kept_names
+from tests.core.kept import parts_of
 from tests.cross_check.small_trees import SHAPES, detects, found, small_trees, verdicts
 from tests.engine.checking import small_and_valid
 from tests.engine.dense import SHAPES as DENSE
@@ -104,12 +106,13 @@ def test_every_feasible_scenario_is_drawn(shape: str) -> None:
         feasible = {frozenset(scenario.kept.items()) for scenario in feasible_scenarios(tree)}
         missing = set(feasible)
         for _ in range(150 * len(feasible)):
-            kept = Scenarios(tree).draw(random)
-            assert kept is not None
+            parts = Scenarios(tree).draw(random)
+            assert parts is not None
             with suppress(Cyclic):
-                Scenarios(tree).order(random, kept)
-                assert frozenset(kept.items()) in feasible
-                missing.discard(frozenset(kept.items()))
+                Scenarios(tree).order(random, parts)
+                kept = frozenset(kept_names(tree, parts).items())
+                assert kept in feasible
+                missing.discard(kept)
             if not missing:
                 break
         assert not missing
@@ -127,7 +130,8 @@ def test_every_order_that_keeps_the_precedence_comes_out_and_no_other(shape: str
                     for o, before in product(orders, scenario.orders)
                     if all(o.index(a) < o.index(b) for b in o for a in before[b])
                 }
-                assert {tuple(drawn.order(random, scenario.kept)) for _ in range(40 * len(wanted))} == wanted
+                kept = parts_of(drawn.prop, scenario)
+                assert {tuple(drawn.order(random, kept)) for _ in range(40 * len(wanted))} == wanted
                 compared += len(wanted) > 1
     assert compared >= 2
 

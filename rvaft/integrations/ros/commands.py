@@ -17,7 +17,7 @@ from rvaft.integrations.ros.connections_page import ConnectionsPage
 from rvaft.integrations.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary
 from rvaft.integrations.ros.server import CONNECTIONS, PORT, Server
 from rvaft.model.nodes import Kind
-from rvaft.monitoring.monitor_set import Per
+from rvaft.stream.monitor_set import Per
 from rvaft.support.files import place
 from rvaft.support.network import LOCAL, origin, require_host
 from rvaft.support.terminal import visible

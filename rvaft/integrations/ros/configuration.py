@@ -9,8 +9,8 @@ from keyword import iskeyword
 from pathlib import Path
 from typing import Final
 
-from rvaft.analysis.scenarios import ScenarioSpace
 from rvaft.api import narrowed, translate
+from rvaft.core.scenario_space import ScenarioSpace
 from rvaft.errors import OptionError, RvaftError, installed
 from rvaft.integrations.ros.server import PORT, REMEDY
 from rvaft.model.nodes import Kind, Node, Topic, absolute, topic_of, wrong_name
@@ -18,8 +18,8 @@ from rvaft.model.patterns import Literal
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
-from rvaft.monitoring.monitor_set import Per, columns
 from rvaft.rules.rule import listing
+from rvaft.stream.monitor_set import Per, columns
 from rvaft.support.budget import Undecided
 from rvaft.support.network import LOCAL, is_address, require_host
 
@@ -199,7 +199,7 @@ def _in_feasible(tree: RVAFT) -> Iterator[str]:
     budget = space.budget()
     for name in tree.occurrences:
         try:
-            if name in space.resolutions and (space.acyclic or space.feasible(budget, [name]) is not None):
+            if space.whole[name] in space.resolutions and (space.acyclic or space.feasible(budget, [name]) is not None):
                 yield name
         except Undecided:
             yield name

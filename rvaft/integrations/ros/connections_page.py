@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Final
 from rvaft.integrations.live_page import BROWSERS, PERIOD, asked, cursor_of, headers, message, refusal
 from rvaft.integrations.ros.protocol import Session
 from rvaft.model.tree import RVAFT
-from rvaft.monitoring.detection import counted
-from rvaft.monitoring.report import SHOWN, LogReport, Told
-from rvaft.monitoring.run import Key, MonitoringPlan
+from rvaft.reports.log_report import SHOWN, LogReport, Told
+from rvaft.stream.detection import counted
+from rvaft.stream.keys import Key
+from rvaft.stream.plan import MonitoringPlan
 from rvaft.support.network import own
 
 if TYPE_CHECKING:

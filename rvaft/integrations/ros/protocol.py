@@ -23,12 +23,12 @@ from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.detection import explained, kept, matched_events, told_fields
-from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet, Per, columns
-from rvaft.monitoring.oversights import Oversights
-from rvaft.monitoring.run import EventBuffer, Listener, MonitoredTrace, VerdictChange
 from rvaft.readers.json_lines import decode, marked
 from rvaft.readers.log import BOM
+from rvaft.stream.data_warnings import DataWarnings
+from rvaft.stream.detection import explained, kept, matched_events, told_fields
+from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, VerdictChange
+from rvaft.stream.monitor_set import DetectionCount, MonitorSet, Per, columns
 
 MAX_MESSAGE: Final = 1024 * 1024
 """The longest message that is read unless told otherwise, in bytes."""
@@ -66,8 +66,8 @@ class Session:
     """What one connection has read: `monitors` of the tree, or the part of one, and of its branches or kinds, by number or name.
 
     A monitor gives up beyond `limit` partial matches; `failures` then say why. `buffer` has when and where the events came that an
-    explanation may name: of each event no more, and of events, of which so many were read, a bounded number. `oversights` are what could have been
-    part of a match and was not. `repeat` and `cooldown` are as of a `MonitorSet`. Raises what `rvaft.monitoring.monitor_set.columns` raises.
+    explanation may name: of each event no more, and of events, of which so many were read, a bounded number. `data_warnings` are what could have been
+    part of a match and was not. `repeat` and `cooldown` are as of a `MonitorSet`. Raises what `rvaft.stream.monitor_set.columns` raises.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class Session:
         self.listener: Listener | None = None
         self.watch = MonitoredTrace("", self.looked_at, buffer=self.buffer)
         """What a listener is told of, if there is one."""
-        self.oversights = Oversights(self.monitors[_WHOLE].types)
+        self.data_warnings = DataWarnings(self.monitors[_WHOLE].types)
         self.events = 0
 
     def fork(self) -> Self:
@@ -102,8 +102,8 @@ class Session:
         twin.failures = dict(self.failures)
         twin.buffer = EventBuffer()
         twin.buffer.known.update(self.buffer.known)
-        twin.oversights = Oversights(self.monitors[_WHOLE].types)
-        twin.oversights.merge(self.oversights)
+        twin.data_warnings = DataWarnings(self.monitors[_WHOLE].types)
+        twin.data_warnings.merge(self.data_warnings)
         twin.watch = MonitoredTrace("", twin.looked_at, buffer=twin.buffer, events=self.events)
         return twin
 
@@ -131,9 +131,9 @@ class Session:
         if _WHOLE not in self.failures and whole.serves:
             self.buffer.remember(self.events, kept(came, self.fields))
         if _WHOLE not in self.failures and whole.late:
-            self.oversights.note_late(event, self.events, "", whole.engines[0].latest)
+            self.data_warnings.note_late(event, self.events, "", whole.engines[0].latest)
         elif _WHOLE not in self.failures:
-            self.oversights.see(event, self.events, "", whole.types.of(event))
+            self.data_warnings.see(event, self.events, "", whole.types.of(event))
         if self.listener is not None and _WHOLE not in self.failures:
             self.watch.events, self.watch.monitors = self.events, self.looked_at
             if changed:

@@ -17,7 +17,7 @@ from rvaft.errors import installed
 from rvaft.integrations.ros.connections_page import ConnectionsPage
 from rvaft.integrations.ros.protocol import Protocol, Session
 from rvaft.model.verdict import Verdict
-from rvaft.monitoring.detection import counted
+from rvaft.stream.detection import counted
 from rvaft.support.network import LOCAL, allowed, unavailable
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ class Server:
         try:
             async for message in connection:
                 events, detected, verdict = session.events, session.count.told, session.verdict()
-                doubts, failures = len(session.oversights.found), len(session.failures)
+                doubts, failures = len(session.data_warnings.found), len(session.failures)
                 reply = self.protocol.reply(message, session)
                 if session.events == events:
                     refused += 1
@@ -129,7 +129,7 @@ class Server:
                     self._tell(f"{name}: {why}; consecutive and scattered go on (--semantics)")
                 for label, failure in list(session.failures.items())[failures:]:
                     self._tell(f"{name}: the monitor of {label} gives up after event {session.events}: {failure}")
-                for line in list(session.oversights.lines)[doubts:]:
+                for line in list(session.data_warnings.lines)[doubts:]:
                     self._tell(f"{name}: {line}")
                 read += session.events - events
                 await connection.send(json.dumps(reply))
@@ -140,7 +140,7 @@ class Server:
             raise
         finally:
             self.present.discard(connection)
-            doubtful = "".join(f"; {line}" for line in session.oversights.lines)
+            doubtful = "".join(f"; {line}" for line in session.data_warnings.lines)
             if self.page is not None:
                 self.page.closed(session)
             self._tell(f"{name} closed after {counted(read)}{doubtful}")

@@ -20,7 +20,7 @@ from rvaft.language.parser import parse_guard
 from rvaft.model.guards import OPERATORS, UNDEFINED, Guard, Operation, Operator, Sort, TimePoint, variables
 from rvaft.model.patterns import Literal, Variable
 from rvaft.semantics.events import same
-from tests.analysis.test_guards import VALUES, of_reference
+from tests.core.test_guards import VALUES, of_reference
 
 AT = TimePoint.of("at", "a")
 LITERALS = st.sampled_from([Literal(one) for one in (0, 1, 2, 0.5, "a", "b", "1", True, False, None, 1e17, 10**400)])

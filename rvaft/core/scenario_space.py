@@ -1,0 +1,625 @@
+"""The feasible scenarios of a property, questioned without enumerating them: whether one exists, what all have, how large they are.
+
+A scenario makes the choices of a property: one part of each `One`, at least `need` parts of each `AtLeast`. It is feasible
+where no condition without variables is false and no event has to come before itself (semantics, section 2).
+"""
+
+from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence, Set
+from contextlib import suppress
+from functools import cached_property
+from heapq import heapify, heappop, heappush
+from itertools import pairwise
+from math import prod
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple, TypeAlias, TypeVar, assert_never
+
+from rvaft.core import property as core
+from rvaft.core.build import build
+from rvaft.core.property import (
+    All,
+    AtLeast,
+    Condition,
+    EndInOrder,
+    Event,
+    One,
+    Part,
+    Property,
+    Source,
+    Times,
+    Within,
+    fewest,
+    with_parts,
+)
+from rvaft.core.scenarios import Kept, is_constant, most_events, resolutions
+from rvaft.model.guards import holds
+from rvaft.model.tree import RVAFT, find_cycle, reachable
+from rvaft.support.bits import in_at_least
+from rvaft.support.budget import DEFAULT_LIMIT, Budget
+
+if TYPE_CHECKING:
+    import networkx as nx
+
+T = TypeVar("T")
+
+Edge: TypeAlias = tuple[Part, Part]
+"""A part, and a part directly inside that comes from another node: an edge of the tree."""
+
+Point: TypeAlias = tuple[Literal["start", "event", "end", "done"], Part, Part | None]
+"""The kind of a point of the precedence, its part, and for `done` the part inside (else None)."""
+
+
+def node_of(part: Part) -> str:
+    """The name of the node that a part comes from; the empty string for a part that a pass has made."""
+    return "" if part.source is None else part.source.node
+
+
+def is_edge(part: Part, inner: Part) -> bool:
+    """Whether a part directly inside another one comes from another node."""
+    return node_of(part) != node_of(inner)
+
+
+# The strict precedence of a scenario as a graph of linear size (semantics, section 2).
+#
+# "All events of one part before all events of another" is quadratic when written pair by pair. Here each part has a point
+# `start` before every event below it and a point `end` after every one, and each part inside a sequence a point `done` after
+# its events and those of the parts before it. No edge leads from the start of a part to its end: a part without events orders
+# nothing. So one event precedes another exactly when a path leads from the first to the second, and the precedence is cyclic
+# exactly when the graph is.
+
+
+def point_of(event: Part) -> Point:
+    """The point of an event, or of the events that a leaf counts."""
+    return ("event", event, None)
+
+
+def precedence(kept: Kept, *, ends: bool = False) -> "nx.DiGraph":
+    """The precedence among the events of kept parts; each graph edge has as `via` the tree edge that it needs, or None.
+
+    The order of ends of an `EndInOrder` is left out; with `ends` its parts are in sequence, which is a stronger order.
+    """
+    import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
+
+    graph = nx.DiGraph()
+    for part, inside in kept.items():
+        start: Point = ("start", part, None)
+        end: Point = ("end", part, None)
+        if isinstance(part, Event | Times):
+            graph.add_edge(start, point_of(part), via=None)
+            graph.add_edge(point_of(part), end, via=None)
+        for inner in inside:
+            via = (part, inner) if is_edge(part, inner) else None
+            graph.add_edge(start, ("start", inner, None), via=via)
+            graph.add_edge(("end", inner, None), end, via=via)
+        if isinstance(part, core.Sequence) or (ends and isinstance(part, EndInOrder)):
+            for earlier, later in pairwise(inner for inner in part.parts if inner in inside):
+                before, after = ((part, one) if is_edge(part, one) else None for one in (earlier, later))
+                done: Point = ("done", part, earlier)
+                graph.add_edge(("end", earlier, None), done, via=before)
+                graph.add_edge(done, ("start", later, None), via=after)
+                graph.add_edge(done, ("done", part, later), via=after)
+    return graph
+
+
+def path(graph: "nx.DiGraph", before: Part, after: Part) -> list[Point]:
+    """The points of a shortest path that makes one event precede another, or none."""
+    import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
+
+    points: list[Point] = []
+    with suppress(nx.NetworkXNoPath, nx.NodeNotFound):
+        points += nx.shortest_path(graph, point_of(before), point_of(after))
+    return points
+
+
+def edges_along(graph: "nx.DiGraph", points: list[Point]) -> list[Edge]:
+    """The tree edges that a path needs, each once; without one of them the path does not exist."""
+    needed = (graph.edges[step]["via"] for step in pairwise(points))
+    return list(dict.fromkeys(edge for edge in needed if edge is not None))
+
+
+# The order of ends, of which each scenario has a union of partial orders.
+#
+# Read backwards, "a part ends before the next one ends" means: each event of the part waits for *some* event of the next
+# part. So the search for an order starts at its end: a point is free as soon as all points after it are free, and, where it
+# waits for some event of a part, one of these. Where points are left that wait for each other, there is no order.
+
+
+class Standstill(NamedTuple):
+    """Why the events of a scenario have no order: it has all `edges` and none of `lacking`."""
+
+    edges: Iterable[Edge] = ()
+    lacking: Iterable[Edge] = ()
+
+
+def standstill(kept: Kept, graph: "nx.DiGraph") -> Standstill | None:
+    """Why no order of the events keeps the precedence in `graph` and the order of ends of the kept parts, or None.
+
+    `graph` may have more edges than the precedence of the kept parts.
+    """
+    bearing: set[Part] = set()
+    above: dict[Part, list[Part]] = {}
+    for part in reversed(list(kept)):
+        if isinstance(part, Event | Times) or not bearing.isdisjoint(kept[part]):
+            bearing.add(part)
+        for inner in kept[part]:
+            above.setdefault(inner, []).append(part)
+    awaited: dict[Point, list[Point]] = {}  # the ends that wait for some event of a part, by the `start` of the part
+    for part, inside in kept.items():
+        if isinstance(part, EndInOrder):
+            for one, other in pairwise(inner for inner in inside if inner in bearing):
+                awaited.setdefault(("start", other, None), []).append(("end", one, None))
+    waiting = {point: graph.out_degree(point) for point in graph}
+    for ends in awaited.values():
+        for end in ends:
+            waiting[end] += 1
+    free = [point for point, count in waiting.items() if count == 0]
+    begun: set[Part] = set()  # parts of which some event is free
+    for point in free:
+        ready = [*graph.predecessors(point)]
+        agenda = [point[1]] if point[0] == "event" else []
+        while agenda:
+            if (part := agenda.pop()) not in begun:
+                begun.add(part)
+                agenda += above.get(part, ())
+                ready += awaited.get(("start", part, None), ())
+        for earlier in ready:
+            waiting[earlier] -= 1
+            if waiting[earlier] == 0:
+                free.append(earlier)
+    stuck = {point for point, count in waiting.items() if count}
+    if not any(kind == "event" for kind, _, _ in stuck):
+        return None
+    edges = [via for one, other, via in graph.edges(data="via") if via is not None and one in stuck and other in stuck]
+    lacking: list[Edge] = []
+    for (_, part, _), ends in awaited.items():
+        if part not in begun and any(end in stuck for end in ends):
+            inside = tuple(reachable(part, kept.__getitem__))
+            edges += [(one, inner) for one in (*above[part], *inside) for inner in kept[one] if is_edge(one, inner)]
+            votes = (one for one in inside if isinstance(one, AtLeast))
+            lacking += [(one, inner) for one in votes for inner in one.parts if inner not in kept[one]]
+    return Standstill(dict.fromkeys(edges), dict.fromkeys(lacking))
+
+
+def with_single_ends(prop: Property) -> Property:
+    """The property with a sequence for each order of ends between parts that have at most one event each.
+
+    >>> import rvaft
+    >>> type(with_single_ends(build(rvaft.loads("top pand a b;"))).root).__name__
+    'Sequence'
+    """
+    if not any(isinstance(part, EndInOrder) for part in prop.parts):
+        return prop
+    most = most_events(prop.parts)
+
+    def change(part: Part, parts: tuple[Part, ...]) -> Part:
+        if isinstance(part, EndInOrder) and all(most[inner] < 2 for inner in part.parts):
+            return core.Sequence(part.source, parts)
+        return with_parts(part, parts)
+
+    return prop.rewritten(change)
+
+
+# What is in some scenario, and what is in every one.
+
+Demands: TypeAlias = dict[Part, frozenset[Part]]
+"""Parts that must be kept, each with the parts directly inside that it must keep."""
+
+_NONE: frozenset[Part] = frozenset()
+
+
+class Resolutions:
+    """The ways to make the choices of a property without certain parts and tree edges. Order among events is not looked at.
+
+    Whether some way keeps given parts and edges is answered by walking from them to the root: the kept part that comes last
+    in the order (outer parts first) needs one kept part around it; a `One` with two demanded parts ends the attempt. For one
+    part that is a path to the root, for two parts a walk over pairs; in general the number of attempts may grow
+    exponentially, so each step is paid from a budget.
+
+    `everything` has all parts, outer parts first, each with the parts directly inside in the order in which they are tried.
+    """
+
+    def __init__(self, everything: Kept, banned: Container[Part] = (), without: Container[Edge] = frozenset()) -> None:
+        self._order = tuple(everything)
+        self._root = self._order[0]
+        self._rank = {part: index for index, part in enumerate(self._order)}
+        self._options: dict[Part, tuple[Part, ...]] = {}
+        for part in reversed(self._order):
+            inside = tuple(one for one in everything[part] if one in self._options and (part, one) not in without)
+            if part not in banned and len(inside) >= fewest(part):
+                self._options[part] = inside
+        self._reached: dict[Part, list[Part]] = {self._root: []} if self._root in self._options else {}
+        for part in self._order:
+            if part in self._reached:
+                for inner in self._options[part]:
+                    self._reached.setdefault(inner, []).append(part)
+
+    def __bool__(self) -> bool:
+        return bool(self._reached)
+
+    def __contains__(self, part: Part) -> bool:
+        return part in self._reached
+
+    @cached_property
+    def union(self) -> Kept:
+        """Each part that is in some scenario, with the parts directly inside that it keeps in some scenario."""
+        return {part: self._options[part] for part in self._order if part in self._reached}
+
+    def scenario(self, parts: Iterable[Part], edges: Iterable[Edge], budget: Budget) -> Kept | None:
+        """A scenario that contains these parts and tree edges, or None; raises `Undecided` beyond the budget."""
+        demands = self._support(parts, edges, budget)
+        if demands is None:
+            return None
+        kept: dict[Part, tuple[Part, ...]] = {}
+        todo = [self._root]
+        while todo:
+            part = todo.pop()
+            if part in kept:
+                continue
+            demanded, chosen = demands.get(part, _NONE), self._options[part]
+            if isinstance(part, One | AtLeast):
+                others = [inner for inner in chosen if inner not in demanded]
+                wanted = {*demanded, *others[: max(0, fewest(part) - len(demanded))]}
+                chosen = tuple(inner for inner in chosen if inner in wanted)
+            kept[part] = chosen
+            todo.extend(reversed(chosen))
+        return {part: kept[part] for part in self._order if part in kept}
+
+    def possible(self, parts: Iterable[Part], budget: Budget, *, edges: Iterable[Edge] = ()) -> bool:
+        """Whether some scenario contains these parts and tree edges; raises `Undecided` beyond the budget."""
+        return self._support(parts, edges, budget) is not None
+
+    def _support(self, parts: Iterable[Part], edges: Iterable[Edge], budget: Budget) -> Demands | None:
+        """What must be kept for these parts and edges, so that each part but the root has a part around it that keeps it."""
+        demands: Demands = {}
+        if not self:
+            return None
+        for part in (self._root, *parts):
+            demands.setdefault(part, _NONE)
+        for part, inner in edges:
+            demands[part] = demands.get(part, _NONE) | {inner}
+            demands.setdefault(inner, _NONE)
+        for part, inside in demands.items():
+            if part not in self or not inside <= set(self._options[part]):
+                return None
+            if len(inside) > 1 and isinstance(part, One):
+                return None
+        attempts = [(demands, len(self._rank))]
+        seen: set[frozenset[tuple[int, frozenset[Part]]]] = set()
+        while attempts:
+            current, below = attempts.pop()
+            # A heap of negated ranks: the part that comes last is served first, so that all its demands are known.
+            agenda = [-self._rank[part] for part in current if self._rank[part] < below]
+            heapify(agenda)
+            while agenda[0] != 0:
+                part = self._order[-agenda[0]]
+                ways = self._ways(current, part)
+                budget.spend(1 if not ways or is_edge(ways[0], part) else 0)
+                if len(ways) > 1:
+                    budget.spend(len(current) * len(ways))
+                    state = frozenset((-rank, current[self._order[-rank]]) for rank in agenda)
+                    if state in seen:
+                        break
+                    seen.add(state)
+                    others = ({**current, way: current.get(way, _NONE) | {part}} for way in ways[:0:-1])
+                    attempts += [(other, self._rank[part]) for other in others]
+                if not ways:
+                    break
+                heappop(agenda)
+                if ways[0] not in current:
+                    heappush(agenda, -self._rank[ways[0]])
+                current[ways[0]] = current.get(ways[0], _NONE) | {part}
+            else:
+                return current
+        return None
+
+    def _ways(self, demands: Demands, part: Part) -> list[Part]:
+        """The parts that may keep this one; only one where a part that is kept anyway can keep it too."""
+        ways: list[Part] = []
+        for around in self._reached[part]:
+            demanded, takes_one = demands.get(around), isinstance(around, One)
+            if demanded is not None and (part in demanded or not takes_one):
+                return [around]
+            if not demanded or not takes_one:
+                ways.append(around)
+        return ways
+
+
+_RESOLUTIONS, _PRECEDENCE = 4, 15
+"""The cost of resolutions and of a precedence per node, in steps."""
+
+
+class ScenarioSpace:
+    """The feasible scenarios of a tree; `limit` is the number of steps that each hard question may cost.
+
+    A scenario whose precedence is cyclic shows a cycle, a cycle needs some tree edges, and every feasible scenario lacks one
+    of them: so the search bans tree edges until nothing is cyclic. Where parts cannot end in order, the search also tries to
+    keep more parts.
+
+    >>> from rvaft import loads
+    >>> [node_of(part) for part in ScenarioSpace(loads("top or a b; a when 2 < 1; b;")).feasible(Budget())]
+    ['top', 'b']
+    """
+
+    def __init__(self, tree: RVAFT, limit: int = DEFAULT_LIMIT) -> None:
+        self.tree = tree
+        self.limit = limit
+        self.prop = with_single_ends(build(tree))
+        """What the tree asks for."""
+        rank = {name: place for place, name in enumerate(tree.order)}
+        outer_first = self.prop.parts[::-1]
+        self.order = tuple(sorted(outer_first, key=lambda part: rank[node_of(part)]))
+        """All parts, outer parts first, in the order of the nodes of the tree."""
+        self.whole: Mapping[str, Part] = {name: self.prop.wholes[Source(name)] for name in tree.order}
+        """For each reachable node all that it asks for, with what is below it."""
+        self.leaf: Mapping[str, Event | Times] = {
+            node_of(part): part for part in self.order if isinstance(part, Event | Times)
+        }
+        """The events of each reachable node that has any."""
+        self.gate: Mapping[str, Part] = {
+            node_of(part): part for part in self.order if any(is_edge(part, inner) for inner in part.parts)
+        }
+        """For each reachable node with children the part that joins what they ask for."""
+        written = {
+            gate: tuple(self.whole[child] for child in tree.nodes[name].children) for name, gate in self.gate.items()
+        }
+        self.everything: Kept = {part: written.get(part, part.parts) for part in self.order}
+        """All parts with the parts directly inside, as the tree lists them."""
+
+    def budget(self) -> Budget:
+        """A fresh budget."""
+        return Budget(self.limit)
+
+    @cached_property
+    def never(self) -> frozenset[Part]:
+        """The conditions without variables that do not hold: no feasible scenario contains them."""
+        conditions = (part for part in self.order if isinstance(part, Condition))
+        return frozenset(part for part in conditions if is_constant(part) and not holds(part.guard, {}))
+
+    @cached_property
+    def dead(self) -> frozenset[str]:
+        """The nodes of these conditions."""
+        return frozenset(map(node_of, self.never))
+
+    @cached_property
+    def resolutions(self) -> Resolutions:
+        """The ways to make the choices without dead nodes; those with a cyclic precedence are among them."""
+        return Resolutions(self.everything, self.never)
+
+    @cached_property
+    def ends(self) -> bool:
+        """Whether the order of ends is more than a sequence of events somewhere."""
+        return any(isinstance(part, EndInOrder) for part in self.order)
+
+    @cached_property
+    def widest(self) -> "nx.DiGraph":
+        """The precedence over all possible parts, ends in order as sequences; it contains that of every scenario."""
+        return precedence(self.resolutions.union, ends=True)
+
+    @cached_property
+    def acyclic(self) -> bool:
+        """Whether surely no precedence is cyclic; only a shared part can be in a sequence twice."""
+        ordered = any(isinstance(part, core.Sequence | EndInOrder) for part in self.gate.values())
+        return not (self.prop.shared and ordered) or not find_cycle(self.widest)
+
+    @cached_property
+    def is_empty(self) -> bool:
+        """Whether there is no feasible scenario; raises `Undecided` beyond the limit."""
+        return bool(self.dead or not self.acyclic) and self.feasible(self.budget()) is None
+
+    def feasible(
+        self,
+        budget: Budget,
+        nodes: Iterable[str] = (),
+        *,
+        edges: Iterable[Edge] = (),
+        without: Collection[str] = (),
+        apart: tuple[str, str] | None = None,
+        silent: str | None = None,
+    ) -> Kept | None:
+        """A feasible scenario with some nodes and tree edges and without other nodes, or None where there is none.
+
+        With `apart`, a scenario that contains the events of both nodes and orders neither before the other. With `silent`, a
+        scenario that contains that node and no event of it or below it. Raises `Undecided` beyond the budget.
+        """
+        parts = [self.whole[name] for name in (*nodes, *(apart or ()), *([] if silent is None else [silent]))]
+        needed = [*edges]
+        banned = self.never | {self.whole[name] for name in without if name in self.whole}
+        events = None if apart is None else (self.leaf[apart[0]], self.leaf[apart[1]])
+
+        def attempt(bans: frozenset[Edge], more: frozenset[Edge]) -> Kept | Standstill:
+            if bans or without:
+                budget.spend(_RESOLUTIONS * len(self.tree.order))
+            space = Resolutions(self.everything, banned, bans) if bans or without else self.resolutions
+            kept = space.scenario(parts, [*needed, *more], budget)
+            if kept is None:
+                return Standstill()
+            if silent is not None and (way := _to_event(kept, self.whole[silent])):
+                return Standstill(way)
+            if self.acyclic and events is None:
+                return kept
+            budget.spend(_PRECEDENCE * sum(part in kept for part in self.whole.values()))
+            return self._disorder(kept, events) or kept
+
+        return _first_without(attempt)
+
+    def _disorder(self, kept: Kept, apart: tuple[Event | Times, Event | Times] | None) -> Standstill | None:
+        """Why the events of a scenario have no order, or why two of them have only one order."""
+        graph = precedence(kept)
+        points = [] if self.acyclic else find_cycle(graph)
+        points += points[:1]
+        if not points and apart is not None:
+            points = path(graph, *apart) or path(graph, *apart[::-1])
+        if (edges := edges_along(graph, points)) or not self.ends:
+            return Standstill(edges) if edges else None
+        if apart is None:
+            return standstill(kept, graph)
+        # Of a leaf that counts, the first event comes right after the `start` of the leaf.
+        firsts = [point_of(leaf) if isinstance(leaf, Event) else ("start", leaf, None) for leaf in apart]
+        for one, other in pairwise([*firsts, firsts[0]]):
+            further = graph.copy()
+            further.add_edge(one, other, via=None)
+            if why := standstill(kept, further):
+                return why
+        return None
+
+    def endless(self, budget: Budget) -> tuple[Kept, str] | None:
+        """A scenario with an acyclic precedence, and a node of it whose parts cannot end in order; None where there is none."""
+        if not self.ends or self.acyclic:
+            return None
+        for kept in resolutions(self.prop, limit=self.limit):
+            budget.spend((_RESOLUTIONS + _PRECEDENCE) * len(self.tree.order))
+            graph = precedence(kept)
+            why = None if find_cycle(graph) else standstill(kept, graph)
+            if why is not None:
+                return kept, next(node_of(part) for part, _ in why.edges if isinstance(part, EndInOrder))
+        return None
+
+    def cyclic(self, budget: Budget, knot: Set[Point]) -> tuple[Kept, tuple[str, ...]] | None:
+        """A scenario without dead nodes whose precedence has a cycle among these points, and the nodes of the cycle."""
+
+        def attempt(bans: frozenset[Edge], _: object) -> tuple[Kept, tuple[str, ...]] | Standstill:
+            budget.spend((_RESOLUTIONS + _PRECEDENCE) * len(self.tree.order))
+            space = Resolutions(self.everything, self.never, bans)
+            graph = precedence(space.union)
+            points = find_cycle({p: [later for later in graph[p] if later in knot] for p in graph if p in knot})
+            edges = edges_along(graph, points + points[:1])
+            kept = space.scenario((), edges, budget) if points else None
+            if kept is None:
+                return Standstill(edges)
+            return kept, tuple(dict.fromkeys(node_of(part) for kind, part, _ in points if kind == "event"))
+
+        return _first_without(attempt)
+
+
+def _to_event(kept: Kept, start: Part) -> list[Edge]:
+    """The tree edges of a way from a kept part to an event below it, or none."""
+    way: dict[Part, list[Edge]] = {start: []}
+    for part in (queue := [start]):
+        for inner in kept[part]:
+            if inner not in way:
+                way[inner] = [*way[part], (part, inner)] if is_edge(part, inner) else way[part]
+                queue.append(inner)
+                if isinstance(inner, Event | Times):
+                    return way[inner]
+    return []
+
+
+def _first_without(attempt: Callable[[frozenset[Edge], frozenset[Edge]], T | Standstill]) -> T | None:
+    """What an attempt with some tree edges banned and others required returns; the first attempt bans and requires none.
+
+    A failed attempt returns the edges of which one more is to be banned or required.
+    """
+    todo: list[tuple[frozenset[Edge], frozenset[Edge]]] = [(frozenset(), frozenset())]
+    seen = set(todo)
+    while todo:
+        bans, more = todo.pop()
+        found = attempt(bans, more)
+        if not isinstance(found, Standstill):
+            return found
+        new = [(bans | {edge}, more) for edge in found.edges if edge not in more]
+        new += [(bans, more | {edge}) for edge in found.lacking if edge not in bans]
+        new = [state for state in dict.fromkeys(new) if state not in seen]
+        seen.update(new)
+        todo.extend(reversed(new))
+    return None
+
+
+def inevitable(order: Sequence[Part], marks: Mapping[Part, int], full: int) -> dict[Part, int]:
+    """For each part the marks that every scenario with the part has, for all marks (bits) at once.
+
+    `order` has the parts, outer parts first. `full` has the bits of all marks; a part marked `full` is in no scenario, and a
+    part that is in no scenario has `full` as its result. Order among events is not looked at.
+
+    For a single mark let `avoid(v)` mean that some way to make the choices below v has no marked part. Since a choice belongs
+    to a part and not to a path, `avoid` is found from the inside even where parts are shared. Some scenario contains v and no
+    marked part exactly when v can avoid the mark and is the root or is inside a part of which the same is true: take the
+    choices along that path, and elsewhere the avoiding ones. The two loops compute the complement.
+    """
+    below: dict[Part, int] = {}
+    for part in reversed(order):
+        missable = len(part.parts) - fewest(part) + 1
+        below[part] = marks.get(part, 0) | in_at_least(missable, [below[inner] for inner in part.parts])
+    above = {order[0]: 0}
+    result: dict[Part, int] = {}
+    for part in order:
+        result[part] = below[part] | above[part]
+        for inner in part.parts:
+            above[inner] = above.get(inner, full) & result[part]
+    return result
+
+
+_AT_ONCE: Final = 4096
+"""The number of marks that are looked at together: each part has a bit for each."""
+
+
+def borne_surely(
+    space: ScenarioSpace, asked: Collection[tuple[str, str]], bearers: Mapping[str, Iterable[Part]]
+) -> set[tuple[str, str]]:
+    """The pairs of a node and a mark where every scenario with the node has a bearer of the mark, if any scenario has the node."""
+    wanted, found = list(dict.fromkeys(mark for _, mark in asked)), set[tuple[str, str]]()
+    for start in range(0, len(wanted), _AT_ONCE):
+        bit = {mark: 1 << index for index, mark in enumerate(wanted[start : start + _AT_ONCE])}
+        # A scenario that bears everything and one that is no scenario must not look alike: one bit more for the latter.
+        everything = (1 << len(bit) + 1) - 1
+        marks = dict.fromkeys(space.never, everything)
+        for mark, own in bit.items():
+            for bearer in bearers.get(mark, ()):
+                marks[bearer] = marks.get(bearer, 0) | own
+        borne = inevitable(space.order, marks, everything)
+        found.update((name, mark) for name, mark in asked if borne[space.whole[name]] & bit.get(mark, 0))
+    return found
+
+
+# How many scenarios there are, and how large they are.
+
+
+def most_scenarios(prop: Property) -> int:
+    """An upper bound on the number of scenarios; the number itself where no part is shared and every scenario is feasible.
+
+    >>> import rvaft
+    >>> most_scenarios(build(rvaft.loads("top 2of3 a b c;")))
+    4
+    """
+    ways: dict[Part, int] = {}
+    for part in prop.parts:
+        inside = [ways[inner] for inner in part.parts]
+        match part:
+            case One():
+                ways[part] = sum(inside)
+            case AtLeast(need=need):
+                keeping = [1, *([0] * len(inside))]  # the ways to keep so many parts
+                for of_part in inside:
+                    keeping = [keeping[0], *(more + of_part * fewer for fewer, more in pairwise(keeping))]
+                ways[part] = sum(keeping[need:])
+            case Event() | Times() | Condition() | All() | core.Sequence() | EndInOrder() | Within():
+                ways[part] = prod(inside)
+            case _:
+                assert_never(part)
+    return ways[prop.root]
+
+
+class Fewest(NamedTuple):
+    """The least number of events, and the parts directly inside that are kept for it."""
+
+    events: int
+    kept: tuple[Part, ...]
+
+
+def fewest_events(
+    parts: Iterable[Part], *, without: Container[Part] = frozenset(), without_edges: Container[Edge] = frozenset()
+) -> dict[Part, Fewest]:
+    """For each of the parts (inner parts first) that a scenario can have, the fewest events; a shared part counts each time.
+
+    >>> import rvaft
+    >>> prop = build(rvaft.loads("top 2of3 a b c;"))
+    >>> fewest_events(prop.parts)[prop.root].events
+    2
+    """
+    found: dict[Part, Fewest] = {}
+    for part in parts:
+        able = [inner for inner in part.parts if inner in found and (part, inner) not in without_edges]
+        if part in without or len(able) < fewest(part):
+            continue
+        chosen = set(sorted(able, key=lambda inner: found[inner].events)[: fewest(part)])
+        kept = tuple(inner for inner in part.parts if inner in chosen)
+        own = part.count if isinstance(part, Times) else 1 if isinstance(part, Event) else 0
+        found[part] = Fewest(own + sum(found[inner].events for inner in kept), kept)
+    return found

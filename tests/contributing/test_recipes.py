@@ -124,6 +124,7 @@ def test_a_gate_works_in_every_language_that_has_its_parts(made: Made) -> None:
     assert monitored.stdout.startswith("event 4: true"), monitored
     drawing = copy.rvaft("show", tree, "--format", "svg")
     assert "INHIBIT" in drawing.stdout, drawing.stderr
+    assert '"x" pand "c" "a" "b";' in copy.rvaft("show", tree, "--format", "galileo").stdout
     status = agrees(copy, tree, "automaton", "ltlf", "rml", "sql", "stix")
     assert {status["scattered", name] for name in ("automaton", "ltlf", "rml")} == {"proved"}
     assert status["strict", "stix"] == "not expressible"
@@ -143,7 +144,7 @@ def test_a_language_without_the_parts_of_a_gate_refuses_it(made: Made) -> None:
     ("step", "program", "message"),
     [
         ("core", conformance("inhibit", "automaton"), "Expected code to be unreachable"),
-        ("drawings", "import rvaft.export.dot", "AssertionError: every gate has"),
+        ("drawings", "import rvaft.export", "AssertionError: every gate has"),
         ("grammar", conformance("inhibit", "automaton"), "inhibit"),
         ("reference", conformance("inhibit", "automaton"), "construct `inhibit`"),
         ("conformance", "import backends.conformance", "AssertionError: {<Gate.INHIBIT"),

@@ -18,15 +18,13 @@ from itertools import count
 from time import perf_counter
 from typing import Any, ClassVar, Final, TypeAlias, final
 
-from rvaft.analysis.plain_trees import asks_for_time, one_plain_tree
 from rvaft.capabilities import Capabilities, Capability, Feature, Ties, Value, check
 from rvaft.core.passes import Pass, decide_constants, property_of
 from rvaft.core.property import Event, Part, Property
 from rvaft.errors import NotExpressible, OptionError, RvaftError, ToolFailed, ToolMissing
 from rvaft.model import guards, patterns
-from rvaft.model.event_time import TIME
 from rvaft.model.guards import Guard, Operator
-from rvaft.model.patterns import ObjectPattern, Pattern
+from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
@@ -296,25 +294,6 @@ class Backend(ABC):
     def spoken(cls, dialect: str) -> str:
         """The name of the backend that writes its language in a dialect; raises `OptionError` where there is none."""
         raise OptionError(f"{cls.name} has no dialects, and so not {dialect}")
-
-    def plain(self, prop: Property, *, windows: bool = True) -> RVAFT:
-        """The tree of a property without counted leaves, `pand`, windows and time points.
-
-        Without `windows` these are left out.
-
-        A time is a variable, in the field `TIME`. Raises `NotExpressible` where the tree has a
-        field of that name, `TooLarge`.
-        """
-        tree = prop.asked or prop.tree
-        if not windows:
-            tree = tree.changed(nodes=[replace(node, within=None) for node in tree.nodes.values()])
-        timed = [node.name for node in tree.top_down() if asks_for_time(node)]
-        named = (tree.pattern(node.name) for node in tree.top_down())
-        patterns = (*named, *(tree.instantiate(ignore.on) for ignore in tree.ignores))
-        if timed and any(isinstance(one, ObjectPattern) and TIME in dict(one.fields) for one in patterns):
-            reason = f"the time of an event stands in the field {TIME} there, and this tree reads a field of that name"
-            raise NotExpressible(reason, nodes=timed)
-        return one_plain_tree(tree)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """A monitor that runs a text of the language, whoever wrote it; raises `LanguageError`.

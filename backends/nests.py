@@ -14,7 +14,7 @@ from typing import Final, NoReturn, TypeAlias, assert_never
 import networkx as nx
 
 from backends.orders import Orders
-from rvaft.core.part_numbers import Op
+from rvaft.core.part_numbers import PartKind
 from rvaft.core.property import (
     All,
     AtLeast,
@@ -44,7 +44,7 @@ WINDOW: Final = "window"
 class Nest:
     """An event of a node that fulfils guards, or parts, of which `need` are asked for, within a time; `size` is how many events are written."""
 
-    op: Op
+    op: PartKind
     parts: tuple["Nest", ...] = ()
     need: int = 0
     event: Event | None = None
@@ -69,7 +69,7 @@ class Nest:
     def during(self, within: int | None) -> "Nest":
         """The nest within a time, the shorter one if it has another; a single event takes none.
 
-        >>> both = joined(Op.ALL, [Nest(Op.EVENT, size=1), Nest(Op.EVENT, size=2)])
+        >>> both = joined(PartKind.ALL, [Nest(PartKind.EVENT, size=1), Nest(PartKind.EVENT, size=2)])
         >>> both.during(5).during(9).within, both.parts[0].during(5).within
         (5, None)
         """
@@ -78,41 +78,41 @@ class Nest:
 
     def ways(self) -> "Nest":
         """One of all that it asks for, where it asks for some."""
-        several = (joined(Op.ALL, some) for some in combinations(self.parts, self.need))
-        return replace(joined(Op.ONE, several), within=self.within) if self.op is Op.AT_LEAST else self
+        several = (joined(PartKind.ALL, some) for some in combinations(self.parts, self.need))
+        return replace(joined(PartKind.ONE, several), within=self.within) if self.op is PartKind.AT_LEAST else self
 
 
-NOTHING: Final = Nest(Op.ALL)
+NOTHING: Final = Nest(PartKind.ALL)
 """What is there at once."""
-NEVER: Final = Nest(Op.ONE)
+NEVER: Final = Nest(PartKind.ONE)
 """What no events are."""
 
 
-def joined(op: Op, parts: Iterable[Nest], need: int = 0) -> Nest:
+def joined(op: PartKind, parts: Iterable[Nest], need: int = 0) -> Nest:
     """Parts under one operator, nothing that means nothing among them.
 
-    >>> joined(Op.ALL, [NOTHING, a := Nest(Op.EVENT, size=1)]) == a, joined(Op.SEQUENCE, [a, NEVER]) == NEVER
+    >>> joined(PartKind.ALL, [NOTHING, a := Nest(PartKind.EVENT, size=1)]) == a, joined(PartKind.SEQUENCE, [a, NEVER]) == NEVER
     (True, True)
     """
     found = list[Nest]()
     for one in parts:
-        found += one.parts if one.op is op and one.within is None and op is not Op.AT_LEAST else [one]
-    if op is Op.ONE and NOTHING in found:
+        found += one.parts if one.op is op and one.within is None and op is not PartKind.AT_LEAST else [one]
+    if op is PartKind.ONE and NOTHING in found:
         return NOTHING
-    if op in (Op.ALL, Op.SEQUENCE) and NEVER in found:
+    if op in (PartKind.ALL, PartKind.SEQUENCE) and NEVER in found:
         return NEVER
     need = max(0, need - found.count(NOTHING))
     found = [one for one in found if one not in (NOTHING, NEVER)]
-    if op is Op.AT_LEAST and need in (0, 1, len(found)):
-        return joined(Op.ONE if need == 1 else Op.ALL, found if need else ())
-    if op is Op.AT_LEAST and need > len(found):
+    if op is PartKind.AT_LEAST and need in (0, 1, len(found)):
+        return joined(PartKind.ONE if need == 1 else PartKind.ALL, found if need else ())
+    if op is PartKind.AT_LEAST and need > len(found):
         return NEVER
-    size = sum(one.size for one in found) * (comb(len(found) - 1, need - 1) if op is Op.AT_LEAST else 1)
+    size = sum(one.size for one in found) * (comb(len(found) - 1, need - 1) if op is PartKind.AT_LEAST else 1)
     return (
         found[0]
         if len(found) == 1
         else NOTHING
-        if not found and op is not Op.ONE
+        if not found and op is not PartKind.ONE
         else Nest(op, tuple(found), need, size=size)
     )
 
@@ -129,9 +129,11 @@ def in_every_order(prop: Property, *, limit: int) -> Nest:
     first: dict[Pattern, Nest] = {}
     words = dict[tuple[Nest, ...], None]()
     for scenario in orders.scenarios():
-        letters = {one: first.setdefault(one.pattern, Nest(Op.EVENT, event=one, size=1)) for one in scenario.events}
+        letters = {
+            one: first.setdefault(one.pattern, Nest(PartKind.EVENT, event=one, size=1)) for one in scenario.events
+        }
         words |= dict.fromkeys(orders.words(scenario, letters))
-    return joined(Op.ONE, [joined(Op.SEQUENCE, word) for word in words])
+    return joined(PartKind.ONE, [joined(PartKind.SEQUENCE, word) for word in words])
 
 
 class Nesting:
@@ -230,7 +232,7 @@ class Nesting:
     def _nest(self, part: Part, asked: tuple[Guard, ...]) -> Nest:
         """The nest of a part; `asked` is what guards ask of the event of the node that the part comes from."""
         if (part, asked) not in self._made_nests:
-            found = joined(Op.ONE, self._scenarios(part)) if part in self._knots else self._gate(part, asked)
+            found = joined(PartKind.ONE, self._scenarios(part)) if part in self._knots else self._gate(part, asked)
             self._fits(found.size)
             self._made_nests[part, asked] = found
         return self._made_nests[part, asked]
@@ -242,18 +244,18 @@ class Nesting:
 
         match part:
             case Event():
-                return Nest(Op.EVENT, event=part, guards=asked, size=1)
+                return Nest(PartKind.EVENT, event=part, guards=asked, size=1)
             case Condition():
                 return NOTHING
             case All():
                 asked = (*asked, *self._own(part))
-                return joined(Op.ALL, below())
+                return joined(PartKind.ALL, below())
             case Sequence():
-                return joined(Op.SEQUENCE, below())
+                return joined(PartKind.SEQUENCE, below())
             case One():
-                return joined(Op.ONE, [self._nest(one, ()) for one in part.parts])
+                return joined(PartKind.ONE, [self._nest(one, ()) for one in part.parts])
             case AtLeast(need=need):
-                return joined(Op.AT_LEAST, [self._nest(one, ()) for one in part.parts], need)
+                return joined(PartKind.AT_LEAST, [self._nest(one, ()) for one in part.parts], need)
             case Within(parts=(whole,), duration=duration):
                 return self._nest(whole, asked).during(duration)
             case Within() | Times() | EndInOrder():
@@ -282,7 +284,9 @@ class Nesting:
                         self._refuse(min(have & has), (one.source.node, other.source.node))
                 asked = orders.asked(scenario, binds, lambda node, _: self._refuse(TIE, [node]))
                 if asked:
-                    said = {event: Nest(Op.EVENT, event=event, guards=tuple(asked[event]), size=1) for event in binds}
+                    said = {
+                        event: Nest(PartKind.EVENT, event=event, guards=tuple(asked[event]), size=1) for event in binds
+                    }
                     order = nx.DiGraph()
                     order.add_nodes_from(said)
                     for event, before in zip(scenario.events, scenario.before, strict=True):
@@ -298,12 +302,14 @@ class Nesting:
             self._fits(self._made)
             return next(iter(said.values()))
         own = order.subgraph(said).to_undirected()
-        for op, graph in ((Op.ALL, own), (Op.SEQUENCE, nx.complement(own))):
+        for op, graph in ((PartKind.ALL, own), (PartKind.SEQUENCE, nx.complement(own))):
             found = [[one for one in said if one in group] for group in nx.connected_components(graph)]
             if len(found) > 1:
                 place = [*said].index
-                found.sort(key=lambda some: (order.in_degree(some[0]) if op is Op.SEQUENCE else 0, place(some[0])))
+                found.sort(
+                    key=lambda some: (order.in_degree(some[0]) if op is PartKind.SEQUENCE else 0, place(some[0]))
+                )
                 return joined(op, [self._arranged({one: said[one] for one in some}, order) for some in found])
         pair = next(pair for pair in combinations(said, 2) if not own.has_edge(*pair))
         ways = [nx.transitive_closure_dag(nx.DiGraph([*order.edges, both])) for both in (pair, pair[::-1])]
-        return joined(Op.ONE, [self._arranged(said, way) for way in ways])
+        return joined(PartKind.ONE, [self._arranged(said, way) for way in ways])

@@ -21,7 +21,7 @@ from rvaft.support.bits import bits
 Letter = TypeVar("Letter", bound=Hashable)
 
 
-class Leaf(NamedTuple):
+class GuardedEvent(NamedTuple):
     """An event with guards that it decides by itself."""
 
     event: Event
@@ -49,26 +49,26 @@ class Orders:
         self._limit, self._left, self._minimal = limit, limit * steps, minimal
         self._said: set[tuple[Hashable, ...]] = set()
         self._events = 0
-        self.groups: dict[Event, tuple[Leaf, ...]] = {}
+        self.groups: dict[Event, tuple[GuardedEvent, ...]] = {}
         self.prop = self._grouped(prop) if grouped else prop
 
     def _grouped(self, prop: Property) -> Property:
         """The property where each choice between leaves is one event."""
         uses = Counter(name for part in prop.parts for name in _names(part))
 
-        def leaves(part: Part) -> tuple[Leaf, ...]:
+        def leaves(part: Part) -> tuple[GuardedEvent, ...]:
             """The leaves that a part is a choice between; none where it is no such choice."""
             match part:
                 case _ if part in prop.shared:
                     return ()
                 case Event():
                     conditions: list[Part] = []
-                    found = Leaf(part)
+                    found = GuardedEvent(part)
                 case All(parts=(Event() as event, *conditions)):
                     asked = [one for one in conditions if isinstance(one, Condition) and one not in prop.shared]
                     if len(asked) < len(conditions):
                         return ()
-                    found = Leaf(event, tuple(guard for one in asked for guard in guards.conjuncts(one.guard)))
+                    found = GuardedEvent(event, tuple(guard for one in asked for guard in guards.conjuncts(one.guard)))
                 case One(parts=parts):
                     each = [leaves(inner) for inner in parts]
                     return tuple(leaf for some in each for leaf in some) if all(each) else ()
@@ -88,9 +88,9 @@ class Orders:
 
         return replace(prop, root=prop.with_root(prop.root).rewritten(change).root)
 
-    def leaves(self, event: Event) -> tuple[Leaf, ...]:
+    def leaves(self, event: Event) -> tuple[GuardedEvent, ...]:
         """The leaves of a group; of any other event the event alone, without its guards."""
-        return self.groups.get(event, (Leaf(event),))
+        return self.groups.get(event, (GuardedEvent(event),))
 
     def spend(self, steps: int) -> None:
         """Pay for steps of work."""

@@ -14,7 +14,7 @@ from math import comb
 from typing import Final, NamedTuple, assert_never
 
 from backends.automaton.structure import Structure, Work
-from rvaft.core.part_numbers import NumberedPart, NumberedParts, Op
+from rvaft.core.part_numbers import NumberedPart, NumberedParts, PartKind
 from rvaft.core.property import Condition
 from rvaft.support.bits import bits, mask_of, union
 
@@ -92,7 +92,7 @@ class Plan:
         graph: dict[int, NumberedPart] = {part: form.parts[part] for part in reversed(form.kept())}
         propositions = len(structure.patterns) + len(structure.guards)
         choosing = [part for part, this in graph.items() if this.chooses]
-        happening = [part for part, this in graph.items() if this.op is Op.EVENT]
+        happening = [part for part, this in graph.items() if this.op is PartKind.EVENT]
         bit = {part: index for index, part in enumerate(choosing + happening, propositions)}
         whole, mandatory, first, silent = _extents(graph, bit, structure, work)
         above: dict[int, int | None] = dict.fromkeys(graph)  # the alternative that a part is below
@@ -108,7 +108,7 @@ class Plan:
             if this.chooses:
                 mask = mask_of(range(start, len(self.alternatives)))
                 quiet = mask_of(one for one in bits(mask) if self.alternatives[one].silent)
-                self.choices[bit[part]] = Choice(mask, quiet, this.need, at_least and this.op is Op.AT_LEAST)
+                self.choices[bit[part]] = Choice(mask, quiet, this.need, at_least and this.op is PartKind.AT_LEAST)
         before, after = _around(graph, whole, backwards=False), _around(graph, whole, backwards=True)
         self.moments: dict[int, Moment] = {}
         for part in happening:
@@ -252,21 +252,21 @@ def _extents(
     for part, this in reversed(graph.items()):
         own = 1 << bit[part] if part in bit else 0
         match this.op:
-            case Op.EVENT:
+            case PartKind.EVENT:
                 whole[part] = mandatory[part] = first[part] = own
                 silent[part] = ()
-            case Op.CONDITION:
+            case PartKind.CONDITION:
                 assert isinstance(this.of, Condition)
                 whole[part] = mandatory[part] = guard = 1 << structure.guard_bits[this.of.guard]
                 first[part], silent[part] = 0, (guard,)
-            case Op.ALL | Op.SEQUENCE | Op.ONE | Op.AT_LEAST:
+            case PartKind.ALL | PartKind.SEQUENCE | PartKind.ONE | PartKind.AT_LEAST:
                 whole[part] = own | union(whole[child] for child in this.parts)
                 mandatory[part] = own or union(mandatory[child] for child in this.parts)
                 silent[part] = _silent([silent[child] for child in this.parts], this, work)
                 first[part] = 0
                 for child in this.parts:
                     first[part] |= first[child]
-                    if this.op is Op.SEQUENCE and not silent[child]:
+                    if this.op is PartKind.SEQUENCE and not silent[child]:
                         break
             case _:
                 assert_never(this.op)
@@ -297,7 +297,7 @@ def _around(graph: Mapping[int, NumberedPart], whole: Mapping[int, int], *, back
         outside = around[number]
         for child in reversed(part.parts) if backwards else part.parts:
             around[child] |= outside
-            if part.op is Op.SEQUENCE:
+            if part.op is PartKind.SEQUENCE:
                 outside |= whole[child]
     return around
 

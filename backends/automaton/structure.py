@@ -15,7 +15,7 @@ from functools import cached_property
 from math import comb
 from typing import Final, assert_never
 
-from rvaft.core.part_numbers import NumberedPart, NumberedParts, Op, divided, numbered
+from rvaft.core.part_numbers import NumberedPart, NumberedParts, PartKind, divided, numbered
 from rvaft.core.property import Condition, Event, Property
 from rvaft.errors import TooLarge
 from rvaft.model.event_time import duration_text
@@ -97,20 +97,20 @@ def structure(prop: Property) -> Structure:
     for number, part in enumerate(form.parts):
         children = [of[child] for child in part.parts]
         match part.op:
-            case Op.EVENT | Op.CONDITION | Op.AT_LEAST:
+            case PartKind.EVENT | PartKind.CONDITION | PartKind.AT_LEAST:
                 pass
-            case Op.ALL | Op.SEQUENCE | Op.ONE:
+            case PartKind.ALL | PartKind.SEQUENCE | PartKind.ONE:
                 children = [
                     inner
                     for child in children
                     for inner in (parts[child].parts if parts[child].op is part.op and child not in kept else (child,))
                 ]
-                if part.op is not Op.SEQUENCE:
+                if part.op is not PartKind.SEQUENCE:
                     children = list(dict.fromkeys(children))
             case _:
                 assert_never(part.op)
-        of.append(children[0] if len(children) == 1 and part.op is not Op.AT_LEAST else number)
-        need = len(children) if part.op is Op.ALL or part.op is Op.SEQUENCE else part.need
+        of.append(children[0] if len(children) == 1 and part.op is not PartKind.AT_LEAST else number)
+        need = len(children) if part.op is PartKind.ALL or part.op is PartKind.SEQUENCE else part.need
         parts.append(replace(part, parts=tuple(children), need=need))
         if part.of in prop.shared:
             kept.add(of[-1])

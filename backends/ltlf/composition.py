@@ -19,7 +19,7 @@ from typing import Final, NamedTuple, TypeAlias, TypeVar, assert_never
 
 from backends.ltlf.formulas import FALSE, TRUE, Formulas
 from backends.ltlf.parts import Anatomy
-from rvaft.core.part_numbers import NumberedPart, NumberedParts, Op, divided
+from rvaft.core.part_numbers import NumberedPart, NumberedParts, PartKind, divided
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, union
 from rvaft.support.budget import Call, CellBudget, run
@@ -131,28 +131,30 @@ class Composer:
             self._free.update(anatomy.below(number))
         units = [anatomy.unit[inner] for inner in part.parts]
         match part.op:
-            case Op.EVENT:
+            case PartKind.EVENT:
                 found = self._steps([(self._event_of(number), after)])
-            case Op.SEQUENCE:
+            case PartKind.SEQUENCE:
                 for inner in reversed(part.parts):
                     found = yield self._of(inner, found)
-            case Op.ALL if self._monotone:
+            case PartKind.ALL if self._monotone:
                 each: list[int] = []
                 for group in self._rival_groups(number):
                     alone = len(group) == 1
                     each += [(yield self._of(group[0], after) if alone else self._sum(group, number, after))]
                 found = formulas.conjunction(each) if each else after
-            case Op.ALL | Op.AT_LEAST if not self._monotone and None not in units and anatomy.rivals_apart(number):
+            case PartKind.ALL | PartKind.AT_LEAST if (
+                not self._monotone and None not in units and anatomy.rivals_apart(number)
+            ):
                 events = [formulas.disjunction(map(self._event_of, unit or ())) for unit in units]
                 found = self._window(events, part.need, after) if events else after
-            case Op.ALL | Op.AT_LEAST if not self._monotone or not anatomy.rivals_apart(number):
+            case PartKind.ALL | PartKind.AT_LEAST if not self._monotone or not anatomy.rivals_apart(number):
                 found = yield self._sum([number], number, after)
-            case Op.ALL | Op.AT_LEAST | Op.ONE:
+            case PartKind.ALL | PartKind.AT_LEAST | PartKind.ONE:
                 each = []
                 for inner in part.parts:
                     each += [(yield self._of(inner, after))]
-                found = formulas.disjunction(each) if part.op is Op.ONE else self._threshold(each, part.need)
-            case Op.CONDITION:
+                found = formulas.disjunction(each) if part.op is PartKind.ONE else self._threshold(each, part.need)
+            case PartKind.CONDITION:
                 raise AssertionError(part)
             case _:
                 assert_never(part.op)
@@ -195,7 +197,7 @@ class Composer:
         terms: list[int] = []
         for part in some:
             terms += [(yield self._term_of(part))]
-        initial = self._terms.part(Op.ALL, terms)
+        initial = self._terms.part(PartKind.ALL, terms)
         found = yield self._total(self._terms.over.__getitem__, self._terms.steps, initial, after)
         return found
 
@@ -205,9 +207,9 @@ class Composer:
             for inner in reversed(part.parts):
                 yield self._term_of(inner)
             inside = [self._term[inner] for inner in part.parts]
-            event = part.op is Op.EVENT
+            event = part.op is PartKind.EVENT
             term = (
-                self._terms.make(Op.EVENT, (), self._event_of(number))
+                self._terms.make(PartKind.EVENT, (), self._event_of(number))
                 if event
                 else self._terms.part(part.op, inside, part.need)
             )
@@ -282,11 +284,11 @@ class _Orders:
             for number in kept:
                 part = form.parts[number]
                 inside[number] = 0
-                if part.op is Op.EVENT:
+                if part.op is PartKind.EVENT:
                     inside[number] = 1 << number
                     before[number] = 0
                 for inner in part.parts:
-                    for occurrence in bits(inside[inner]) if part.op is Op.SEQUENCE and inside[number] else ():
+                    for occurrence in bits(inside[inner]) if part.op is PartKind.SEQUENCE and inside[number] else ():
                         before[occurrence] |= inside[number]
                     inside[number] |= inside[inner]
             found.add(frozenset(before.items()))
@@ -314,7 +316,7 @@ _DONE: Final = 0
 class _Term(NamedTuple):
     """What has to be observed: an event, or something of other terms. `number` is the formula of EVENT, the count of AT_LEAST."""
 
-    op: Op
+    op: PartKind
     inner: tuple[int, ...] = ()
     number: int = 0
 
@@ -329,39 +331,39 @@ class _Terms:
     def __init__(self, limit: int) -> None:
         what = "the states of the sum over all orders of the events take more than the limit allows"
         self._budget = CellBudget(what, limit)
-        self._rows = [_Term(Op.SEQUENCE)]
+        self._rows = [_Term(PartKind.SEQUENCE)]
         self._index = {self._rows[0]: _DONE}
         self._known: dict[int, tuple[tuple[int, int], ...]] = {_DONE: ()}
         self.over = [True]
         """Of each term: whether nothing more need be observed."""
 
-    def part(self, op: Op, inner: Sequence[int], need: int = 0) -> int:
+    def part(self, op: PartKind, inner: Sequence[int], need: int = 0) -> int:
         """The term of a part, not an event, whose own parts have these terms."""
         match op:
-            case Op.SEQUENCE:
+            case PartKind.SEQUENCE:
                 return self._sequence(inner)
-            case Op.ALL:
+            case PartKind.ALL:
                 rows = ((term, self._rows[term]) for term in inner if term != _DONE)
-                flat = sorted(one for term, row in rows for one in (row.inner if row.op is Op.ALL else (term,)))
+                flat = sorted(one for term, row in rows for one in (row.inner if row.op is PartKind.ALL else (term,)))
                 return self.make(op, tuple(flat)) if len(flat) > 1 else flat[0] if flat else _DONE
-            case Op.ONE:
+            case PartKind.ONE:
                 unique = sorted(set(inner))
                 return unique[0] if len(unique) == 1 else self.make(op, tuple(unique))
-            case Op.AT_LEAST:
+            case PartKind.AT_LEAST:
                 rest = sorted(term for term in inner if term != _DONE)
                 need = max(need - (len(inner) - len(rest)), 0)
-                return self.part(Op.ALL, rest) if need == len(rest) else self.make(op, tuple(rest), need)
-            case Op.EVENT | Op.CONDITION:
+                return self.part(PartKind.ALL, rest) if need == len(rest) else self.make(op, tuple(rest), need)
+            case PartKind.EVENT | PartKind.CONDITION:
                 raise AssertionError(op)
             case _:
                 assert_never(op)
 
-    def make(self, op: Op, inner: tuple[int, ...], number: int = 0) -> int:
+    def make(self, op: PartKind, inner: tuple[int, ...], number: int = 0) -> int:
         row = _Term(op, inner, number)
         found = self._index.setdefault(row, len(self._rows))
         if found == len(self._rows):
             self._budget.spend(1 + len(inner))
-            need = {Op.EVENT: 1, Op.ONE: 1, Op.AT_LEAST: number}.get(op, len(inner))
+            need = {PartKind.EVENT: 1, PartKind.ONE: 1, PartKind.AT_LEAST: number}.get(op, len(inner))
             self._rows.append(row)
             self.over.append(sum(self.over[term] for term in inner) >= need)
         return found
@@ -370,7 +372,7 @@ class _Terms:
         parts: list[int] = []
         for term in inner[:-1]:
             row, left = self._rows[term], term
-            while row.op is Op.SEQUENCE and row.inner:
+            while row.op is PartKind.SEQUENCE and row.inner:
                 parts.append(row.inner[0])
                 left = row.inner[1]
                 row = self._rows[left]
@@ -378,7 +380,7 @@ class _Terms:
                 parts.append(left)
         rest = inner[-1] if inner else _DONE
         for part in reversed(parts):
-            rest = part if rest == _DONE else self.make(Op.SEQUENCE, (part, rest))
+            rest = part if rest == _DONE else self.make(PartKind.SEQUENCE, (part, rest))
         return rest
 
     def steps(self, term: int) -> tuple[tuple[int, int], ...]:
@@ -388,7 +390,7 @@ class _Terms:
     def _steps_of(self, term: int) -> Call[tuple[tuple[int, int], ...]]:
         if term not in self._known:
             op, first, _ = self._rows[term]
-            if op is Op.SEQUENCE and not self.over[first[0]]:
+            if op is PartKind.SEQUENCE and not self.over[first[0]]:
                 first = first[:1]  # the rest does not begin yet
             for inner in reversed(first):
                 yield self._steps_of(inner)
@@ -398,23 +400,23 @@ class _Terms:
     def _made(self, term: int, first: Sequence[int]) -> Iterator[tuple[int, int]]:
         """The steps of a term, made by those of its parts that may be first."""
         op, parts, number = self._rows[term]
-        if op is Op.EVENT:
+        if op is PartKind.EVENT:
             yield number, _DONE
         for index, inner in enumerate(first):
-            if index and op is not Op.SEQUENCE and inner == first[index - 1]:
+            if index and op is not PartKind.SEQUENCE and inner == first[index - 1]:
                 continue  # those that ask for the same make the same step
             others = (*parts[:index], *parts[index + 1 :])
             for event, left in self._known[inner]:
                 match op:
-                    case Op.SEQUENCE:  # the rest begins, or goes on
+                    case PartKind.SEQUENCE:  # the rest begins, or goes on
                         yield event, self._sequence([left, *parts[index + 1 :]])
-                    case Op.ALL:
-                        yield event, self.part(Op.ALL, [left, *others])
-                    case Op.ONE:
+                    case PartKind.ALL:
+                        yield event, self.part(PartKind.ALL, [left, *others])
+                    case PartKind.ONE:
                         yield event, left
-                    case Op.AT_LEAST:
-                        yield event, self.part(Op.ALL, [left, self.part(Op.AT_LEAST, others, number - 1)])
-                    case Op.EVENT | Op.CONDITION:
+                    case PartKind.AT_LEAST:
+                        yield event, self.part(PartKind.ALL, [left, self.part(PartKind.AT_LEAST, others, number - 1)])
+                    case PartKind.EVENT | PartKind.CONDITION:
                         raise AssertionError(op)
                     case _:
                         assert_never(op)

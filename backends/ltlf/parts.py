@@ -11,7 +11,7 @@ from typing import Final, TypeAlias, assert_never
 
 import networkx as nx
 
-from rvaft.core.part_numbers import EMPTY, NumberedPart, NumberedParts, Op, divided
+from rvaft.core.part_numbers import EMPTY, NumberedPart, NumberedParts, PartKind, divided
 from rvaft.core.patterns import Overlaps
 from rvaft.core.property import Event
 from rvaft.model.guards import Guard
@@ -75,44 +75,48 @@ class _Simplifier:
         rest = [number for number in part.parts if self.parts[number] != EMPTY]
         empty = [number for number in part.parts if self.parts[number] == EMPTY]
         match part.op:
-            case Op.EVENT:
-                return NumberedPart(Op.EVENT, of=part.of)
-            case Op.CONDITION:
+            case PartKind.EVENT:
+                return NumberedPart(PartKind.EVENT, of=part.of)
+            case PartKind.CONDITION:
                 return EMPTY
-            case Op.AT_LEAST:
+            case PartKind.AT_LEAST:
                 need = max(part.need - len(empty), 0)
                 if not rest or (self._monotone and not need):
                     return EMPTY
                 if need == len(rest) or (self._monotone and need == 1):
-                    return self.simple(NumberedPart(Op.ALL if need == len(rest) else Op.ONE, tuple(rest)))
-                return NumberedPart(Op.AT_LEAST, parts=tuple(rest), need=need)
-            case Op.ONE:
+                    return self.simple(NumberedPart(PartKind.ALL if need == len(rest) else PartKind.ONE, tuple(rest)))
+                return NumberedPart(PartKind.AT_LEAST, parts=tuple(rest), need=need)
+            case PartKind.ONE:
                 if empty and (self._monotone or not rest):
                     return EMPTY
-                choices = rest if taken_over else self._opened(rest, Op.ONE)
+                choices = rest if taken_over else self._opened(rest, PartKind.ONE)
                 rest = list(dict.fromkeys([*choices, *empty[:1]]))
-            case Op.ALL | Op.SEQUENCE:
+            case PartKind.ALL | PartKind.SEQUENCE:
                 if not taken_over:
                     rest = self._opened(rest, part.op)
             case _:
                 assert_never(part.op)
-        if part.op is Op.ALL and not taken_over:
+        if part.op is PartKind.ALL and not taken_over:
             # each once, without what every scenario of another one contains anyway
             rest = list(dict.fromkeys(rest))
             twice = in_at_least(2, [self._always[number] for number in rest])
             rest = [number for number in rest if not twice >> number & 1]
         if len(rest) == 1:
             return rest[0]
-        return NumberedPart(part.op, parts=tuple(rest), need=1 if part.op is Op.ONE else len(rest)) if rest else EMPTY
+        return (
+            NumberedPart(part.op, parts=tuple(rest), need=1 if part.op is PartKind.ONE else len(rest))
+            if rest
+            else EMPTY
+        )
 
-    def _opened(self, numbers: Sequence[int], op: Op) -> list[int]:
+    def _opened(self, numbers: Sequence[int], op: PartKind) -> list[int]:
         """The numbers, those of the same kind replaced by their parts; a choice that is used elsewhere too stays one."""
         found: list[int] = []
         todo = list(reversed(numbers))
         while todo:
             number = todo.pop()
             part = self.parts[number]
-            if part.op is op and part.parts and not (op is Op.ONE and number in self.several):
+            if part.op is op and part.parts and not (op is PartKind.ONE and number in self.several):
                 todo.extend(reversed(part.parts))
             else:
                 found.append(number)
@@ -139,10 +143,10 @@ class Anatomy:
         self.rivals: list[int] = []
         self.unit: list[tuple[int, ...] | None] = []
         self.tangled: list[bool] = []
-        overlaps = Overlaps([part.event.pattern for part in parts if part.op is Op.EVENT])
+        overlaps = Overlaps([part.event.pattern for part in parts if part.op is PartKind.EVENT])
         seen = 0
         for number, part in enumerate(parts):
-            if part.op is Op.EVENT:
+            if part.op is PartKind.EVENT:
                 self.events.append(1 << seen)
                 self.rivals.append(overlaps.compatible(seen) & ~(1 << seen))
                 self.unit.append((number,))
@@ -150,14 +154,14 @@ class Anatomy:
             else:
                 self.events.append(union(self.events[inner] for inner in part.parts))
                 self.rivals.append(union(self.rivals[inner] for inner in part.parts))
-                units = [self.unit[inner] for inner in part.parts] if part.op is Op.ONE else []
+                units = [self.unit[inner] for inner in part.parts] if part.op is PartKind.ONE else []
                 events = dict.fromkeys(event for unit in units for event in unit or ())
                 self.unit.append(tuple(events) if units and None not in units else None)
             self.tangled.append(self.is_entangled(number) or any(self.tangled[inner] for inner in part.parts))
 
     def is_entangled(self, part: int) -> bool:
         """Whether two parts that one scenario may keep share an occurrence."""
-        return self.parts[part].op is not Op.ONE and self._meet(part, self.events)
+        return self.parts[part].op is not PartKind.ONE and self._meet(part, self.events)
 
     def rivals_apart(self, part: int) -> bool:
         """Whether no event can serve occurrences in two different parts of this one."""
@@ -185,7 +189,7 @@ class Anatomy:
         conditions has a counterexample; with both continuation and start different, `and (sand x s) (sand s y)` would accept s y x s.
         """
         kept = self.below(root)
-        unordered = (part for part in kept if self.parts[part].op in (Op.ALL, Op.AT_LEAST))
+        unordered = (part for part in kept if self.parts[part].op in (PartKind.ALL, PartKind.AT_LEAST))
         return all(map(self.rivals_apart, unordered)) and self._uses_agree(kept) and self._always_feasible(kept)
 
     def _uses_agree(self, kept: Sequence[int]) -> bool:
@@ -198,7 +202,7 @@ class Anatomy:
             part = self.parts[number]
             last = len(part.parts) - 1
             for index, inner in enumerate(part.parts):
-                place = (number, index) if part.op is Op.SEQUENCE else None
+                place = (number, index) if part.op is PartKind.SEQUENCE else None
                 own = (before if index == 0 else place or before, after if index == last else place or after)
                 known = contexts.get(inner, own)
                 agreed = [mine if mine == theirs else _MANY for mine, theirs in zip(own, known, strict=True)]
@@ -215,7 +219,7 @@ class Anatomy:
             for part in parts:
                 graph.add_edge(("begin", number), ("begin", part))
                 graph.add_edge(("end", part), ("end", number))
-            if self.parts[number].op is Op.SEQUENCE:
+            if self.parts[number].op is PartKind.SEQUENCE:
                 for earlier, later in pairwise(parts):
                     graph.add_edge(("end", earlier), ("begin", later))
         return bool(nx.is_directed_acyclic_graph(graph))
@@ -266,7 +270,7 @@ def _placed(form: NumberedParts, kept: Sequence[int]) -> GuardsOf | int:
         for inner in form.parts[number].parts:
             above[inner] = above.get(inner, -1) & above[number]
     placed: defaultdict[Event, list[Guard]] = defaultdict(list)
-    events = [number for number in kept if form.parts[number].op is Op.EVENT]
+    events = [number for number in kept if form.parts[number].op is PartKind.EVENT]
     names = {event: frozenset(rigid_variables(form.parts[event].event.pattern)) for event in events}
     for number, guard in form.guards:
         if number not in below:
@@ -275,7 +279,7 @@ def _placed(form: NumberedParts, kept: Sequence[int]) -> GuardsOf | int:
         """What some scenario may contain beside the part: some gate keeps a way to each, or it is below."""
         for part in (form.parts[whole] for whole in kept if below[whole] >> number & 1):
             leading = {inner for inner in part.parts if below[inner] >> number & 1}
-            if part.op is not Op.ONE and leading:
+            if part.op is not PartKind.ONE and leading:
                 together |= union(below[inner] for inner in part.parts if leading != {inner})
         for event in events:
             if names[event].isdisjoint(guard_variables(guard)):

@@ -19,9 +19,9 @@ from typing import ClassVar, Final, assert_never
 
 from backends.rml import RmlBackend
 from backends.rml.writer.terms import LARGEST, RmlNames, applied, quoted, spellings
-from rvaft.analysis.branches import Branch, branches, or_gates
 from rvaft.analysis.normal_form import Body, Op, body
 from rvaft.capabilities import Capability, Feature
+from rvaft.core.branches import Branch, branches, or_gates
 from rvaft.core.passes import Pass
 from rvaft.core.property import EndInOrder, Property, Times, Within
 from rvaft.errors import NotExpressible, TooLarge

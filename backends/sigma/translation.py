@@ -14,7 +14,7 @@ from itertools import chain, combinations, product, takewhile
 from typing import Any, Final, NamedTuple, NoReturn, TypeAlias
 
 from backends.nests import NEVER, Nest, Nesting, in_every_order
-from rvaft.core.part_numbers import Op
+from rvaft.core.part_numbers import PartKind
 from rvaft.core.property import Event, Property, Within
 from rvaft.errors import NotExpressible, TooLarge, installed
 from rvaft.model.expressions import time_text
@@ -87,8 +87,8 @@ class SigmaRules:
         within, nest = nest.within, replace(nest, within=None)
         if mixed := self._mixed(nest):
             nest = self._in_every_order(mixed, _MIXED)
-        ordered = any(one.op is Op.SEQUENCE or one.within for one in nest.inside())
-        if ordered and within is not None and nest.op is not Op.ONE and not self._is_chain(nest):
+        ordered = any(one.op is PartKind.SEQUENCE or one.within for one in nest.inside())
+        if ordered and within is not None and nest.op is not PartKind.ONE and not self._is_chain(nest):
             nest = self._in_every_order(nest.nodes(), _WINDOW)
         if self._is_chain(nest):
             return self._sequence(nest.parts, within)
@@ -163,15 +163,15 @@ class SigmaRules:
         """What has a nest after each of its chains."""
         self._written += 1
         self._fits(self._written // 100)
-        if isinstance(before, Junction) and (step or nest.op is Op.EVENT):
+        if isinstance(before, Junction) and (step or nest.op is PartKind.EVENT):
             return Junction(before.need, [self._after(one, nest, step=step) for one in before.parts])
         if nest.within is not None and before:
             self._refuse(_WINDOW, nest.nodes())
-        if step or nest.op is Op.EVENT or nest.within is not None:
+        if step or nest.op is PartKind.EVENT or nest.within is not None:
             return (*before, nest)
-        if nest.op is Op.SEQUENCE:
+        if nest.op is PartKind.SEQUENCE:
             return reduce(lambda done, one: self._after(done, one, step=self._is_step(one)), nest.parts, before)
-        need = len(nest.parts) if nest.op is Op.ALL else max(1, nest.need)
+        need = len(nest.parts) if nest.op is PartKind.ALL else max(1, nest.need)
         return Junction(need, [self._after(before, one) for one in nest.parts])
 
     def _condition(self, formula: Chain | Junction, names: dict[str, None]) -> str:
@@ -189,7 +189,7 @@ class SigmaRules:
 
     def _mixed(self, nest: Nest) -> list[str]:
         """Two events without order that can be the same one."""
-        for one, other in combinations(nest.parts, 2) if nest.op in (Op.ALL, Op.AT_LEAST) else ():
+        for one, other in combinations(nest.parts, 2) if nest.op in (PartKind.ALL, PartKind.AT_LEAST) else ():
             for events in product(one.events(), other.events()):
                 if not disjoint(*(event.pattern for event in events)):
                     return [event.source.node for event in events]
@@ -208,11 +208,11 @@ class SigmaRules:
 
     def _is_step(self, nest: Nest) -> bool:
         """Whether a rule says it: an event, or one of several."""
-        several = nest.op is Op.ONE and not self._groups and all(one.op is Op.EVENT for one in nest.parts)
-        return nest.within is None and (nest.op is Op.EVENT or several)
+        several = nest.op is PartKind.ONE and not self._groups and all(one.op is PartKind.EVENT for one in nest.parts)
+        return nest.within is None and (nest.op is PartKind.EVENT or several)
 
     def _is_chain(self, nest: Nest) -> bool:
-        return nest.op is Op.SEQUENCE and all(map(self._is_step, nest.parts))
+        return nest.op is PartKind.SEQUENCE and all(map(self._is_step, nest.parts))
 
     # -- a rule
 

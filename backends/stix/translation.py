@@ -10,7 +10,7 @@ from backends.field_conditions import naming
 from backends.nests import NEVER, TIE, WINDOW, Nest, Nesting
 from backends.stix.comparisons import StixConditions, step
 from backends.stix.observations import EVENT, StixHeader, Way, property_of
-from rvaft.core.part_numbers import Op
+from rvaft.core.part_numbers import PartKind
 from rvaft.core.property import Property, Within
 from rvaft.errors import NotExpressible
 from rvaft.model.patterns import Literal, ObjectPattern
@@ -22,7 +22,7 @@ _EXACT: Final = 1_000_000_000 * _SECOND
 _NEVER: Final = f"[{EVENT}:type != '{EVENT}']"
 """A pattern that no events match."""
 _TOKEN: Final = re.compile(r"'(?:[^'\\]|\\.)*'|[\w.:-]+|\S", re.DOTALL)
-_SIGNS: Final = {Op.ALL: " AND ", Op.SEQUENCE: " FOLLOWEDBY ", Op.ONE: " OR "}
+_SIGNS: Final = {PartKind.ALL: " AND ", PartKind.SEQUENCE: " FOLLOWEDBY ", PartKind.ONE: " OR "}
 
 
 class StixPattern:
@@ -57,13 +57,13 @@ class StixPattern:
         """A nest as a pattern, or as an operand of another; equal observations are counted."""
         if nest == NEVER:
             return _NEVER
-        if nest.op is Op.EVENT:
+        if nest.op is PartKind.EVENT:
             return self._event(nest)
         nest = nest.ways()
         parts = [self._written(part, inside=True) for part in nest.parts]
         written = list[str]()
-        for one, same in groupby(parts if nest.op is Op.SEQUENCE else sorted(parts, key=parts.index)):
-            count = len([*same]) if nest.op is not Op.ONE else 1
+        for one, same in groupby(parts if nest.op is PartKind.SEQUENCE else sorted(parts, key=parts.index)):
+            count = len([*same]) if nest.op is not PartKind.ONE else 1
             counted = count > 1 and one[0] == "[" and one[-1] == "]"
             written += [f"{one} REPEATS {count} TIMES"] if counted else [one] * count
         text = _SIGNS[nest.op].join(written)

@@ -15,9 +15,9 @@ from itertools import product
 from math import prod
 from typing import Final
 
-from rvaft.analysis.branches import number_of
 from rvaft.analysis.normal_form import Op, body
 from rvaft.analysis.scenarios import ScenarioSpace, most_events, path, precedence, resolutions
+from rvaft.core.branches import number_of
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.event_time import TIME
 from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint, substitute, time_points, variables

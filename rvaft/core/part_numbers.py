@@ -29,7 +29,7 @@ from rvaft.model.guards import Guard
 Seen = TypeVar("Seen")
 
 
-class Op(Enum):
+class PartKind(Enum):
     """What a numbered part asks for: its event, its guard, or some of its parts."""
 
     EVENT = auto()
@@ -47,7 +47,7 @@ class NumberedPart:
     `of` is the part of the property, where there is one.
     """
 
-    op: Op
+    op: PartKind
     parts: tuple[int, ...] = ()
     need: int = 0
     of: Part | None = None
@@ -55,7 +55,7 @@ class NumberedPart:
     @property
     def chooses(self) -> bool:
         """Whether scenarios differ in which of its parts they keep."""
-        return (self.op is Op.ONE or self.op is Op.AT_LEAST) and self.need < len(self.parts)
+        return (self.op is PartKind.ONE or self.op is PartKind.AT_LEAST) and self.need < len(self.parts)
 
     @property
     def event(self) -> Event:
@@ -64,7 +64,7 @@ class NumberedPart:
         return self.of
 
 
-EMPTY: Final = NumberedPart(Op.ALL)
+EMPTY: Final = NumberedPart(PartKind.ALL)
 """Nothing to observe."""
 
 
@@ -103,25 +103,25 @@ class NumberedParts:
     def resolve(self, number: int, chosen: Iterable[int]) -> "NumberedParts":
         """The same with one choice made: exactly the chosen parts of that part."""
         kept = tuple(chosen)
-        made = replace(self.parts[number], op=Op.ALL, parts=kept, need=len(kept))
+        made = replace(self.parts[number], op=PartKind.ALL, parts=kept, need=len(kept))
         return NumberedParts((*self.parts[:number], made, *self.parts[number + 1 :]))
 
 
-def op_of(part: Part) -> Op:
+def op_of(part: Part) -> PartKind:
     """What a part asks for; the part must be free of windows, counted events and ends in order."""
     match part:
         case Event():
-            return Op.EVENT
+            return PartKind.EVENT
         case Condition():
-            return Op.CONDITION
+            return PartKind.CONDITION
         case All():
-            return Op.ALL
+            return PartKind.ALL
         case Sequence():
-            return Op.SEQUENCE
+            return PartKind.SEQUENCE
         case One():
-            return Op.ONE
+            return PartKind.ONE
         case AtLeast():
-            return Op.AT_LEAST
+            return PartKind.AT_LEAST
         case Times() | EndInOrder() | Within():
             raise AssertionError("passes remove these before")
         case _:
@@ -163,7 +163,7 @@ def divided(
         found = look(candidate)
         if isinstance(found, int):
             part = candidate.parts[found]
-            most = len(part.parts) if at_least and part.op is Op.AT_LEAST else part.need
+            most = len(part.parts) if at_least and part.op is PartKind.AT_LEAST else part.need
             ways = chain.from_iterable(map(partial(combinations, part.parts), range(part.need, most + 1)))
             waiting.append(map(partial(candidate.resolve, found), ways))
         else:

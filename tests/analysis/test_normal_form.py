@@ -9,9 +9,9 @@ from typing import TypeAlias
 
 import pytest
 
-from rvaft.analysis.branches import branches, restrict
 from rvaft.analysis.normal_form import NormalForm, Op, normal_form
 from rvaft.analysis.plain_trees import is_plain
+from rvaft.core.branches import branches, restrict
 from rvaft.model.guards import Operation, Operator, variables
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.patterns import Literal

@@ -29,8 +29,8 @@ from cross_check.participants import ENGINE, Participant, reference_of
 from cross_check.results import Job
 from cross_check.traces import Effort, letters_of, trials
 from rvaft import RVAFT, NotExpressible, Semantics, TooLarge, Verdict
-from rvaft.analysis.branches import restrict
 from rvaft.backend import backend
+from rvaft.core.branches import restrict
 from rvaft.model.values import is_finite
 from tests.engine.checking import small_and_valid
 from tests.engine.dense import SHAPES as DENSE

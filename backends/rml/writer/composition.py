@@ -25,7 +25,7 @@ from typing import assert_never
 from backends.rml.writer.event_types import when_true
 from backends.rml.writer.letters import RmlLetter, RmlLetters
 from backends.rml.writer.terms import ALL, AND, ANY, OR, SHUFFLE, THEN, Written, around, join, named, then
-from rvaft.core.part_numbers import NumberedPart, Op, numbered
+from rvaft.core.part_numbers import NumberedPart, PartKind, numbered
 from rvaft.core.patterns import Overlaps
 from rvaft.core.property import Condition, Event, parts_below
 from rvaft.model.guards import Operation, Operator, variables
@@ -96,17 +96,17 @@ class Composition:
     @property
     def has_votes(self) -> bool:
         """Whether children have to be counted."""
-        return any(self._joined(facts) is Op.AT_LEAST for facts in self._parts)
+        return any(self._joined(facts) is PartKind.AT_LEAST for facts in self._parts)
 
-    def _joined(self, facts: _Facts) -> Op:
+    def _joined(self, facts: _Facts) -> PartKind:
         """How the children are written; where there is at most one, as a SEQUENCE."""
         part, count = facts.part, len(facts.children)
         if count < 2:
-            return Op.SEQUENCE
-        if part.op is Op.AT_LEAST and part.need == count:
-            return Op.ALL
-        if part.op is Op.AT_LEAST and part.need == 1 and (self._scattered or facts.decided):
-            return Op.ONE
+            return PartKind.SEQUENCE
+        if part.op is PartKind.AT_LEAST and part.need == count:
+            return PartKind.ALL
+        if part.op is PartKind.AT_LEAST and part.need == 1 and (self._scattered or facts.decided):
+            return PartKind.ONE
         return part.op
 
     # -- is the tree plain? --------------------------------------------------------------------------------------------
@@ -139,7 +139,7 @@ class Composition:
         for part in self._form.parts:
             facts = _Facts(part, [child for number in part.parts if (child := self._parts[number]).events])
             self._parts.append(facts)
-            if part.op is Op.EVENT:
+            if part.op is PartKind.EVENT:
                 facts.events = facts.first = facts.marks = 1 << position[part.event]
                 facts.near = facts.near_first = facts.near_marks = overlaps.compatible(position[part.event])
                 facts.single = True
@@ -151,11 +151,11 @@ class Composition:
             for child in facts.children:
                 child.follow = facts.follow
                 child.last = (
-                    facts.last and joined is Op.ONE
+                    facts.last and joined is PartKind.ONE
                 )  # of others than ONE and SEQUENCE any child may be the last one
-            for child, following in pairwise(facts.children) if facts.part.op is Op.SEQUENCE else ():
+            for child, following in pairwise(facts.children) if facts.part.op is PartKind.SEQUENCE else ():
                 child.follow = following.first
-            if facts.last and joined is Op.SEQUENCE and facts.children:
+            if facts.last and joined is PartKind.SEQUENCE and facts.children:
                 facts.children[-1].last = True
         return all(map(self._is_told_apart, self._parts))
 
@@ -163,40 +163,42 @@ class Composition:
         children, joined, part = facts.children, self._joined(facts), facts.part
         facts.events = union(child.events for child in children)
         facts.near = union(child.near for child in children)
-        first = children[:1] if part.op is Op.SEQUENCE else children
+        first = children[:1] if part.op is PartKind.SEQUENCE else children
         facts.first = union(child.first for child in first)
         facts.near_first = union(child.near_first for child in first)
-        facts.single = (len(children) == 1 or joined is Op.ONE) and facts.single_events
-        own = [child for child in children if child.part.op is Op.EVENT and child.node == facts.node]
+        facts.single = (len(children) == 1 or joined is PartKind.ONE) and facts.single_events
+        own = [child for child in children if child.part.op is PartKind.EVENT and child.node == facts.node]
         marked = own or [child for child in children if child.marks]
-        if joined is Op.ONE:
+        if joined is PartKind.ONE:
             marked = marked if len(marked) == len(children) else []
         else:
-            marked = [] if joined is Op.AT_LEAST else marked[:1]
+            marked = [] if joined is PartKind.AT_LEAST else marked[:1]
         facts.marks = union(child.marks for child in marked)
         facts.near_marks = union(child.near_marks for child in marked)
 
     def _is_told_apart(self, facts: _Facts) -> bool:
         children, joined = facts.children, self._joined(facts)
-        if facts.part.op in (Op.ONE, Op.AT_LEAST) and 0 < len(children) < len(facts.part.parts):
+        if facts.part.op in (PartKind.ONE, PartKind.AT_LEAST) and 0 < len(children) < len(facts.part.parts):
             return False
         match joined:
-            case Op.ONE if self._scattered:
+            case PartKind.ONE if self._scattered:
                 return facts.single_events
-            case Op.AT_LEAST if self._scattered:
+            case PartKind.AT_LEAST if self._scattered:
                 return False
-            case Op.ONE | Op.ALL | Op.AT_LEAST:
+            case PartKind.ONE | PartKind.ALL | PartKind.AT_LEAST:
                 seen = 0
                 for child in children:
-                    near, events = (child.near_first, child.first) if joined is Op.ONE else (child.near, child.events)
+                    near, events = (
+                        (child.near_first, child.first) if joined is PartKind.ONE else (child.near, child.events)
+                    )
                     if near & seen:
                         return False
                     seen |= events
-                return joined is not Op.AT_LEAST or not any(
+                return joined is not PartKind.AT_LEAST or not any(
                     child.near & child.follow or not child.marks or child.near_marks & child.events & ~child.marks
                     for child in children
                 )
-            case Op.SEQUENCE | Op.EVENT | Op.CONDITION:
+            case PartKind.SEQUENCE | PartKind.EVENT | PartKind.CONDITION:
                 return True
             case never:
                 assert_never(never)
@@ -229,7 +231,7 @@ class Composition:
         """The events of a match follow one another."""
         done = dict[int, Written]()
         for number, facts in enumerate(self._parts):
-            if facts.part.op is Op.EVENT:
+            if facts.part.op is PartKind.EVENT:
                 term = named(self._types[facts.events.bit_length() - 1])
             elif facts.events:
                 term = self._contiguous_part(facts, [done[n] for n in facts.part.parts if n in done])
@@ -240,13 +242,13 @@ class Composition:
 
     def _contiguous_part(self, facts: _Facts, parts: list[Written]) -> Written:
         match self._joined(facts):
-            case Op.ONE:
+            case PartKind.ONE:
                 return join(OR, parts)
-            case Op.ALL:
+            case PartKind.ALL:
                 return join(SHUFFLE, parts)
-            case Op.AT_LEAST:
+            case PartKind.AT_LEAST:
                 return join(AND, [join(SHUFFLE, (around(part, "?") for part in parts)), self._enough(facts)])
-            case Op.SEQUENCE | Op.EVENT | Op.CONDITION:
+            case PartKind.SEQUENCE | PartKind.EVENT | PartKind.CONDITION:
                 whole = then(*parts)
                 if whole.operator != THEN:
                     return whole
@@ -269,24 +271,24 @@ class Composition:
 
     def _awaited(self, facts: _Facts, after: Written) -> Call[Written]:
         """The events of a part, any others standing between them, then the rest."""
-        match facts.part.op if facts.part.op is Op.EVENT else self._joined(facts):
-            case Op.ONE | Op.EVENT:  # any number of other events, one of these, then the rest
+        match facts.part.op if facts.part.op is PartKind.EVENT else self._joined(facts):
+            case PartKind.ONE | PartKind.EVENT:  # any number of other events, one of these, then the rest
                 wanted = [self._types[index] for index in bits(facts.events)]
                 first = self._letters.nodes[next(bits(facts.events))]
                 other = around(named(self._letters.types.neither(wanted, f"not_{first}")), "*")
                 return self._shallow(then(other, join(OR, map(named, wanted)), after))
-            case Op.ALL:
+            case PartKind.ALL:
                 rest = after if after == ALL else self._called(after)
                 parts = list[Written]()
                 for child in facts.children:
                     part = yield self._awaited(child, rest)
                     parts.append(part)
                 return join(AND, parts)
-            case Op.SEQUENCE | Op.CONDITION:
+            case PartKind.SEQUENCE | PartKind.CONDITION:
                 for child in reversed(facts.children):
                     after = yield self._awaited(child, after)
                 return after
-            case Op.AT_LEAST:
+            case PartKind.AT_LEAST:
                 raise AssertionError("no vote is left in a plain tree under `scattered`")
             case never:
                 assert_never(never)

@@ -25,8 +25,8 @@ from itertools import islice, product, zip_longest
 from random import Random
 from typing import Any, Final, TypeAlias, get_args
 
-from rvaft.analysis.branches import restrict
 from rvaft.backend import Backend, Observed, Specification
+from rvaft.core.branches import restrict
 from rvaft.errors import LanguageError, NotExpressible, TooLarge
 from rvaft.language.parser import parse
 from rvaft.model.expressions import CLAUSES, GATES

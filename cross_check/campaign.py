@@ -12,8 +12,8 @@ from cross_check.comparison import Comparison, Roster
 from cross_check.generate.trees import Shape, random_tree
 from cross_check.results import Job, Result, Status, raised
 from cross_check.traces import Effort
-from rvaft.analysis.branches import branches, restrict
 from rvaft.api import loads
+from rvaft.core.branches import branches, restrict
 from rvaft.errors import TreeError
 from rvaft.model.guards import FUNCTIONS, Operation, Operator, time_points
 from rvaft.model.guards import walk as guard_walk

@@ -41,9 +41,9 @@ from cross_check.published_monitor import NAME as PUBLISHED
 from cross_check.published_monitor import published_of
 from cross_check.results import DETECTIONS_ONLY, Difference, Job, Result, Status, raised, reason
 from cross_check.traces import Effort, Trace, letters_of, trials
-from rvaft.analysis.branches import restrict
 from rvaft.api import narrowed
 from rvaft.backend import Match
+from rvaft.core.branches import restrict
 from rvaft.errors import TooLarge
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT

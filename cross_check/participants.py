@@ -12,9 +12,9 @@ from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 
 from cross_check.letters import ties
 from cross_check.results import Status
-from rvaft.analysis.branches import restrict
 from rvaft.api import loads
 from rvaft.backend import Backend, Match, Observed, Specification, all_backends, backend, speaking
+from rvaft.core.branches import restrict
 from rvaft.core.build import build
 from rvaft.core.passes import property_of
 from rvaft.core.scenario_space import most_scenarios

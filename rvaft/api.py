@@ -8,9 +8,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from enum import StrEnum
 from typing import Any, Final, TypeVar
 
-from rvaft.analysis.branches import Branch, restrict
-from rvaft.analysis.branches import branches as branches_of
 from rvaft.backend import Backend, Metrics, Specification, UnknownBackend, all_backends, backend
+from rvaft.core.branches import Branch, restrict
+from rvaft.core.branches import branches as branches_of
 from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
 from rvaft.errors import (
     CheckpointError,

@@ -22,8 +22,8 @@ from typing import Final
 
 from backends.sql.dialects import Dialect, Path
 from backends.sql.guards import FACETS, Guards, SqlTerm
-from rvaft.analysis.branches import number_of
 from rvaft.backend import Metrics
+from rvaft.core.branches import number_of
 from rvaft.core.patterns import compatible
 from rvaft.core.property import Event, One, Property
 from rvaft.core.scenarios import Kept, scenarios

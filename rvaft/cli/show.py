@@ -10,9 +10,9 @@ from typing import Any, Final
 
 import click
 
-from rvaft.analysis.branches import Branch, branches
 from rvaft.api import monitor
 from rvaft.cli import options, warn
+from rvaft.core.branches import Branch, branches
 from rvaft.core.classifier import TreeReads
 from rvaft.errors import OptionError
 from rvaft.export import SUFFIXES, Format, Look, draw, format_of, losses

@@ -15,9 +15,9 @@ from xml.etree import ElementTree as ET
 import click
 import msgspec
 
-from rvaft.analysis.branches import branches
 from rvaft.api import monitor
 from rvaft.cli import FAILED, FOUND, Failures, options, warn
+from rvaft.core.branches import branches
 from rvaft.core.classifier import TreeReads
 from rvaft.errors import OptionError, TreeError
 from rvaft.model.tree import RVAFT

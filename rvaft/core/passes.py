@@ -11,7 +11,7 @@ from itertools import count, product
 from math import prod
 from typing import Final, assert_never
 
-from rvaft.analysis.branches import Branch, branch, ways_to_kind
+from rvaft.core.branches import Branch, branch, ways_to_kind
 from rvaft.core.build import build
 from rvaft.core.property import (
     IMPOSSIBLE,
@@ -121,9 +121,8 @@ def _allowing(prop: Property, allowed: Mapping[str, frozenset[str]], copy: int) 
                 return One(part.source, tuple(kept))
             case Condition(guard=guard) if copy:
                 points = [one for one in time_points(guard) if one.point != "at"]
-                return replace(
-                    part, guard=substitute(guard, {one.name: TimePoint.of(one.point, one.node, copy) for one in points})
-                )
+                copied = {one.name: TimePoint.of(one.point, one.node, copy) for one in points}
+                return replace(part, guard=substitute(guard, copied), written=part.written or guard)
             case Within() if copy:
                 return Within(Source(part.source.node, copy), parts, part.duration)
             case _:

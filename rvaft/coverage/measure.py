@@ -8,9 +8,9 @@ from itertools import chain, combinations, islice
 from math import inf
 from typing import BinaryIO, Final, NamedTuple, Self, TypeAlias, cast
 
-from rvaft.analysis.branches import branch as numbered
-from rvaft.analysis.branches import branches
 from rvaft.api import meant, narrowed
+from rvaft.core.branches import branch as numbered
+from rvaft.core.branches import branches
 from rvaft.core.build import build
 from rvaft.core.classifier import TreeReads
 from rvaft.core.passes import of_branch, reduced

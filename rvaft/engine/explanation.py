@@ -16,7 +16,7 @@ from functools import cached_property
 from itertools import islice
 from typing import Final, NamedTuple, TypeAlias
 
-from rvaft.analysis.branches import branches, number_of, or_gates
+from rvaft.core.branches import branches, number_of, or_gates
 from rvaft.core.passes import with_choices
 from rvaft.core.property import One, Property, Source
 from rvaft.engine.compiled_tree import CompiledTree, Op

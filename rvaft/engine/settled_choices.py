@@ -8,7 +8,7 @@ the digit of a gate counts as it does in the number of a branch.
 
 from collections.abc import Hashable
 
-from rvaft.analysis.branches import or_gates
+from rvaft.core.branches import or_gates
 from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import DONE, SURE, TOUCHED, Configuration, PartProgress, Witness
 from rvaft.support.bits import mask_of

@@ -5,7 +5,7 @@ from enum import StrEnum
 from pathlib import PurePath
 from typing import Final
 
-from rvaft.analysis.branches import whole
+from rvaft.core.branches import whole
 from rvaft.export.dot import dot_text, picture
 from rvaft.export.interchange import galileo_text, json_text, losses
 from rvaft.export.layout import PLAIN, TERMINAL, Look, looking, marks

@@ -13,7 +13,7 @@ from enum import Enum
 from functools import cached_property
 from typing import Final, NamedTuple, assert_never
 
-from rvaft.analysis.branches import branch as branch_of
+from rvaft.core.branches import branch as branch_of
 from rvaft.errors import OptionError
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import guard_text, on_text

@@ -9,9 +9,10 @@ import re
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from rvaft.analysis.branches import Branch
-from rvaft.analysis.formula import DEFAULT_LIMIT, TEXT, Formula, Join, Notation, breakable, formula, write
+from rvaft.core.branches import Branch
+from rvaft.core.passes import of_branch, property_of
 from rvaft.export import latex
+from rvaft.export.formula import DEFAULT_LIMIT, TEXT, Formula, Join, Notation, breakable, formula, write
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import SIGNED_LEVEL, SIGNS, SUM_LEVEL, Style, literal_text, quoted
 from rvaft.model.guards import Operator
@@ -92,12 +93,15 @@ _INDENT: Final = 3
 
 
 def _formula(part: RVAFT | Branch) -> Formula:
-    return formula(part.tree, part.choices) if isinstance(part, Branch) else formula(part)
+    return formula(of_branch(property_of(part.tree), part) if isinstance(part, Branch) else property_of(part))
 
 
 def property_text(part: RVAFT | Branch, *, limit: int = DEFAULT_LIMIT) -> str:
     """The property in plain text: `;` in sequence, `&` in any order, `|` one of them; raises `TooLarge` beyond `limit` pieces."""
     return write(_formula(part), TEXT, limit=limit)
+
+
+Branch.text = staticmethod(property_text)
 
 
 def property_unicode(part: RVAFT | Branch, *, limit: int = DEFAULT_LIMIT) -> str:

@@ -351,11 +351,6 @@ def renamed(guard: Guard, names: Mapping[str, str]) -> Guard:
     return substitute(guard, {old: Variable(new) for old, new in names.items()})
 
 
-def repointed(guard: Guard, ending: str) -> Guard:
-    """The guard with this ending added to the names of the nodes that its time points are of."""
-    return substitute(guard, {one.name: TimePoint.of(one.point, one.node + ending) for one in time_points(guard)})
-
-
 def folded(guard: Guard) -> Guard:
     """The guard with its parts without variables replaced by their values, where these are defined.
 

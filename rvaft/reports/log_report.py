@@ -22,7 +22,7 @@ from secrets import token_hex
 from time import monotonic, process_time
 from typing import Any, Final
 
-from rvaft.analysis.branches import branches, whole
+from rvaft.core.branches import branches, whole
 from rvaft.core.classifier import Decided, Letter, PatternIndex, Reader, reader
 from rvaft.errors import TooLarge
 from rvaft.export.svg import svg_text

@@ -13,6 +13,7 @@ from textwrap import indent
 from typing import Any, Final, NamedTuple
 from weakref import WeakKeyDictionary
 
+from rvaft.core.branches import alternatives
 from rvaft.core.scenario_space import ScenarioSpace
 from rvaft.errors import RvaftError, TreeError
 from rvaft.language.draft import Draft
@@ -103,15 +104,23 @@ _checked: "WeakKeyDictionary[RVAFT, Finding | None]" = WeakKeyDictionary()
 
 
 def require_valid(tree: RVAFT) -> None:
-    """Raise `TreeError` for the first error that `check_tree` finds; warnings are no matter. Remembered per tree."""
+    """Raise `TreeError` for the first error that `check_tree` finds, warnings aside. The result is remembered per tree.
+
+    A tree that is restricted to a kind is valid where one of the sub-DAGs that it consists of is valid.
+    """
     if tree not in _checked:
-        space = ScenarioSpace(tree)
-        errors = (rule for rule in TREE_RULES if rule.severity is Severity.ERROR)
-        found = (finding for rule in errors for finding in _findings([rule], space) if finding.code == rule.code)
-        _checked[tree] = next(found, None)
+        errors = [_first_error(one) for one in alternatives(tree)]
+        _checked[tree] = None if None in errors else errors[0]
     error = _checked[tree]
     if error is not None:
         raise TreeError(error.message, rule=error.code, nodes=error.nodes)
+
+
+def _first_error(tree: RVAFT) -> Finding | None:
+    space = ScenarioSpace(tree)
+    errors = (rule for rule in TREE_RULES if rule.severity is Severity.ERROR)
+    found = (finding for rule in errors for finding in _findings([rule], space) if finding.code == rule.code)
+    return next(found, None)
 
 
 def _findings(rules: Iterable[Rule], subject: Any) -> list[Finding]:

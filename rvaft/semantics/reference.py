@@ -34,7 +34,7 @@ class Partial(NamedTuple):
 class Reference(Monitor):
     """The verdict after each prefix, by following every partial match of every feasible scenario.
 
-    Raises `TreeError` where the branch or kind does not exist, no scenario is left, or a guard is unbound.
+    A restricted tree is the whole tree with the branch or kind that it is restricted to. Raises `TreeError` where the branch or kind does not exist, no scenario is left, or a guard is unbound.
     """
 
     def __init__(
@@ -46,6 +46,9 @@ class Reference(Monitor):
         kind: Kind | str | None = None,
     ) -> None:
         super().__init__()
+        part_of = tree.part_of
+        if part_of is not None and branch is None and kind is None:
+            tree, branch, kind = part_of.tree, part_of.branch, part_of.kind
         self.tree = tree
         self.semantics = Semantics(semantics or tree.semantics or Semantics.PROJECTED)
         self.scenarios = chosen_scenarios(tree, branch, None if kind is None else Kind(kind))

@@ -10,8 +10,8 @@ from enum import StrEnum
 from itertools import islice
 from typing import Any, Final, Self, cast
 
-from rvaft.analysis.branches import branches
 from rvaft.api import narrowed
+from rvaft.core.branches import branches
 from rvaft.engine.compiled_tree import NOTHING, QUIET, Sketch
 from rvaft.engine.monitor import Engine
 from rvaft.errors import OptionError, TooLarge, TreeError

@@ -6,7 +6,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from rvaft.analysis.branches import whole
+from rvaft.core.branches import whole
 from rvaft.core.classifier import (
     Decided,
     Discriminators,

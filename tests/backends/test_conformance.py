@@ -18,10 +18,10 @@ from backends.conformance import AT_A, EVENTS, Required, examples
 from backends.rml import RmlBackend, writer
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import random_tree
-from rvaft.analysis.branches import restrict
 from rvaft.api import loads
 from rvaft.backend import Backend, Metrics, Observed, SpecificationText, all_backends, backend
 from rvaft.capabilities import JSON_VALUES, Feature, Ties
+from rvaft.core.branches import restrict
 from rvaft.core.build import build
 from rvaft.core.property import PARTS, Part, Property
 from rvaft.errors import LanguageError, NotExpressible, ToolMissing

@@ -20,10 +20,10 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from rvaft import dumps
-from rvaft.analysis.branches import branch, branches
 from rvaft.api import loads
 from rvaft.backend import backend
 from rvaft.cli import main
+from rvaft.core.branches import branch, branches
 from rvaft.engine import Engine
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics

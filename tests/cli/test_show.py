@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from rvaft import load, loads, to_dot, translate
-from rvaft.analysis.branches import branches
 from rvaft.backend import all_backends, backend
+from rvaft.core.branches import branches
 from rvaft.errors import ToolMissing
 from rvaft.export import Format, draw
 from rvaft.export.property_text import align_latex

@@ -8,8 +8,8 @@ import pytest
 
 from cross_check.generate.traces import NoTraceFound, guided, random_trace
 from cross_check.generate.trees import random_tree
-from rvaft.analysis.branches import branches, restrict
 from rvaft.core import passes
+from rvaft.core.branches import branches, restrict
 from rvaft.core.passes import property_of
 from rvaft.core.property import Property
 from rvaft.errors import TooLarge, TreeError

@@ -5,6 +5,8 @@ from dataclasses import replace
 from itertools import permutations, product
 from random import Random
 
+from rvaft.core.build import build
+from rvaft.core.property import EndInOrder, Times
 from rvaft.model.event_time import EventTime, TimeFormat
 from rvaft.model.guards import POINTS, Duration, Guard, Operation, Operator, TimePoint
 from rvaft.model.nodes import Argument, Causality, EventType, Gate, Node, On
@@ -21,6 +23,12 @@ _EVENTS = (
 )
 _VALUES = (1, 2, "a", "one", True)
 _SIGNS = (Operator.EQ, Operator.NE, Operator.LT, Operator.LE, Operator.GT, Operator.GE)
+
+
+def is_plain(tree: RVAFT) -> bool:
+    """Whether a tree has no counted leaf, no order of ends and no condition on time."""
+    prop = build(tree)
+    return not prop.timed and not any(isinstance(part, Times | EndInOrder) for part in prop.parts)
 
 
 def random_tree(random: Random, *, guards: float = 0.3, constants: float = 0.2) -> RVAFT:

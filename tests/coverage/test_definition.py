@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from rvaft import loads
-from rvaft.analysis.plain_trees import is_plain
 from rvaft.core.classifier import TreeReads
 from rvaft.coverage import BranchCoverage, Coverage
 from rvaft.errors import TreeError
@@ -21,6 +20,7 @@ from rvaft.semantics import Reference, branches
 from rvaft.semantics.events import observe
 from rvaft.semantics.reference import Partial, relevant
 from tests.cli.runs import lines
+from tests.core.trees import is_plain
 from tests.engine.checking import small_valid_trees
 from tests.engine.dense import SHAPES, WILD, trace_of, tree_of
 from tests.semantics.cases import CASES, Case

@@ -7,7 +7,7 @@ from random import Random
 
 import pytest
 
-from rvaft.analysis.branches import restrict
+from rvaft.core.branches import restrict
 from rvaft.engine import Engine, scattered_general
 from rvaft.errors import TreeError
 from rvaft.model.verdict import Semantics, Verdict

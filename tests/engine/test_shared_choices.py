@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import rvaft
-from rvaft.analysis.branches import branches, number_of
+from rvaft.core.branches import branches, number_of
 from rvaft.engine import Engine
 from rvaft.language.parser import parse
 from rvaft.model.tree import RVAFT

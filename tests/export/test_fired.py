@@ -9,7 +9,7 @@ import pytest
 
 import rvaft
 from rvaft import RVAFT, Explanation, Kind, load, loads, to_dot
-from rvaft.analysis.branches import restrict
+from rvaft.core.branches import restrict
 from rvaft.engine import Engine
 from rvaft.export import fired_dot, fired_text, picture
 from rvaft.export.layout import LONGEST

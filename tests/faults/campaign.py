@@ -29,8 +29,8 @@ from cross_check.participants import ENGINE, Participant, reference_of
 from cross_check.results import Job
 from cross_check.traces import Effort, letters_of, trials
 from rvaft import RVAFT, NotExpressible, Semantics, TooLarge, Verdict
-from rvaft.analysis.branches import restrict
 from rvaft.backend import backend
+from rvaft.core.branches import restrict
 from rvaft.model.values import is_finite
 from tests.engine.checking import small_and_valid
 from tests.engine.dense import SHAPES as DENSE
@@ -46,7 +46,7 @@ BACKENDS: Final = ("automaton", "ltlf", "rml")
 ROOMS: Final[dict[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {
     ENGINE: (("rvaft/engine",), (ENGINE,)),
     **{name: ((f"backends/{name}",), (name,)) for name in BACKENDS},
-    "shared": (("rvaft", "rvaft/support", "rvaft/model", "rvaft/analysis"), (ENGINE, *BACKENDS)),
+    "shared": (("rvaft", "rvaft/support", "rvaft/model", "rvaft/core"), (ENGINE, *BACKENDS)),
 }
 """The folders of each, and who is wrong where they are. The reference has no part in them."""
 EFFORT: Final = Effort(words=60, traces=16)

@@ -24,8 +24,8 @@ from cross_check.participants import (
 )
 from cross_check.results import Job, Result, Status
 from rvaft import RVAFT, Semantics, Verdict
-from rvaft.analysis.branches import restrict
 from rvaft.backend import backend
+from rvaft.core.branches import restrict
 from rvaft.model.values import Json
 from rvaft.monitors import Monitor
 from tests.faults.wrong_trees import MISREADINGS, MISTAKES

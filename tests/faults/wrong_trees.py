@@ -13,7 +13,7 @@ from typing import Any, Final, TypeAlias
 
 from cross_check.generate.times import with_time
 from rvaft import RVAFT, Causality, EventType, Gate, Node, On
-from rvaft.analysis.branches import restrict
+from rvaft.core.branches import restrict
 from rvaft.model.event_time import EventTime, TimeFormat
 from rvaft.model.guards import Guard, Operation, Operator, TimePoint, substitute, walk
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable

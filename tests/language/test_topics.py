@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from rvaft import monitor
-from rvaft.analysis.branches import restrict
 from rvaft.api import load, loads
+from rvaft.core.branches import restrict
 from rvaft.errors import TreeError
 from rvaft.language.parser import parse
 from rvaft.language.printer import dumps

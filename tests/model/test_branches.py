@@ -6,8 +6,8 @@ from random import Random
 
 import pytest
 
-from rvaft.analysis.branches import branch, branches, number_of, restrict
 from rvaft.api import loads
+from rvaft.core.branches import alternatives, branch, branches, number_of, restrict
 from rvaft.errors import TreeError
 from rvaft.model.nodes import Gate, Kind, Node
 from rvaft.model.tree import RVAFT
@@ -57,10 +57,10 @@ def test_a_kind_has_exactly_the_branches_that_have_it(kind: Kind) -> None:
                 restrict(tree, kind=kind)
             continue
         part = restrict(tree, kind=kind)
-        named = {name: part.origins.get(name, name) for name in part.nodes}
-        found = {frozenset((named[g], named[c]) for g, c in b.items() if named[g] in tree.nodes) for b in choices(part)}
+        found = {frozenset(branch.items()) for one in alternatives(part) for branch in choices(one)}
         assert found == wanted, seed
         assert part.alphabet == tree.alphabet
+        assert wanted <= {frozenset(branch.items()) for branch in choices(part)}
 
 
 def test_the_or_nearest_the_root_varies_fastest() -> None:
@@ -94,11 +94,20 @@ def test_a_branch_that_is_not_there(number: int) -> None:
         branch(loads("top or a b;"), number)
 
 
-def test_several_copies_of_a_node_keep_its_event() -> None:
-    tree = loads("top and p q; p or f a; q or x b; f fault; x fault;")
+def test_a_part_of_a_kind_has_the_nodes_of_all_its_branches() -> None:
+    tree = loads("top and p q; p or f a z; q or x b; z or f f2; f fault; x fault; f2 attack;")
+    part = restrict(tree, kind="attack")
+    assert {name: node.children for name, node in part.nodes.items()} == {
+        "top": ("p", "q"),
+        "p": ("z",),
+        "q": ("x", "b"),
+        "z": ("f2",),
+        **dict.fromkeys(("x", "b", "f2"), ()),
+    }
     part = restrict(tree, kind="fault")
-    assert {part.origins[name] for name in part.nodes if name in part.origins} == set(tree.nodes)
-    assert {part.pattern(name) for name in part.occurrences} == {tree.pattern(name) for name in tree.occurrences}
+    assert part.nodes == tree.nodes
+    assert len(alternatives(part)) > 1
+    assert alternatives(tree) == (tree,)
 
 
 def test_the_part_does_not_equal_the_whole() -> None:

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from cross_check.generate.trees import random_tree
 from rvaft import TooLarge
-from rvaft.analysis.branches import Branch, branch, branches, restrict
 from rvaft.api import load, loads
+from rvaft.core.branches import Branch, branch, branches, restrict
 from rvaft.export import latex
 from rvaft.export.property_text import (
     STYLE,

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import rvaft
-from rvaft.analysis.branches import branches
+from rvaft.core.branches import branches
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference

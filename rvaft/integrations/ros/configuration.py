@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from rvaft.api import narrowed, translate
+from rvaft.core.branches import alternatives
 from rvaft.core.scenario_space import ScenarioSpace
 from rvaft.errors import OptionError, RvaftError, installed
 from rvaft.integrations.ros.server import PORT, REMEDY
@@ -20,7 +21,7 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.rules.rule import listing
 from rvaft.stream.monitor_set import Per, columns
-from rvaft.support.budget import Undecided
+from rvaft.support.budget import Budget, Undecided
 from rvaft.support.network import LOCAL, is_address, require_host
 
 SUFFIXES: Final = {"rml": ".rml", "rml-prolog": ".pl"}
@@ -159,7 +160,7 @@ def _topics(tree: RVAFT, semantics: Semantics) -> tuple[Topic, ...]:
     def event(node: Node) -> str:
         if node.on is not None:
             return f"event type {node.on.event}"
-        return f"the default event of {tree.origins.get(node.name, node.name)}"
+        return f"the default event of {node.name}"
 
     first: dict[str, Node] = {}
     for name in _in_feasible(whole) if semantics is Semantics.SCATTERED else whole.occurrences:
@@ -208,14 +209,18 @@ def _in_feasible(tree: RVAFT) -> Iterator[str]:
 
     The other semantics look at all events that are relevant, and those of infeasible scenarios are.
     """
-    space = ScenarioSpace(tree)
-    budget = space.budget()
+    spaces = [(space, space.budget()) for space in map(ScenarioSpace, alternatives(tree))]
     for name in tree.occurrences:
-        try:
-            if space.whole[name] in space.resolutions and (space.acyclic or space.feasible(budget, [name]) is not None):
-                yield name
-        except Undecided:
+        if any(_is_feasible(space, budget, name) for space, budget in spaces):
             yield name
+
+
+def _is_feasible(space: ScenarioSpace, budget: Budget, name: str) -> bool:
+    try:
+        there = name in space.whole and space.whole[name] in space.resolutions
+        return there and (space.acyclic or space.feasible(budget, [name]) is not None)
+    except Undecided:
+        return True
 
 
 def _action(topic: Topic, options: RosOptions, *, alone: bool) -> Action:

@@ -17,8 +17,8 @@ from backends.automaton.structure import Work
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import Shape, random_tree
 from rvaft import NotExpressible, Semantics, TooLarge, Verdict, load, loads, monitor
-from rvaft.analysis.branches import restrict
 from rvaft.backend import all_backends, backend
+from rvaft.core.branches import restrict
 from rvaft.export import picture
 from tests.backends.texts import tree
 from tests.cli.runs import PRUNED, TREES

@@ -10,7 +10,6 @@ import pytest
 from backends.rml.prolog import HEADER, prolog
 from cross_check.participants import Absent, faithful_backends, translated
 from papers.fmas2022.translation import RmlPaperBackend
-from rvaft.analysis.plain_trees import is_plain
 from rvaft.api import loads
 from rvaft.backend import backend
 from rvaft.errors import LanguageError, NotExpressible, OptionError
@@ -18,6 +17,7 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.semantics import Reference
 from tests.backends.rml.programs import CASES
 from tests.backends.texts import signs
+from tests.core.trees import is_plain
 from tests.tables import rows
 from tests.trees import shipped
 

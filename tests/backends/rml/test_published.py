@@ -18,8 +18,8 @@ from backends.rml.reader.parser import parse
 from backends.rml.reader.syntax import references
 from cross_check.generate.traces import NoTraceFound, guided, random_event, random_trace
 from cross_check.generate.trees import Shape, random_tree
-from rvaft.analysis.branches import restrict
 from rvaft.api import loads
+from rvaft.core.branches import restrict
 from rvaft.errors import NotExpressible, TooLarge
 from rvaft.language.printer import dumps
 from rvaft.model.tree import RVAFT

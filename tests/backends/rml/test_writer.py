@@ -6,8 +6,8 @@ import pytest
 
 from backends.rml import RmlBackend
 from cross_check.generate.traces import random_trace
-from rvaft.analysis.branches import restrict
 from rvaft.api import loads
+from rvaft.core.branches import restrict
 from rvaft.errors import NotExpressible
 from rvaft.model.verdict import Semantics
 from tests.backends.texts import agreeing, signs, tree

@@ -1,4 +1,4 @@
-"""Branches: the unit that properties are extracted from; their numbers, and the part of a tree that is one (semantics, section 2).
+"""Branches of a tree, their numbers, and trees restricted to a branch or a kind (semantics, section 2).
 
 A branch resolves the `or` gates and keeps `KofN`. Branches are enumerated lazily, in the order of their numbers: the digits of
 a branch are the choices of the `or` gates in breadth-first order from the root, the first varying fastest; a gate that
@@ -6,18 +6,17 @@ the branch does not reach has digit 0. The search goes from the slowest digit to
 digits above 0 force upon the gates nearer the root, so it never enters a dead end.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import islice
-from typing import Final, NamedTuple, TypeAlias
+from typing import ClassVar, Final, NamedTuple, TypeAlias
 
-from rvaft.analysis.formula import TEXT, formula, write
-from rvaft.analysis.normal_form import Op, body
+from rvaft.core.build import build
+from rvaft.core.property import One
 from rvaft.errors import TooLarge, TreeError
-from rvaft.model.guards import repointed
-from rvaft.model.nodes import Gate, Kind, Node
+from rvaft.model.nodes import Kind, Node
 from rvaft.model.tree import RVAFT, Whole, reachable
 from rvaft.support.bits import bits, union
 
@@ -32,12 +31,15 @@ _SHARED_EFFORT: Final = 1_000_000
 
 @dataclass(frozen=True)
 class Branch:
-    """One branch; `choices` maps each `or` gate it reaches to the child it keeps.
+    """One branch; `choices` maps each `or` gate that the branch reaches to the child that it keeps.
 
     >>> import rvaft
     >>> [(branch.number, branch.formula) for branch in branches(rvaft.loads("top or a both; both sand b c;"))]
     [(1, 'a'), (2, 'b ; c')]
     """
+
+    text: "ClassVar[Callable[[Branch], str]]"
+    """How the property of a branch is written; `rvaft.export` sets it, because writing is above the core."""
 
     tree: RVAFT
     number: int
@@ -57,7 +59,7 @@ class Branch:
     @cached_property
     def formula(self) -> str:
         """The property as text: `;` in sequence, `&` in any order, `|` a choice, conditions in brackets."""
-        return write(formula(self.tree, self.choices), TEXT)
+        return type(self).text(self)
 
     def children(self, name: str) -> tuple[str, ...]:
         """The children of a node that the branch keeps."""
@@ -100,6 +102,8 @@ def number_of(
             if made and (kind is None or kind in candidate.kinds):
                 return candidate.number
         return None
+    gates = or_gates(tree)
+    choosing = frozenset(gates)
     digits: dict[str, range] = {}  # those a gate may have; any where nothing is fixed
     ways: dict[str, int] = {}  # to resolve what is below a node, and whether none of them needs the node
     idle: dict[str, bool] = {}
@@ -111,7 +115,7 @@ def number_of(
         effort += 1 + len(node.children)
         before = ways.get(node.name), idle.get(node.name)
         busy = [child for child in node.children if not idle[child]]
-        if body(node).op is Op.ONE:
+        if node.name in choosing:
             own = digits.get(node.name, range(len(node.children)))
             possible = (node.children[digit] for digit in own)
             found = sum(ways[child] for child in possible if all(other == child for other in busy))
@@ -136,7 +140,7 @@ def number_of(
 
     for node in tree.bottom_up():
         count(node)
-    for name in reversed(or_gates(tree)):
+    for name in reversed(gates):
         digit = tree.nodes[name].children.index(choices[name]) if name in choices else 0
         if digit and fix(name, range(digit)):
             number += ways[tree.root]
@@ -147,13 +151,19 @@ def number_of(
 
 
 def or_gates(tree: RVAFT) -> list[str]:
-    """The reachable `or` gates in breadth-first order: those that the digits of a branch belong to."""
+    """The reachable `or` gates in breadth-first order: the gates that the digits of a branch belong to."""
+    return list(_or_gates(tree))
+
+
+@lru_cache(maxsize=64)
+def _or_gates(tree: RVAFT) -> tuple[str, ...]:
+    choosing = {part.source.node for part in build(tree).parts if isinstance(part, One) and part.source is not None}
     order, seen = [tree.root], {tree.root}
     for name in order:
         new = [child for child in tree.nodes[name].children if child not in seen]
         seen.update(new)
         order.extend(new)
-    return [name for name in order if body(tree.nodes[name]).op is Op.ONE]
+    return tuple(name for name in order if name in choosing)
 
 
 def _number_among_shared(tree: RVAFT, choices: Mapping[str, str]) -> int | None:
@@ -333,12 +343,13 @@ def _shortest(ways: Iterable[_Digits], name: str) -> list[_Digits]:
 
 # The part of a tree that a monitor for one branch or one kind looks at (semantics, sections 2 and 3).
 #
-# The result is a tree again, with the alphabet of the whole, so nothing that takes a tree needs to know of branches or kinds.
-# A branch is a sub-DAG. The branches of a kind are a union of sub-DAGs, each given by the children that some `or` gates may
-# keep; where one does not suffice, the result is an `or` over renamed copies.
+# The result is a tree again, with the alphabet of the whole tree and a note of the restriction (`part_of`). A branch is a
+# sub-DAG. The branches of a kind are a union of sub-DAGs, each given by the children that some `or` gates may keep; the nodes
+# and edges of the restricted tree are those of all of them, so it may have more branches than the kind. The property of the
+# restricted tree (`rvaft.core.passes.property_of`) has those of the kind alone.
 
 COPIES: Final = 1_000
-"""The most ways to have a kind."""
+"""The most sub-DAGs that a kind may need."""
 
 Allowed: TypeAlias = Mapping[str, frozenset[str]]
 """For some `or` gates the children that they may keep."""
@@ -349,7 +360,7 @@ _numbered = branch
 def restrict(tree: RVAFT, *, branch: int | None = None, kind: Kind | str | None = None, limit: int = COPIES) -> RVAFT:
     """The tree with the scenarios of one branch, or of the branches of one kind; the tree itself when neither is given.
 
-    Raises `TreeError` where there is no such branch or kind, `TooLarge` where a kind needs more than `limit` copies.
+    Raises `TreeError` where there is no such branch or kind, `TooLarge` where a kind needs more than `limit` sub-DAGs.
     """
     kind = None if kind is None else Kind(kind)
     if branch is not None:
@@ -363,31 +374,42 @@ def restrict(tree: RVAFT, *, branch: int | None = None, kind: Kind | str | None 
         ways = ways_to_kind(tree, kind, limit)
         if not ways:
             raise TreeError(f"no branch has the kind {kind}", rule="no-branch", nodes=[tree.root])
-    nodes: list[Node] = []
-    origins: dict[str, str] = {}
-    for number, allowed in enumerate(ways, 1):
-        copy = f"#{number}" if len(ways) > 1 else ""
+    return _part(tree, ways, Whole(tree, branch, kind))
 
-        def kept(name: str, allowed: Allowed = allowed) -> tuple[str, ...]:
+
+def alternatives(tree: RVAFT) -> tuple[RVAFT, ...]:
+    """The sub-DAGs of which a tree that is restricted to a kind is the union; of any other tree the tree itself.
+
+    >>> import rvaft
+    >>> tree = rvaft.loads("top and p q; p or f a; q or x b; f fault; x fault;")
+    >>> [one.nodes["p"].children for one in alternatives(restrict(tree, kind="fault"))]
+    [('f',), ('f', 'a')]
+    """
+    if tree.part_of is None or tree.part_of.kind is None or tree.part_of.branch is not None:
+        return (tree,)
+    whole = tree.part_of.tree
+    return tuple(_part(whole, [allowed], tree.part_of) for allowed in ways_to_kind(whole, tree.part_of.kind))
+
+
+def _part(tree: RVAFT, ways: Iterable[Allowed], part_of: Whole) -> RVAFT:
+    """The nodes and edges of a tree that some of these ways allow."""
+    kept: dict[str, set[str]] = {}
+    for allowed in ways:
+
+        def below(name: str, allowed: Allowed = allowed) -> tuple[str, ...]:
             children = tree.nodes[name].children
             return tuple(child for child in children if child in allowed[name]) if name in allowed else children
 
-        for name in reachable(tree.root, kept):
-            children = tuple(f"{child}{copy}" for child in kept(name))
-            node = replace(tree.nodes[name], name=f"{name}{copy}", children=children)
-            if copy:
-                node = replace(node, when=node.when and repointed(node.when, copy))
-                origins[f"{name}{copy}"] = name
-            nodes.append(node)
-    root = nodes[0].name
-    if len(ways) > 1:
-        root = f"{tree.root}#"
-        nodes.insert(0, Node(root, Gate.OR, tuple(f"{tree.root}#{number}" for number in range(1, len(ways) + 1))))
-    return tree.changed(root=root, nodes=nodes, part_of=Whole(tree, branch, kind, origins))
+        for name in reachable(tree.root, below):
+            kept.setdefault(name, set()).update(below(name))
+    nodes = (tree.nodes[name] for name in kept)
+    parts = [replace(node, children=tuple(one for one in node.children if one in kept[node.name])) for node in nodes]
+    return tree.changed(nodes=parts, part_of=part_of)
 
 
 def ways_to_kind(tree: RVAFT, kind: Kind, limit: int = COPIES) -> list[Allowed]:
     """Sub-DAGs whose branches together are exactly the branches that have the kind."""
+    choosing = frozenset(or_gates(tree))
     rank = {name: index for index, name in enumerate(tree.order)}
     above = {tree.root: tree.root}  # the immediate dominators
     for name in tree.order[1:]:
@@ -400,7 +422,7 @@ def ways_to_kind(tree: RVAFT, kind: Kind, limit: int = COPIES) -> list[Allowed]:
     for node in tree.bottom_up():
         if node.kind is kind:
             ways[node.name] = [{}]
-        elif body(node).op is Op.ONE:
+        elif node.name in choosing:
             ways[node.name] = _through_or(tree, node, ways, above)
         else:
             ways[node.name] = _distinct(way for child in node.children for way in ways[child])

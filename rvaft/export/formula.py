@@ -4,28 +4,41 @@ For display only; nothing is run from it. A node that several parents share stan
 occurrence.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Sequence as Several
 from dataclasses import dataclass
 from enum import Enum
 from itertools import takewhile
-from typing import Final, Literal, TypeAlias
+from typing import Final, TypeAlias, assert_never
 
-from rvaft.analysis.normal_form import NormalForm, Op, normal_form
+from rvaft.core.property import (
+    All,
+    AtLeast,
+    Condition,
+    EndInOrder,
+    Event,
+    One,
+    Part,
+    Property,
+    Sequence,
+    Source,
+    Times,
+    Within,
+)
 from rvaft.errors import TooLarge
 from rvaft.model.expressions import PLAIN, Style, event_text, guard_text
-from rvaft.model.guards import time_points
-from rvaft.model.nodes import Gate, Node
-from rvaft.model.tree import RVAFT
+from rvaft.model.guards import Guard, time_points
+from rvaft.model.nodes import Causality, Node
 
 DEFAULT_LIMIT: Final = 100_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Leaf:
-    """The runtime event of a node, or its guard; `named` where another guard asks for the time of this event."""
+    """The runtime event of a node, or a guard; `named` where a guard uses the time of this event."""
 
-    op: Literal[Op.EVENT, Op.CONDITION]
     node: Node
+    guard: Guard | None = None
     named: bool = False
 
 
@@ -85,45 +98,94 @@ class Notation:
     """The joins that need no brackets where they join the whole formula."""
 
 
-def formula(tree: RVAFT, choices: Mapping[str, str] | None = None) -> Formula:
-    """The property of a tree, or of the branch that makes these choices."""
-    form = normal_form(tree, choices, as_written=True)
-    done: list[Formula] = []
-    asked = _asked(form, tree)
-    spread: dict[int, list[Formula]] = {}  # what stands in a sequence for a choice
-    for number, part in enumerate(form.parts):
-        inner = tuple(done[inside] for inside in part.parts)
-        match part.op:
-            case Op.EVENT | Op.CONDITION:
-                node = tree.nodes[part.node]
-                named = ("at", node.name) in asked or (node.leaf and {("start", node.name), ("end", node.name)} & asked)
-                done.append(Leaf(part.op, node, part.op is Op.EVENT and node.on is not None and bool(named)))
-            case Op.ONE:
-                spread[number] = _choice(inner)
-                done.append(_joined(Join.SEQUENCE, spread[number]))
-            case Op.AT_LEAST:
-                done.append(Joined(Join.AT_LEAST, inner, part.need))
-            case Op.ALL:
-                ends = part.node in tree.nodes and tree.nodes[part.node].gate is Gate.PAND
-                done.append(_joined(Join.ENDS if ends else Join.ANY_ORDER, inner))
-            case Op.SEQUENCE:
-                row: list[Formula] = []
-                for inside in part.parts:
-                    own = form.parts[inside].node == part.node
-                    row += spread.get(inside, [done[inside]]) if own else [done[inside]]
-                done.append(_joined(Join.SEQUENCE, row))
-        whole = tree.nodes[part.node] if part.node and form.whole[part.node] == number else None
-        if whole is not None and whole.within is not None:
-            done[number] = Window(done[number], whole.within)
-        if whole is not None and not whole.leaf and {("start", whole.name), ("end", whole.name)} & asked:
-            done[number] = Named(done[number], whole.name)
-    return done[form.root]
+def formula(prop: Property) -> Formula:
+    """The formula of a property as `build` and `restrict` make it.
+
+    >>> import rvaft
+    >>> from rvaft.core.build import build
+    >>> write(formula(build(rvaft.loads("top sand a g; g or b c;"))), TEXT)
+    'a ; (b | c)'
+    """
+    writer = _Writer(prop)
+    for part in prop.parts:
+        writer.done[part] = writer.named(part, writer.row(part))
+    return writer.done[prop.root]
 
 
-def _asked(form: NormalForm, tree: RVAFT) -> set[tuple[str, str]]:
-    """The time points of nodes that guards ask for."""
-    conditions = (tree.nodes[part.node].when for part in form.parts if part.op is Op.CONDITION)
-    return {(one.point, one.node) for guard in conditions for one in time_points(guard)}
+class _Writer:
+    """The formulas of the parts of a property, inner parts first."""
+
+    def __init__(self, prop: Property) -> None:
+        self.done: dict[Part, Formula] = {}
+        self._nodes = prop.tree.nodes
+        self._own_first = prop.tree.causality is Causality.TOP_DOWN
+        self._spread: dict[Part, list[Formula]] = {}
+        """For each choice the formulas in sequence that it becomes."""
+        guards = (part.guard for part in prop.parts if isinstance(part, Condition))
+        self._asked = {(one.point, Source(one.node, one.number)) for guard in guards for one in time_points(guard)}
+        self._names = {whole: source.node for source, whole in prop.wholes.items() if self._spans(source)}
+
+    def _spans(self, source: Source) -> bool:
+        """Whether a guard uses the start or the end of a node."""
+        return not {("start", source), ("end", source)}.isdisjoint(self._asked)
+
+    def row(self, part: Part) -> Formula:
+        """The formula of a part, without a name."""
+        inside = [self.done[inner] for inner in part.parts]
+        match part:
+            case Event(source=source) | Times(source=source):
+                return self._event(source.node)
+            case Condition(source=source):
+                return Leaf(self._nodes[source.node], part.written or part.guard)
+            case All(parts=(inner, Condition() as condition)) if condition.source == part.source:
+                return _joined(Join.SEQUENCE, self._guarded(inner, condition))
+            case All():
+                return _joined(Join.ANY_ORDER, inside)
+            case Sequence():
+                return _joined(Join.SEQUENCE, [one for inner in part.parts for one in self._in_sequence(part, inner)])
+            case One():
+                self._spread[part] = _choice(tuple(inside))
+                return _joined(Join.SEQUENCE, self._spread[part])
+            case AtLeast(need=need):
+                return Joined(Join.AT_LEAST, tuple(inside), need)
+            case EndInOrder():
+                return _joined(Join.ENDS, inside)
+            case Within(duration=duration):
+                return Window(inside[0], duration)
+            case _:
+                assert_never(part)
+
+    def named(self, part: Part, term: Formula) -> Formula:
+        """The formula with the name of its node where a guard uses the start or the end of that."""
+        name = self._names.get(part)
+        return term if name is None or self._nodes[name].leaf else Named(term, name)
+
+    def _event(self, name: str) -> Leaf:
+        node = self._nodes[name]
+        used = ("at", Source(name)) in self._asked or (node.leaf and self._spans(Source(name)))
+        return Leaf(node, named=node.on is not None and used)
+
+    def _guarded(self, inner: Part, condition: Condition) -> list[Formula]:
+        """What a node with a guard asks for, in sequence: its event, its guard, what is below it, or, bottom up, that first."""
+        parts = inner.parts if isinstance(inner, Sequence) and _is_own(inner) else (inner,)
+        own: list[Formula] = [self.done[part] for part in parts if isinstance(part, Event | Times)]
+        below = [one for part in parts if not isinstance(part, Event | Times) for one in self._in_sequence(inner, part)]
+        own.append(self.done[condition])
+        return [*own, *below] if self._own_first else [*below, *own]
+
+    def _in_sequence(self, around: Part, part: Part) -> list[Formula]:
+        """The formulas of a part inside a sequence; a choice of the same node as the sequence is several."""
+        same = around.source is not None and part.source is not None and around.source.node == part.source.node
+        return self._spread.get(part, [self.done[part]]) if same else [self.done[part]]
+
+
+def _is_own(sequence: Sequence) -> bool:
+    """Whether a sequence is the event of a node and what is below the node."""
+    return any(
+        isinstance(part, Event | Times) and part.source.node == sequence.source.node
+        for part in sequence.parts
+        if sequence.source is not None
+    )
 
 
 def _choice(parts: tuple[Formula, ...]) -> list[Formula]:
@@ -139,13 +201,13 @@ def _choice(parts: tuple[Formula, ...]) -> list[Formula]:
     return [*first, _joined(Join.CHOICE, tuple(_joined(Join.SEQUENCE, row) for row in middle)), *last]
 
 
-def _common(rows: Sequence[tuple[Formula, ...]], places: Iterable[int]) -> list[Formula]:
+def _common(rows: Several[tuple[Formula, ...]], places: Iterable[int]) -> list[Formula]:
     """The formulas that stand at these places in every row, up to the first place where they differ."""
     same = takewhile(lambda place: all(row[place] is rows[0][place] for row in rows), places)
     return [rows[0][place] for place in same]
 
 
-def _joined(join: Join, parts: Sequence[Formula]) -> Formula:
+def _joined(join: Join, parts: Several[Formula]) -> Formula:
     return parts[0] if len(parts) == 1 else Joined(join, tuple(parts))
 
 
@@ -173,11 +235,11 @@ def breakable(term: Formula, notation: Notation, *, limit: int = DEFAULT_LIMIT) 
                 continue
             case str() as sign:
                 pieces.append(sign)
-            case (Leaf(Op.EVENT, node, named), _):
+            case (Leaf(node, None, named), _):
                 pieces.append(f"{style.node(node.name)}{notation.label}" if named else "")
                 pieces.append(event_text(node, style) + (notation.number(node.times) if node.times > 1 else ""))
-            case (Leaf(_, node), _):
-                pieces.append(notation.condition(guard_text(node.when, style)) if node.when is not None else "")
+            case (Leaf(_, guard), _) if guard is not None:
+                pieces.append(notation.condition(guard_text(guard, style)))
             case (Named(part, name), _):
                 todo += [(part, Join.AT_LEAST), f"{style.node(name)}{notation.label}"]
                 continue

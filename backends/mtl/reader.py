@@ -4,8 +4,9 @@
     NAME := PATTERN when GUARD when GUARD
     */
 
-Reelay ends the whole process at a text that is not in its language, or that is too deep: so the formula is parsed here first, and Reelay gets
-what the parse says. Propositions are decided here, for each event by itself, and handed over as booleans.
+Reelay ends the whole process at a text that is not in its language, or that is too deep: so the
+formula is parsed here first, and Reelay gets what the parse says. Propositions are decided here,
+for each event by itself, and handed over as booleans.
 """
 
 import re
@@ -37,7 +38,12 @@ _GRAMMAR: Final = r"""
 ?either: both (_OR both)*
 ?both: chain (_AND chain)*
 ?chain: unary | unary "since" bounds? unary -> since
-?unary: NOT unary -> negated | "once" bounds? unary -> once | "historically" bounds? unary -> always | "pre" unary -> pre | "(" either ")" | "{" NAME ":" "true" "}" -> atom
+?unary: NOT unary -> negated
+    | "once" bounds? unary -> once
+    | "historically" bounds? unary -> always
+    | "pre" unary -> pre
+    | "(" either ")"
+    | "{" NAME ":" "true" "}" -> atom
 bounds: "[" [NUMBER] ":" [NUMBER] "]"
 _OR: "or" | "||"
 _AND: "and" | "&&"
@@ -54,7 +60,9 @@ def _parser() -> Lark:
 
 
 class _Written(Transformer_NonRecursive[Token, tuple[str, int]]):
-    """The formula as Reelay gets it, with its depth: of many traces one after the other, between which `go` is false once."""
+    """The formula as Reelay gets it, with its depth: of many traces one after the other, between
+    which `go` is false once.
+    """
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,7 +1,8 @@
 """`python -m papers.fmas2022`: write every table, formula, listing, figure and finding of the paper anew.
 
-The exit status is 0 when all was written and no finding is contradicted, 1 when one is, 2 when something could not be made. A finding
-of which a command lacks a tool is told, and leaves the status as it is.
+The exit status is 0 when all was written and no finding is contradicted, 1 when one is, 2 when
+something could not be made. A finding of which a command lacks a tool is told, and leaves the
+status as it is.
 """
 
 import sys

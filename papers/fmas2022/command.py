@@ -1,4 +1,6 @@
-"""How the commands of this paper end: what cannot be done is one line on standard error, and a reader that has enough is no error."""
+"""How the commands of this paper end: what cannot be done is one line on standard error, and a
+reader that has enough is no error.
+"""
 
 import sys
 from collections.abc import Callable
@@ -8,7 +10,9 @@ from rvaft.errors import RvaftError
 
 
 def ended(name: str, run: Callable[[], int | None]) -> int:
-    """The exit status: that of the run, 0 where it has none, or 2 where it cannot be done, 141 where nobody reads on, 130 where it was interrupted."""
+    """The exit status: that of the run, 0 where it has none, or 2 where it cannot be done, 141
+    where nobody reads on, 130 where it was interrupted.
+    """
     try:
         with guarded():
             return run() or 0

@@ -1,7 +1,8 @@
 """`findings.md`: every finding with its commands and what they print when the page is made.
 
-A command that needs a tool that is absent is `not run`, with what to install or set. A finding that its commands no longer show is
-said not to be confirmed, and one of whose commands some were not run is said not to be run in full.
+A command that needs a tool that is absent is `not run`, with what to install or set. A finding that
+its commands no longer show is said not to be confirmed, and one of whose commands some were not run
+is said not to be run in full.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -72,7 +73,9 @@ def _summary(states: Sequence[State]) -> str:
 
 
 def _section(finding: Finding, scratch: Path) -> tuple[str, State, str]:
-    """The claim, or what is asked where commands on which it hangs were not run; what they came to; the section below that title."""
+    """The claim, or what is asked where commands on which it hangs were not run; what they came to;
+    the section below that title.
+    """
     shell = _Shell(scratch)
     body, state = "\n".join(shell.blocks(finding.steps)), shell.state
     title = finding.asked or finding.title if state is State.PARTLY else finding.title
@@ -107,7 +110,9 @@ class _Shell:
             yield from ("```sh", *self._shown(block), "```", "")
 
     def _shown(self, steps: list[Step]) -> Iterator[str]:
-        """The commands of a block and what they print; those that cannot run are told why once, below the last of them."""
+        """The commands of a block and what they print; those that cannot run are told why once,
+        below the last of them.
+        """
         for missing, group in groupby(steps, lambda step: [need.remedy for need in step.needs if need.missing]):
             for step in group:
                 yield f"$ {step.command}"

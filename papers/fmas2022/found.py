@@ -35,8 +35,8 @@ class Step:
 class Finding:
     """A claim, what it rests on in words, and the commands.
 
-    Where not all commands can be run, `asked` is the title instead, if the claim hangs on them, and `seen`, which says what they show,
-    is left out.
+    Where not all commands can be run, `asked` is the title instead, if the claim hangs on them, and
+    `seen`, which says what they show, is left out.
     """
 
     title: str
@@ -62,7 +62,8 @@ def _published(tree: str, semantics: str, name: str, *, trace: str = "", words: 
 FINDINGS: Final = (
     Finding(
         "The Listing uses NewWp where nothing binds it",
-        "In the Listing the altered goal may follow the radiation reading directly. Its guard compares the goal with NewWp, "
+        "In the Listing the altered goal may follow the radiation reading directly. Its guard compares the "
+        "goal with NewWp, "
         "which only the other alternative binds. The formula φ of section 4.2 has the command to move before both.",
         (
             Step(f"rvaft check {_TREES}/listing.rvaft", "variable NewWp in the guard of altered is not bound"),
@@ -75,15 +76,18 @@ FINDINGS: Final = (
                 before="What the Listing is to say, in RML (`listing.rml`), means what the tree means:",
             ),
             Step(
-                f"rvaft cross-check {_TREES}/pruned.rvaft --against $OUT/listing.rml --semantics strict | tail -n 1 | sed 's/.*; //'",
+                f"rvaft cross-check {_TREES}/pruned.rvaft --against $OUT/listing.rml --semantics strict | "
+                "tail -n 1 | sed 's/.*; //'",
                 "no disagreement",
             ),
         ),
     ),
     Finding(
         "The published compiler rejects the Listing as printed",
-        "In print the variables of event types begin with capitals, some strings stand without quotes (topics have them) and guards are joined "
-        "by `and`. In RML variables are written in lower case, every string in quotes, and guards join by `&&`. `in_print.rml` is a small text in the manner of "
+        "In print the variables of event types begin with capitals, some strings stand without quotes "
+        "(topics have them) and guards are joined "
+        "by `and`. In RML variables are written in lower case, every string in quotes, and guards join by "
+        "`&&`. `in_print.rml` is a small text in the manner of "
         "the Listing, since the Listing itself is its authors'.",
         (
             Step(
@@ -104,13 +108,16 @@ FINDINGS: Final = (
             Step(_COMPILE.format("$OUT/listing.rml", "$OUT/listing.pl"), needs=COMPILER),
         ),
         asked="Whether the published compiler takes the Listing as printed",
-        seen="The compiler stops at the first variable, as it does on the Listing itself. It complains on standard error, writes nothing, "
+        seen="The compiler stops at the first variable, as it does on the Listing itself. It complains on "
+        "standard error, writes nothing, "
         "and ends with exit status 0. The one that `make paper` writes compiles without a word.",
     ),
     Finding(
         "The event types of the Listing match no event of the tables, and do not tell an inspection from a move",
-        "Topics of the Listing have no leading slash, those of the tables have one. And `move` and `inspect` are the same event type "
-        "there, as the name of the command is not in them: with the slashes taken away, a second command to the same waypoint passes "
+        "Topics of the Listing have no leading slash, those of the tables have one. And `move` and "
+        "`inspect` are the same event type "
+        "there, as the name of the command is not in them: with the slashes taken away, a second command "
+        "to the same waypoint passes "
         "for the inspection.",
         (
             Step(
@@ -126,7 +133,8 @@ FINDINGS: Final = (
     ),
     Finding(
         "Table 3 prints ⊥ for φ too early",
-        "In traces 1 and 2 the print has ⊥ for φ after the fourth event. φ₁ (φ₂) is lost there: the command to move came in time. "
+        "In traces 1 and 2 the print has ⊥ for φ after the fourth event. φ₁ (φ₂) is lost there: the "
+        "command to move came in time. "
         "But φ₃ (φ₄) is not: its goal may still come. One more event and the attack is there.",
         (
             Step(f"rvaft monitor {_TREES}/pruned.rvaft {_TRACES}/table3_row1.jsonl", "verdict unknown after 4 events"),
@@ -139,8 +147,10 @@ FINDINGS: Final = (
     ),
     Finding(
         "The third and fourth trace of both tables lack an event",
-        "The print goes from the radiation reading to the goal. φ₃ and φ₄ need the command to move between the two, as it binds the "
-        "waypoint that the goal is compared with. As printed, no branch can be completed: the ⊤ of Table 2 cannot come, and the ⊥ of "
+        "The print goes from the radiation reading to the goal. φ₃ and φ₄ need the command to move between "
+        "the two, as it binds the "
+        "waypoint that the goal is compared with. As printed, no branch can be completed: the ⊤ of Table 2 "
+        "cannot come, and the ⊥ of "
         "Table 3 comes whatever the goal is. With a move to waypoint 1 between the two the printed verdicts follow.",
         (
             Step(f"rvaft monitor {_TREES}/pruned.rvaft {_TRACES}/table2_row3_as_printed.jsonl", "event 4: false"),
@@ -154,9 +164,12 @@ FINDINGS: Final = (
     ),
     Finding(
         "φ₁ ∨ φ₃ in RML misses the attack",
-        "RML is monitored deterministically: a union commits to its left operand as long as that can take the event. φ₁ and φ₃ start "
-        "alike, so φ₁ takes the reading and what precedes it; a command to move that comes in time is then no part of it, and φ₃ is no "
-        "longer there. The union of the branches as it stands rejects the attack of Table 2; the translation of rvaft finds it.",
+        "RML is monitored deterministically: a union commits to its left operand as long as that can take "
+        "the event. φ₁ and φ₃ start "
+        "alike, so φ₁ takes the reading and what precedes it; a command to move that comes in time is then "
+        "no part of it, and φ₃ is no "
+        "longer there. The union of the branches as it stands rejects the attack of Table 2; the "
+        "translation of rvaft finds it.",
         (
             Step(
                 f"rvaft monitor {_TREES}/pruned.rvaft {_TRACES}/table2_row3.jsonl --backend rml-paper | head -n 1",
@@ -175,7 +188,8 @@ FINDINGS: Final = (
     ),
     Finding(
         "The unrolled VOT loses interleavings of compound children",
-        "For two of {a then d, b, c} the events a b d suffice. The unrolling of section 3.2 takes a child as a whole before it "
+        "For two of {a then d, b, c} the events a b d suffice. The unrolling of section 3.2 takes a child "
+        "as a whole before it "
         "looks for the next, so b may not come between a and d.",
         (
             Step(
@@ -188,7 +202,8 @@ FINDINGS: Final = (
                 "event 2: false",
             ),
             Step(
-                f"rvaft cross-check {_TEXTS}/vot_over_compound.rvaft --semantics strict --backends rml-paper | sed '/^$/,$d'",
+                f"rvaft cross-check {_TEXTS}/vot_over_compound.rvaft --semantics strict --backends "
+                "rml-paper | sed '/^$/,$d'",
                 "rml-paper differs from reference",
             ),
             *_published(f"{_TEXTS}/vot_over_compound.rvaft", "strict", "compound", words="a b d"),
@@ -196,7 +211,8 @@ FINDINGS: Final = (
     ),
     Finding(
         "The unrolled VOT means exactly K where something follows it",
-        "The text of section 3.2 says at least k. Two of {a, b, c} and then d is there in a b c d; the unrolling counts down to "
+        "The text of section 3.2 says at least k. Two of {a, b, c} and then d is there in a b c d; the "
+        "unrolling counts down to "
         "zero and then wants d, so a third child ends it.",
         (
             Step(
@@ -209,7 +225,8 @@ FINDINGS: Final = (
                 "event 3: false",
             ),
             Step(
-                f"rvaft cross-check {_TEXTS}/vot_followed.rvaft --semantics strict --backends rml-paper | sed '/^$/,$d'",
+                f"rvaft cross-check {_TEXTS}/vot_followed.rvaft --semantics strict --backends rml-paper | "
+                "sed '/^$/,$d'",
                 "rml-paper differs from reference",
             ),
             *_published(f"{_TEXTS}/vot_followed.rvaft", "strict", "followed", words="a b c d"),
@@ -217,7 +234,8 @@ FINDINGS: Final = (
     ),
     Finding(
         "The published monitor takes a goal 1.0 after a command to waypoint 1 for an attack",
-        "By value, as in JSON, 1 and 1.0 are equal. The trace is the third of Table 3, where nothing was altered; rvaft's monitor, asked first, raises no alarm.",
+        "By value, as in JSON, 1 and 1.0 are equal. The trace is the third of Table 3, where nothing was "
+        "altered; rvaft's monitor, asked first, raises no alarm.",
         (
             Step(
                 f'sed \'s/"goal": 1,/"goal": 1.0,/\' {_TRACES}/table3_row3.jsonl'
@@ -227,20 +245,24 @@ FINDINGS: Final = (
             Step(
                 f'sed \'s/"goal": 1,/"goal": 1.0,/\' {_TRACES}/table3_row3.jsonl > $OUT/decimal.jsonl',
                 needs=MONITOR,
-                before="And by the published monitor, with a faithful text, the trace with 1.0 and then the one with 1:",
+                before="And by the published monitor, with a faithful text, the trace with 1.0 and then "
+                "the one with 1:",
             ),
             Step(f"rvaft emit {_TREES}/pruned.rvaft --to rml-prolog -o $OUT/faithful.pl", needs=MONITOR),
             Step(_RUN.format("$OUT/faithful.pl", "$OUT/decimal.jsonl"), _ACCEPTED, MONITOR),
             Step(_RUN.format("$OUT/faithful.pl", f"{_TRACES}/table3_row3.jsonl"), _REJECTED, MONITOR),
         ),
         asked="Whether the published monitor takes a goal 1.0 after a command to waypoint 1 for an attack",
-        seen="The published monitor tells 1 from 1.0: it takes the trace with 1.0 for an attack. So a planner that writes its goals as decimals "
+        seen="The published monitor tells 1 from 1.0: it takes the trace with 1.0 for an attack. So a "
+        "planner that writes its goals as decimals "
         "looks like an attacker.",
     ),
     Finding(
         "About the tool, not the paper: all participants agree on every cell of Tables 2 and 3",
-        "The reference, the engine and the texts of all faithful backends, each run by the reader of its own language, are asked for "
-        "a verdict after every event of the completed traces. Those of the engine are the cells of the generated tables.",
+        "The reference, the engine and the texts of all faithful backends, each run by the reader of its "
+        "own language, are asked for "
+        "a verdict after every event of the completed traces. Those of the engine are the cells of the "
+        "generated tables.",
         (Step("python -m papers.fmas2022.verdict_table", " agree"),),
         asked="Whether all participants agree on the cells of Tables 2 and 3",
     ),

@@ -23,7 +23,10 @@ LANGUAGES: Final = ("rml-paper", "rml", "ltlf", "automaton")
 _NOTES: Final = (
     r"\texttt{rml-paper} is the translation of the paper, with \texttt{all} behind it, so that a detection is final.",
     r"\texttt{V} with numbers is the paper's $\tau$ with the children that are left, from 0.",
-    r"\texttt{automaton}: of each state the events that lead on and whereto, from 0 on. In $\top$ it has detected; before, any other event ends it.",
+    (
+        r"\texttt{automaton}: of each state the events that lead on and whereto, from 0 on. In $\top$ it has "
+        r"detected; before, any other event ends it."
+    ),
     "Symbols are those of the property alone; of an automaton those of the body of its text in HOA.",
 )
 _STATES: Final = 3

@@ -1,4 +1,6 @@
-"""φ₁ to φ₄ and φ of section 4.2, extracted from the tree, as LaTeX; and what the Listing of section 4.3 says, φ, in RML that compiles."""
+"""φ₁ to φ₄ and φ of section 4.2, extracted from the tree, as LaTeX; and what the Listing of section
+4.3 says, φ, in RML that compiles.
+"""
 
 from typing import Final
 

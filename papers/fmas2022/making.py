@@ -1,4 +1,6 @@
-"""All files of the paper in one go: which there are, in which order the document has them, and what could not be made here."""
+"""All files of the paper in one go: which there are, in which order the document has them, and what
+could not be made here.
+"""
 
 import sys
 from collections.abc import Iterator
@@ -22,7 +24,10 @@ PRINTED: Final = (
     (
         "figure4a",
         8.5,
-        "The attack-fault tree (after Figure 4a of the paper; the labels of the three faults of images are chosen here).",
+        (
+            "The attack-fault tree (after Figure 4a of the paper; the labels of the three faults of images are "
+            "chosen here)."
+        ),
     ),
     ("figure4b", 8.5, "The pruned tree with the names ev1 to ev10 of its nodes (Figure 4b of the paper)."),
     ("overhead", 8.5, "What monitoring costs a mission, measured."),
@@ -48,7 +53,8 @@ class Folder:
 def make(out: Path, *, texts: bool = False) -> tuple[Folder, Page]:
     """Write everything into a folder, which is made where it is not there; `texts` leaves out figures and measurements.
 
-    Raises `Disagreement`, `ToolFailed`, and `OSError` where a file cannot be written; what lacks a tool is left out and said.
+    Raises `Disagreement`, `ToolFailed`, and `OSError` where a file cannot be written; what lacks a
+    tool is left out and said.
     """
     out.mkdir(parents=True, exist_ok=True)
     folder = Folder(out)
@@ -100,7 +106,10 @@ def _pictures(folder: Folder) -> str:
     else:
         folder.files.extend(measured.files)
         said = measured.statement
-    return f"\n## What monitoring costs a mission\n\nMeasured on this machine by `python -m papers.fmas2022.overhead`.\n\n{said}"
+    return (
+        "\n## What monitoring costs a mission\n\nMeasured on this machine by `python -m "
+        f"papers.fmas2022.overhead`.\n\n{said}"
+    )
 
 
 def _parts(files: set[str]) -> Iterator[str]:

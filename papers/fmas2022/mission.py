@@ -1,14 +1,17 @@
 """A remote inspection mission, simulated: what the rover's topics carry while it goes from waypoint to waypoint.
 
-The messages have the fields that the published log of the case study has (rafaelcaue/rvaft-remote-inspection), with the two that the
-tree speaks of named as in the paper's Tables 2 and 3: a command has a `waypoint`, and `goal` is the waypoint that the planner is sent
-to, its pose being in `target_pose`. The planner's results, to which the tree listens too, are added.
+The messages have the fields that the published log of the case study has
+(rafaelcaue/rvaft-remote-inspection), with the two that the tree speaks of named as in the paper's
+Tables 2 and 3: a command has a `waypoint`, and `goal` is the waypoint that the planner is sent to,
+its pose being in `target_pose`. The planner's results, to which the tree listens too, are added.
 
-The simulation goes from event to event; nothing waits for a clock. The last waypoint is contaminated, and what happens there is the
-mode. The mission ends when the rover arrives where it was sent from there: a `scattered` monitor puts events together across any
-distance, so that it would hold the next departure, after decontamination, against the rover as well.
+The simulation goes from event to event; nothing waits for a clock. The last waypoint is
+contaminated, and what happens there is the mode. The mission ends when the rover arrives where it
+was sent from there: a `scattered` monitor puts events together across any distance, so that it
+would hold the next departure, after decontamination, against the rover as well.
 
-Run as `python -m papers.fmas2022.mission --mode attack | rvaft monitor trees/remote_inspection/pruned.rvaft --semantics scattered`.
+Run as `python -m papers.fmas2022.mission --mode attack | rvaft monitor
+trees/remote_inspection/pruned.rvaft --semantics scattered`.
 """
 
 import json
@@ -43,9 +46,9 @@ _CONTAMINATED: Final = range(257, 400)
 class Mode(StrEnum):
     """What happens at the contaminated waypoint.
 
-    `nominal`: the first high reading sends the rover to the entrance. `fault`: the inspection hangs, and the rover is sent on only after
-    more than 10 s. `attack`: an attacker keeps the alarm from the agent, which sends the rover on in time, and alters the goal on its way to
-    the planner.
+    `nominal`: the first high reading sends the rover to the entrance. `fault`: the inspection
+    hangs, and the rover is sent on only after more than 10 s. `attack`: an attacker keeps the alarm
+    from the agent, which sends the rover on in time, and alters the goal on its way to the planner.
     """
 
     NOMINAL = "nominal"
@@ -183,7 +186,11 @@ class _Simulation:
         }
 
     def _radiation(self) -> Event:
-        """A reading. The sensor is directed: what a waypoint radiates it counts only where the rover inspects that waypoint."""
+        """A reading.
+
+        The sensor is directed: what a waypoint radiates it counts only where the rover inspects
+        that waypoint.
+        """
         levels = _CONTAMINATED if self.inspecting == self.last else _BACKGROUND
         moved = self.now - self._departure
         return {

@@ -12,8 +12,14 @@ from rvaft.model.patterns import Literal
 from rvaft.model.tree import RVAFT
 
 _NOTES: Final = (
-    r"The print has \textit{movebase\_result} for $\mathit{result}$, and \textit{MoveBaseGoal} for $\mathit{goal}$; it writes strings without quotation marks.",
-    r"The print has \textit{move(Waypoint)} for ev1. Here an event type has the same arguments everywhere; $\_$ is any time.",
+    (
+        r"The print has \textit{movebase\_result} for $\mathit{result}$, and \textit{MoveBaseGoal} for "
+        r"$\mathit{goal}$; it writes strings without quotation marks."
+    ),
+    (
+        r"The print has \textit{move(Waypoint)} for ev1. Here an event type has the same arguments everywhere; "
+        r"$\_$ is any time."
+    ),
 )
 
 

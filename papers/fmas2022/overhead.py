@@ -35,9 +35,11 @@ class Overhead:
 
 
 def overhead(folder: Path, *, quick: bool = False) -> Overhead:
-    """Measure, and write into a folder, which is made where it is not there: two CSV files, two LaTeX tables, a text, and the figure twice.
+    """Measure, and write into a folder, which is made where it is not there: two CSV files, two
+    LaTeX tables, a text, and the figure twice.
 
-    `quick` is for tests: two small missions, twice. Raises `ToolMissing`, and `OSError` where the folder cannot be written.
+    `quick` is for tests: two small missions, twice. Raises `ToolMissing`, and `OSError` where the
+    folder cannot be written.
     """
     library()  # what is missing is said before anything is measured
     folder.mkdir(parents=True, exist_ok=True)

@@ -22,8 +22,10 @@ class Spread(NamedTuple):
 class Cell:
     """A setup on missions of one mode and size.
 
-    `made`, `cpu`, `wall` and `dearest` are in seconds, as in `Run`; `dearest_event` and `dearest_on` are those of most repetitions. What is compared with the run without monitors is compared with the one of the same
-    repetition: `extra` is what the monitors add to `cpu`, in seconds, and `ratio` how many times as long the loop takes.
+    `made`, `cpu`, `wall` and `dearest` are in seconds, as in `Run`; `dearest_event` and
+    `dearest_on` are those of most repetitions. What is compared with the run without monitors is
+    compared with the one of the same repetition: `extra` is what the monitors add to `cpu`, in
+    seconds, and `ratio` how many times as long the loop takes.
     """
 
     mode: Mode
@@ -51,12 +53,16 @@ class Cell:
 
     @property
     def share(self) -> float:
-        """Of the time that the mission takes the rover, the part that the monitors compute: the median, as a fraction."""
+        """Of the time that the mission takes the rover, the part that the monitors compute: the
+        median, as a fraction.
+        """
         return self.extra.median / self.mission
 
 
 def cells(runs: Iterable[Run]) -> tuple[Cell, ...]:
-    """A cell for each mode, in it for each number of waypoints, and in that for each setup, in their orders; two repetitions or more."""
+    """A cell for each mode, in it for each number of waypoints, and in that for each setup, in
+    their orders; two repetitions or more.
+    """
     every = sorted(runs, key=lambda run: (*_place(run), run.repetition))
     grouped = {place: list(group) for place, group in groupby(every, key=_place)}
     return tuple(_cell(group, grouped[modes, waypoints, 0]) for (modes, waypoints, _), group in grouped.items())

@@ -1,4 +1,6 @@
-"""The overhead figure: what a mission's loop takes with and without monitors, what monitors add to an event, and what the dearest costs."""
+"""The overhead figure: what a mission's loop takes with and without monitors, what monitors add to
+an event, and what the dearest costs.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -28,7 +30,8 @@ LINES: Final[tuple[Mapping[str, Any], ...]] = tuple(
         ("#56B4E9", ":", "D", "none", 5.5),
     )
 )
-"""What tells the setups apart: colours of Okabe and Ito (Color Universal Design, 2008), and beside the colour a line and a marker.
+"""What tells the setups apart: colours of Okabe and Ito (Color Universal Design, 2008), and beside
+the colour a line and a marker.
 
 Every other marker is open and larger, so that the one below it is seen where two lines coincide.
 """

@@ -15,20 +15,26 @@ from rvaft.monitors import Monitor
 from rvaft.stream.monitor_set import Per, columns
 
 SEMANTICS: Final = Semantics.SCATTERED
-"""A mission is full of events between those of a match: under `strict` and `projected` all is lost with the second one."""
+"""A mission is full of events between those of a match: under `strict` and `projected` all is lost
+with the second one.
+"""
 NONE: Final = "none"
 SETUPS: Final = (NONE, Per.TREE.value, Per.KIND.value, Per.BRANCH.value)
-"""No monitor, and the options (a), (c) and (b) of the paper's section 4.3: one for the tree, for each kind, for each branch."""
+"""No monitor, and the options (a), (c) and (b) of the paper's section 4.3: one for the tree, for
+each kind, for each branch.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
     """One mission under one setup: how much it had to say, and what it took, in seconds.
 
-    `mission` is simulated time. `made` is the processor's time to make the monitors, `cpu` and `wall` are that of the mission's loop.
-    `verdicts` has the sign of each monitor's last verdict. `dearest` is the processor's time that the monitors need for the one event that
-    costs them most, in another run through the same mission; `dearest_event` is its number, from 1, and `dearest_on` its topic.
-    `detected` is the number of the event at which the first monitor detects something, 0 where none does.
+    `mission` is simulated time. `made` is the processor's time to make the monitors, `cpu` and
+    `wall` are that of the mission's loop. `verdicts` has the sign of each monitor's last verdict.
+    `dearest` is the processor's time that the monitors need for the one event that costs them most,
+    in another run through the same mission; `dearest_event` is its number, from 1, and `dearest_on`
+    its topic. `detected` is the number of the event at which the first monitor detects something, 0
+    where none does.
     """
 
     mode: Mode
@@ -53,8 +59,9 @@ def runs(
 ) -> Iterator[Run]:
     """Every setup on missions of so many waypoints, as often as said.
 
-    Setups take turns, and each turn another one begins, so that what slows the machine down for a while slows all alike. A round before
-    the first is thrown away. The collector of cyclic garbage rests meanwhile, as in `timeit`.
+    Setups take turns, and each turn another one begins, so that what slows the machine down for a
+    while slows all alike. A round before the first is thrown away. The collector of cyclic garbage
+    rests meanwhile, as in `timeit`.
     """
     watched = {setup: _watched(tree, setup) for setup in SETUPS}
     with no_collection():

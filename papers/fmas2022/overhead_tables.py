@@ -1,4 +1,6 @@
-"""The overhead as numbers: every run and every cell as CSV; as LaTeX the missions where nothing happens, and those where something is detected."""
+"""The overhead as numbers: every run and every cell as CSV; as LaTeX the missions where nothing
+happens, and those where something is detected.
+"""
 
 import csv
 from collections.abc import Iterable, Iterator, Sequence

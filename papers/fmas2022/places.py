@@ -1,4 +1,6 @@
-"""Where things are: the trees that everything is computed from, and where what is made goes unless another folder is named."""
+"""Where things are: the trees that everything is computed from, and where what is made goes unless
+another folder is named.
+"""
 
 from pathlib import Path
 from typing import Final

@@ -1,7 +1,7 @@
 """What the paper prints in Tables 2 and 3, as far as computed cells are held against it.
 
-Every table has four traces. The cells of φ and of the branch with the trace's number run ?, ?, ?, and end with one sign; the
-other cells are empty.
+Every table has four traces. The cells of φ and of the branch with the trace's number run ?, ?, ?,
+and end with one sign; the other cells are empty.
 """
 
 from collections.abc import Mapping

@@ -62,7 +62,8 @@ class Ran:
 def run(command: str, scratch: Path) -> Ran:
     """Run a command by `sh` in the folder of the project, with $OUT as the folder for what it writes.
 
-    Folders in the output that differ from machine to machine are replaced by the variables that name them. Raises `ToolFailed`.
+    Folders in the output that differ from machine to machine are replaced by the variables that
+    name them. Raises `ToolFailed`.
     """
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
     environment = {**os.environ, "PATH": path, "OUT": str(scratch), "LC_ALL": "C.UTF-8", "NO_COLOR": "1"}

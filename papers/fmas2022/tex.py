@@ -57,7 +57,9 @@ def table(
     notes: Sequence[str] = (),
     size: str = r"\small",
 ) -> str:
-    """A floating table; `rows` are lines as `row` and `heading` give them, `notes` are paragraphs below it, `size` is that of its text."""
+    """A floating table; `rows` are lines as `row` and `heading` give them, `notes` are paragraphs
+    below it, `size` is that of its text.
+    """
     below = [r"\par\smallskip\raggedright\footnotesize", *(rf"{note}\par" for note in notes)] if notes else []
     lines = [
         r"\begin{table}[htbp]",

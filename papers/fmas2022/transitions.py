@@ -14,9 +14,10 @@ _DETECTED: Final = "⊤"
 
 
 def transitions(text: str) -> list[str]:
-    """`0: a → 2`, `2: b, c → ⊤`: where each event leads, state by state, for events that are one proposition each.
+    """Where each event leads, state by state, as `0: a → 2` and `2: b, c → ⊤`; each event is one proposition.
 
-    ⊤ is the state that has detected. What leads to a state from which it cannot be reached is left out, and so is the end of a trace.
+    ⊤ is the state that has detected. What leads to a state from which it cannot be reached is left
+    out, and so is the end of a trace.
     """
     names = re.findall(r'"(.*?)"', _NAMES.findall(text)[0])
     alive = names.index(ALIVE)

@@ -1,13 +1,14 @@
-r"""The translation to RML as it was published, never repaired (Cardoso, Ferrando, Fisher, FMAS 2022, sections 3.2 and 4.2).
+r"""The translation to RML as it was published, never repaired (Cardoso, Ferrando, Fisher, FMAS
+2022, sections 3.2 and 4.2).
 
     OR   a \/ b \/ c                         (resolved before: the branches are joined by \/)
     VOT  (a T_bc) \/ (b T_ac) \/ (c T_ab)    with one equation for each set of children that is left
     AND  a | b | c
     SAND a b c, or c b a
 
-Events are event types with a pattern, and behind `with` the guards whose last variable the event binds. `with` of RML knows numbers only; a
-comparison with a string, and one of two variables by `!=`, become event types of their own that stand beside the event:
-`(move(newWp) /\ not_move)`.
+Events are event types with a pattern, and behind `with` the guards whose last variable the event
+binds. `with` of RML knows numbers only; a comparison with a string, and one of two variables by
+`!=`, become event types of their own that stand beside the event: `(move(newWp) /\ not_move)`.
 """
 
 import re
@@ -53,7 +54,9 @@ from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.verdict import Semantics
 
 SYMBOLS: Final = 10
-"""How many symbols of unrolled VOT gates the limit allows for each term it allows: few terms may have very many options."""
+"""How many symbols of unrolled VOT gates the limit allows for each term it allows: few terms may
+have very many options.
+"""
 CHARACTERS: Final = 100
 """How many characters of one term the limit allows for each term."""
 _AROUND: Final = 4
@@ -94,8 +97,8 @@ def or_gates(tree: RVAFT) -> list[str]:
 def paper_branches(tree: RVAFT) -> Iterator[PaperBranch]:
     """All branches in the order of their numbers, by the definition.
 
-    A branch is a choice for each `or` gate, where the first gate varies fastest; a gate that it does not reach keeps its
-    first child.
+    A branch is a choice for each `or` gate, where the first gate varies fastest; a gate that it
+    does not reach keeps its first child.
     """
     gates, number = or_gates(tree), 0
     for digits in product(*(range(len(tree.nodes[name].children)) for name in reversed(gates))):
@@ -258,7 +261,9 @@ class PaperTerms:
                 assert_never(node.gate)
 
     def _unrolled(self, parts: list[str], k: int, name: str) -> str:
-        """The hierarchy of terms that counts down from k: an equation for each set of children that is left, larger sets first."""
+        """The hierarchy of terms that counts down from k: an equation for each set of children that
+        is left, larger sets first.
+        """
         if k == 0:
             return ""
         once = sum(_AROUND + len(part.split()) for part in parts)
@@ -290,7 +295,8 @@ def _sequence(parts: Iterable[str]) -> str:
 def _folded(branch: PaperBranch) -> dict[str, list[Guard]] | None:
     """For each occurrence of a branch the guards it checks: those whose last variable, in writing, it binds.
 
-    None where the branch has no feasible scenario: a guard without variables does not hold, or nothing binds a variable of one.
+    None where the branch has no feasible scenario: a guard without variables does not hold, or
+    nothing binds a variable of one.
     """
     tree, guards = branch.tree, dict[str, list[Guard]]()
     binder: dict[str, str] = {}
@@ -389,11 +395,13 @@ def _filtered(tree: RVAFT, types: PaperTypes, main: str) -> str:
 
 
 class RmlPaperBackend(RmlBackend):
-    """The paper's own translation: gates as printed, VOT unrolled, a union of the branches in their order, `all` behind.
+    """The paper's own translation: gates as printed, VOT unrolled, a union of the branches in their
+    order, `all` behind.
 
-    Not faithful: RML's union commits to its left operand, so a union of branches with a common start misses the later ones, and
-    the unrolled VOT means exactly K and loses interleavings of compound children. `limit` counts the terms written,
-    ten symbols of the unrolled VOT gates and a hundred characters of one term being allowed for each.
+    Not faithful: RML's union commits to its left operand, so a union of branches with a common
+    start misses the later ones, and the unrolled VOT means exactly K and loses interleavings of
+    compound children. `limit` counts the terms written, ten symbols of the unrolled VOT gates and a
+    hundred characters of one term being allowed for each.
     """
 
     name: ClassVar[str] = "rml-paper"

@@ -1,6 +1,7 @@
 """The traces of Tables 2 and 3, completed, with the verdicts that every participant gives after every event.
 
-Run as `python -m papers.fmas2022.verdict_table`; exits 1 if two participants differ anywhere. Who cannot take part is told last.
+Run as `python -m papers.fmas2022.verdict_table`; exits 1 if two participants differ anywhere. Who
+cannot take part is told last.
 """
 
 import json

@@ -30,7 +30,9 @@ def verdict_tables(tree: RVAFT, folder: Path) -> Mapping[int, str]:
 def _checked(enlisted: Enlisted) -> Iterator[str]:
     """Whose the verdicts are, who gives the same, and who could not be asked."""
     others = listed(tex.typewriter(name) for name in present(enlisted) if name != ENGINE)
-    yield f"Verdicts are those of the engine under the projected semantics. The same ones, in every cell, give {others}."
+    yield (
+        f"Verdicts are those of the engine under the projected semantics. The same ones, in every cell, give {others}."
+    )
     for name, reason in absent(enlisted).items():
         yield f"Not run: {tex.typewriter(name)} ({escaped(reason)})."
 

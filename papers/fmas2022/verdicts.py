@@ -1,6 +1,7 @@
 """Tables 2 and 3 computed: the verdict of every monitor after every event.
 
-The verdicts are the engine's. The reference and every faithful backend give theirs too; one that differs is a `Disagreement`.
+The verdicts are the engine's. The reference and every faithful backend give theirs too; one that
+differs is a `Disagreement`.
 """
 
 import json
@@ -35,7 +36,9 @@ class Disagreement(RvaftError):
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """One trace of a table, completed; `as_printed` has the verdicts without the event that the print leaves out, if it does."""
+    """One trace of a table, completed; `as_printed` has the verdicts without the event that the
+    print leaves out, if it does.
+    """
 
     table: int
     number: int

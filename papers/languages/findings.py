@@ -65,7 +65,9 @@ def sized(title: str, *claims: Claim) -> Finding:
 
 
 def filtered(claim: Claim) -> tuple[Claim, Claim]:
-    """What holds under `strict`, and the same under `projected`, where RML has four symbols more around the whole: `relevant >> (…)`."""
+    """What holds under `strict`, and the same under `projected`, where RML has four symbols more
+    around the whole: `relevant >> (…)`.
+    """
     symbols = claim.sizes["symbols"]
     more: Formula = lambda n, k: symbols(n, k) + 4  # noqa: E731
     return claim, replace(claim, semantics=(PROJECTED,), sizes={**claim.sizes, "symbols": more})
@@ -93,13 +95,18 @@ def larger(n: int, k: int, size: Callable[[int], int]) -> int:
 
 
 def unrolled(n: int, k: int) -> int:
-    """The symbols of the paper's VOT k/n: for each set of fewer than k children an equation with an option for each child that is left."""
+    """The symbols of the paper's VOT k/n: for each set of fewer than k children an equation with an
+    option for each child that is left.
+    """
     inner = sum(comb(n, size) * (5 * (n - size) + 2) for size in range(k - 1))
     return inner + comb(n, k - 1) * (4 * (n - k + 1) + 2) + 5
 
 
 def chains(n: int, k: int, chain: Callable[[int], int], *, other: int, more: int = 0, joint: int = 0) -> int:
-    """The symbols of a chain for each order of k - 1 children, with a choice of all others where the first event stands: `other` for each of these, `more` for the choice, `joint` between chains."""
+    """The symbols of a chain for each order of k - 1 children, with a choice of all others where
+    the first event stands: `other` for each of these, `more` for the choice, `joint` between
+    chains.
+    """
     each = chain(k) + other * (n - k) + more * (k < n)
     return perm(n, k - 1) * each + (perm(n, k - 1) - 1) * joint
 
@@ -127,18 +134,22 @@ def in_a_row(language: str, semantics: Semantics, formula: Callable[[int], int],
 SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
     "Verdicts": (
         Finding(
-            "Every text that could be run gave the verdicts that the tree demands on all traces, or the same first detections where the "
-            "language tells these alone; the paper's unrolled VOT too: over leaves, with nothing behind the gate, it is right.",
+            "Every text that could be run gave the verdicts that the tree demands on all traces, or the "
+            "same first detections where the "
+            "language tells these alone; the paper's unrolled VOT too: over leaves, with nothing behind "
+            "the gate, it is right.",
             lambda row: bool(row.walks),
             lambda row: row.differing == 0,
         ),
         Finding(
-            "SQL says every tree of the first table, under each semantics; no other language says the one whose events come late.",
+            "SQL says every tree of the first table, under each semantics; no other language says the one "
+            "whose events come late.",
             lambda row: row.gate is None and (row.language == "sql" or "late" in row.tree),
             lambda row: (row.result is Outcome.OK) == (row.language == "sql"),
         ),
         Finding(
-            "The paper does not say how to write PAND, nor a tree under `consecutive` or `scattered`; EQL, MFOTL, MTL, Sigma and STIX say only what is `scattered`. "
+            "The paper does not say how to write PAND, nor a tree under `consecutive` or `scattered`; EQL, "
+            "MFOTL, MTL, Sigma and STIX say only what is `scattered`. "
             "That is all that some language cannot express of gates over leaves.",
             lambda row: row.gate is not None,
             lambda row: (
@@ -163,11 +174,13 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             Claim("automaton", (Gate.AND,), (SCATTERED,), {"states": lambda n, _: 2**n + 1}, several),
         ),
         sized(
-            "An automaton for VOT k/n under `scattered` has a state for each set of fewer than k children, and two more.",
+            "An automaton for VOT k/n under `scattered` has a state for each set of fewer than k children, "
+            "and two more.",
             Claim("automaton", (Gate.VOT,), (SCATTERED,), {"states": lambda n, k: subsets(n, k) + 2}),
         ),
         sized(
-            "An automaton for VOT k/n under `consecutive` has a state for each sequence of fewer than k different children, and two more; OR has k = 1, "
+            "An automaton for VOT k/n under `consecutive` has a state for each sequence of fewer than k "
+            "different children, and two more; OR has k = 1, "
             "AND k = n. The order counts: if a child comes again, what has come since may begin a match.",
             Claim("automaton", COUNTS, (CONSECUTIVE,), {"states": lambda n, k: sequences(n, k) + 2}),
         ),
@@ -182,7 +195,8 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
     ),
     "LTLf": (
         sized(
-            "VOT k/n, k ≥ 3, and AND (k = n) under `projected` and `consecutive` have 9k² - 10k + 2 + (n - k)(9k - 13) distinct subformulas: "
+            "VOT k/n, k ≥ 3, and AND (k = n) under `projected` and `consecutive` have 9k² - 10k + 2 + (n - "
+            "k)(9k - 13) distinct subformulas: "
             "quadratic, and no more where a match may begin anywhere.",
             Claim(
                 "ltlf",
@@ -193,7 +207,8 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             ),
         ),
         sized(
-            "AND under `scattered` has 3n - 1 symbols and 2n + 1 distinct subformulas (n ≥ 2): one conjunct for each child.",
+            "AND under `scattered` has 3n - 1 symbols and 2n + 1 distinct subformulas (n ≥ 2): one "
+            "conjunct for each child.",
             Claim(
                 "ltlf",
                 (Gate.AND,),
@@ -203,7 +218,8 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             ),
         ),
         sized(
-            "VOT k/n, k < n, under `scattered` has k(2(n - k) + 3) distinct subformulas: at most quadratic in n, where automata have a sum of binomials.",
+            "VOT k/n, k < n, under `scattered` has k(2(n - k) + 3) distinct subformulas: at most quadratic "
+            "in n, where automata have a sum of binomials.",
             Claim(
                 "ltlf",
                 (Gate.VOT,),
@@ -213,7 +229,8 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             ),
         ),
         sized(
-            "Over n ≥ 2 leaves PAND is SAND, in as many symbols: 5n - 6 under `strict`, 12n - 4 under `projected`, 12n - 6 under `consecutive`, 6n - 4 under `scattered`.",
+            "Over n ≥ 2 leaves PAND is SAND, in as many symbols: 5n - 6 under `strict`, 12n - 4 under "
+            "`projected`, 12n - 6 under `consecutive`, 6n - 4 under `scattered`.",
             in_a_row("ltlf", STRICT, lambda n: 5 * n - 6),
             in_a_row("ltlf", PROJECTED, lambda n: 12 * n - 4),
             in_a_row("ltlf", CONSECUTIVE, lambda n: 12 * n - 6),
@@ -222,7 +239,8 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
     ),
     "RML": (
         sized(
-            "SAND, in either direction, and PAND over n ≥ 2 leaves have n + 4 symbols under `strict`, n + 8 under `projected`, 17n + 1 under `consecutive`, 3n + 4 under `scattered`.",
+            "SAND, in either direction, and PAND over n ≥ 2 leaves have n + 4 symbols under `strict`, n + "
+            "8 under `projected`, 17n + 1 under `consecutive`, 3n + 4 under `scattered`.",
             in_a_row("rml", STRICT, lambda n: n + 4),
             in_a_row("rml", PROJECTED, lambda n: n + 8),
             in_a_row("rml", CONSECUTIVE, lambda n: 17 * n + 1),
@@ -233,15 +251,18 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             Claim("rml", (Gate.AND,), (STRICT,), {"symbols": lambda n, _: 2 * n + 5}, several),
         ),
         sized(
-            "VOT k/n, 1 < k < n, under `scattered` has one equation for each set of fewer than k children, and `Main`: one less than the automaton has states.",
+            "VOT k/n, 1 < k < n, under `scattered` has one equation for each set of fewer than k children, "
+            "and `Main`: one less than the automaton has states.",
             Claim("rml", (Gate.VOT,), (SCATTERED,), {"states": lambda n, k: subsets(n, k) + 1}, between),
         ),
         sized(
-            "Under `consecutive` it has one for each sequence of fewer than k different children, and `Main`; OR has k = 1, AND k = n.",
+            "Under `consecutive` it has one for each sequence of fewer than k different children, and "
+            "`Main`; OR has k = 1, AND k = n.",
             Claim("rml", COUNTS, (CONSECUTIVE,), {"states": lambda n, k: sequences(n, k) + 1}),
         ),
         sized(
-            "The paper's unrolled VOT has one equation for each set of fewer than k children, and `Main`, under `strict` and `projected`: its symbols follow a sum of binomials.",
+            "The paper's unrolled VOT has one equation for each set of fewer than k children, and `Main`, "
+            "under `strict` and `projected`: its symbols follow a sum of binomials.",
             *filtered(
                 Claim(
                     "rml-paper",
@@ -252,7 +273,9 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             ),
         ),
         sized(
-            "RML needs no unrolling there: its VOT never has more symbols than the unrolled one. (Small ones are written as alternatives all the same: then the published monitors say `true` at the very event, not one later.)",
+            "RML needs no unrolling there: its VOT never has more symbols than the unrolled one. (Small "
+            "ones are written as alternatives all the same: then the published monitors say `true` at the "
+            "very event, not one later.)",
             *filtered(Claim("rml", (Gate.VOT,), (STRICT,), {"symbols": unrolled}, at_most=True)),
         ),
         sized(
@@ -270,24 +293,30 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
     ),
     "SQL and row patterns": (
         sized(
-            "A query of SQL for SAND, in either direction, or PAND joins n tables, in 40n + 45 symbols under `strict`, 48n + 47 under `projected`, 64n + 47 under `consecutive`, 62n + 4 under `scattered`.",
+            "A query of SQL for SAND, in either direction, or PAND joins n tables, in 40n + 45 symbols "
+            "under `strict`, 48n + 47 under `projected`, 64n + 47 under `consecutive`, 62n + 4 under "
+            "`scattered`.",
             in_a_row("sql", STRICT, lambda n: 40 * n + 45),
             in_a_row("sql", PROJECTED, lambda n: 48 * n + 47),
             in_a_row("sql", CONSECUTIVE, lambda n: 64 * n + 47),
             in_a_row("sql", SCATTERED, lambda n: 62 * n + 4),
         ),
         sized(
-            "For VOT k/n, k ≥ 2, and AND (k = n) under `scattered` it has one join of k tables for each set of k children, without an order between them: 40n + C(n,k)(14k + 17) - 2 symbols, where a language of sequences has them all.",
+            "For VOT k/n, k ≥ 2, and AND (k = n) under `scattered` it has one join of k tables for each "
+            "set of k children, without an order between them: 40n + C(n,k)(14k + 17) - 2 symbols, where a "
+            "language of sequences has them all.",
             votes("sql", lambda n, k: 40 * n + comb(n, k) * (14 * k + 17) - 2),
         ),
         sized(
-            "Under the other semantics, where what comes between counts, it has one for each set of k children or more.",
+            "Under the other semantics, where what comes between counts, it has one for each set of k "
+            "children or more.",
             votes("sql", lambda n, k: 24 * n + 29 + larger(n, k, lambda j: 20 * j + 17), (STRICT,)),
             votes("sql", lambda n, k: 32 * n + 31 + larger(n, k, lambda j: 20 * j + 17), (PROJECTED,)),
             votes("sql", lambda n, k: 44 * n + 35 + larger(n, k, lambda j: 24 * j + 13), (CONSECUTIVE,)),
         ),
         sized(
-            "MATCH_RECOGNIZE has one query of 10k + 43 symbols for each order of k children under `scattered`: n! for AND. (The standard's PERMUTE would say it in one; Flink does not have it.)",
+            "MATCH_RECOGNIZE has one query of 10k + 43 symbols for each order of k children under "
+            "`scattered`: n! for AND. (The standard's PERMUTE would say it in one; Flink does not have it.)",
             Claim(
                 "match-recognize",
                 COUNTS,
@@ -311,15 +340,19 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
     ),
     "Patterns, rules and sequences of security": (
         sized(
-            "STIX says OR, AND, SAND and PAND with n observations in 6n - 1 symbols: each gate is an operator, and observations are distinct by themselves.",
+            "STIX says OR, AND, SAND and PAND with n observations in 6n - 1 symbols: each gate is an "
+            "operator, and observations are distinct by themselves.",
             Claim("stix", (Gate.OR, Gate.AND, *SEQUENCES), (SCATTERED,), {"symbols": lambda n, _: 6 * n - 1}),
         ),
         sized(
-            "It has no counting of different things: VOT k/n, 1 < k < n, is one alternative of 6k + 1 symbols for each set of k children, C(n,k)(6k + 2) - 1.",
+            "It has no counting of different things: VOT k/n, 1 < k < n, is one alternative of 6k + 1 "
+            "symbols for each set of k children, C(n,k)(6k + 2) - 1.",
             Claim("stix", (Gate.VOT,), (SCATTERED,), {"symbols": lambda n, k: comb(n, k) * (6 * k + 2) - 1}, between),
         ),
         sized(
-            "Sigma has one rule for each event and one correlation: 28n + 13 symbols for AND, SAND and PAND, and 28n + 18 for OR and VOT k/n, k < n, n ≥ 2: it counts (`gte: k`), and is the only one that grows so little in VOT.",
+            "Sigma has one rule for each event and one correlation: 28n + 13 symbols for AND, SAND and "
+            "PAND, and 28n + 18 for OR and VOT k/n, k < n, n ≥ 2: it counts (`gte: k`), and is the only "
+            "one that grows so little in VOT.",
             Claim("sigma", (Gate.AND, *SEQUENCES), (SCATTERED,), {"symbols": lambda n, _: 28 * n + 13}),
             Claim(
                 "sigma", (Gate.OR, Gate.VOT), (SCATTERED,), {"symbols": lambda n, _: 28 * n + 18}, lambda n, k: k < n
@@ -331,13 +364,15 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             Claim("eql", (Gate.OR,), (SCATTERED,), {"symbols": lambda n, _: 5 * n + 1}),
         ),
         sized(
-            "For AND it has n! sequences, and for VOT k/n, k ≥ 2, one for each order of k - 1 children, with a choice of all others before: n!/(n - k + 1)! sequences of 8k + 1 + 5(n - k) symbols.",
+            "For AND it has n! sequences, and for VOT k/n, k ≥ 2, one for each order of k - 1 children, "
+            "with a choice of all others before: n!/(n - k + 1)! sequences of 8k + 1 + 5(n - k) symbols.",
             votes("eql", lambda n, k: chains(n, k, lambda k: 8 * k + 1, other=5)),
         ),
     ),
     "Past-time logics": (
         sized(
-            "MFOTL says AND with n atoms in 12n - 2 symbols, and SAND and PAND with n atoms and n - 1 comparisons of positions in 20n - 10: positions are values, so no order is written out.",
+            "MFOTL says AND with n atoms in 12n - 2 symbols, and SAND and PAND with n atoms and n - 1 "
+            "comparisons of positions in 20n - 10: positions are values, so no order is written out.",
             Claim(
                 "mfotl",
                 (Gate.AND,),
@@ -352,7 +387,8 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             ),
         ),
         sized(
-            "For OR and VOT k/n, k < n, it has one existential formula for each set of k children: kC(n,k) atoms in C(n,k)(12k + 1) - 1 symbols.",
+            "For OR and VOT k/n, k < n, it has one existential formula for each set of k children: kC(n,k) "
+            "atoms in C(n,k)(12k + 1) - 1 symbols.",
             Claim(
                 "mfotl",
                 (Gate.OR, Gate.VOT),
@@ -365,7 +401,9 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             ),
         ),
         sized(
-            "Past MTL has no positions: SAND and PAND are one chain of 12n - 4 symbols for Reelay, 14n - 13 for R2U2, and AND and VOT k/n one for each order of k - 1 children, with a choice of all others: n! for AND, as in EQL.",
+            "Past MTL has no positions: SAND and PAND are one chain of 12n - 4 symbols for Reelay, 14n - "
+            "13 for R2U2, and AND and VOT k/n one for each order of k - 1 children, with a choice of all "
+            "others: n! for AND, as in EQL.",
             in_a_row("mtl", SCATTERED, lambda n: 12 * n - 4),
             in_a_row("mtl-r2u2", SCATTERED, lambda n: 14 * n - 13),
             Claim(

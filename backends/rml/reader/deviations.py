@@ -1,10 +1,11 @@
 """Where this reader means the language and the published compiler and monitor do something else, in one table.
 
-Comparisons with the published tools leave out the pairs of text and trace that a row touches; nothing else may differ. The
-predicates are conservative: they may name a pair that does not differ, never the other way round. The numbers only name the rows.
-Not in the table, because nothing can be compared: the published compiler refuses field names that are blank or not ASCII and
-integers beyond 32 bits, and its monitor does not return from an event type derived from itself, nor from a recursive equation
-that is repeated `{0}` times or is generic and lacks its arguments.
+Comparisons with the published tools leave out the pairs of text and trace that a row touches;
+nothing else may differ. The predicates are conservative: they may name a pair that does not differ,
+never the other way round. The numbers only name the rows. Not in the table, because nothing can be
+compared: the published compiler refuses field names that are blank or not ASCII and integers beyond
+32 bits, and its monitor does not return from an event type derived from itself, nor from a
+recursive equation that is repeated `{0}` times or is generic and lacks its arguments.
 """
 
 from collections.abc import Iterable
@@ -31,25 +32,56 @@ class Deviation(NamedTuple):
 
 
 DEVIATIONS: Final = (
-    Deviation(1, "guards over what is no number",
-              "a string, a boolean, null, a list or an object in a `with` is an error that ends the monitor, with exit code 0",
-              "two strings compare by code points; otherwise the event does not match"),
-    Deviation(2, "tolerance of guards", "a `with` compares doubles up to 1e-10, integers included",
-              "integers are exact, the rest are IEEE doubles, compared exactly"),
-    Deviation(3, "unbound variables in guards", "a `with` over a variable that has no value yet holds, and is forgotten",
-              "it does not hold"),
-    Deviation(4, "1 and 1.0", "they differ in patterns, in arguments and as values of variables; in a `with` they are equal",
-              "they are equal, as in JSON"),
-    Deviation(5, "objects as values of variables", "a variable for an object matches every object that has at least its fields",
-              "a variable matches what equals its value"),
-    Deviation(7, "guards of `not` types", "`not matches P with G` is ¬P ∧ G, and G holds where its variables have no value",
-              "G does not hold there"),
-    Deviation(12, "`t | all`", "an operand that has become `all` is forgotten: the other one alone decides from then on",
-              "it is kept, so that any event can be taken"),
-    Deviation(12, "`if` and the arguments of equations",
-              "Prolog calculates: strings of one letter are numbers, and what has no value is an error that ends the monitor",
-              "no rule applies where a condition has no value; an argument without value is false"),
-)  # fmt: skip
+    Deviation(
+        1,
+        "guards over what is no number",
+        "a string, a boolean, null, a list or an object in a `with` is an error that ends the monitor, "
+        "with exit code 0",
+        "two strings compare by code points; otherwise the event does not match",
+    ),
+    Deviation(
+        2,
+        "tolerance of guards",
+        "a `with` compares doubles up to 1e-10, integers included",
+        "integers are exact, the rest are IEEE doubles, compared exactly",
+    ),
+    Deviation(
+        3,
+        "unbound variables in guards",
+        "a `with` over a variable that has no value yet holds, and is forgotten",
+        "it does not hold",
+    ),
+    Deviation(
+        4,
+        "1 and 1.0",
+        "they differ in patterns, in arguments and as values of variables; in a `with` they are equal",
+        "they are equal, as in JSON",
+    ),
+    Deviation(
+        5,
+        "objects as values of variables",
+        "a variable for an object matches every object that has at least its fields",
+        "a variable matches what equals its value",
+    ),
+    Deviation(
+        7,
+        "guards of `not` types",
+        "`not matches P with G` is ¬P ∧ G, and G holds where its variables have no value",
+        "G does not hold there",
+    ),
+    Deviation(
+        12,
+        "`t | all`",
+        "an operand that has become `all` is forgotten: the other one alone decides from then on",
+        "it is kept, so that any event can be taken",
+    ),
+    Deviation(
+        12,
+        "`if` and the arguments of equations",
+        "Prolog calculates: strings of one letter are numbers, and what has no value is an error that ends the monitor",
+        "no rule applies where a condition has no value; an argument without value is false",
+    ),
+)
 
 
 def touching(text: str, trace: Iterable[Json]) -> list[Deviation]:
@@ -151,7 +183,9 @@ def _leaves_unbound(program: s.RmlProgram) -> bool:
 
     @cache
     def bound(declaration: s.Declaration) -> frozenset[str]:
-        """The names that stand for a value once the pattern or the parents have matched, however the event type is used."""
+        """The names that stand for a value once the pattern or the parents have matched, however
+        the event type is used.
+        """
         ways = [frozenset[str]() if declaration.negated else taken(one) for one in declaration.alternatives]
         return frozenset.intersection(*ways)
 

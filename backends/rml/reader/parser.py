@@ -20,10 +20,20 @@ _SIGNS: Final = {
 }  # fmt: skip
 """The operators of data, by the names that the grammar gives them."""
 _WORDS: Final = {
-    "SEMICOLON": "';'", "LOWER": "a name in lower case", "UPPER": "the name of an equation (upper case)", "_MATCHES": "'matches'",
-    "RPAR": "')'", "RBRACE": "'}'", "EQUAL": "'='", "COMMA": "','", "COLON": "':'", "STRING": "a string in single quotes",
-    "INT": "a number", "FLOAT": "a number", "$END": "the end",
-}  # fmt: skip
+    "SEMICOLON": "';'",
+    "LOWER": "a name in lower case",
+    "UPPER": "the name of an equation (upper case)",
+    "_MATCHES": "'matches'",
+    "RPAR": "')'",
+    "RBRACE": "'}'",
+    "EQUAL": "'='",
+    "COMMA": "','",
+    "COLON": "':'",
+    "STRING": "a string in single quotes",
+    "INT": "a number",
+    "FLOAT": "a number",
+    "$END": "the end",
+}
 _LITERALS: Final = {"LOWER", "INT", "FLOAT", "BOOLEAN", "_NULL", "STRING", "_IGNORED"}
 
 
@@ -144,7 +154,10 @@ class _RmlSyntax(Transformer[Token, Any]):
 
 @lru_cache(maxsize=64)
 def parse(text: str) -> s.RmlProgram:
-    """The specification; raises `LanguageError` with line, column and what was expected, or where it cannot run, and `TooLarge`.
+    """The specification.
+
+    Raises `LanguageError` with line, column and what was expected, or where it cannot run, and
+    `TooLarge`.
 
     Whoever runs a text asks several things of it, so some are kept.
 
@@ -170,7 +183,9 @@ def _parser() -> Lark:
 
 
 class _LookAhead:
-    """Tells a parenthesis that opens parameters from one that groups, and a brace that opens a block from one that counts."""
+    """Tells a parenthesis that opens parameters from one that groups, and a brace that opens a
+    block from one that counts.
+    """
 
     always_accept = ()
 

@@ -4,13 +4,15 @@
     report = run(MyBackend(), oracle, required=without_variables)
     assert report.passed, report
 
-The expected verdicts come from an oracle that the caller gives, a monitor for a tree and a semantics that shares nothing with the
-backend. A refusal (`NotExpressible`) and a text that would be too large (`TooLarge`) are counted apart from each other and
-from failures; a refusal of what the caller requires is one. Of a backend that is not `readable`, only the text is looked at. Where a tool
-is missing, `ToolMissing` goes through to the caller.
+The expected verdicts come from an oracle that the caller gives, a monitor for a tree and a
+semantics that shares nothing with the backend. A refusal (`NotExpressible`) and a text that would
+be too large (`TooLarge`) are counted apart from each other and from failures; a refusal of what the
+caller requires is one. Of a backend that is not `readable`, only the text is looked at. Where a
+tool is missing, `ToolMissing` goes through to the caller.
 
-Every operator of guards and every construct of the tree language has a row: a tree with a trace that detects, and one that does not
-for want of this operator or construct alone. A backend refuses the tree, or its text says both.
+Every operator of guards and every construct of the tree language has a row: a tree with a trace
+that detects, and one that does not for want of this operator or construct alone. A backend refuses
+the tree, or its text says both.
 """
 
 import tomllib
@@ -28,7 +30,7 @@ from rvaft.core.branches import restrict
 from rvaft.errors import LanguageError, NotExpressible, TooLarge
 from rvaft.language.parser import parse
 from rvaft.model.expressions import CLAUSES, GATES
-from rvaft.model.guards import FUNCTIONS, ORDERINGS, POINTS, Operation, Operator, holds, walk
+from rvaft.model.guards import FUNCTIONS, NUMERIC, ORDERINGS, POINTS, Operation, Operator, holds, walk
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Causality, Gate, Kind
 from rvaft.model.patterns import ListPattern, Literal, Pattern, Variable, match, variables
@@ -40,17 +42,19 @@ from rvaft.monitors import DetectionMonitor, Monitor
 
 # The trees, each with the events that matter to it.
 #
-# Every gate at one to three children, with and without its own event, under both causalities; every gate in every other; nodes
-# shared in all ways; events that several nodes fit; guards, variables, `ignore`, and parts that keep the whole tree's alphabet.
+# Every gate at one to three children, with and without its own event, under both causalities; every
+# gate in every other; nodes shared in all ways; events that several nodes fit; guards, variables,
+# `ignore`, and parts that keep the whole tree's alphabet.
 
 
 @dataclass(frozen=True, slots=True)
 class Example:
     """A tree, and events that fit its nodes; in their order, and in the reverse, they are always tried.
 
-    `determinate`: whenever two occurrences may be next after the same events, no event fits both, so that there is
-    never more than one assignment of the variables to follow. `detects` is a trace that the tree detects under the semantics of
-    `shown`, `misses` one that it does not; both are always tried.
+    `determinate`: whenever two occurrences may be next after the same events, no event fits both,
+    so that there is never more than one assignment of the variables to follow. `detects` is a trace
+    that the tree detects under the semantics of `shown`, `misses` one that it does not; both are
+    always tried.
     """
 
     name: str
@@ -218,7 +222,7 @@ ALIKE: Final = 4
 """So many of the prefixes that lead to one state are held against each other."""
 
 
-OF_STRINGS: Final = FUNCTIONS - {Operator.ABS, Operator.MIN, Operator.MAX}
+OF_STRINGS: Final = FUNCTIONS - NUMERIC
 
 
 def everything(example: Example, semantics: Semantics) -> bool:  # noqa: ARG001 -- a `Required`
@@ -250,7 +254,9 @@ def without_variables_or_determinate(example: Example, semantics: Semantics) -> 
 
 
 def scattered_by_single_events(example: Example, semantics: Semantics) -> bool:
-    """Every tree without variables and times where events are skipped at will, if what is asked of each is a constant at a field."""
+    """Every tree without variables and times where events are skipped at will, if what is asked of
+    each is a constant at a field.
+    """
     asked = (
         part
         for name in example.tree.occurrences
@@ -264,7 +270,8 @@ def scattered_by_single_events(example: Example, semantics: Semantics) -> bool:
 def asks_of_strings(tree: RVAFT, semantics: Semantics) -> bool:
     """Whether a guard orders what an event has against a string, or asks what is in one.
 
-    That may be a guard of a node or, under `projected` and `consecutive`, one that relevance depends on: of `ignore`, or of a node of the whole tree.
+    That may be a guard of a node or, under `projected` and `consecutive`, one that relevance
+    depends on: of `ignore`, or of a node of the whole tree.
     """
     asked = [node.when for node in tree.top_down()]
     if semantics.projects:
@@ -311,7 +318,8 @@ class Report:
 
     def __str__(self) -> str:
         summary = (
-            f"{self.backend}: {self.translations} translations, {self.verdicts} verdicts compared, {len(self.failures)} "
+            f"{self.backend}: {self.translations} translations, {self.verdicts} verdicts compared, "
+            f"{len(self.failures)} "
             f"failures, {len(self.refusals)} refusals, {len(self.too_large)} too large"
         )
         reasons = Counter(reason for _, _, reason in self.refusals)
@@ -335,7 +343,8 @@ def run(
 
     >>> from rvaft import monitor
     >>> from rvaft.backend import backend
-    >>> print(run(backend("rml"), lambda tree, semantics: monitor(tree, semantics=semantics), trees=[*examples()][:2], words=2))
+    >>> engine = lambda tree, semantics: monitor(tree, semantics=semantics)
+    >>> print(run(backend("rml"), engine, trees=[*examples()][:2], words=2))
     rml: 8 translations, 88 verdicts compared, 0 failures, 0 refusals, 0 too large
     """
     report = Report(backend.name, readable=backend.readable)
@@ -423,7 +432,10 @@ def _verdicts(
     *,
     told: frozenset[Verdict],
 ) -> Iterator[Finding]:
-    """After every prefix the verdict is the oracle's, also after a final one; what the language cannot tell is unknown."""
+    """After every prefix the verdict is the oracle's, also after a final one.
+
+    What the language cannot tell is unknown.
+    """
     start = oracle()
     for trace in tried:
         monitor, expected = specification.monitor(), start.fork()
@@ -443,7 +455,10 @@ def _detections(
     tried: Sequence[Trace],
     report: Report,
 ) -> Iterator[Finding]:
-    """The first detection of each trace, all asked for at once, is where the oracle has it; the text read back says the same."""
+    """The first detection of each trace, all asked for at once, is where the oracle has it.
+
+    The text read back says the same.
+    """
     reader = backend.read(str(specification.text))
     assert isinstance(reader, DetectionMonitor)
     start = oracle()
@@ -540,7 +555,9 @@ def _variants(traces: Sequence[Trace]) -> list[Json]:
 
 
 def _answer(question: Observed, event: Json) -> object:
-    """Whether an event matches and the guard holds; where other events share variables, the values that it gives them."""
+    """Whether an event matches and the guard holds; where other events share variables, the values
+    that it gives them.
+    """
     binding = match(question.pattern, event, {})
     names = [*variables(question.pattern), *guard_variables(question.when)]
     if binding is None or any(not name.startswith("_") for name in names):

@@ -1,14 +1,16 @@
-"""What an event is to a program that knows no JSON: columns of few types, which the leading comment of a text defines, one line each.
+"""What an event is to a program that knows no JSON: columns of few types, which the leading comment
+of a text defines, one line each.
 
-    time FIELD as FORMAT        where an event has its time
-    NAME := PATTERN at T        what fits a pattern, `T` being its time in nanoseconds, or null; of several lines for one name,
+    time FIELD as FORMAT        where an event has its time NAME := PATTERN at T        what fits a
+    pattern, `T` being its time in nanoseconds, or null; of several lines for one name,
                                 one of them; `at T` only where something asks for the time
     when GUARD                  and this guard holds of it
     COLUMN ASPECT of EXPRESSION what an event has that fits the pattern above; null where the expression is undefined
 
-An aspect is `text` (any value as JSON, the same for equal values), `kind` (n for a number, s for a string, o for another), `number` (a double, null where it
-is none), `string` (its UTF-8 in hexadecimal digits, which keep the order; null where it is none), `time` (whole nanoseconds) or `truth`
-(null where it is neither).
+An aspect is `text` (any value as JSON, the same for equal values), `kind` (n for a number, s for a
+string, o for another), `number` (a double, null where it is none), `string` (its UTF-8 in
+hexadecimal digits, which keep the order; null where it is none), `time` (whole nanoseconds) or
+`truth` (null where it is neither).
 """
 
 import json
@@ -33,7 +35,10 @@ ASPECTS: Final = ("text", "kind", "number", "string", "time", "truth")
 EXACT: Final = 2**46
 """Numbers that columns hold are less: sums of some of them are exact as doubles, too."""
 LONGEST: Final = 22 * 10**17
-"""So are times, and durations, in nanoseconds: up to 2039. The difference of two of them, and some years, has 63 bits with its sign."""
+"""So are times, and durations, in nanoseconds: up to 2039.
+
+The difference of two of them, and some years, has 63 bits with its sign.
+"""
 _FITS: Final = re.compile(r"(\w+) := (.*?)(?:(?<=[}\]_]) at ([A-Za-z_]\w*))?", re.ASCII)
 _HAS: Final = re.compile(rf"(\w+) ({'|'.join(ASPECTS)}) of (.*)")
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"')
@@ -139,7 +144,10 @@ class EventColumns:
         return header
 
     def cells(self, event: Json) -> dict[str, dict[str, Json] | None]:
-        """Of each name the columns of an event that fits, else None; raises `OverflowError` where one cannot hold a number."""
+        """Of each name the columns of an event that fits, else None.
+
+        Raises `OverflowError` where one cannot hold a number.
+        """
         seen, found = event if self.time is None else self.time.stamped(event), dict[str, dict[str, Json] | None]()
         for name, several in self.fitting.items():
             values = next((one for one in (some.values(seen) for some in several) if one is not None), None)

@@ -1,6 +1,9 @@
-"""What one event is asked, for languages that compare fields with constants: a pattern and guards over its own values as text.
+"""What one event is asked, for languages that compare fields with constants.
 
-A dialect is a subclass with a template for each kind of test. What has no template is refused, with the dialect's reason.
+A pattern and guards over its own values as text.
+
+A dialect is a subclass with a template for each kind of test. What has no template is refused, with
+the dialect's reason.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -84,7 +87,10 @@ class FieldConditions:
         return NotExpressible(self.reasons[what])
 
     def of(self, pattern: Pattern, guards: Iterable[Guard] = ()) -> str:
-        """The condition of an event that matches a pattern and fulfils guards over its own values; raises `NotExpressible`."""
+        """The condition of an event that matches a pattern and fulfils guards over its own values.
+
+        Raises `NotExpressible`.
+        """
         paths: dict[str, str] = {}
         tests = list(self._tests(pattern, (), paths))
         asked = [(variables(guard), self.guard(guard, paths)) for guard in guards]
@@ -100,7 +106,9 @@ class FieldConditions:
         return found
 
     def _tests(self, pattern: Pattern, way: FieldPath, paths: dict[str, str]) -> Iterator[tuple[str, str]]:
-        """The tests of a pattern, each with the variable that stands there, if one does; notes the paths of variables."""
+        """The tests of a pattern, each with the variable that stands there, if one does; notes the
+        paths of variables.
+        """
         match pattern:
             case Variable(name) if name in paths:
                 raise self.lacks(Lack.TWO_FIELDS)

@@ -1,7 +1,10 @@
-"""The events of a property as a nest of parts: one event, all parts, one of them, some of them, or parts in sequence; for languages that say these.
+"""The events of a property as a nest of parts.
 
-It is made part by part. Where parts share events or variables (a node with several parents, a guard on what another node observes), the
-scenarios are said one by one; where the order of one is no nest, two events without order are tried in both. Matches are of distinct events.
+One event, all parts, one of them, some of them, or parts in sequence; for languages that say these.
+
+It is made part by part. Where parts share events or variables (a node with several parents, a guard
+on what another node observes), the scenarios are said one by one; where the order of one is no
+nest, two events without order are tried in both. Matches are of distinct events.
 """
 
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
@@ -42,7 +45,10 @@ WINDOW: Final = "window"
 
 @dataclass(frozen=True, slots=True)
 class Nest:
-    """An event of a node that fulfils guards, or parts, of which `need` are asked for, within a time; `size` is how many events are written."""
+    """An event of a node that fulfils guards, or parts, of which `need` are asked for, within a time.
+
+    `size` is how many events are written.
+    """
 
     op: PartKind
     parts: tuple["Nest", ...] = ()
@@ -91,7 +97,8 @@ NEVER: Final = Nest(PartKind.ONE)
 def joined(op: PartKind, parts: Iterable[Nest], need: int = 0) -> Nest:
     """Parts under one operator, nothing that means nothing among them.
 
-    >>> joined(PartKind.ALL, [NOTHING, a := Nest(PartKind.EVENT, size=1)]) == a, joined(PartKind.SEQUENCE, [a, NEVER]) == NEVER
+    >>> a = Nest(PartKind.EVENT, size=1)
+    >>> joined(PartKind.ALL, [NOTHING, a]) == a, joined(PartKind.SEQUENCE, [a, NEVER]) == NEVER
     (True, True)
     """
     found = list[Nest]()
@@ -118,7 +125,8 @@ def joined(op: PartKind, parts: Iterable[Nest], need: int = 0) -> Nest:
 
 
 def in_every_order(prop: Property, *, limit: int) -> Nest:
-    """A property without guards as one of all orders in which its events can come, those with the same pattern being one; raises `TooLarge`.
+    """A property without guards as one of all orders in which its events can come, those with the
+    same pattern being one; raises `TooLarge`.
 
     >>> from rvaft import loads
     >>> from rvaft.core.passes import property_of

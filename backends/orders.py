@@ -1,7 +1,9 @@
-"""The orders in which the events of a property may come, for languages that say one order at a time: words of letters, each once.
+"""The orders in which the events of a property may come, for languages that say one order at a
+time: words of letters, each once.
 
-Choices between leaves of which each stands by itself are made within a letter, votes keep no child more than they need (under `scattered`
-the others ask for nothing new), and words that differ in one letter become one. All of it is paid from a budget.
+Choices between leaves of which each stands by itself are made within a letter, votes keep no child
+more than they need (under `scattered` the others ask for nothing new), and words that differ in one
+letter become one. All of it is paid from a budget.
 """
 
 from collections import Counter
@@ -29,16 +31,19 @@ class GuardedEvent(NamedTuple):
 
 
 class Orders:
-    """The feasible scenarios of a property, and the orders of each. Raises `TooLarge` beyond `limit` events of all orders, or `steps` for each.
+    """The feasible scenarios of a property, and the orders of each.
 
-    With `grouped`, a choice between leaves is one event of the scenarios, and `groups` has its leaves. Votes keep more children
-    than they need if not `minimal`.
+    Raises `TooLarge` beyond `limit` events of all orders, or `steps` for each.
+
+    With `grouped`, a choice between leaves is one event of the scenarios, and `groups` has its
+    leaves. Votes keep more children than they need if not `minimal`.
 
     >>> from rvaft import loads
     >>> from rvaft.core.passes import property_of
     >>> orders = Orders(property_of(loads("top and a o; o or b c;")), limit=100)
     >>> scenario, = orders.scenarios()
-    >>> letters = {event: "|".join(leaf.event.source.node for leaf in orders.leaves(event)) for event in scenario.events}
+    >>> def letter(event): return "|".join(leaf.event.source.node for leaf in orders.leaves(event))
+    >>> letters = {event: letter(event) for event in scenario.events}
     >>> sorted(orders.words(scenario, letters))
     [('a', 'b|c'), ('b|c', 'a')]
     """
@@ -117,8 +122,9 @@ class Orders:
     ) -> dict[Event, list[Guard]] | None:
         """What the guards of a scenario ask of each event; None where one of them never holds.
 
-        Each guard is put to one event that has (`bound`) all its variables, that of its own node if it can be. A guard that looks at
-        several events is given to `several` with its node; raises what that returns, if it is an error.
+        Each guard is put to one event that has (`bound`) all its variables, that of its own node if
+        it can be. A guard that looks at several events is given to `several` with its node; raises
+        what that returns, if it is an error.
         """
         found: dict[Event, list[Guard]] = {event: [] for event in bound}
         for condition in scenario.conditions:

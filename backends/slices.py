@@ -1,8 +1,9 @@
 """Slices of variables: how a monitor of a propositional text follows values.
 
-A *slice* is an assignment of some variables and the state to which the text has come under it. At an event a slice goes on as it
-is, atoms with an unbound variable being false, and for each way in which an atom would take values from the event a slice
-with those values branches off. ⊤ when some slice has detected, ⊥ when none is left that could. A slice that has bound more than another one in
+A *slice* is an assignment of some variables and the state to which the text has come under it. At
+an event a slice goes on as it is, atoms with an unbound variable being false, and for each way in
+which an atom would take values from the event a slice with those values branches off. ⊤ when some
+slice has detected, ⊥ when none is left that could. A slice that has bound more than another one in
 the same state adds nothing to it and is dropped.
 """
 
@@ -42,9 +43,11 @@ def advance(
 ) -> Slices | None:
     """The slices after an event, none where there is no hope; None where one of them has detected.
 
-    `extensions` gives what atoms of a state would make of a binding, `step` where an event leads under a binding (made from what was bound before), and what that means;
-    `matter`, the variables on which a state still depends: others are forgotten.
-    `keep_all` where a slice that has bound more may still detect what the other does not, as under a negated atom with a guard. Raises `TooLarge`.
+    `extensions` gives what atoms of a state would make of a binding, `step` where an event leads
+    under a binding (made from what was bound before), and what that means; `matter`, the variables
+    on which a state still depends: others are forgotten. `keep_all` where a slice that has bound
+    more may still detect what the other does not, as under a negated atom with a guard. Raises
+    `TooLarge`.
 
     >>> once = lambda state, bound, _: (Verdict.UNKNOWN, len(bound))
     >>> one = advance(start(0), lambda state, bound: [{"X": 1}], once, matter=lambda state: {"X"})
@@ -82,7 +85,10 @@ def advance(
 
 
 def fits(matched: Callable[[Binding], Binding | None], bound: Binding, before: Binding) -> bool:
-    """Whether an event is matched under a binding. What it has just given it and what equals nothing, as NaN, is its own."""
+    """Whether an event is matched under a binding.
+
+    What it has just given it and what equals nothing, as NaN, is its own.
+    """
     if matched(bound) is not None or bound is before:
         return matched(bound) is not None
     lost = [name for name in bound.keys() - before.keys() if not equal(bound[name], bound[name])]

@@ -24,10 +24,12 @@ from rvaft.support.processes import Killed, in_processes
 
 # The trees of the run without arguments, built here so that an installed package has them.
 #
-# Every gate with one to four children and every threshold, each without and with an event of its own under both causalities; every
-# ordered pair of gates nested once, and an order or a choice three gates deep; a node shared under each gate, also where a choice adds
-# an order; two children with the same event, or that begin with the same event; one monitor per branch and per kind; a vote with more
-# orders than can be written out; a guard in every place where one can be; and literals that only their type tells apart.
+# Every gate with one to four children and every threshold, each without and with an event of its
+# own under both causalities; every ordered pair of gates nested once, and an order or a choice
+# three gates deep; a node shared under each gate, also where a choice adds an order; two children
+# with the same event, or that begin with the same event; one monitor per branch and per kind; a
+# vote with more orders than can be written out; a guard in every place where one can be; and
+# literals that only their type tells apart.
 
 """Enough to notice every fault that the tests plant in translations and readers, and no more."""
 
@@ -147,7 +149,9 @@ _IN_PRACTICE: Final = {
     "at, two that are equal, ROS": "time header.stamp as ros; r and a b g; g when at(a) == at(b);",
     "at, a negation, milliseconds": "time t as ms; r sand a b g; g when not at(b) <= at(a) + 1500 ms;",
     "start and end, microseconds": "time t as us; r and p q g; p and a b; q and c d; g when end(p) <= start(q) + 1 s;",
-    "start of a later part, nanoseconds": "time t as ns; r and p q g; p and a b; q and c d; g when start(q) > start(p);",
+    "start of a later part, nanoseconds": (
+        "time t as ns; r and p q g; p and a b; q and c d; g when start(q) > start(p);"
+    ),
     "end of a counted leaf": "time t as s; r sand a b g; a times 3; g when end(a) - start(a) <= 2 s;",
     # late events
     "late 2 s": "time t as s late 2 s; r sand a b c;",
@@ -155,14 +159,18 @@ _IN_PRACTICE: Final = {
     # functions
     "a guard with in": 'r sand a b; a on read(V) when V in (1, "x", true); b on read(W) when not W in (1, 2);',
     "guards with startswith": """
-        r sand a b; a on read(V) when startswith(V, "ab"); b on read(W) when contains(W, "b") and not startswith(W, "b");
+        r sand a b; a on read(V) when startswith(V, "ab");
+        b on read(W) when contains(W, "b") and not startswith(W, "b");
     """,
-    "guards with endswith and contains": 'r sand a b; a on read(V) when endswith(V, "b"); b on read(W) when contains(W, "b");',
+    "guards with endswith and contains": (
+        'r sand a b; a on read(V) when endswith(V, "b"); b on read(W) when contains(W, "b");'
+    ),
     "guards with like": """
         r sand a b; a on read(V) when like(V, "a*b?"); b on read(W) when like(W, "a*") and not like(W, "a?");
     """,
     "guards with lower and number": 'r sand a b; a on read(V) when lower(V) == "ab"; b on read(W) when number(W) >= 2;',
-    "guards with abs, min and max": "r sand a b; a on read(V) when abs(V) > V; b on at(P, S) when max(S, 1) > min(3, S);",
+    "guards with abs, min and max": "r sand a b; a on read(V) when abs(V) > V; b on at(P, S) when max(S, 1) > min(3, "
+    "S);",
 }
 """What real logs need. Where times matter, and where several values or texts do, it is tested."""
 
@@ -218,7 +226,8 @@ def campaign(number: int, seed: int, max_nodes: int = MAX_NODES) -> Iterator[Ent
         yield Entry(f"random {index} of seed {seed}", tree, branch)
 
 
-# -- many comparisons, one after the other or in several processes, always reported in the order they were given --------
+# -- many comparisons, one after the other or in several processes, always reported in the order
+# they were given --------
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,7 +250,8 @@ class Task:
 def run(tasks: Iterable[Task], *, jobs: int = 1, together: int = 1) -> Generator[tuple[Task, list[Result]], None, None]:
     """The results of each comparison, in order; close the iterator to stop early.
 
-    So many that follow each other are made by one process, `together`: comparisons of one tree share what is known of it.
+    So many that follow each other are made by one process, `together`: comparisons of one tree
+    share what is known of it.
     """
     if jobs == 1:
         yield from ((task, task.run()) for task in tasks)

@@ -1,8 +1,9 @@
 """One comparison: a tree, or a part of it, under one semantics, between everybody who takes part.
 
-What can be proved is proved, on all traces; then everybody, proved or not, also runs the same traces, and the verdict after every
-prefix is compared with that of the first participant: the reference, or where that is absent the next one. Where neither detects
-anything in any trace, equal verdicts say nothing: that is vacuous, and no agreement.
+What can be proved is proved, on all traces; then everybody, proved or not, also runs the same
+traces, and the verdict after every prefix is compared with that of the first participant: the
+reference, or where that is absent the next one. Where neither detects anything in any trace, equal
+verdicts say nothing: that is vacuous, and no agreement.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -67,11 +68,14 @@ PATIENCE: Final = 60.0
 class Roster:
     """The participants of every comparison.
 
-    `backends` names backends; None is all faithful ones, unless there are texts to hold `against` the tree, which are then
-    compared with the reference alone. `rml_monitor` is a checkout of the published RML monitor, to take part as `rml-published`, and
-    with `mona` MONA takes part as `ltlf-mona`. `monpoly` is the program MonPoly, to take part with its verified kernel as `mfotl-monpoly` and `mfotl-verimon`;
-    `r2u2` is a build of R2U2 in its checkout, to take part as `mtl-r2u2`; with `flink` Apache Flink takes part as `match-recognize-flink`. `patience` bounds the seconds of a program of others, `limit` the
-    size of a translation in the unit of the backend.
+    `backends` names backends; None is all faithful ones, unless there are texts to hold `against`
+    the tree, which are then compared with the reference alone. `rml_monitor` is a checkout of the
+    published RML monitor, to take part as `rml-published`, and with `mona` MONA takes part as
+    `ltlf-mona`. `monpoly` is the program MonPoly, to take part with its verified kernel as
+    `mfotl-monpoly` and `mfotl-verimon`; `r2u2` is a build of R2U2 in its checkout, to take part as
+    `mtl-r2u2`; with `flink` Apache Flink takes part as `match-recognize-flink`. `patience` bounds
+    the seconds of a program of others, `limit` the size of a translation in the unit of the
+    backend.
     """
 
     backends: tuple[str, ...] | None = None
@@ -127,11 +131,14 @@ def cross_check(
     name: str = "tree",
     effort: Effort | None = None,
 ) -> list[Result]:
-    """Compare the reference, the engine and backends on a tree or a part of it, under these semantics or, without any, under all.
+    """Compare the reference, the engine and backends on a tree or a part of it, under these
+    semantics or, without any, under all.
 
-    `backends` names some, else all faithful ones take part; `against` has specifications to hold against the tree instead, each as
-    `[LANG:]FILE`. One result says how it ended for one participant under one semantics; `name` is what the tree is called there.
-    Raises `OptionError` and `LanguageError` for `against`, `TreeError` for a tree that breaks a rule or has no such part.
+    `backends` names some, else all faithful ones take part; `against` has specifications to hold
+    against the tree instead, each as `[LANG:]FILE`. One result says how it ended for one
+    participant under one semantics; `name` is what the tree is called there. Raises `OptionError`
+    and `LanguageError` for `against`, `TreeError` for a tree that breaks a rule or has no such
+    part.
 
     >>> import rvaft
     >>> [result.text for result in cross_check(rvaft.loads("top and a b;"), "projected", backends=["ltlf"])]
@@ -184,7 +191,7 @@ class _Row:
                 return step()
         except Expired:
             self.end(Status.TIMEOUT, "no result within the time limit")
-        except Exception as error:  # noqa: BLE001 (a backend of somebody else may fail in any way; that is no agreement)
+        except Exception as error:  # noqa: BLE001
             self.fail(error)
         return None
 
@@ -311,7 +318,9 @@ class Comparison:
 
     @property
     def _present(self) -> list[_Row]:
-        """Those that can be compared; the others are compared with the first, which tells more than detections if any does."""
+        """Those that can be compared; the others are compared with the first, which tells more than
+        detections if any does.
+        """
         able = [row for row in self.rows if row.participant is not None and row.status in (None, Status.PROVED)]
         return sorted(able, key=lambda row: row.detections_only)
 
@@ -411,7 +420,10 @@ class Comparison:
         return True
 
     def _told(self, row: _Row, baseline: _Row, asked: list[tuple[Trace, Answer]]) -> list[tuple[Trace, Answer]]:
-        """The traces of which the language of a participant tells something, others at times that increase; what is left is counted."""
+        """The traces of which the language of a participant tells something, others at times that increase.
+
+        What is left is counted.
+        """
         told = [one for one in asked if not row.leaves_open(one[0])]
         if len(told) < len(asked):
             others = [in_order(self.tree, trace) for trace, _ in asked if row.leaves_open(trace)]

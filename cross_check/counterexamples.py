@@ -1,7 +1,8 @@
 """Counterexamples: a disagreement made small, kept in a folder that can be read, sent, and run again.
 
-`FOLDER/NAME` holds `tree.rvaft`, `trace.jsonl`, `case.json` (semantics, part of the tree, verdicts) and the specifications as they
-were. A case is in its folder completely or not at all: it is written beside it, read back, and renamed.
+`FOLDER/NAME` holds `tree.rvaft`, `trace.jsonl`, `case.json` (semantics, part of the tree, verdicts)
+and the specifications as they were. A case is in its folder completely or not at all: it is written
+beside it, read back, and renamed.
 """
 
 import json
@@ -65,7 +66,9 @@ class CaseError(RvaftError, ValueError):
 
 
 class SpecificationFile(msgspec.Struct, forbid_unknown_fields=True):
-    """Where the text of a participant is, in the folder of the case and under a name that is the same on every system."""
+    """Where the text of a participant is, in the folder of the case and under a name that is the
+    same on every system.
+    """
 
     language: str
     file: Annotated[str, msgspec.Meta(pattern=r"^[a-z0-9_-][a-z0-9._-]*\Z")]
@@ -85,9 +88,10 @@ class CaseRecord(msgspec.Struct, forbid_unknown_fields=True):
 class Case:
     """A tree, or a part of it, and a trace, under one semantics.
 
-    `verdicts` gives for each participant by name its verdict after every event of the trace, `specifications` the language and the text
-    of those that have one, for people to read. Raises `CaseError` for a participant with more or fewer verdicts than events, and
-    for a restricted tree: a case has the whole tree, and says which part.
+    `verdicts` gives for each participant by name its verdict after every event of the trace,
+    `specifications` the language and the text of those that have one, for people to read. Raises
+    `CaseError` for a participant with more or fewer verdicts than events, and for a restricted
+    tree: a case has the whole tree, and says which part.
     """
 
     name: str
@@ -123,8 +127,9 @@ def case_name(
 def save(case: Case, folder: StrPath) -> Path:
     """Write a case into a folder of its own, named after it, and return that.
 
-    A folder that holds this very case already is returned as it is; where another case has the name, a number follows it. Raises
-    `CaseError` where the folder cannot be written, or the case would not read back as it is.
+    A folder that holds this very case already is returned as it is; where another case has the
+    name, a number follows it. Raises `CaseError` where the folder cannot be written, or the case
+    would not read back as it is.
     """
     home, stem = Path(folder), _slug(case.name)
     temporary = home / f".{stem}.{token_hex(4)}"
@@ -202,7 +207,8 @@ def _settled(temporary: Path, wanted: Path, files: Mapping[str, bytes]) -> Path:
 def load(path: StrPath) -> Case:
     """The case in a folder; its name is that of the folder.
 
-    Raises `CaseError` for what is no case, `LanguageError` and `TreeError` for its tree, and `TraceError` for its trace.
+    Raises `CaseError` for what is no case, `LanguageError` and `TreeError` for its tree, and
+    `TraceError` for its trace.
     """
     folder = Path(path)
     if not folder.is_dir():
@@ -325,7 +331,10 @@ class Replay:
 
 
 def replay(case: Case, roster: Roster) -> Iterator[Replay]:
-    """What the participants say on the trace of a case: those of the roster, and those that took part when it was saved."""
+    """What the participants say on the trace of a case.
+
+    Those of the roster, and those that took part when it was saved.
+    """
     known = all_backends()
     named = tuple(name for name in case.verdicts if name in known)
     against = tuple(Handwritten(name, *text) for name, text in case.specifications.items() if name not in known)

@@ -1,4 +1,6 @@
-"""Participants that judge whole traces by texts that nothing here reads: MonPoly with its verified kernel VeriMon, R2U2, and Apache Flink."""
+"""Participants that judge whole traces by texts that nothing here reads: MonPoly with its verified
+kernel VeriMon, R2U2, and Apache Flink.
+"""
 
 import subprocess
 from collections.abc import Callable, Sequence
@@ -30,7 +32,9 @@ Traces: TypeAlias = Sequence[Sequence[Json]]
 
 @absent_on_error
 def monpoly_of(part: RVAFT, semantics: Semantics, program: Path, name: str, *, timeout: float) -> Outside:
-    """MonPoly, or VeriMon, with the MFOTL text of a tree; absent where that cannot be said, or the path is no program."""
+    """MonPoly, or VeriMon, with the MFOTL text of a tree; absent where that cannot be said, or the
+    path is no program.
+    """
     made = backend("mfotl").translate(part, semantics)
     ask = partial(monpoly.first_detections, program, made.text, verified=name == VERIMON, timeout=timeout)
     return _judge(name, made, MfotlHeader.read(made.text).left_open, ask)
@@ -38,7 +42,9 @@ def monpoly_of(part: RVAFT, semantics: Semantics, program: Path, name: str, *, t
 
 @absent_on_error
 def r2u2_of(part: RVAFT, semantics: Semantics, program: Path, *, timeout: float) -> Outside:
-    """R2U2 with the bounded formula of a tree; absent where that cannot be said, or the path is no program with its compiler."""
+    """R2U2 with the bounded formula of a tree; absent where that cannot be said, or the path is no
+    program with its compiler.
+    """
     made = backend("mtl-r2u2").translate(part, semantics)
     ask = partial(r2u2.first_detections, program, made.text, timeout=timeout)
     return _judge(R2U2, made, lambda _: "", ask)
@@ -46,7 +52,9 @@ def r2u2_of(part: RVAFT, semantics: Semantics, program: Path, *, timeout: float)
 
 @absent_on_error
 def flink_of(part: RVAFT, semantics: Semantics) -> Outside:
-    """Apache Flink with the MATCH_RECOGNIZE text of a tree; absent where that cannot be said, or PyFlink is not installed."""
+    """Apache Flink with the MATCH_RECOGNIZE text of a tree; absent where that cannot be said, or
+    PyFlink is not installed.
+    """
     flink.tables()
     made = backend("match-recognize").translate(part, semantics, limit=FLINK_LIMIT)
     return _judge(

@@ -49,11 +49,12 @@ AllMatches: TypeAlias = Callable[[Sequence[Sequence[Json]]], Sequence[frozenset[
 class Participant:
     """Somebody who gives verdicts; `start` makes a fresh monitor.
 
-    `observed` is all that it asks of events but their times, None where nobody knows; `timed` says that it asks for these, too.
-    With `json_alone` it is not asked about numbers that are not finite. With `first_detections` it tells detections alone, of whole traces, and
-    says with `left_open` why its language tells nothing of one.
-    `matches` gives all matches in each trace, or None where it knows only some.
-    `specification` is there for a text, `tree` for the meaning of another tree than the one that is compared.
+    `observed` is all that it asks of events but their times, None where nobody knows; `timed` says
+    that it asks for these, too. With `json_alone` it is not asked about numbers that are not
+    finite. With `first_detections` it tells detections alone, of whole traces, and says with
+    `left_open` why its language tells nothing of one. `matches` gives all matches in each trace, or
+    None where it knows only some. `specification` is there for a text, `tree` for the meaning of
+    another tree than the one that is compared.
     """
 
     name: str
@@ -83,9 +84,10 @@ class Participant:
 class Answer:
     """What somebody says of one trace.
 
-    `verdicts` has one verdict for each event; it is None where a program of others could not run, which `error` then explains, or where
-    the time was too short (`expired`). `deviations` names the known deviations of the program that can show on this trace: where there
-    are any and it says something else, that says nothing about the text.
+    `verdicts` has one verdict for each event; it is None where a program of others could not run,
+    which `error` then explains, or where the time was too short (`expired`). `deviations` names the
+    known deviations of the program that can show on this trace: where there are any and it says
+    something else, that says nothing about the text.
     """
 
     verdicts: tuple[Verdict, ...] | None = None
@@ -143,7 +145,9 @@ def faithful_backends() -> tuple[str, ...]:
 
 
 def missing_extras() -> dict[str, ToolMissing]:
-    """The backends that take part where they are named alone, as what runs their texts is an extra that is not installed."""
+    """The backends that take part where they are named alone, as what runs their texts is an extra
+    that is not installed.
+    """
     found: dict[str, ToolMissing] = {}
     for name in all_backends():
         try:
@@ -169,8 +173,8 @@ def times_matter(tree: RVAFT) -> bool:
 def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
     """What the meaning of a tree asks of events but their times: its runtime events, its alphabet, and what it ignores.
 
-    A variable that only one runtime event has ties nothing, if that is not counted and every guard that looks at the variable looks at
-    that event alone.
+    A variable that only one runtime event has ties nothing, if that is not counted and every guard
+    that looks at the variable looks at that event alone.
     """
     patterns = [(name, pattern) for name in tree.occurrences if (pattern := tree.pattern(name)) is not None]
     often = ((pattern, min(2, tree.nodes[name].times)) for name, pattern in patterns)
@@ -185,7 +189,8 @@ def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
         about = {name: guards.get(name, []) for name in names if uses[name] == 1}
         own = [name for name, some in about.items() if all(set(guard_variables(g)) <= set(names) for g in some)]
         found += [Observed(pattern, guard).untied(own) for guard in (None, *chain(*(about[name] for name in own)))]
-        # What a shared variable may be is also asked of each event that binds it: a value that some guard refuses is forgotten.
+        # What a shared variable may be is also asked of each event that binds it: a value that some
+        # guard refuses is forgotten.
         shared = chain(*(guards.get(name, []) for name in names if name not in own))
         found += [Observed(pattern, guard).untied() for guard in shared]
     found += [Observed(entry.pattern, entry.when).untied() for entry in tree.alphabet]
@@ -225,7 +230,10 @@ def reference_of(
 def translated(
     name: str, part: RVAFT, semantics: Semantics, *, limit: int | None = None, tool: str | None = None
 ) -> Participant:
-    """The text of one backend, run by its own reader, or by a tool of others; `limit` is that of the translation, None the backend's own."""
+    """The text of one backend, run by its own reader, or by a tool of others.
+
+    `limit` is that of the translation, None the backend's own.
+    """
     language = backend(name)
     if not language.readable:
         raise OptionError(f"{name} is only emitted: nothing here runs its texts, so there is nothing to compare")
@@ -279,7 +287,8 @@ def verdicts_of(participant: Enlisted, trace: Sequence[Json]) -> tuple[Verdict, 
         return error
 
 
-# -- specifications written by hand, or by another tool, to be held against a tree --------------------------------------
+# -- specifications written by hand, or by another tool, to be held against a tree
+# --------------------------------------
 
 TREE: Final = "rvaft"
 """The language of trees, beside those of the backends."""
@@ -294,7 +303,10 @@ class Handwritten:
     text: str
 
     def enlist(self, tree: RVAFT, semantics: Semantics) -> Participant | Absent:
-        """The participant that this text makes; an atom that the text does not define is the event of the tree's node."""
+        """The participant that this text makes.
+
+        An atom that the text does not define is the event of the tree's node.
+        """
         if self.language == TREE:
             other = loads(self.text)
             found = reference_of(other, semantics, name=self.path)
@@ -322,10 +334,11 @@ class _NodeEvents(dict[str, Pattern]):
 
 
 def handwritten(named: str) -> Handwritten:
-    """What `[LANG:]FILE` names; the language follows the suffix where it is not given, and the file `-` is standard input.
+    """What `[LANG:]FILE` names; the language follows the suffix where it is not given, and the file
+    `-` is standard input.
 
-    Raises `OSError` where the file cannot be read, `OptionError` where nobody can tell its language, `LanguageError` where it is no
-    text in that language.
+    Raises `OSError` where the file cannot be read, `OptionError` where nobody can tell its
+    language, `LanguageError` where it is no text in that language.
     """
     language, path = _split(named)
     data = sys.stdin.buffer.read() if path == "-" else Path(path).read_bytes()

@@ -1,11 +1,13 @@
 """Proof of agreement: the product of the participants' states, explored breadth-first over all letters.
 
-Every monitor has a `state` whose equality means equal futures, and two events that are the same letter are the same to all. So
-if no reachable combination of states holds two different verdicts, no trace does; and where one does, the first that
-is met gives a shortest trace on which they differ.
+Every monitor has a `state` whose equality means equal futures, and two events that are the same
+letter are the same to all. So if no reachable combination of states holds two different verdicts,
+no trace does; and where one does, the first that is met gives a shortest trace on which they
+differ.
 
-Where a participant may tie values of several events together, a letter is two events, with different values: a participant that is in the same
-state after either, wherever it is, has forgotten which value it was, and whatever other value it had been would be forgotten as well.
+Where a participant may tie values of several events together, a letter is two events, with
+different values: a participant that is in the same state after either, wherever it is, has
+forgotten which value it was, and whatever other value it had been would be forgotten as well.
 """
 
 from collections.abc import Hashable, Sequence
@@ -54,10 +56,14 @@ class _Machine:
 
 
 class Exploration:
-    """What the product has shown, each participant against the first one; `verdicts` counts the prefixes compared for each.
+    """What the product has shown, each participant against the first one.
 
-    `differ` gives a shortest distinguishing trace by the place of the participant, `failed` what a monitor raised, `tied` who remembers
-    values. `detected` has the participants that detect something. `complete` says that no combination of states was left out; then the others agree on all traces over the letters.
+    `verdicts` counts the prefixes compared for each.
+
+    `differ` gives a shortest distinguishing trace by the place of the participant, `failed` what a
+    monitor raised, `tied` who remembers values. `detected` has the participants that detect
+    something. `complete` says that no combination of states was left out; then the others agree on
+    all traces over the letters.
     """
 
     def __init__(self, participants: Sequence[Participant], letters: Letters, *, limit: int) -> None:
@@ -92,7 +98,7 @@ class Exploration:
         for number, (participant, machine) in enumerate(zip(participants, self._machines, strict=True)):
             try:
                 found[number] = machine.number(participant.start())
-            except Exception as error:  # noqa: BLE001 (a monitor of somebody else may fail in any way; that is no agreement)
+            except Exception as error:  # noqa: BLE001
                 self.failed[number] = error
         return self._agreeing(found, GONE, GONE)
 

@@ -1,7 +1,9 @@
 """The published monitor of RML as a participant, `rml-published`, of which a path names a checkout.
 
-It runs many traces in one process, from a checkout. Its own `monitor.pl` is not used: it drops into Prolog's toplevel at an exception and then exits with status 0, as if the trace had
-been accepted. `driver.pl` beside this module calls the monitor's transition predicate itself and catches every exception.
+It runs many traces in one process, from a checkout. Its own `monitor.pl` is not used: it drops into
+Prolog's toplevel at an exception and then exits with status 0, as if the trace had been accepted.
+`driver.pl` beside this module calls the monitor's transition predicate itself and catches every
+exception.
 """
 
 import json
@@ -33,7 +35,9 @@ _ERROR_LENGTH: Final = 300
 
 @absent_on_error
 def published_of(part: RVAFT, semantics: Semantics, monitor: Path, *, timeout: float) -> Outside:
-    """The published monitor with the RML text of a tree; absent where that cannot be said, or the folder is no checkout."""
+    """The published monitor with the RML text of a tree; absent where that cannot be said, or the
+    folder is no checkout.
+    """
     _swipl(monitor)
     specification = backend("rml").translate(part, semantics)
     return Outside(NAME, lambda traces: run(specification.text, traces, monitor, timeout=timeout), specification)
@@ -42,8 +46,9 @@ def published_of(part: RVAFT, semantics: Semantics, monitor: Path, *, timeout: f
 def run(text: str, traces: Sequence[Sequence[Json]], monitor: Path, *, timeout: float) -> list[Answer]:
     """One result for each trace, for an RML text, which the checkout `monitor` gets as Prolog.
 
-    `timeout` is in seconds and for all traces together; those that are not reached have an error. Raises `LanguageError` for
-    what is no RML, `ToolMissing` without SWI-Prolog or where the folder is no checkout, `ToolFailed` where the text cannot be loaded.
+    `timeout` is in seconds and for all traces together; those that are not reached have an error.
+    Raises `LanguageError` for what is no RML, `ToolMissing` without SWI-Prolog or where the folder
+    is no checkout, `ToolFailed` where the text cannot be loaded.
     """
     deviations = [backend("rml").masked(text, trace) for trace in traces]
     lines, ending, expired = _answers(prolog(text), traces, monitor, timeout)

@@ -125,9 +125,11 @@ class Job:
 class Result:
     """One participant in one comparison.
 
-    `seconds` is the time of the translation and the first reading, `verdicts` how many were compared, `symbols` and `states` the
-    sizes of its text. `why` explains what is neither proved nor tested, or why it is only tested. `masked` counts traces
-    on which it differs as its tool is known to, `masks` says in which ways. On `matched` traces all matches were compared, too. With `detections_only` a ⊥ was compared with nothing.
+    `seconds` is the time of the translation and the first reading, `verdicts` how many were
+    compared, `symbols` and `states` the sizes of its text. `why` explains what is neither proved
+    nor tested, or why it is only tested. `masked` counts traces on which it differs as its tool is
+    known to, `masks` says in which ways. On `matched` traces all matches were compared, too. With
+    `detections_only` a ⊥ was compared with nothing.
     """
 
     job: Job
@@ -181,8 +183,9 @@ class Result:
 def exit_status(results: Iterable[Result], *, failing: Collection[Status] = (), vacuous: bool = False) -> int:
     """0 where all that ran agree, 1 where some differ, 2 where something could not run or nothing was compared; 2 wins.
 
-    `failing` has further statuses that count as what could not run. Where all results of a comparison are vacuous, nothing was
-    compared. With `vacuous` this is allowed for single comparisons, such as those of random trees, but not for all of them.
+    `failing` has further statuses that count as what could not run. Where all results of a
+    comparison are vacuous, nothing was compared. With `vacuous` this is allowed for single
+    comparisons, such as those of random trees, but not for all of them.
     """
     every = list(results)
     failed = {Status.COULD_NOT_RUN, Status.TOOL_MISSING, *failing}
@@ -276,7 +279,9 @@ def summary_lines(totals: ComparisonTotals) -> list[str]:
 
 
 def part_lines(results: Iterable[Result], parts: Mapping[str, Collection[str]]) -> list[str]:
-    """One line per participant, with how often what on the trees with each part of the language that some tree has (`parts`, by their titles)."""
+    """One line per participant, with how often what on the trees with each part of the language
+    that some tree has (`parts`, by their titles).
+    """
     every = list(results)
     names = _called(every)
     found = {part: {name: Counter[Status]() for name in names} for some in parts.values() for part in some}
@@ -289,7 +294,9 @@ def part_lines(results: Iterable[Result], parts: Mapping[str, Collection[str]]) 
 
 
 def unable_lines(results: Iterable[Result]) -> list[str]:
-    """What was not compared: for each participant the chief reasons why its language or a limit is in the way, and each failure."""
+    """What was not compared: for each participant the chief reasons why its language or a limit is
+    in the way, and each failure.
+    """
     skipped: dict[tuple[str, Status], list[Result]] = {}
     failed: dict[tuple[str, str], list[Result]] = {}
     for result in results:
@@ -329,7 +336,8 @@ def difference_lines(result: Result) -> list[str]:
     return [*lines, found.match] if found.match else lines
 
 
-# -- files: each form takes the results and a note, which is what else there is to say -----------------------------------
+# -- files: each form takes the results and a note, which is what else there is to say
+# -----------------------------------
 
 
 def csv_text(results: Iterable[Result], note: str = "") -> str:  # noqa: ARG001 (a table has no room for it)
@@ -377,7 +385,8 @@ def _difference(found: Difference) -> dict[str, Json]:
 def junit_text(results: Iterable[Result], note: str = "") -> str:
     """For continuous integration, as tests: one suite per tree and semantics, one test case per participant.
 
-    A disagreement is a failure, what could not run an error, and what is vacuous, what a language cannot say and what is too large is skipped.
+    A disagreement is a failure, what could not run an error, and what is vacuous, what a language
+    cannot say and what is too large is skipped.
     """
     root = ET.Element("testsuites", name=f"rvaft cross-check{f': {note}' if note else ''}")
     for job, group in groupby(results, key=lambda result: result.job):

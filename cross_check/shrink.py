@@ -1,12 +1,14 @@
 """Shrinking: a tree and a trace on which somebody disagrees, made as small as they get together.
 
-Greedy, to a fixpoint: of the candidates that the reductions offer, in a fixed order, the first that still disagrees is taken, and
-the reductions are asked again, until none of their candidates disagrees. Only a smaller pair is ever taken, by a measure of
-natural numbers compared from the left (`_Pair.measure`), so this ends, and the same input gives the same result.
-The idea is delta debugging: A. Zeller, R. Hildebrandt, Simplifying and Isolating Failure-Inducing Input, IEEE TSE 28(2), 2002.
+Greedy, to a fixpoint: of the candidates that the reductions offer, in a fixed order, the first that
+still disagrees is taken, and the reductions are asked again, until none of their candidates
+disagrees. Only a smaller pair is ever taken, by a measure of natural numbers compared from the left
+(`_Pair.measure`), so this ends, and the same input gives the same result. The idea is delta
+debugging: A. Zeller, R. Hildebrandt, Simplifying and Isolating Failure-Inducing Input, IEEE TSE
+28(2), 2002.
 
-A reduction changes one part of the tree. What served a node whose runtime event it changed may have to change as well, so every
-smaller tree comes with several traces (`_followed`).
+A reduction changes one part of the tree. What served a node whose runtime event it changed may have
+to change as well, so every smaller tree comes with several traces (`_followed`).
 """
 
 import json
@@ -60,14 +62,17 @@ def shrink(
 ) -> tuple[RVAFT, list[Json]]:
     """A smallest tree and trace on which `disagrees` is still true, no single reduction of which is left to make.
 
-    `disagrees` is asked at most `steps` times, the first time about the input, and only about trees that keep the rules; where it raises
-    an `RvaftError`, that is no disagreement. When the steps are used up, the smallest pair so far is the result.
+    `disagrees` is asked at most `steps` times, the first time about the input, and only about trees
+    that keep the rules; where it raises an `RvaftError`, that is no disagreement. When the steps
+    are used up, the smallest pair so far is the result.
 
-    Raises `NotReproduced` where the input itself does not disagree, `TreeError` where it breaks a rule, and `OptionError` for
-    a restricted tree (shrink the whole, and restrict it in `disagrees`) or fewer than one step.
+    Raises `NotReproduced` where the input itself does not disagree, `TreeError` where it breaks a
+    rule, and `OptionError` for a restricted tree (shrink the whole, and restrict it in `disagrees`)
+    or fewer than one step.
 
     >>> from rvaft import dumps, loads
-    >>> tree, trace = shrink(loads("top and a b s; s sand c d;"), [{"event": "c"}], lambda tree, _: "sand" in dumps(tree))
+    >>> tree = loads("top and a b s; s sand c d;")
+    >>> tree, trace = shrink(tree, [{"event": "c"}], lambda tree, _: "sand" in dumps(tree))
     >>> print(dumps(tree))
     toplevel s;
     s sand c;
@@ -123,8 +128,9 @@ def shrink(
 class _Pair:
     """A tree taken apart, and a trace.
 
-    `patterns` are the runtime events that nodes have of their own, with their arguments filled in. Those that the tree was given with
-    keep their event types (`calls`, by what is called), for others there are new ones. Until a part changes, the tree is the `whole` one.
+    `patterns` are the runtime events that nodes have of their own, with their arguments filled in.
+    Those that the tree was given with keep their event types (`calls`, by what is called), for
+    others there are new ones. Until a part changes, the tree is the `whole` one.
     """
 
     root: str
@@ -203,8 +209,9 @@ class _Pair:
     def measure(self) -> tuple[int, ...]:
         """How large the pair is, most important first.
 
-        Nodes, and two more for every parent of a node beyond its first; events; parts of the tree (gates by how much they ask for,
-        thresholds, runtime events, guards, patterns, annotations); the text of the trace.
+        Nodes, and two more for every parent of a node beyond its first; events; parts of the tree
+        (gates by how much they ask for, thresholds, runtime events, guards, patterns, annotations);
+        the text of the trace.
         """
         nodes = self.nodes.values()
         parents = Counter(child for node in nodes for child in node.children)
@@ -261,7 +268,8 @@ def _spliced(items: Sequence[Any], index: int, *new: Any) -> tuple[Any, ...]:
     return (*items[:index], *new, *items[index + 1 :])
 
 
-# -- patterns, guards and events have parts, and so on inwards ----------------------------------------------------------
+# -- patterns, guards and events have parts, and so on inwards
+# ----------------------------------------------------------
 
 _WEIGHTS: Final = {Anything: 1, Literal: 2, Variable: 3}
 
@@ -312,7 +320,9 @@ def _smaller_patterns(pattern: Pattern) -> Iterator[Pattern]:
 
 
 def _smaller_guards(guard: Guard | None) -> Iterator[Guard | None]:
-    """No guard, `true` or `false`, an operand for an operation, a conjunction or disjunction without one operand, half a duration."""
+    """No guard, `true` or `false`, an operand for an operation, a conjunction or disjunction
+    without one operand, half a duration.
+    """
 
     def simpler(part: Guard) -> list[Guard]:
         match part:
@@ -348,16 +358,19 @@ def _fitted(pattern: Pattern, binding: Mapping[str, Json], value: Json) -> Json:
             return [_fitted(item, binding, inner) for item, inner in zip(items, known, strict=False)]
 
 
-# -- reductions: candidates to go on with, in a fixed order; those that are not smaller, or no trees, are not tried -------
+# -- reductions: candidates to go on with, in a fixed order; those that are not smaller, or no
+# trees, are not tried -------
 
 Reduction: TypeAlias = Callable[[_Pair], Iterator[_Pair]]
 
 
 def _followed(before: _Pair, after: _Pair) -> Iterator[_Pair]:
-    """A smaller tree with the trace as it is, and with events that follow what has become of the runtime events they matched.
+    """A smaller tree with the trace as it is, and with events that follow what has become of the
+    runtime events they matched.
 
-    What matched a runtime event that is gone leaves, what matched one that is another now is changed to match it: all of it, then
-    one by one; where a node has a runtime event only now, any event may become that.
+    What matched a runtime event that is gone leaves, what matched one that is another now is
+    changed to match it: all of it, then one by one; where a node has a runtime event only now, any
+    event may become that.
     """
     yield after
     single: list[tuple[int, tuple[Json, ...]]] = []
@@ -386,7 +399,9 @@ def _shorter_trace(pair: _Pair) -> Iterator[_Pair]:
 
 
 def _fewer_nodes(pair: _Pair) -> Iterator[_Pair]:
-    """Another root, a child in its gate's place, a leaf for a gate, a gate without one of its children (with K, and with one less)."""
+    """Another root, a child in its gate's place, a leaf for a gate, a gate without one of its
+    children (with K, and with one less).
+    """
     for name in pair.order:
         yield from _followed(pair, pair.having(root=name))
     for name in pair.order[1:]:

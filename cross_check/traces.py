@@ -1,4 +1,6 @@
-"""The traces of a comparison: words over the letters, and random traces that are led through a scenario and then disturbed."""
+"""The traces of a comparison: words over the letters, and random traces that are led through a
+scenario and then disturbed.
+"""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -37,9 +39,10 @@ _UNDEFINED: Final = 16
 class Effort:
     """How hard to look.
 
-    `states` bounds the combinations of states of a proof (0: prove nothing), `words` the events in the enumerated traces,
-    `traces` is the number of random ones, `length` their greatest length (None: enough for a detection); with `recheck` what is
-    proved runs them too. `seconds` bounds each translation, each proof and each participant's run of the traces.
+    `states` bounds the combinations of states of a proof (0: prove nothing), `words` the events in
+    the enumerated traces, `traces` is the number of random ones, `length` their greatest length
+    (None: enough for a detection); with `recheck` what is proved runs them too. `seconds` bounds
+    each translation, each proof and each participant's run of the traces.
     """
 
     states: int = 20_000
@@ -73,7 +76,7 @@ def trials(
     clock = Random(f"{job.title} {job.semantics}".encode(errors="surrogateescape"))  # noqa: S311 (no secret)
     for word in _words(participants, effort.words, longest) if words else ():
         yield walked(clock, part, word) if times_matter(part) else word
-    random = Random(f"{effort.seed} {job.title} {job.semantics}".encode(errors="surrogateescape"))  # noqa: S311 (no secret)
+    random = Random(f"{effort.seed} {job.title} {job.semantics}".encode(errors="surrogateescape"))  # noqa: S311
     trees = [part, *(participant.tree for participant in participants if participant.tree is not None)]
     questions = [question for participant in participants for question in participant.observed or ()]
     guards = [node.when for tree in trees for node in tree.top_down() if node.when is not None]

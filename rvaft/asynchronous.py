@@ -1,4 +1,6 @@
-"""Events that come by themselves, watched for a tree: as an asynchronous loop, or by a function that other code calls."""
+"""Events that come by themselves, watched for a tree: as an asynchronous loop, or by a function
+that other code calls.
+"""
 
 from collections.abc import AsyncIterable, AsyncIterator, Callable, Coroutine, Iterable
 from inspect import iscoroutinefunction
@@ -32,12 +34,14 @@ def watch(
 ) -> AsyncIterator[tuple[Event, Verdict]]:
     """The events as they come, each with the verdict after it: for `async for event, verdict in …`.
 
-    The options are those of `rvaft.monitor`; in place of a tree a monitor may stand, which then goes on from where it is, and can
-    be asked for its explanation afterwards. An event is not read before the one before it has been dealt with, and events go on
-    after a final verdict. Iterating over what is not asynchronous never waits, so other tasks run only where the loop's body lets them.
+    The options are those of `rvaft.monitor`; in place of a tree a monitor may stand, which then
+    goes on from where it is, and can be asked for its explanation afterwards. An event is not read
+    before the one before it has been dealt with, and events go on after a final verdict. Iterating
+    over what is not asynchronous never waits, so other tasks run only where the loop's body lets
+    them.
 
-    Raises what `rvaft.monitor` raises, and `WrongType` for events that cannot be iterated over, at once; while events are read,
-    `TraceError` for what is no JSON object, and `TooLarge`.
+    Raises what `rvaft.monitor` raises, and `WrongType` for events that cannot be iterated over, at
+    once; while events are read, `TraceError` for what is no JSON object, and `TooLarge`.
 
     >>> import asyncio, rvaft
     >>> async def verdicts(events):
@@ -62,12 +66,14 @@ def watch(
 def on_detection(
     tree: RVAFT | Monitor, callback: Callable[[Explanation | None], object], **options: Unpack[MonitorOptions]
 ) -> Callable[[Json], Verdict]:
-    """A function to be called with each event, which gives the verdict and calls back on detection, with the explanation.
+    """A function to be called with each event, which gives the verdict and calls back on detection,
+    with the explanation.
 
-    Made for code that delivers events by calling, such as a subscriber to a topic. The options and errors are those of `watch`;
-    what the callback raises comes out of the call with the detecting event, and the verdict stands. A monitor that has detected already
-    does not call back again, unless it repeats. Nothing here could await a callback, so an `async def` is refused with `WrongType`: at once, or on detection where
-    only what it returns shows it.
+    Made for code that delivers events by calling, such as a subscriber to a topic. The options and
+    errors are those of `watch`; what the callback raises comes out of the call with the detecting
+    event, and the verdict stands. A monitor that has detected already does not call back again,
+    unless it repeats. Nothing here could await a callback, so an `async def` is refused with
+    `WrongType`: at once, or on detection where only what it returns shows it.
 
     >>> import rvaft
     >>> step = on_detection(rvaft.loads("top and a b;"), lambda explanation: print(explanation.events))

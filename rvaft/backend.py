@@ -18,15 +18,13 @@ from itertools import count
 from time import perf_counter
 from typing import Any, ClassVar, Final, TypeAlias, final
 
-from rvaft.analysis.plain_trees import asks_for_time, one_plain_tree
 from rvaft.capabilities import Capabilities, Capability, Feature, Ties, Value, check
 from rvaft.core.passes import Pass, decide_constants, property_of
 from rvaft.core.property import Event, Part, Property
 from rvaft.errors import NotExpressible, OptionError, RvaftError, ToolFailed, ToolMissing
 from rvaft.model import guards, patterns
-from rvaft.model.event_time import TIME
 from rvaft.model.guards import Guard, Operator
-from rvaft.model.patterns import ObjectPattern, Pattern
+from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
@@ -46,8 +44,9 @@ Match: TypeAlias = frozenset[tuple[str, int]]
 class Metrics:
     """Sizes of a specification; None where a language has no such thing.
 
-    `symbols` counts tokens of the property itself, without declarations, headers and comments; `subformulas` the distinct
-    ones, or the atoms of a language that has no other parts; `states` those of an automaton, or the equations of RML; `seconds` is the time the translation took.
+    `symbols` counts tokens of the property itself, without declarations, headers and comments;
+    `subformulas` the distinct ones, or the atoms of a language that has no other parts; `states`
+    those of an automaton, or the equations of RML; `seconds` is the time the translation took.
 
     >>> import rvaft
     >>> rvaft.translate(rvaft.loads("top sand a b;"), "rml", semantics="strict").metrics.symbols
@@ -79,7 +78,10 @@ class Specification:
     reader: Callable[[str], Monitor] | None = field(default=None, repr=False, compare=False)
 
     def monitor(self) -> Monitor:
-        """A fresh, independent monitor that runs `text`; raises `OptionError` where nothing here runs texts of the language."""
+        """A fresh, independent monitor that runs `text`.
+
+        Raises `OptionError` where nothing here runs texts of the language.
+        """
         if self.reader is None:
             raise OptionError(f"{self.language} is only emitted: nothing here runs its texts")
         return self.reader(self.text)
@@ -96,7 +98,9 @@ class SpecificationText:
 
 @dataclass(frozen=True, slots=True)
 class Highlighting:
-    r"""What the package `listings` of LaTeX calls a language, and the `\lstdefinelanguage` of one that it does not know."""
+    r"""What the package `listings` of LaTeX calls a language, and the `\lstdefinelanguage` of one
+    that it does not know.
+    """
 
     name: str
     definition: str = ""
@@ -104,7 +108,9 @@ class Highlighting:
 
 @dataclass(frozen=True, slots=True)
 class Observed:
-    """One thing that a text asks of an event: to match a pattern, for some values of its variables under which the guard holds.
+    """One thing that a text asks of an event.
+
+    To match a pattern, for some values of its variables under which the guard holds.
 
     Variables that start with `_` are this question's own; any other ties several events together.
     """
@@ -120,7 +126,8 @@ class Observed:
         return set(guards.variables(self.when)) <= bound.keys() and guards.holds(self.when, bound)
 
     def untied(self, names: Iterable[str] | None = None) -> "Observed":
-        """The same question with variables of its own, these or all of them: some value each, whatever they are elsewhere.
+        """The same question with variables of its own, these or all of them: some value each,
+        whatever they are elsewhere.
 
         >>> from rvaft.language.parser import parse_pattern
         >>> patterns.variables(Observed(parse_pattern("{ a: X, b: _X }")).untied().pattern)
@@ -138,8 +145,9 @@ class Observed:
 class Backend(ABC):
     """One specification language: its capabilities as class attributes, and `write`.
 
-    `translate` checks a tree against the capabilities, runs the passes, and calls `write`. It cannot be overridden. What a
-    backend does not list is refused, so a backend that lists nothing but `semantics` expresses single events alone.
+    `translate` checks a tree against the capabilities, runs the passes, and calls `write`. It
+    cannot be overridden. What a backend does not list is refused, so a backend that lists nothing
+    but `semantics` expresses single events alone.
 
     >>> rml = backend("rml")
     >>> rml.language, rml.suffix, rml.faithful, rml.readable
@@ -154,17 +162,26 @@ class Backend(ABC):
     faithful: ClassVar[bool] = True
     """Whether the text means the tree; an unfaithful backend is left out of comparisons unless named."""
     form_of: ClassVar[str | None] = None
-    """The backend whose texts these are in another form, if any; left out of comparisons unless named, as they say nothing new."""
+    """The backend whose texts these are in another form, if any; left out of comparisons unless
+    named, as they say nothing new.
+    """
     readable: ClassVar[bool] = True
     """Whether `read` runs its texts; a language that is only emitted here is left out of comparisons."""
     verdicts: ClassVar[frozenset[Verdict]] = frozenset(Verdict)
-    """What a run of its texts can tell. Without ⊥ in it `read` makes a `DetectionMonitor`: comparisons look at detections alone, and say so."""
+    """What a run of its texts can tell. Without ⊥ in it `read` makes a `DetectionMonitor`:
+    comparisons look at detections alone, and say so.
+    """
     json_alone: ClassVar[bool] = False
-    """Whether its texts speak of JSON's values alone, and leave open what a number that is not finite is; no comparison asks them of one."""
+    """Whether its texts speak of JSON's values alone, and leave open what a number that is not finite is.
+
+    No comparison asks them of one.
+    """
     extra: ClassVar[str] = ""
     """The extra of this package with which the program comes that runs its texts, where it is not there anyway."""
     modules: ClassVar[tuple[str, ...]] = ()
-    """What of Python that program is imported as; where one is missing, the language is left out of comparisons unless named."""
+    """What of Python that program is imported as; where one is missing, the language is left out of
+    comparisons unless named.
+    """
     tools: ClassVar[tuple[str, ...]] = ()
     """Programs of others by which `read_with` can run a text as well."""
     highlighting: ClassVar[Highlighting | None] = None
@@ -184,7 +201,10 @@ class Backend(ABC):
     ties: ClassVar[Ties] = Ties.NONE
     """Which variables over several events the language has."""
     reasons: ClassVar[Mapping[Capability, str]] = {}
-    """Why the language lacks something, in a few words of its own; `Semantics` stands for all semantics that it lacks."""
+    """Why the language lacks something, in a few words of its own.
+
+    `Semantics` stands for all semantics that it lacks.
+    """
     default_limit: ClassVar[int]
     """The size (in the unit the backend documents) above which `translate` raises `TooLarge`."""
 
@@ -204,7 +224,8 @@ class Backend(ABC):
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """The tree as a specification.
 
-        Raises `NotExpressible` where the language cannot express the tree, `TooLarge` where the text would exceed the limit.
+        Raises `NotExpressible` where the language cannot express the tree, `TooLarge` where the
+        text would exceed the limit.
         """
         start, semantics = perf_counter(), Semantics(semantics)
         prop = self.prepared(tree, semantics)
@@ -246,11 +267,16 @@ class Backend(ABC):
         """
 
     def mapped(self, mapping: Mapping[str, Any]) -> "Backend":  # noqa: ARG002
-        """The same backend for events whose fields are called as a mapping says, of each event type each field; raises `OptionError`."""
+        """The same backend for events whose fields are called as a mapping says, of each event type each field.
+
+        Raises `OptionError`.
+        """
         raise OptionError(f"{self.name} takes no mapping: in {self.language} the fields of events have their own names")
 
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:  # noqa: ARG002
-        """A trace as a log of the form that the programs which run the language take; raises `OptionError` where there is none of its own.
+        """A trace as a log of the form that the programs which run the language take.
+
+        Raises `OptionError` where there is none of its own.
 
         >>> import rvaft
         >>> print(backend("eql").log(rvaft.loads("top or a;"), [{"event": "a"}]), end="")
@@ -269,73 +295,70 @@ class Backend(ABC):
         """The name of the backend that writes its language in a dialect; raises `OptionError` where there is none."""
         raise OptionError(f"{cls.name} has no dialects, and so not {dialect}")
 
-    def plain(self, prop: Property, *, windows: bool = True) -> RVAFT:
-        """The tree of a property without counted leaves, `pand`, windows and time points; without `windows` these are left out.
-
-        A time is a variable, in the field `TIME`. Raises `NotExpressible` where the tree has a field of that name, `TooLarge`.
-        """
-        tree = prop.asked or prop.tree
-        if not windows:
-            tree = tree.changed(nodes=[replace(node, within=None) for node in tree.nodes.values()])
-        timed = [node.name for node in tree.top_down() if asks_for_time(node)]
-        named = (tree.pattern(node.name) for node in tree.top_down())
-        patterns = (*named, *(tree.instantiate(ignore.on) for ignore in tree.ignores))
-        if timed and any(isinstance(one, ObjectPattern) and TIME in dict(one.fields) for one in patterns):
-            reason = f"the time of an event stands in the field {TIME} there, and this tree reads a field of that name"
-            raise NotExpressible(reason, nodes=timed)
-        return one_plain_tree(tree)
-
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """A monitor that runs a text of the language, whoever wrote it; raises `LanguageError`.
 
-        `atoms` gives the event of each atom that the text itself does not define; without it, `p` is `{"event": "p"}`.
-        A language whose texts always define their events ignores it. One that is only emitted (not `readable`) raises `OptionError`.
+        `atoms` gives the event of each atom that the text itself does not define; without it, `p`
+        is `{"event": "p"}`. A language whose texts always define their events ignores it. One that
+        is only emitted (not `readable`) raises `OptionError`.
         """
         raise OptionError(f"{self.name} is only emitted: nothing here runs its texts")
 
     def diagram(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> str:  # noqa: ARG002
         """What the tree becomes in the language as a graph in the DOT language of Graphviz, for people to look at.
 
-        `limit` bounds the size of the drawing, in the unit of the backend. Raises `TooLarge`, and `NotExpressible`, as by default, where
-        the language has no graphs.
+        `limit` bounds the size of the drawing, in the unit of the backend. Raises `TooLarge`, and
+        `NotExpressible`, as by default, where the language has no graphs.
         """
         raise NotExpressible(
             "its texts are no graphs, so there is none to draw", backend=self.name, semantics=semantics
         )
 
-    def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:  # noqa: ARG002
+    def observed(
+        self,
+        text: str,  # noqa: ARG002
+        *,
+        atoms: Mapping[str, Pattern] | None = None,  # noqa: ARG002
+    ) -> tuple[Observed, ...] | None:
         """Everything that a text asks of events: two events with the same answers are the same to it.
 
-        A proof of agreement needs this to know the letters. None, the default, says that it is not known, and the text is
-        only tested. Raises `LanguageError` as `read` does.
+        A proof of agreement needs this to know the letters. None, the default, says that it is not
+        known, and the text is only tested. Raises `LanguageError` as `read` does.
         """
         return None
 
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """A monitor that runs a text by one of `tools` and not by this project's own reader.
 
-        Raises `ToolMissing`, `ToolFailed`, `NotExpressible` for what the tool has no notion of, `TooLarge` for what is too much
-        for it, `LanguageError` as `read` does, and `OptionError` for a tool that is none of these.
+        Raises `ToolMissing`, `ToolFailed`, `NotExpressible` for what the tool has no notion of,
+        `TooLarge` for what is too much for it, `LanguageError` as `read` does, and `OptionError`
+        for a tool that is none of these.
         """
         raise OptionError(f"no tool {tool} runs {self.language}; known: {', '.join(self.tools) or 'none'}")
 
     def matches(self, text: str, traces: Sequence[Sequence[Json]]) -> Sequence[frozenset[Match]] | None:  # noqa: ARG002
-        """All matches in each trace, where the language gives them and the text says so; None, the default, where it does not.
+        """All matches in each trace, where the language gives them and the text says so; None, the
+        default, where it does not.
 
         Raises `LanguageError` as `read` does, and what `read_with` may raise.
         """
         return None
 
     def masked(self, text: str, trace: Sequence[Json]) -> tuple[str, ...]:  # noqa: ARG002
-        """Why the published tools of the language may differ from what `read` says of this text on this trace, in a few words each.
+        """Why the published tools of the language may differ from what `read` says of this text on
+        this trace, in a few words each.
 
-        These are known deviations of those tools; a comparison with them leaves such a pair out. Raises `LanguageError`.
+        These are known deviations of those tools; a comparison with them leaves such a pair out.
+        Raises `LanguageError`.
         """
         return ()
 
 
 def stamped(tree: RVAFT, trace: Iterable[Json], field: str) -> Iterator[Json]:
-    """The events of a trace with their times as ISO 8601 in a field, if it is not there: those that the tree reads, else one a second."""
+    """The events of a trace with their times as ISO 8601 in a field, if it is not there.
+
+    Those that the tree reads, else one a second.
+    """
     for number, event in enumerate(trace):
         time = _BEGIN + number * 1_000_000_000 if tree.time is None else tree.time.read(event)
         if time is None or field in event:
@@ -356,7 +379,9 @@ def all_backends() -> Mapping[str, EntryPoint]:
 
 
 def backend(name: str) -> Backend:
-    """The backend of that name, imported now; raises `UnknownBackend`, and `ToolFailed` for one that cannot be loaded."""
+    """The backend of that name, imported now; raises `UnknownBackend`, and `ToolFailed` for one
+    that cannot be loaded.
+    """
     found = all_backends()
     if name not in found:
         raise UnknownBackend(name, tuple(found))
@@ -369,7 +394,10 @@ def backend(name: str) -> Backend:
             hiding = getattr(sys.modules.get(package), "__file__", None) or next(
                 iter(getattr(sys.modules.get(package), "__path__", ())), package
             )
-            reason = f"{hiding} is imported in place of its package {package}; rename that, or move it off the path of Python"
+            reason = (
+                f"{hiding} is imported in place of its package {package}; rename that, or move it off "
+                "the path of Python"
+            )
         raise ToolFailed(f"the backend {name}", reason=reason) from error
     return made
 

@@ -1,7 +1,7 @@
 """What a specification language can express, as data, and the check of a property against it.
 
-A backend lists parts, operators of guards, features and kinds of values. What it does not list is refused: a new part or
-operator is refused by every backend until the backend lists it.
+A backend lists parts, operators of guards, features and kinds of values. What it does not list is
+refused: a new part or operator is refused by every backend until the backend lists it.
 """
 
 from collections import Counter
@@ -72,7 +72,12 @@ READING: Final = frozenset({_O.NUMBER})
 TEXTUAL: Final = frozenset({_O.STARTSWITH, _O.ENDSWITH, _O.CONTAINS, _O.LIKE, _O.LOWER})
 """Operators on texts."""
 EVERY_OPERATOR: Final = LOGICAL | COMPARING | CALCULATING | READING | TEXTUAL
-"""The operators that exist today. They are listed one by one, so that a new operator is in no backend's list."""
+"""The operators that all backends of this project knew when they were written.
+
+These groups are lists for backends: they are written out and not taken from the table of operators,
+so that a new operator is in no backend's list. Never add an operator to a group that a backend
+lists without writing it in that backend.
+"""
 
 GATES: Final[frozenset[type[Part]]] = frozenset({Event, All, Sequence, One, AtLeast})
 """Events, and the gates `and`, `sand`, `or` and k-of-n."""
@@ -98,9 +103,10 @@ assert set(_CONSTRUCTS) == set(PARTS)
 class Capabilities:
     """What one language can express; everything that is not listed is refused.
 
-    `passes` remove parts before a text is written, so these parts need not be listed. `reasons` gives the language's own
-    words for what it lacks: `Semantics` stands for all semantics that it lacks, `Ties.ALL_EVENTS` for variables over
-    several events, `Ties.ANY` for guards over several events.
+    `passes` remove parts before a text is written, so these parts need not be listed. `reasons`
+    gives the language's own words for what it lacks: `Semantics` stands for all semantics that it
+    lacks, `Ties.ALL_EVENTS` for variables over several events, `Ties.ANY` for guards over several
+    events.
     """
 
     says: frozenset[type[Part]]

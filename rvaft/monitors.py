@@ -14,7 +14,10 @@ from rvaft.model.verdict import Verdict
 
 
 class MatchedEvent(NamedTuple):
-    """One event of a match: the node that it shows, which event of the node it is, and its number in the trace, both from 1."""
+    """One event of a match.
+
+    The node that it shows, which event of the node it is, and its number in the trace, both from 1.
+    """
 
     node: str
     occurrence: int
@@ -25,9 +28,9 @@ class MatchedEvent(NamedTuple):
 class Explanation:
     """One match (semantics, section 4): the branch with the lowest number that has one, and how it matched.
 
-    `matched` are the events of the match, in their order; `branch` is None where a tree has too many branches to count.
-    `scenario` maps each node of the scenario to the children that it keeps, those of a KofN being K or more; it is empty
-    where the monitor does not know.
+    `matched` are the events of the match, in their order; `branch` is None where a tree has too
+    many branches to count. `scenario` maps each node of the scenario to the children that it keeps,
+    those of a KofN being K or more; it is empty where the monitor does not know.
 
     >>> import rvaft
     >>> watching = rvaft.monitor(rvaft.loads("top sand a b;"))
@@ -68,7 +71,9 @@ class Explanation:
 
 @dataclass(frozen=True, slots=True)
 class Awaited:
-    """A node that waits for its event; `event` is that as text: `inspect(Waypoint)`, or the node's name for the default event.
+    """A node that waits for its event; `event` is that as text.
+
+    `inspect(Waypoint)`, or the node's name for the default event.
 
     >>> import rvaft
     >>> rvaft.monitor(rvaft.loads("top sand a b;")).pending()[0].awaited
@@ -83,8 +88,9 @@ class Awaited:
 class Pending:
     """What a live branch waits for: any of these nodes' events may come next.
 
-    `variables` holds the values that the events so far gave to variables that something to come depends on; a branch has one record
-    for each way to bind them. `branch` is None where a tree has too many branches to count, for all of them together.
+    `variables` holds the values that the events so far gave to variables that something to come
+    depends on; a branch has one record for each way to bind them. `branch` is None where a tree has
+    too many branches to count, for all of them together.
 
     >>> import rvaft
     >>> [record.branch for record in rvaft.monitor(rvaft.loads("top or a b;")).pending()]
@@ -143,7 +149,9 @@ class Monitor(ABC):
         return self._verdict
 
     def run(self, events: Iterable[Json]) -> Iterator[Verdict]:
-        """The verdict after each event in turn. Events are read as verdicts are asked for: without a loop over it nothing happens.
+        """The verdict after each event in turn. Events are read as verdicts are asked for.
+
+        Without a loop over it nothing happens.
 
         >>> import rvaft
         >>> watching = rvaft.monitor(rvaft.loads("top sand a b;"))
@@ -164,7 +172,8 @@ class Monitor(ABC):
     def go_on_after(self, earlier: Self) -> None:
         """Go on in the trace after the events that another monitor of the same has read; this one has read none.
 
-        Events keep their numbers, and what of the trace before them matters to any match, as its greatest time, is known.
+        Events keep their numbers, and what of the trace before them matters to any match, as its
+        greatest time, is known.
         """
         self._read = earlier._read
 
@@ -201,7 +210,9 @@ class Monitor(ABC):
 
 
 FirstDetections: TypeAlias = Callable[[Sequence[Sequence[Json]]], Sequence[int | None]]
-"""What a program says that looks at whole traces: for each, the number of the event, from 1, with which it first is a detection, if it is one."""
+"""What a program says that looks at whole traces: for each, the number of the event, from 1, with
+which it first is a detection, if it is one.
+"""
 
 
 LeftOpen: TypeAlias = Callable[[Sequence[Json]], str]
@@ -209,9 +220,12 @@ LeftOpen: TypeAlias = Callable[[Sequence[Json]], str]
 
 
 class DetectionMonitor(Monitor):
-    """Asks a program that looks at whole traces, after each event, whether the events so far are a detection; it never says ⊥.
+    """Asks a program that looks at whole traces, after each event, whether the events so far are a detection.
 
-    What a language has `left_open` raises `TraceError`, and no comparison asks for it. Every event costs as much as all before it: ask `first_detections` itself where a trace is known to its end.
+    It never says ⊥.
+
+    What a language has `left_open` raises `TraceError`, and no comparison asks for it. Every event
+    costs as much as all before it: ask `first_detections` itself where a trace is known to its end.
 
     >>> two = DetectionMonitor(lambda traces: [2 if len(trace) > 1 else None for trace in traces])
     >>> [verdict.symbol for verdict in two.run([{}, {}, {}])], two.first_detections([[], [{}, {}]])
@@ -238,8 +252,9 @@ class DetectionMonitor(Monitor):
 class Repetition(Monitor):
     """A monitor that begins afresh with the event after each detection; what was used is not used again.
 
-    The verdict is true at each event that detects; after others it is that of the events since, and false stays. Explanations name events
-    by their numbers in the whole trace. `monitor` has read nothing.
+    The verdict is true at each event that detects; after others it is that of the events since, and
+    false stays. Explanations name events by their numbers in the whole trace. `monitor` has read
+    nothing.
 
     >>> import rvaft
     >>> watching = Repetition(rvaft.monitor(rvaft.loads("top sand a b;"), semantics="scattered"))

@@ -26,9 +26,10 @@ from rvaft.monitors import Monitor
 class AutomatonBackend(Backend):
     """Deterministic automata that are complete over the letters which an event can make true, and minimal over them.
 
-    A letter that no event makes true leads where the shortest labels let it, mostly nowhere, which HOA reads as rejection; labels
-    of one state are disjoint all the same, and no state owes its verdict to such a letter. The limit of `translate` is a number
-    of states; for each, ten edges and a thousand steps of the construction are allowed. Reading needs Spot, translating does not.
+    A letter that no event makes true leads where the shortest labels let it, mostly nowhere, which
+    HOA reads as rejection; labels of one state are disjoint all the same, and no state owes its
+    verdict to such a letter. The limit of `translate` is a number of states; for each, ten edges
+    and a thousand steps of the construction are allowed. Reading needs Spot, translating does not.
 
     >>> from rvaft import loads
     >>> specification = AutomatonBackend().translate(loads("toplevel r; r sand a b;"), Semantics.STRICT)
@@ -57,7 +58,9 @@ class AutomatonBackend(Backend):
         return SpecificationText(text, metrics, partial(AutomatonBackend.read, self))
 
     def diagram(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> str:
-        """The minimal automaton as a graph in the DOT language; raises `TooLarge` beyond so many states, by default `READABLE`."""
+        """The minimal automaton as a graph in the DOT language; raises `TooLarge` beyond so many
+        states, by default `READABLE`.
+        """
         semantics, most = Semantics(semantics), READABLE if limit is None else limit
         prop = self.prepared(tree, semantics)
         try:
@@ -69,8 +72,9 @@ class AutomatonBackend(Backend):
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         """A monitor that runs any HOA text.
 
-        With a proposition `alive` the text is read as an encoding of finite words, whatever its acceptance; without, as a finite
-        automaton that accepts in its accepting states. Raises `LanguageError`, `ToolMissing` without Spot, `TooLarge`.
+        With a proposition `alive` the text is read as an encoding of finite words, whatever its
+        acceptance; without, as a finite automaton that accepts in its accepting states. Raises
+        `LanguageError`, `ToolMissing` without Spot, `TooLarge`.
         """
         return HoaMonitor(program(text, atoms))
 

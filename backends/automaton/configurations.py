@@ -1,11 +1,13 @@
 """What is left to happen: configurations (`Remainder`), and the moves between them.
 
-A configuration is what remains of a set of scenarios after some events have been matched. It forgets everything that cannot
-matter any more, so equal configurations have equal futures. Choices are taken when an event decides them, or when something
-that comes after them happens and they can be made without an event.
+A configuration is what remains of a set of scenarios after some events have been matched. It
+forgets everything that cannot matter any more, so equal configurations have equal futures. Choices
+are taken when an event decides them, or when something that comes after them happens and they can
+be made without an event.
 
-A graph whose choices can all wait is laid out as tables of bit sets (`Plan`), and a step of the construction is a handful of operations
-on integers. Guards (the bits of their propositions), choices and events have one numbering, in this order.
+A graph whose choices can all wait is laid out as tables of bit sets (`Plan`), and a step of the
+construction is a handful of operations on integers. Guards (the bits of their propositions),
+choices and events have one numbering, in this order.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -24,8 +26,9 @@ _WIDE: Final = 1 << 61
 class Remainder(NamedTuple):
     """Bit sets over one plan.
 
-    `open`: events that must still happen, choices that are undecided, guards that must still hold at an event to come. `taken`: alternatives
-    of undecided choices that are taken already. `broken`: guards that did not hold, so that no choice may bring them in.
+    `open`: events that must still happen, choices that are undecided, guards that must still hold
+    at an event to come. `taken`: alternatives of undecided choices that are taken already.
+    `broken`: guards that did not hold, so that no choice may bring them in.
     """
 
     plan: int
@@ -41,7 +44,10 @@ class Remainder(NamedTuple):
 
 
 class Move(NamedTuple):
-    """One more event of `atom`: `needed` guards must hold at it, `noted` ones that do not hold are broken from then on."""
+    """One more event of `atom`.
+
+    `needed` guards must hold at it, `noted` ones that do not hold are broken from then on.
+    """
 
     atom: int
     needed: int
@@ -65,7 +71,11 @@ class Alternative(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """A choice: its alternatives, those of them that can be complete without an event, how many at least, and whether more may be taken."""
+    """A choice.
+
+    Its alternatives, those of them that can be complete without an event, how many at least, and
+    whether more may be taken.
+    """
 
     mask: int
     silent: int
@@ -74,7 +84,11 @@ class Choice(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """One occurrence: its atom, the guards on its variables, the alternative it is below, what comes before it and what after."""
+    """One occurrence.
+
+    Its atom, the guards on its variables, the alternative it is below, what comes before it and
+    what after.
+    """
 
     atom: int
     bound: int
@@ -84,7 +98,10 @@ class Moment(NamedTuple):
 
 
 class Plan:
-    """The tables of one graph, and the moves of its configurations; `TooLarge` when a choice has too many ways to be made silently."""
+    """The tables of one graph, and the moves of its configurations.
+
+    `TooLarge` when a choice has too many ways to be made silently.
+    """
 
     def __init__(self, structure: Structure, form: NumberedParts, number: int, *, at_least: bool, work: Work) -> None:
         self._work = work
@@ -244,7 +261,9 @@ class Plan:
 def _extents(
     graph: dict[int, NumberedPart], bit: Mapping[int, int], structure: Structure, work: Work
 ) -> tuple[dict[int, int], dict[int, int], dict[int, int], dict[int, tuple[int, ...]]]:
-    """Of each part all that may happen for it, what must, what may be first, and the guards with which it is complete silently."""
+    """Of each part all that may happen for it, what must, what may be first, and the guards with
+    which it is complete silently.
+    """
     whole: dict[int, int] = {}
     mandatory: dict[int, int] = {}
     first: dict[int, int] = {}

@@ -1,8 +1,9 @@
 """The deterministic automaton, and its minimal one: a state is the set of configurations that a prefix may have led to.
 
-Under `strict` every event must be a move; under `projected` every relevant one; under `scattered` an event may also be
-left out, and a configuration that another one dominates is dropped. Apart from loops the graph has no cycle then: every move leaves less
-to happen. Under `consecutive` every state has the configurations of the start beside its own, and there are cycles.
+Under `strict` every event must be a move; under `projected` every relevant one; under `scattered`
+an event may also be left out, and a configuration that another one dominates is dropped. Apart from
+loops the graph has no cycle then: every move leaves less to happen. Under `consecutive` every state
+has the configurations of the start beside its own, and there are cycles.
 """
 
 from collections.abc import Iterator, Sequence
@@ -103,10 +104,11 @@ def determinised(plans: Sequence[Plan], letters: FeasibleLetters, work: Work, se
 class _Successors:
     """Where the letters of one state lead: the configurations of each atom found once, then put together as bit sets.
 
-    Where a state has many overlapping atoms there are exponentially many letters, so what concerns a pair of configurations
-    is looked at once for the state. `kept` are configurations that are there whatever happens, none of which dominates another one: under
-    `consecutive` those of the start; under `scattered`, where events may be left out, those of the state, and a configuration that another one
-    dominates is dropped.
+    Where a state has many overlapping atoms there are exponentially many letters, so what concerns
+    a pair of configurations is looked at once for the state. `kept` are configurations that are
+    there whatever happens, none of which dominates another one: under `consecutive` those of the
+    start; under `scattered`, where events may be left out, those of the state, and a configuration
+    that another one dominates is dropped.
     """
 
     def __init__(
@@ -196,9 +198,11 @@ def _subsets(mask: int) -> Iterator[int]:
         subset = (subset - 1) & mask
 
 
-# The minimal automaton. Where there are no cycles but loops, one pass from the end suffices: when a state is looked at, the classes of its other
-# successors are known, and it either equals one of those, or a class with the same edges, or is a class of its own. Else classes are split
-# until no letter tells the states of one apart. Two states may see different atoms; they are compared on the letters over both.
+# The minimal automaton. Where there are no cycles but loops, one pass from the end suffices: when a
+# state is looked at, the classes of its other successors are known, and it either equals one of
+# those, or a class with the same edges, or is a class of its own. Else classes are split until no
+# letter tells the states of one apart. Two states may see different atoms; they are compared on the
+# letters over both.
 
 _SELF: Final = -1
 """Stands for the class of the state that an edge leaves."""

@@ -1,8 +1,9 @@
 """The minimal automaton as a graph for Graphviz, for people: edges say events and guards.
 
-A label has its alternatives one below the other, what goes on from the line before is indented; `a, b` is one event that is both, and
-all guards in brackets hold with it. Where an event that is on no other edge of the state leads is `else`. ⊤ has detected, from ⊥
-nothing can be. States have their numbers in the HOA text; those that no events lead to, and what no event does, are not drawn. Under
+A label has its alternatives one below the other, what goes on from the line before is indented; `a,
+b` is one event that is both, and all guards in brackets hold with it. Where an event that is on no
+other edge of the state leads is `else`. ⊤ has detected, from ⊥ nothing can be. States have their
+numbers in the HOA text; those that no events lead to, and what no event does, are not drawn. Under
 `projected` the letters are the relevant events.
 """
 
@@ -122,7 +123,8 @@ def _hanging(text: str) -> str:
 
 
 def joined(those: Iterable[Cube], atoms: int) -> list[Cube]:
-    """The same letters in fewer cubes: two that differ in one proposition, which holds in one and not in the other, are one without it.
+    """The same letters in fewer cubes: two that differ in one proposition, which holds in one and
+    not in the other, are one without it.
 
     >>> joined([Cube(0b11, 0), Cube(0b01, 0b10), Cube(0b10, 0b01)], 0b11)
     [Cube(yes=1, no=2), Cube(yes=2, no=0)]
@@ -145,10 +147,12 @@ def joined(those: Iterable[Cube], atoms: int) -> list[Cube]:
 
 
 def possible(automaton: Automaton, structure: Structure) -> Automaton:
-    """The automaton with the same states, without letters that never occur and guards that never fail where they are asked.
+    """The automaton with the same states, without letters that never occur and guards that never
+    fail where they are asked.
 
-    A guard holds until its variables have values, and only events give values. A letter on which a guard fails although no events
-    on the way there, and not its own, give a value to each variable of the guard never occurs.
+    A guard holds until its variables have values, and only events give values. A letter on which a
+    guard fails although no events on the way there, and not its own, give a value to each variable
+    of the guard never occurs.
     """
     needs = {bit: frozenset(variables(guard)) for guard, bit in structure.guard_bits.items()}
     atoms = (1 << len(structure.patterns)) - 1

@@ -1,10 +1,12 @@
 """Runs a HOA text on events, in slices (`backends.slices`), and says what the text asks of events.
 
-Spot reads the text, which becomes a deterministic table over finite words. The verdict of a state is that of the automaton alone, over
-all letters: ⊤ when the word and every extension are accepted, ⊥ when neither the word nor any extension is. Two readings say when a word
-is accepted. With a proposition `alive` (the encoding of Spot's `from_ltlf`) it is when it goes on for ever without `alive` and without
-any other proposition. Without `alive` the automaton is one over finite words: it accepts where its run may end in an accepting state or,
-if acceptance is on the edges, with an accepting edge, its marks being seen for ever.
+Spot reads the text, which becomes a deterministic table over finite words. The verdict of a state
+is that of the automaton alone, over all letters: ⊤ when the word and every extension are accepted,
+⊥ when neither the word nor any extension is. Two readings say when a word is accepted. With a
+proposition `alive` (the encoding of Spot's `from_ltlf`) it is when it goes on for ever without
+`alive` and without any other proposition. Without `alive` the automaton is one over finite words:
+it accepts where its run may end in an accepting state or, if acceptance is on the edges, with an
+accepting edge, its marks being seen for ever.
 """
 
 import re
@@ -55,7 +57,8 @@ Edges: TypeAlias = list[list[tuple[Any, int]]]
 
 _PLACE: Final = re.compile(r"^<hoa>:(\d+)\.(\d+)[-.\d]*: (.*)$", re.MULTILINE)
 _STATE: Final = re.compile(
-    r'"(?:\\.|[^"\\])*"|/\*.*?\*/|State:\s*(?:\[[^\]]*\]\s*)?(?P<state>\d+)\s*(?:"(?:\\.|[^"\\])*"\s*)?(?:\{(?P<marks>[^}]*)\})?',
+    r'"(?:\\.|[^"\\])*"|/\*.*?\*/'
+    r'|State:\s*(?:\[[^\]]*\]\s*)?(?P<state>\d+)\s*(?:"(?:\\.|[^"\\])*"\s*)?(?:\{(?P<marks>[^}]*)\})?',
     re.DOTALL,
 )
 
@@ -238,7 +241,8 @@ def _determinised(buddy: Any, when: Any, moves: Edges, start: int) -> tuple[list
 # The program: the table, and what the lower-case header lines say, as `hoa_writer` writes them.
 
 _HEADER: Final = re.compile(
-    r'(?P<string>"(?:\\.|[^"\\])*")|(?P<comment>/\*.*?\*/)|(?P<name>[A-Za-z_][\w-]*:)|(?P<end>--BODY--)|(?P<word>[^\s"]+)',
+    r'(?P<string>"(?:\\.|[^"\\])*")|(?P<comment>/\*.*?\*/)|(?P<name>[A-Za-z_][\w-]*:)'
+    r'|(?P<end>--BODY--)|(?P<word>[^\s"]+)',
     re.DOTALL,
 )
 _EXPECTED: Final = {
@@ -255,8 +259,9 @@ _EXPECTED: Final = {
 class HoaProgram:
     """A text made ready to run; monitors share it.
 
-    Of its propositions `events` has the patterns with the variables that they share with others, `guards` the guards, `relevant`
-    those that `alphabet` and `ignored` define. `atoms` gives the events of those that the text does not define.
+    Of its propositions `events` has the patterns with the variables that they share with others,
+    `guards` the guards, `relevant` those that `alphabet` and `ignored` define. `atoms` gives the
+    events of those that the text does not define.
     """
 
     def __init__(self, text: str, atoms: Mapping[str, Pattern]) -> None:

@@ -1,8 +1,8 @@
 r"""The automaton as text in the Hanoi Omega-Automata format, version 1.
 
-A finite word is encoded as Spot's `from_ltlf` does: the proposition `alive` holds as long as the word lasts and never after, and a
-word is accepted when the word that goes on without `alive` is. Lower-case header lines, which tools skip, say what the
-propositions mean:
+A finite word is encoded as Spot's `from_ltlf` does: the proposition `alive` holds as long as the
+word lasts and never after, and a word is accepted when the word that goes on without `alive` is.
+Lower-case header lines, which tools skip, say what the propositions mean:
 
     event: 2 "{ event: \"a\" }"         proposition 2 holds at events of this pattern
     event: 3 "{ event: \"b\" }" "T1"    ... which binds the time of the event, in nanoseconds, or null without a time
@@ -39,8 +39,8 @@ _TOKEN: Final = re.compile(r"State:|@?\w+|[^\s\w]")
 def atom_name(node: str) -> str:
     """The name of the proposition for a node's event: the node's own where that is a word with no other meaning.
 
-    Otherwise the characters in the way are written as `_x` and their number in hexadecimal, and a `_`; so is a `_` that an `x`
-    follows, which keeps different names different.
+    Otherwise the characters in the way are written as `_x` and their number in hexadecimal, and a
+    `_`; so is a `_` that an `x` follows, which keeps different names different.
 
     >>> atom_name("land"), atom_name("or"), atom_name("lost link")
     ('land', '_x6f_r', 'lost_x20_link')
@@ -109,8 +109,8 @@ def write(
 ) -> tuple[str, Metrics]:
     """The text of an automaton, and its sizes; with `relevance` events that are not relevant change nothing.
 
-    Atoms that never hold together and yet tell targets apart exclude each other in an alias of the header, so that an edge names
-    just the atoms that hold.
+    Atoms that never hold together and yet tell targets apart exclude each other in an alias of the
+    header, so that an edge names just the atoms that hold.
     """
     order = automaton.in_order()
     number = {state: index for index, state in enumerate(order)}

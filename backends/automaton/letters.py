@@ -1,9 +1,10 @@
 """Which atoms one event can make true together: the feasible letters.
 
-An atom that the least event of a set satisfies is satisfied by every event of that set. A letter is therefore feasible
-exactly when it contains all that its own least event satisfies. Rigid variables are shared between atoms (a
-slice gives them one value) and an atom with a variable that the set does not bind is false; the entries of the alphabet and the `ignore`
-declarations share nothing with anybody. Guards are taken as independent of all that.
+An atom that the least event of a set satisfies is satisfied by every event of that set. A letter is
+therefore feasible exactly when it contains all that its own least event satisfies. Rigid variables
+are shared between atoms (a slice gives them one value) and an atom with a variable that the set
+does not bind is false; the entries of the alphabet and the `ignore` declarations share nothing with
+anybody. Guards are taken as independent of all that.
 """
 
 from collections.abc import Iterator, Sequence
@@ -35,7 +36,8 @@ class Relevance(NamedTuple):
 
 
 class FeasibleLetters:
-    """The feasible letters over some atoms, as bits; with `relevance`, those of relevant events (guards on entries not looked at).
+    """The feasible letters over some atoms, as bits; with `relevance`, those of relevant events
+    (guards on entries not looked at).
 
     >>> from rvaft.language.parser import parse_pattern
     >>> letters = FeasibleLetters([parse_pattern(text) for text in ("{ a: 1 }", "{ a: 2 }", "{ b: _ }", "{ a: _ }")])
@@ -120,7 +122,8 @@ class FeasibleLetters:
     def _find_relevant(self, letter: int) -> Iterator[int]:
         """What the least relevant events at which these atoms hold make true, one for each entry of the alphabet.
 
-        An atom whose every event is ignored keeps its letters: a partial match that waits for it is none the less a partial match.
+        An atom whose every event is ignored keeps its letters: a partial match that waits for it is
+        none the less a partial match.
         """
         own = [self._patterns[atom] for atom in bits(letter)]
         if not self._entries or any(self._is_ignored(least([pattern])) for pattern in own):

@@ -1,11 +1,12 @@
 """A tree laid out for the construction of its automaton: its parts, flattened, and its propositions.
 
-The parts are those of the normal form; what is nested for no reason is flattened, so that a chain of thousands of gates is one sequence.
-A node that several parents share stays one part.
+The parts are those of the normal form; what is nested for no reason is flattened, so that a chain
+of thousands of gates is one sequence. A node that several parents share stays one part.
 
-A choice can wait when everything below each of its alternatives is reached through that alternative alone: then an event below
-it is the decision. Where an alternative reaches a part that is also reached otherwise, the decision may add an order between
-events that have happened by then, so it is taken before anything happens, each way in a graph of its own.
+A choice can wait when everything below each of its alternatives is reached through that alternative
+alone: then an event below it is the decision. Where an alternative reaches a part that is also
+reached otherwise, the decision may add an order between events that have happened by then, so it is
+taken before anything happens, each way in a graph of its own.
 """
 
 from collections import Counter
@@ -60,10 +61,11 @@ class Work:
 
 @dataclass(frozen=True)
 class Structure:
-    """The parts of a property, and its propositions: first the patterns of events (*atoms*), then the guards, each a bit.
+    """The parts of a property, and its propositions: first the patterns of events (*atoms*), then
+    the guards, each a bit.
 
-    `names` gives a name for each pattern, `nodes` a node of the tree that has it, `atoms` the number of each pattern. `written` has
-    each guard as the tree writes it.
+    `names` gives a name for each pattern, `nodes` a node of the tree that has it, `atoms` the
+    number of each pattern. `written` has each guard as the tree writes it.
     """
 
     form: NumberedParts
@@ -153,7 +155,8 @@ def written(condition: Condition) -> str:
 
 
 def decided(form: NumberedParts, *, at_least: bool, work: Work) -> list[NumberedParts]:
-    """The graphs, in a stable order, whose remaining choices can all wait; together they have the scenarios of the tree.
+    """The graphs, in a stable order, whose remaining choices can all wait; together they have the
+    scenarios of the tree.
 
     `at_least` keeps the ways to choose more than K; raises `TooLarge` beyond so many graphs as states are allowed.
     """

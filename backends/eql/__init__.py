@@ -1,7 +1,8 @@
 """The `eql` backend: sequences of the Event Query Language, as Elasticsearch and the package `eql` read it.
 
-A text has one query for each order in which the events of the tree may come; any of them is a detection. The unit of `limit` is the events
-of these queries. Reading a text needs the package `eql`, translating does not.
+A text has one query for each order in which the events of the tree may come; any of them is a
+detection. The unit of `limit` is the events of these queries. Reading a text needs the package
+`eql`, translating does not.
 """
 
 import json
@@ -28,7 +29,8 @@ class EqlBackend(Backend):
     """Sequences of EQL: what is `scattered`, with variables that tie all events, and windows over whole sequences.
 
     >>> from rvaft import loads
-    >>> tree = loads('event login(u) = { user: u, ok: true }; theft sand break_in in; break_in times 2; in on login("root");')
+    >>> events = "event login(u) = { user: u, ok: true };"
+    >>> tree = loads(f'{events} theft sand break_in in; break_in times 2; in on login("root");')
     >>> print(EqlBackend().translate(tree, Semantics.SCATTERED).text, end="")
     // rvaft: any of these queries is a detection
     sequence
@@ -63,7 +65,9 @@ class EqlBackend(Backend):
     default_limit: ClassVar[int] = 1_000
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
-        """The queries; raises `TooLarge` beyond `limit` events of them, `NotExpressible` for what a sequence cannot say."""
+        """The queries; raises `TooLarge` beyond `limit` events of them, `NotExpressible` for what a
+        sequence cannot say.
+        """
         text, symbols = EqlText(prop, limit).text()
         return SpecificationText(text, Metrics(symbols))
 
@@ -72,7 +76,8 @@ class EqlBackend(Backend):
         return "".join(f"{json.dumps(event, ensure_ascii=False)}\n" for event in stamped(tree, trace, "@timestamp"))
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> DetectionMonitor:  # noqa: ARG002
-        """A monitor that asks the engine of the package `eql` about queries in the syntax of Elasticsearch, `;` between them.
+        """A monitor that asks the engine of the package `eql` about queries in the syntax of
+        Elasticsearch, `;` between them.
 
         Raises `LanguageError`, also for what that engine reads otherwise than Elasticsearch does; `ToolMissing`.
         """

@@ -1,7 +1,10 @@
-"""The parse of one query, with functions in the place of what the engine of the package `eql` reads otherwise than Elasticsearch.
+"""The parse of one query, with functions in the place of what the engine of the package `eql` reads
+otherwise than Elasticsearch.
 
-Elasticsearch minds the case of letters but where an operator says otherwise, and then knows those of ASCII alone; `?` is a wildcard, too; what is asked of
-a field that is missing is neither true nor false, and such a field is no key of `by`, unless it is written `?field`. What the engine cannot be told is refused.
+Elasticsearch minds the case of letters but where an operator says otherwise, and then knows those
+of ASCII alone; `?` is a wildcard, too; what is asked of a field that is missing is neither true nor
+false, and such a field is no key of `by`, unless it is written `?field`. What the engine cannot be
+told is refused.
 """
 
 import operator
@@ -169,7 +172,9 @@ class _Rewriting(Visitor[Token]):
 
 
 def _is_lucenes(regex: str, *, any_case: bool) -> bool:
-    """Whether a regular expression means to Lucene, which looks at no other case of letters in brackets, what it does to Python."""
+    """Whether a regular expression means to Lucene, which looks at no other case of letters in
+    brackets, what it does to Python.
+    """
     signs = re.sub(r"\\[^\w\s]", "'", regex)
     with suppress(re.error):
         return not re.search(_UNLIKE + r"|\[[^]]*[A-Za-z]" * any_case, signs) and bool(re.compile(regex))

@@ -1,11 +1,13 @@
 """Texts of EQL, and their run by the engine of the package `eql`.
 
-A text is one query, or several with `;` between them, of which any is a detection, in the syntax of Elasticsearch. A line `// time FIELD as FORMAT`
-before the first says where events have their time; without it that is `@timestamp as iso8601`. `maxspan` is about logs in the order of their times; an event without a time
-is none to queries with a `maxspan`.
+A text is one query, or several with `;` between them, of which any is a detection, in the syntax of
+Elasticsearch. A line `// time FIELD as FORMAT` before the first says where events have their time;
+without it that is `@timestamp as iso8601`. `maxspan` is about logs in the order of their times; an
+event without a time is none to queries with a `maxspan`.
 
-The engine is asked once for each event what holds of it, and then, for each sequence, of events that have nothing but that.
-Events are joined by what is equal in JSON (`true` and 1 are not), and a null is a value. A list is one to texts that look at its elements by their numbers, which
+The engine is asked once for each event what holds of it, and then, for each sequence, of events
+that have nothing but that. Events are joined by what is equal in JSON (`true` and 1 are not), and a
+null is a value. A list is one to texts that look at its elements by their numbers, which
 Elasticsearch does not; of others' lists nothing is told.
 """
 

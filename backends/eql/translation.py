@@ -1,7 +1,9 @@
-"""From a tree to queries: each scenario's events in each order that it allows, as a sequence of conditions on single events.
+"""From a tree to queries.
 
-EQL compares values of one type, and does not tell a field with null from none; a guard is written as what is true where it holds and
-nowhere else, whichever types the fields of an event have.
+Each scenario's events in each order that it allows, as a sequence of conditions on single events.
+
+EQL compares values of one type, and does not tell a field with null from none; a guard is written
+as what is true where it holds and nowhere else, whichever types the fields of an event have.
 """
 
 import re
@@ -23,7 +25,10 @@ from rvaft.model.tree import reachable
 from rvaft.model.values import Json
 
 OPENING: Final = "// rvaft: any of these queries is a detection"
-_WORDS: Final = "and any as by const false fork in join like macro maxspan not null of or regex runs sample sequence true until where with"
+_WORDS: Final = (
+    "and any as by const false fork in join like macro maxspan not null of or regex runs "
+    "sample sequence true until where with"
+)
 _PLAIN: Final = re.compile(rf"(?!(?:{_WORDS.replace(' ', '|')})\b)[a-z_]\w*", re.IGNORECASE | re.ASCII)
 _ESCAPES: Final = str.maketrans({sign: f"\\{letter}" for sign, letter in zip('\\"\n\r\t\b\f', '\\"nrtbf', strict=True)})
 _TOKEN: Final = re.compile(r'"(?:[^"\\]|\\.)*"|`[^`]*`|[\w.]+|[^\s\w]')
@@ -34,7 +39,10 @@ _RUNS: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One event of a sequence, which takes no longer than `span`: a condition holds for it, and it has in `keys` what all others have in theirs."""
+    """One event of a sequence, which takes no longer than `span`.
+
+    A condition holds for it, and it has in `keys` what all others have in theirs.
+    """
 
     conditions: tuple[str, ...]
     keys: tuple[str, ...] = ()

@@ -1,7 +1,8 @@
 """The `ltlf` backend: linear temporal logic on finite traces, in Spot's syntax.
 
-The text explains itself: a leading comment defines the atoms (event patterns and guards), which events are relevant, and the shared
-subformulas. The unit of `limit` is subformulas made. Reading a text needs Spot, translating does not.
+The text explains itself: a leading comment defines the atoms (event patterns and guards), which
+events are relevant, and the shared subformulas. The unit of `limit` is subformulas made. Reading a
+text needs Spot, translating does not.
 """
 
 from collections.abc import Mapping
@@ -59,14 +60,18 @@ class LtlfBackend(Backend):
         return LtlfMonitor(text, atoms or {})
 
     def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:
-        """What the atoms of the formula ask of events, None where times are among it; raises `LanguageError` and `ToolMissing` as `read` does."""
+        """What the atoms of the formula ask of events, None where times are among it.
+
+        Raises `LanguageError` and `ToolMissing` as `read` does.
+        """
         return observed(text, atoms or {})
 
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         """By `mona`: a monitor that runs the automaton which ltlf2dfa and MONA make of a formula without variables.
 
-        Raises `LanguageError`; `ToolMissing` where Spot (whose parser reads the text), ltlf2dfa or MONA is not installed;
-        `NotExpressible` where there are variables, `TooLarge` where there are too many atoms or MONA comes to no end.
+        Raises `LanguageError`; `ToolMissing` where Spot (whose parser reads the text), ltlf2dfa or
+        MONA is not installed; `NotExpressible` where there are variables, `TooLarge` where there
+        are too many atoms or MONA comes to no end.
         """
         if tool not in self.tools:
             return super().read_with(tool, text, atoms=atoms)

@@ -9,9 +9,9 @@ The formula of a part with what must come strictly after it (`after`):
                        strict and projected: a window over single events, where no event can serve two of them
     otherwise          the general sum over what may come next
 
-The sum goes over states of two kinds. Parts that share no occurrence are *terms*, whose steps are found part by part (partial
-derivatives). Where occurrences are shared, a state is the set of the scenarios that are still possible, as partial orders. There may be
-exponentially many.
+The sum goes over states of two kinds. Parts that share no occurrence are *terms*, whose steps are
+found part by part (partial derivatives). Where occurrences are shared, a state is the set of the
+scenarios that are still possible, as partial orders. There may be exponentially many.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
@@ -28,12 +28,16 @@ State = TypeVar("State", bound=Hashable)
 
 
 class Composer:
-    """Translates parts; `event_of` gives the formula of an EVENT part, `relevant` is the atom of relevant positions (`projected`, `consecutive`).
+    """Translates parts.
 
-    A formula is true at a position when what it stands for is matched from there on. `scattered`: by some later events, so that such
-    a formula is *monotone*, true at every earlier position too. `strict`: by exactly the next events. `projected`: by exactly the next
-    relevant events; each formula is about a relevant position, and `_begin` looks for the first one. `consecutive`: likewise, from anywhere.
-    `limit` bounds states and scenarios.
+    `event_of` gives the formula of an EVENT part, `relevant` is the atom of relevant positions
+    (`projected`, `consecutive`).
+
+    A formula is true at a position when what it stands for is matched from there on. `scattered`:
+    by some later events, so that such a formula is *monotone*, true at every earlier position too.
+    `strict`: by exactly the next events. `projected`: by exactly the next relevant events; each
+    formula is about a relevant position, and `_begin` looks for the first one. `consecutive`:
+    likewise, from anywhere. `limit` bounds states and scenarios.
     """
 
     def __init__(
@@ -88,10 +92,13 @@ class Composer:
         return f.eventually(found) if self._monotone else found
 
     def _window(self, events: Sequence[int], need: int, after: int) -> int:
-        """At least `need` of the events (disjunctions of atoms), each at its own position, then `after`; no event may serve two.
+        """At least `need` of the events (disjunctions of atoms), each at its own position, then `after`.
 
-        That is: exactly j positions (`need` ≤ j ≤ n), at each of them one of the events, and none of the events at two of them. It is
-        polynomial where unrolling is factorial. What nothing follows is decided as soon as `need` events were seen.
+        No event may serve two.
+
+        That is: exactly j positions (`need` ≤ j ≤ n), at each of them one of the events, and none
+        of the events at two of them. It is polynomial where unrolling is factorial. What nothing
+        follows is decided as soon as `need` events were seen.
         """
         f = self._formulas
         some = f.disjunction(events)
@@ -225,7 +232,8 @@ class Composer:
     ) -> Call[int]:
         """A sum over what may come next, one shared formula G(state) for each state: exact for every tree.
 
-        G(state) is what follows, if the state may be the end, or one of the events that may come next, with G of the state after it.
+        G(state) is what follows, if the state may be the end, or one of the events that may come
+        next, with G of the state after it.
         """
         known: dict[State, int] = {}
         junction = self._formulas.disjunction
@@ -260,8 +268,8 @@ def _choice_or_kept(form: NumberedParts) -> list[int] | int:
 class _Orders:
     """Parts that share occurrences. `event_of` gives the formula of an occurrence.
 
-    A shared occurrence is observed once, wherever it is used, so that scenarios cannot be put together from those of the parts:
-    they are written out.
+    A shared occurrence is observed once, wherever it is used, so that scenarios cannot be put
+    together from those of the parts: they are written out.
     """
 
     def __init__(
@@ -314,7 +322,10 @@ _DONE: Final = 0
 
 
 class _Term(NamedTuple):
-    """What has to be observed: an event, or something of other terms. `number` is the formula of EVENT, the count of AT_LEAST."""
+    """What has to be observed: an event, or something of other terms.
+
+    `number` is the formula of EVENT, the count of AT_LEAST.
+    """
 
     op: PartKind
     inner: tuple[int, ...] = ()
@@ -322,10 +333,12 @@ class _Term(NamedTuple):
 
 
 class _Terms:
-    """Parts that share no occurrence as terms, equal terms equal numbers; a sequence is its first part and the rest, which long ones share.
+    """Parts that share no occurrence as terms, equal terms equal numbers; a sequence is its first
+    part and the rest, which long ones share.
 
-    The steps of a term: of parts in any order one makes a step, of alternatives one is taken, of a sequence the next part begins when
-    those before may be over. Parts that ask for the same events are the same term, so symmetric states fall together.
+    The steps of a term: of parts in any order one makes a step, of alternatives one is taken, of a
+    sequence the next part begins when those before may be over. Parts that ask for the same events
+    are the same term, so symmetric states fall together.
     """
 
     def __init__(self, limit: int) -> None:

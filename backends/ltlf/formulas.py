@@ -1,7 +1,8 @@
 """Formulas of LTL on finite traces: a hash-consed graph, in which equal formulas are the same number.
 
-A number is the index of a row, and operands have smaller numbers than what is made of them. So every walk is a loop, and no depth
-is too deep. The core is small: constants, atoms, `!`, `&`, `|`, the strong next `X[!]`, `F` and `U`.
+A number is the index of a row, and operands have smaller numbers than what is made of them. So
+every walk is a loop, and no depth is too deep. The core is small: constants, atoms, `!`, `&`, `|`,
+the strong next `X[!]`, `F` and `U`.
 """
 
 from collections.abc import Hashable, Iterable

@@ -1,9 +1,10 @@
 """Formulas run by others: the package `ltlf2dfa` writes them as programs for MONA, and MONA makes an automaton.
 
-Of ltlf2dfa only its parser and its translation are used. Its `to_dfa` writes every program to one file inside the installed
-package, where two processes meet and where a read-only installation keeps an old program without a word, and it makes an
-automaton even of the output of a missing MONA. Spot's parser and the meaning of atoms at an event are those of the other monitor;
-what a formula demands of a word is found out in a different way.
+Of ltlf2dfa only its parser and its translation are used. Its `to_dfa` writes every program to one
+file inside the installed package, where two processes meet and where a read-only installation keeps
+an old program without a word, and it makes an automaton even of the output of a missing MONA.
+Spot's parser and the meaning of atoms at an event are those of the other monitor; what a formula
+demands of a word is found out in a different way.
 """
 
 import re
@@ -31,7 +32,9 @@ from rvaft.monitors import Monitor
 ATOMS: Final = 8
 """The most atoms: the automaton has a transition for every set of them in the worst case."""
 OPERATORS: Final = 2_000
-"""The most operators, shared subformulas written out wherever they occur: ltlf2dfa knows no sharing, and works by recursion."""
+"""The most operators, shared subformulas written out wherever they occur: ltlf2dfa knows no
+sharing, and works by recursion.
+"""
 SECONDS: Final = 20
 MEMORY: Final = 1 << 30
 """Bytes, where the system can bound them: some small formulas take all there are."""
@@ -73,7 +76,9 @@ def _program(formulas: Formulas, root: int, symbols: Mapping[str, str]) -> str:
 
 
 def _output(program: str) -> str:
-    """What MONA prints of a program; raises `ToolMissing`, `ToolFailed`, and `TooLarge` where it comes to no end in time."""
+    """What MONA prints of a program; raises `ToolMissing`, `ToolFailed`, and `TooLarge` where it
+    comes to no end in time.
+    """
     mona = shutil.which("mona")
     if mona is None:
         remedy = "install the program mona (Debian and Ubuntu: `apt install mona`), and see that it is on the PATH"
@@ -82,7 +87,9 @@ def _output(program: str) -> str:
         file = Path(folder) / "formula.mona"
         file.write_text(program, encoding="utf-8")
         command = [mona, "-q", "-u", "-w", str(file)]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, encoding="utf-8") as process:  # noqa: S603
+        with subprocess.Popen(  # noqa: S603
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, encoding="utf-8"
+        ) as process:
             if hasattr(resource, "prlimit"):  # Linux
                 with suppress(OSError):  # it may have come to its end already
                     resource.prlimit(process.pid, resource.RLIMIT_AS, (MEMORY, MEMORY))
@@ -106,8 +113,8 @@ _EDGE: Final = re.compile(r"^State (\d+): ([01X]*) -> state (\d+)$", re.MULTILIN
 class _MonaAutomaton:
     """What MONA prints for `-w`, deterministic and complete; a cube has `0`, `1` or `X` for each of `names`.
 
-    MONA's first step reads the variables that stand for no position, of which there are none here: the automaton of the words starts
-    behind it. Output:
+    MONA's first step reads the variables that stand for no position, of which there are none here:
+    the automaton of the words starts behind it. Output:
 
         DFA for formula with free variables: P0 P1
         Initial state: 0
@@ -154,7 +161,10 @@ def _made(text: str, given: tuple[tuple[str, Pattern], ...]) -> tuple[_MonaAutom
 
 
 class MonaMonitor(Monitor):
-    """⊤ where the word and all its extensions are accepted, ⊥ where none of them is, else ?; raises as `Backend.read_with` says."""
+    """⊤ where the word and all its extensions are accepted, ⊥ where none of them is, else ?.
+
+    Raises as `Backend.read_with` says.
+    """
 
     def __init__(self, text: str, given: Mapping[str, Pattern]) -> None:
         super().__init__()

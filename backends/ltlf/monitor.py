@@ -1,8 +1,9 @@
 """Running a formula on events: slices, one for each partial assignment of the variables that matching can reach.
 
-At an event a slice may stay as it is (atoms with an unbound variable are false), or take up the values that make one more atom
-true; then the letter is all atoms true under its assignment. ⊤ if in some slice the formula holds here and on every
-continuation; ⊥ if there is none where it can still hold. A slice in which it cannot is dropped.
+At an event a slice may stay as it is (atoms with an unbound variable are false), or take up the
+values that make one more atom true; then the letter is all atoms true under its assignment. ⊤ if in
+some slice the formula holds here and on every continuation; ⊥ if there is none where it can still
+hold. A slice in which it cannot is dropped.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
@@ -73,7 +74,9 @@ def _event_atom(observation: Observation) -> Atom:
 
 
 def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) -> Atom:
-    """True at events that fit one of the observations for some values of the variables, and none of the ignored ones."""
+    """True at events that fit one of the observations for some values of the variables, and none of
+    the ignored ones.
+    """
 
     def fitting(observations: Sequence[Observation]) -> PatternIndex[list[Reader]]:
         readers = [reader(number, Letter(one.pattern, one.when)) for number, one in enumerate(observations)]
@@ -98,7 +101,8 @@ def _formula(text: str) -> tuple[Header, Formulas, int]:
 
 
 def observed(text: str, given: Mapping[str, Pattern]) -> tuple[Observed, ...] | None:
-    """What a formula asks of events: patterns and guards of its atoms, and what its header says of relevance; None where times are among it.
+    """What a formula asks of events: patterns and guards of its atoms, and what its header says of
+    relevance; None where times are among it.
 
     `given` has the patterns of atoms that the text does not define. Raises `LanguageError`, `ToolMissing`.
     """
@@ -120,7 +124,9 @@ def _questions(header: Header, formulas: Formulas, root: int, given: Mapping[str
 
 @lru_cache(maxsize=32)
 class _LtlfProgram:
-    """The formula of a text, its atoms, and what was found out about its residuals so far; monitors of one text share it."""
+    """The formula of a text, its atoms, and what was found out about its residuals so far; monitors
+    of one text share it.
+    """
 
     def __init__(self, text: str, given: tuple[tuple[str, Pattern], ...]) -> None:
         header, formulas, root = _formula(text)
@@ -171,7 +177,8 @@ class LtlfMonitor(Monitor):
                 return Verdict.TRUE, rest
             return Verdict.UNKNOWN if accepted or residuals.is_satisfiable(rest) else Verdict.FALSE, rest
 
-        # All are kept: a guard counts as true while it has an unbound variable, so a slice that has bound more may violate less.
+        # All are kept: a guard counts as true while it has an unbound variable, so a slice that has
+        # bound more may violate less.
         slices = advance(self._slices, extensions, step, matter=residuals.variables, keep_all=True)
         self._slices = slices or {}
         return Verdict.TRUE if slices is None else Verdict.UNKNOWN if slices else Verdict.FALSE

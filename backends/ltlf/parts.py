@@ -1,4 +1,6 @@
-"""The parts of a tree as this translation wants them: in as few as possible, with what one event may serve, guards settled.
+"""The parts of a tree as this translation wants them.
+
+In as few as possible, with what one event may serve, guards settled.
 
 Sets of parts and of events are bits, so that a tree of thousands of nodes is no trouble.
 """
@@ -110,7 +112,10 @@ class _Simplifier:
         )
 
     def _opened(self, numbers: Sequence[int], op: PartKind) -> list[int]:
-        """The numbers, those of the same kind replaced by their parts; a choice that is used elsewhere too stays one."""
+        """The numbers, those of the same kind replaced by their parts.
+
+        A choice that is used elsewhere too stays one.
+        """
         found: list[int] = []
         todo = list(reversed(numbers))
         while todo:
@@ -131,9 +136,10 @@ _MANY: Final[Context] = (-1,)
 class Anatomy:
     """Simplified parts, and what the translation asks about them.
 
-    Of each part its events; the other events that one event may serve together with one of them (`rivals`; variables stand for
-    anything and guards are not looked at, so that what is no rival surely is none); and, where every scenario of it observes exactly one
-    event, the parts that are that event (`unit`). `tangled` are parts with shared occurrences somewhere below.
+    Of each part its events; the other events that one event may serve together with one of them
+    (`rivals`; variables stand for anything and guards are not looked at, so that what is no rival
+    surely is none); and, where every scenario of it observes exactly one event, the parts that are
+    that event (`unit`). `tangled` are parts with shared occurrences somewhere below.
     """
 
     def __init__(self, parts: Sequence[NumberedPart]) -> None:
@@ -183,10 +189,12 @@ class Anatomy:
     def is_separable(self, root: int) -> bool:
         """Whether parts that share occurrences may be translated one by one as if they did not (`scattered` only).
 
-        A shared part is then written once for each use, and the uses may be matched by different events. That is harmless when
-        matches can be moved: what is matchable from one position is matchable from every earlier one, so the latest match serves
-        all uses that have the same continuation, and the earliest all that have the same start. Dropping any of the three
-        conditions has a counterexample; with both continuation and start different, `and (sand x s) (sand s y)` would accept s y x s.
+        A shared part is then written once for each use, and the uses may be matched by different
+        events. That is harmless when matches can be moved: what is matchable from one position is
+        matchable from every earlier one, so the latest match serves all uses that have the same
+        continuation, and the earliest all that have the same start. Dropping any of the three
+        conditions has a counterexample; with both continuation and start different, `and (sand x s)
+        (sand s y)` would accept s y x s.
         """
         kept = self.below(root)
         unordered = (part for part in kept if self.parts[part].op in (PartKind.ALL, PartKind.AT_LEAST))
@@ -232,9 +240,9 @@ GuardsOf: TypeAlias = Mapping[Event, tuple[Guard, ...]]
 def settled(form: NumberedParts, *, monotone: bool, limit: int) -> Iterator[tuple[NumberedParts, GuardsOf]]:
     """All scenarios, divided so that it is settled for each event which guards it is under.
 
-    A guard counts in every scenario that contains its condition, and is conjoined to every event of that scenario that binds one
-    of its variables. Where some scenarios with such an event contain the guard and others do not, the choices that decide it are made
-    one by one.
+    A guard counts in every scenario that contains its condition, and is conjoined to every event of
+    that scenario that binds one of its variables. Where some scenarios with such an event contain
+    the guard and others do not, the choices that decide it are made one by one.
     """
     if not form.guards:
         yield form, {}

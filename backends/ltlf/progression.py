@@ -1,9 +1,11 @@
 """What a formula still demands after some events: progression, kept canonical, and whether that can still be met.
 
-A residual is a Boolean function over variables each of which stands for "the rest is not empty and satisfies g"; the number of the
-variable is that of g, so that wholes stand above their parts. One event gives two answers at once: whether the formula is
-satisfied if the trace ends here, and the residual for the case that it goes on. After Bacchus and Kabanza, Using temporal logics
-to express search control knowledge for planning (Artificial Intelligence, 2000), here with the strong next and the end of the trace.
+A residual is a Boolean function over variables each of which stands for "the rest is not empty and
+satisfies g"; the number of the variable is that of g, so that wholes stand above their parts. One
+event gives two answers at once: whether the formula is satisfied if the trace ends here, and the
+residual for the case that it goes on. After Bacchus and Kabanza, Using temporal logics to express
+search control knowledge for planning (Artificial Intelligence, 2000), here with the strong next and
+the end of the trace.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -30,7 +32,10 @@ _CONSTANT: Final = -1
 
 
 class Steps:
-    """The elementary steps that are left for this event, about a microsecond each; `take` raises `TooLarge` where there are none."""
+    """The elementary steps that are left for this event, about a microsecond each.
+
+    `take` raises `TooLarge` where there are none.
+    """
 
     def __init__(self) -> None:
         self.left = STEPS
@@ -46,9 +51,9 @@ class Steps:
 class _Diagrams:
     """Reduced ordered binary decision diagrams: Boolean functions in canonical form.
 
-    Plain loops instead of recursion, since there may be thousands of variables. The variable with the largest number is on top, and
-    nothing is ever thrown away. After Bryant, Graph-Based Algorithms for Boolean Function Manipulation (IEEE Transactions on
-    Computers, 1986).
+    Plain loops instead of recursion, since there may be thousands of variables. The variable with
+    the largest number is on top, and nothing is ever thrown away. After Bryant, Graph-Based
+    Algorithms for Boolean Function Manipulation (IEEE Transactions on Computers, 1986).
     """
 
     def __init__(self, steps: Steps) -> None:
@@ -211,7 +216,9 @@ class Residuals:
         return Progression(end == TOP, rest)
 
     def _lift(self, formula: int) -> Call[int]:
-        """Boolean combinations of `F`, `U` and `X[!]` are taken apart; others wait as one variable until the next event."""
+        """Boolean combinations of `F`, `U` and `X[!]` are taken apart; others wait as one variable
+        until the next event.
+        """
         if formula in self._lifted:
             return self._lifted[formula]
         op, operands, _ = self._formulas.rows[formula]
@@ -270,10 +277,12 @@ class Residuals:
         return found
 
     def _implies_again(self, formula: int) -> bool:
-        """Whether, once the formula g has begun (its atoms were true), its rest follows from `F g` on the rest of the trace.
+        """Whether, once the formula g has begun (its atoms were true), its rest follows from `F g`
+        on the rest of the trace.
 
-        So it is for g = p & X[!] h with a monotone h: if g is true somewhere in the rest, h is true there later, hence at its beginning.
-        Keeping `F g` beside h would be right too, but residuals of long sequences would grow with every repetition.
+        So it is for g = p & X[!] h with a monotone h: if g is true somewhere in the rest, h is true
+        there later, hence at its beginning. Keeping `F g` beside h would be right too, but
+        residuals of long sequences would grow with every repetition.
         """
         row = self._formulas.rows[formula]
         operands = row.operands if row.op is Connective.AND else (formula,)
@@ -294,10 +303,11 @@ _Clause: TypeAlias = list[list[_Item]]
 
 
 class _Continuations:
-    """Whether a residual can still be satisfied: a lazy search for one continuation. Nothing is translated to an automaton.
+    """Whether a residual can still be satisfied: a lazy search for one continuation. Nothing is
+    translated to an automaton.
 
-    The search goes through sets of obligations, tries the nearest fulfilment first, and remembers what it found. All letters count,
-    also those that no event can produce.
+    The search goes through sets of obligations, tries the nearest fulfilment first, and remembers
+    what it found. All letters count, also those that no event can produce.
     """
 
     def __init__(self, formulas: Formulas, diagrams: _Diagrams, steps: Steps) -> None:
@@ -332,7 +342,9 @@ class _Continuations:
         return False
 
     def _cubes(self, residual: int) -> Iterator[_Obligations]:
-        """Sets of obligations, one of which has to be met. Where a function is monotone in a variable one sign suffices."""
+        """Sets of obligations, one of which has to be met. Where a function is monotone in a
+        variable one sign suffices.
+        """
         path: list[int] = []
         todo: list[tuple[int, int, tuple[int, ...]]] = [(residual, 0, ())]
         while todo:

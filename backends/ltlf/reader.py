@@ -2,14 +2,16 @@
 
 Lines of the comment, one each:
 
-    atom NAME := PATTERN at T when GUARD when GUARD an event under guards, each true while one of its variables is unbound; `at T`
+    atom NAME := PATTERN at T when GUARD when GUARD an event under guards, each true while one of
+    its variables is unbound; `at T`
                                                     binds the time of the event, in nanoseconds, or null without a time
-    relevant NAME := PATTERN when GUARD             several lines: events that fit one of them, for some values of the variables,
-    ignored NAME := PATTERN when GUARD              and none of these
-    time FIELD as FORMAT                            where an event has its time
-    NAME := FORMULA                                 a shared subformula, of atoms and of what was defined above
+    relevant NAME := PATTERN when GUARD             several lines: events that fit one of them, for
+    some values of the variables, ignored NAME := PATTERN when GUARD              and none of these
+    time FIELD as FORMAT                            where an event has its time NAME := FORMULA
+    a shared subformula, of atoms and of what was defined above
 
-Patterns and guards are written as in the language of trees. The comment starts with `/* rvaft`; any other comment is just that.
+Patterns and guards are written as in the language of trees. The comment starts with `/* rvaft`; any
+other comment is just that.
 """
 
 import re
@@ -130,7 +132,9 @@ def split(text: str) -> tuple[Header, int]:
 
 
 def _observation(text: str, start: int, stop: int) -> Observation:
-    """The pattern, the variable of the time, and the guards, between words that stand outside of strings and brackets."""
+    """The pattern, the variable of the time, and the guards, between words that stand outside of
+    strings and brackets.
+    """
     words: list[tuple[str, int, int]] = []
     depth = 0
     for token in _STRING_OR_WORD.finditer(text, start, stop):

@@ -29,7 +29,11 @@ SHORT: Final = 1_000_000
 
 
 class Translation:
-    """One translation. Raises `TooLarge` beyond `limit` distinct subformulas or a text of that size, `TreeError` without a feasible scenario."""
+    """One translation.
+
+    Raises `TooLarge` beyond `limit` distinct subformulas or a text of that size, `TreeError`
+    without a feasible scenario.
+    """
 
     def __init__(self, prop: Property, semantics: Semantics, limit: int) -> None:
         self._prop = prop
@@ -103,7 +107,10 @@ class Translation:
         return self._formulas.atom(name)
 
     def _fresh(self, wanted: str) -> str:
-        """A name `[a-z_][a-z0-9_]*` given to nothing else: the wanted one where it is legal and free, else one like it."""
+        """A name `[a-z_][a-z0-9_]*` given to nothing else.
+
+        The wanted one where it is legal and free, else one like it.
+        """
         name = _ILLEGAL.sub("_", wanted.lower()) or "_"
         name = f"_{name}" if name[0].isdigit() else name
         candidate, number = name, 1

@@ -1,7 +1,8 @@
 """The `match-recognize` backend: row pattern recognition of SQL:2016, as stream processors and data warehouses run it.
 
-The text explains itself: a leading comment defines the columns of the table `events`, whose first row of each log has position 0 and fits nothing. The unit of
-`limit` is events of all orders in which those of a scenario may come.
+The text explains itself: a leading comment defines the columns of the table `events`, whose first
+row of each log has position 0 and fits nothing. The unit of `limit` is events of all orders in
+which those of a scenario may come.
 """
 
 from typing import ClassVar
@@ -18,7 +19,9 @@ __all__ = ["MatchRecognizeBackend"]
 
 
 class MatchRecognizeBackend(Backend):
-    """Queries with a row for each detection: every tree, but for calculations over several events that doubles do otherwise.
+    """Queries with a row for each detection.
+
+    Every tree, but for calculations over several events that doubles do otherwise.
 
     Nothing here runs it in a comparison; `backends.match_recognize.flink` asks Apache Flink.
 

@@ -1,4 +1,5 @@
-"""Guards over several events as conditions of SQL that are TRUE exactly where a guard is true; where it is false or undefined they are FALSE, or NULL.
+"""Guards over several events as conditions of SQL that are TRUE exactly where a guard is true;
+where it is false or undefined they are FALSE, or NULL.
 
 What is about one event alone stands in a column of its own; comparisons and sums of several columns are left to SQL.
 """
@@ -12,7 +13,6 @@ from rvaft.core.conditions import (
     ComparisonTest,
     ConditionTest,
     EqualityTest,
-    Sort,
     SortTest,
     TruthCondition,
     TruthTest,
@@ -20,7 +20,7 @@ from rvaft.core.conditions import (
     spelled,
 )
 from rvaft.errors import TooLarge
-from rvaft.model.guards import Guard, Operation, Operator
+from rvaft.model.guards import Guard, Operation, Operator, Sort
 from rvaft.model.patterns import Literal
 
 Column: TypeAlias = Callable[[str, Guard], str | None]

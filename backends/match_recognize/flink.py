@@ -1,7 +1,11 @@
-"""What Apache Flink reads and says: the rows of a trace, and where a text first detects something, asked in few jobs of one session.
+"""What Apache Flink reads and says.
 
-The leading comment of a text defines columns of the table `events` (`backends.event_columns`): BOOLEAN for what fits, and what such an event has. Every row has
-`trace` (the log that an event is of), `pos` (its number there, from 1) and `ts`, a time attribute that increases with `pos`; it is not the time of the event.
+The rows of a trace, and where a text first detects something, asked in few jobs of one session.
+
+The leading comment of a text defines columns of the table `events` (`backends.event_columns`):
+BOOLEAN for what fits, and what such an event has. Every row has `trace` (the log that an event is
+of), `pos` (its number there, from 1) and `ts`, a time attribute that increases with `pos`; it is
+not the time of the event.
 """
 
 import json
@@ -61,10 +65,12 @@ def _session() -> Any:
 
 
 def first_detections(asked: Sequence[tuple[str, Sequence[Sequence[Json]]]]) -> list[list[int | None]]:
-    """For each text the number of the event, from 1, with which each of its traces first is a detection: the least position that it finds.
+    """For each text the number of the event, from 1, with which each of its traces first is a detection.
 
-    Raises `LanguageError` for a text without a header, `OverflowError` for a number that no column holds exactly, `ToolMissing` without PyFlink, and
-    `ToolFailed` where Flink does not take a text.
+    The least position that it finds.
+
+    Raises `LanguageError` for a text without a header, `OverflowError` for a number that no column
+    holds exactly, `ToolMissing` without PyFlink, and `ToolFailed` where Flink does not take a text.
     """
     headers = [RowHeader.read(text) for text, _ in asked]
     table, environment = tables(), cast(Any, None)
@@ -106,7 +112,7 @@ def _detections(
                 file.writelines(json.dumps({"trace": trace, "pos": pos, **row}) + "\n" for pos, row in enumerate(rows))
         columns = "".join(f"`{name}` {kind}," for name, kind in header.types().items())
         environment.execute_sql(_TABLE.format(number=number, columns=columns, path=path))
-        environment.execute_sql(f"CREATE TEMPORARY VIEW events AS SELECT * FROM events_{number}")  # noqa: S608 (a number)
+        environment.execute_sql(f"CREATE TEMPORARY VIEW events AS SELECT * FROM events_{number}")  # noqa: S608
         query = environment.sql_query(text)
         named = query.select(
             table.expressions.lit(number), *(table.expressions.col(name) for name in ("trace", "found"))

@@ -1,4 +1,8 @@
-"""From a tree to queries: one for each order in which the events of a scenario may come, each a row pattern with a condition for each event."""
+"""From a tree to queries.
+
+One for each order in which the events of a scenario may come, each a row pattern with a condition
+for each event.
+"""
 
 import re
 from collections import Counter
@@ -27,7 +31,11 @@ _RESERVED: Final = {"trace", "pos", "ts", "is_relevant", "is_ignored"}
 
 
 class RowPatternQueries:
-    """One translation. Raises `NotExpressible`, `TooLarge` beyond `limit` events of all orders, `TreeError` without a feasible scenario."""
+    """One translation.
+
+    Raises `NotExpressible`, `TooLarge` beyond `limit` events of all orders, `TreeError` without a
+    feasible scenario.
+    """
 
     def __init__(self, prop: Property, semantics: Semantics, limit: int) -> None:
         self._prop, self._semantics, self._size = prop, semantics, 0
@@ -40,7 +48,7 @@ class RowPatternQueries:
     def text(self) -> tuple[str, Metrics]:
         """The text and its sizes."""
         projects = self._semantics in (Semantics.PROJECTED, Semantics.CONSECUTIVE)
-        table = f"(SELECT * FROM events WHERE {self._relevance()})" if projects else "events"  # noqa: S608 (names of columns)
+        table = f"(SELECT * FROM events WHERE {self._relevance()})" if projects else "events"  # noqa: S608
         queries: dict[str, None] = {}
         for scenario in self._orders.scenarios():
             for columns, conditions in self._words(scenario):
@@ -165,6 +173,7 @@ class RowPatternQueries:
         return (
             f"SELECT trace, found FROM {table} MATCH_RECOGNIZE (\n"  # noqa: S608 (literals are quoted)
             f"  PARTITION BY trace ORDER BY ts MEASURES e{length}.pos AS found\n"
-            f"  ONE ROW PER MATCH AFTER MATCH SKIP TO NEXT ROW PATTERN ({' '.join([*(['s'] if start else []), *pattern])})\n"
+            "  ONE ROW PER MATCH AFTER MATCH SKIP TO NEXT ROW PATTERN "
+            f"({' '.join([*(['s'] if start else []), *pattern])})\n"
             f"  DEFINE {', '.join(defined)})"
         )

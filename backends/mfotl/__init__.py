@@ -1,10 +1,11 @@
 """The `mfotl` backend: metric first-order temporal logic, for MonPoly and its formally verified kernel VeriMon.
 
-The text explains itself: a leading comment defines the predicates as columns of an event (`backends.event_columns`); `mfotl-signature` is the signature of the same text, which the programs want in a file of its own. The last
-argument of every predicate is the position of the event in the trace. The unit of `limit` is atoms and comparisons of the formula.
+The text explains itself: a leading comment defines the predicates as columns of an event
+(`backends.event_columns`). The programs read the signature of the predicates from a file of its
+own, which `signature` gives. The last argument of every predicate is the position of the event in
+the trace. The unit of `limit` is atoms and comparisons of the formula.
 """
 
-from dataclasses import replace
 from typing import ClassVar
 
 from backends.mfotl.monpoly import MfotlHeader
@@ -16,11 +17,13 @@ from rvaft.core.property import Condition, Part, Property
 from rvaft.model.guards import Operator
 from rvaft.model.verdict import Semantics, Verdict
 
-__all__ = ["MfotlBackend", "MfotlSignatureBackend"]
+__all__ = ["MfotlBackend"]
 
 
 class MfotlBackend(Backend):
-    """A closed formula of past MFOTL, true from the first detection on: every tree under `scattered`, with variables and arithmetic.
+    """A closed formula of past MFOTL, true from the first detection on.
+
+    Every tree under `scattered`, with variables and arithmetic.
 
     Nothing here runs it: in a comparison the program does that a path names (`rvaft cross-check --monpoly`).
 
@@ -52,22 +55,14 @@ class MfotlBackend(Backend):
         """The formula; raises `NotExpressible` for what only Python computes alike, `TooLarge`."""
         return SpecificationText(*MfotlFormula(prop, limit).text())
 
+    @staticmethod
+    def signature(text: str) -> str:
+        """The signature of a text of this backend: its predicates with the types of their arguments.
 
-class MfotlSignatureBackend(MfotlBackend):
-    """The signature of the text of `mfotl`: the predicates with the types of their arguments.
-
-    >>> from rvaft import loads
-    >>> print(MfotlSignatureBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text, end="")
-    break_in(position: int)
-    alarm(position: int)
-    """
-
-    name: ClassVar[str] = "mfotl-signature"
-    language: ClassVar[str] = "mfotl-signature"
-    suffix: ClassVar[str] = ".sig"
-    form_of: ClassVar[str | None] = MfotlBackend.name
-
-    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """The signature; raises what the formula does."""
-        made = super().write(prop, semantics, limit)
-        return replace(made, text=MfotlHeader.read(made.text).signature())
+        >>> from rvaft import loads
+        >>> tree = loads("theft sand break_in alarm;")
+        >>> print(MfotlBackend.signature(MfotlBackend().translate(tree, Semantics.SCATTERED).text), end="")
+        break_in(position: int)
+        alarm(position: int)
+        """
+        return MfotlHeader.read(text).signature()

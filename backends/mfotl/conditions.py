@@ -1,4 +1,5 @@
-"""Guards over several events as disjunctions of conjunctions of MonPoly's comparisons, each of which is about arguments that are bound.
+"""Guards over several events as disjunctions of conjunctions of MonPoly's comparisons, each of
+which is about arguments that are bound.
 
 What MonPoly does not calculate as guards do is an argument of its own, where it is about one event alone.
 """
@@ -13,7 +14,6 @@ from rvaft.core.conditions import (
     ComparisonTest,
     ConditionTest,
     EqualityTest,
-    Sort,
     SortTest,
     TruthConditions,
     TruthTest,
@@ -21,7 +21,7 @@ from rvaft.core.conditions import (
     spelled,
 )
 from rvaft.errors import TooLarge
-from rvaft.model.guards import FUNCTIONS, Guard, Operation, Operator, variables
+from rvaft.model.guards import FUNCTIONS, Guard, Operation, Operator, Sort, variables
 from rvaft.model.patterns import Literal, Variable
 
 Ways: TypeAlias = tuple[tuple[str, ...], ...]
@@ -50,7 +50,10 @@ def either(*several: Ways) -> Ways:
 
 
 class Conditions:
-    """The guards of a scenario; `times` are the variables that hold times, `column` writes the argument of a column, which is `asked` for then.
+    """The guards of a scenario.
+
+    `times` are the variables that hold times, `column` writes the argument of a column, which is
+    `asked` for then.
 
     `bound` are the variables of each event.
     """

@@ -1,7 +1,10 @@
-"""What MonPoly and VeriMon read and say: the signature of a text, the facts of an event, and where the formula holds first.
+"""What MonPoly and VeriMon read and say.
 
-The leading comment of a text defines predicates as the columns of an event (`backends.event_columns`); the arguments of a predicate are its columns, and
-last the position of the event in the trace. An argument is `""` or 0 where its column is null.
+The signature of a text, the facts of an event, and where the formula holds first.
+
+The leading comment of a text defines predicates as the columns of an event
+(`backends.event_columns`); the arguments of a predicate are its columns, and last the position of
+the event in the trace. An argument is `""` or 0 where its column is null.
 """
 
 import json
@@ -44,7 +47,10 @@ class MfotlHeader(EventColumns):
         return "".join(lines)
 
     def facts(self, event: Json, position: int) -> Iterator[str]:
-        """The facts that an event at a position becomes; raises `OverflowError` for a number that no argument holds exactly."""
+        """The facts that an event at a position becomes.
+
+        Raises `OverflowError` for a number that no argument holds exactly.
+        """
         for name, cells in self.cells(event).items():
             if cells is not None:
                 aspects = (one.aspect for one in self.values.get(name, {}).values())
@@ -79,8 +85,9 @@ def first_detections(
 ) -> list[int | None]:
     """For each trace the number of the event, from 1, at which the formula holds first; `verified` asks VeriMon.
 
-    Raises `LanguageError` for a text without a header, `OverflowError` for a number that no argument holds exactly, `ToolMissing` where the path is no
-    program, `ToolFailed` where it does not take the text, and `TimeoutExpired` of `subprocess` after so many seconds for one trace.
+    Raises `LanguageError` for a text without a header, `OverflowError` for a number that no
+    argument holds exactly, `ToolMissing` where the path is no program, `ToolFailed` where it does
+    not take the text, and `TimeoutExpired` of `subprocess` after so many seconds for one trace.
     """
     header, found = MfotlHeader.read(text), list[int | None]()
     _require(program)
@@ -103,7 +110,10 @@ def first_detections(
 
 @cache
 def _require(program: Path) -> None:
-    """Raise `ToolMissing` for a program that does not say it is MonPoly: what says nothing would be one that detects nothing."""
+    """Raise `ToolMissing` for a program that does not say it is MonPoly.
+
+    What says nothing would be one that detects nothing.
+    """
     if "MonPoly" not in _run(program, "-version", timeout=10).stdout:
         raise ToolMissing("MonPoly", remedy=f"name the program that its build makes ({program} is another)")
 

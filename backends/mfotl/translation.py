@@ -1,4 +1,7 @@
-"""From a tree to a formula: a disjunction over its scenarios, each of which says which positions have the events of its nodes."""
+"""From a tree to a formula.
+
+A disjunction over its scenarios, each of which says which positions have the events of its nodes.
+"""
 
 import re
 from collections import Counter
@@ -41,7 +44,11 @@ _RESERVED: Final = [
 
 
 class MfotlFormula:
-    """One translation. Raises `NotExpressible`, `TooLarge` beyond `limit` atoms and comparisons, `TreeError` without a feasible scenario."""
+    """One translation.
+
+    Raises `NotExpressible`, `TooLarge` beyond `limit` atoms and comparisons, `TreeError` without a
+    feasible scenario.
+    """
 
     def __init__(self, prop: Property, limit: int) -> None:
         self._limit, self._size = limit, 0

@@ -1,7 +1,7 @@
 """The `mtl` backend: past-time formulas for Reelay, over discrete time, that hold from the first detection on.
 
-A comment says what each proposition asks of an event. The unit of `limit` is the events of all orders in which they may come. Reading a text needs
-the package `reelay`, translating does not.
+A comment says what each proposition asks of an event. The unit of `limit` is the events of all
+orders in which they may come. Reading a text needs the package `reelay`, translating does not.
 """
 
 from collections.abc import Mapping
@@ -58,14 +58,17 @@ class MtlBackend(Backend):
     default_limit: ClassVar[int] = 5_000
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
-        """The formula; raises `TooLarge` beyond `limit` events of all orders, `NotExpressible` for chains that are too long."""
+        """The formula; raises `TooLarge` beyond `limit` events of all orders, `NotExpressible` for
+        chains that are too long.
+        """
         chains = translation(prop, limit)
         header = "".join(f"{name} := {asked}\n" for name, asked in chains.propositions.items())
         formula = chains.reelay()
         return SpecificationText(f"/* rvaft\n{header}*/\n{formula}\n", Metrics(symbols(formula)))
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> DetectionMonitor:
-        """A monitor that asks Reelay; a proposition that the text does not define is as `atoms` says, or the event of its name.
+        """A monitor that asks Reelay; a proposition that the text does not define is as `atoms`
+        says, or the event of its name.
 
         Raises `LanguageError`, `TooLarge`, `ToolMissing`.
         """

@@ -1,8 +1,11 @@
-"""The form of past MTL that R2U2 takes: a file for its compiler C2PO, in which every operator looks back by a bounded number of events.
+"""The form of past MTL that R2U2 takes.
 
-A proposition is a boolean input, and a comment says what it asks of an event; input is one row of these for each event. The formula holds at
-each event that ends an attack, for the first time at the detection. `true S` stands where `O` would: C2PO (4.1) keeps as many slots of memory for
-an `O` as its bound is large, and two for the same said by `S`.
+A file for its compiler C2PO, in which every operator looks back by a bounded number of events.
+
+A proposition is a boolean input, and a comment says what it asks of an event; input is one row of
+these for each event. The formula holds at each event that ends an attack, for the first time at the
+detection. `true S` stands where `O` would: C2PO (4.1) keeps as many slots of memory for an `O` as
+its bound is large, and two for the same said by `S`.
 
 A comparison asks a checkout of R2U2: its compiler, once for a text, and its monitor, once for a trace.
 """
@@ -28,7 +31,11 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 
 HORIZON: Final = 2**30 - 1
-"""How far operators look back: the largest bound to which R2U2 (4.1), with its 31 bits, can add the number of any event that it reaches."""
+"""How far operators look back.
+
+The largest bound to which R2U2 (4.1), with its 31 bits, can add the number of any event that it
+reaches.
+"""
 _SMALL: Final = "a text that is larger than its bounds needs a build with others (`c2po.py --write-bounds`)"
 _COMPILER: Final = Path("compiler", "c2po.py")
 _DEFINITION: Final = re.compile(r"^-- (\w+ := .*\n)", re.MULTILINE)
@@ -86,8 +93,9 @@ def first_detections(
 ) -> list[int | None]:
     """For each trace the number of the event, from 1, at which the monitor says that the formula first holds.
 
-    Raises `ToolMissing` where the path is no program, or has no compiler in a folder above it, `ToolFailed` where one of both fails or the monitor
-    is built too small for the text, and `TimeoutExpired` of `subprocess` after so many seconds for one of their runs.
+    Raises `ToolMissing` where the path is no program, or has no compiler in a folder above it,
+    `ToolFailed` where one of both fails or the monitor is built too small for the text, and
+    `TimeoutExpired` of `subprocess` after so many seconds for one of their runs.
     """
     found = list[int | None]()
     asked = definitions(f"/* rvaft\n{''.join(_DEFINITION.findall(text))}*/")

@@ -33,11 +33,16 @@ class Chains:
         return self._formula("once({})", "{{{}: true}}", " or ", "{} and pre(once({}))")
 
     def c2po(self, horizon: int) -> str:
-        """The formula as C2PO takes it: the last event now, and strictly before it, by at most `horizon`, the others."""
+        """The formula as C2PO takes it.
+
+        The last event now, and strictly before it, by at most `horizon`, the others.
+        """
         return self._formula("{}", "{}", " || ", f"{{}} && (true S[1,{horizon}] ({{}}))")
 
     def _formula(self, whole: str, atom: str, either: str, then: str) -> str:
-        """The words in the shapes of a language: of a chain, a proposition, a choice, and an event with those before it."""
+        """The words in the shapes of a language: of a chain, a proposition, a choice, and an event
+        with those before it.
+        """
         formulas: list[str] = []
         for word in self.words:
             before = ""

@@ -57,10 +57,12 @@ _UNTIMED: Final = "times are read from texts and decimals, and RML has only the 
 class RmlBackend(Backend):
     """Attack-fault trees in the Runtime Monitoring Language (RML).
 
-    Trees without variables and conditions on time are expressed under every semantics, with one exception: RML cannot order strings, nor look
-    into them, so `projected` and `consecutive` are refused where relevance depends on that, by a guard of `ignore` (or, in a part of a tree, by one
-    of a node outside it). Under `strict` and `projected` also trees with variables are expressed, unless a guard asks such a thing. `limit` counts scenarios,
-    and alternatives of the equations; for each, ten symbols of the text and fifty steps of looking for it are allowed.
+    Trees without variables and conditions on time are expressed under every semantics, with one
+    exception: RML cannot order strings, nor look into them, so `projected` and `consecutive` are
+    refused where relevance depends on that, by a guard of `ignore` (or, in a part of a tree, by one
+    of a node outside it). Under `strict` and `projected` also trees with variables are expressed,
+    unless a guard asks such a thing. `limit` counts scenarios, and alternatives of the equations;
+    for each, ten symbols of the text and fifty steps of looking for it are allowed.
     """
 
     name: ClassVar[str] = "rml"
@@ -91,10 +93,17 @@ class RmlBackend(Backend):
         return translate(prop, semantics, limit=limit)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
-        """A monitor that runs an RML text, whoever wrote it; its texts define their events, so `atoms` is not looked at."""
+        """A monitor that runs an RML text, whoever wrote it; its texts define their events, so
+        `atoms` is not looked at.
+        """
         return read(text)
 
-    def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:  # noqa: ARG002
+    def observed(
+        self,
+        text: str,
+        *,
+        atoms: Mapping[str, Pattern] | None = None,  # noqa: ARG002
+    ) -> tuple[Observed, ...] | None:
         """What the event types that an RML text uses ask of events; None where patterns with guards cannot say it."""
         return observed(text)
 

@@ -1,10 +1,12 @@
 """The Prolog form of RML: what `rml` emits, as the module that RML's monitors load. It is only written here, not read.
 
-`match/2` stands for the event types, `trace_expression/2` for the equations. Written from the syntax alone; it shares nothing with the
-reader's own rules. Source: the published compiler, by its output. One thing is different: the compiler's output calls the monitor's
-`deep_subdict(Event, Pattern)`, but the copy of the monitor that is ROSMonitoring's RML oracle has its arguments the other way round (and
-turns them once more inside nested patterns), so that a text which suits one matches hardly any event in the other. Here the text brings
-its own `fits/2`, which does what the published `deep_subdict` does, and means the same in both.
+`match/2` stands for the event types, `trace_expression/2` for the equations. Written from the
+syntax alone; it shares nothing with the reader's own rules. Source: the published compiler, by its
+output. One thing is different: the compiler's output calls the monitor's `deep_subdict(Event,
+Pattern)`, but the copy of the monitor that is ROSMonitoring's RML oracle has its arguments the
+other way round (and turns them once more inside nested patterns), so that a text which suits one
+matches hardly any event in the other. Here the text brings its own `fits/2`, which does what the
+published `deep_subdict` does, and means the same in both.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -30,7 +32,8 @@ fits(Value, Pattern) :- is_dict(Pattern), !, is_dict(Value), dict_pairs(Pattern,
 fits([Value|Values], [Pattern|Patterns]) :- !, fits(Value, Pattern), fits(Values, Patterns).
 fits(Value, Value).
 fields_fit([], _).
-fields_fit([Name-Pattern|Fields], Value) :- get_dict(Name, Value, Inner), fits(Inner, Pattern), fields_fit(Fields, Value).
+fields_fit([Name-Pattern|Fields], Value) :-
+    get_dict(Name, Value, Inner), fits(Inner, Pattern), fields_fit(Fields, Value).
 """
 """How every text begins."""
 _DATA: Final = {"==": "=:=", "!=": "=\\=", "<=": "=<", "&&": ",", "||": ";"}
@@ -174,8 +177,9 @@ def _quoted(text: str, quote: str) -> str:
 class RmlPrologBackend(Backend):
     """What the published RML compiler would make of the text of `rml`, ready to load without a compiler.
 
-    The published monitor and ROSMonitoring's RML oracle both load it. It expresses what `rml` expresses, within the same limit. Nothing
-    here runs Prolog: the monitor of a specification runs the RML text that it was written from.
+    The published monitor and ROSMonitoring's RML oracle both load it. It expresses what `rml`
+    expresses, within the same limit. Nothing here runs Prolog: the monitor of a specification runs
+    the RML text that it was written from.
     """
 
     name: ClassVar[str] = "rml-prolog"

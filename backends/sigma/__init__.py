@@ -1,6 +1,8 @@
-"""The `sigma` backend: rules for single events and one correlation of them, the format of detections that SIEM systems share.
+"""The `sigma` backend: rules for single events and one correlation of them, the format of
+detections that SIEM systems share.
 
-The unit of `limit` is rules. Reading a text needs pySigma and its backend for SQLite, whose queries Python's sqlite3 runs; translating needs PyYAML.
+The unit of `limit` is rules. Reading a text needs pySigma and its backend for SQLite, whose queries
+Python's sqlite3 runs; translating needs PyYAML.
 """
 
 import json
@@ -26,10 +28,14 @@ _UNTYPED: Final = "Sigma has no types, and no null: it takes the constant for an
 
 
 class SigmaBackend(Backend):
-    """Sigma correlations: under `scattered`, events in sequence, or any gates without order, where no event is two things at once.
+    """Sigma correlations.
+
+    Under `scattered`, events in sequence, or any gates without order, where no event is two things
+    at once.
 
     >>> from rvaft import loads
-    >>> print(SigmaBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text.split("---")[-1], end="")
+    >>> made = SigmaBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED)
+    >>> print(made.text.split("---")[-1], end="")
     <BLANKLINE>
     title: theft
     correlation:
@@ -64,7 +70,9 @@ class SigmaBackend(Backend):
     default_limit: ClassVar[int] = 100
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
-        """The correlation with its rules; raises `TooLarge` beyond `limit` rules, `NotExpressible`, `ToolMissing` without PyYAML."""
+        """The correlation with its rules; raises `TooLarge` beyond `limit` rules, `NotExpressible`,
+        `ToolMissing` without PyYAML.
+        """
         text, symbols = SigmaRules(prop, limit).text()
         return SpecificationText(text, Metrics(symbols))
 
@@ -73,6 +81,9 @@ class SigmaBackend(Backend):
         return "".join(f"{json.dumps(event, ensure_ascii=False)}\n" for event in stamped(tree, trace, "timestamp"))
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
-        """A monitor that asks SQLite what pySigma makes of the rules, whoever wrote them; raises `LanguageError` and `ToolMissing`."""
+        """A monitor that asks SQLite what pySigma makes of the rules, whoever wrote them.
+
+        Raises `LanguageError` and `ToolMissing`.
+        """
         self.require()
         return SigmaMonitor(text)

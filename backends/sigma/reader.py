@@ -1,7 +1,9 @@
-"""Running a correlation: pySigma compiles the rules to a plan of queries, and SQLite asks them of a table with a row for each event.
+"""Running a correlation: pySigma compiles the rules to a plan of queries, and SQLite asks them of a
+table with a row for each event.
 
-A trace is left open where Sigma would take different values for the same: null for what is absent, and values that differ in type or case, or beyond 15 digits,
-where events are grouped by them; and where the times of the events do not increase.
+A trace is left open where Sigma would take different values for the same: null for what is absent,
+and values that differ in type or case, or beyond 15 digits, where events are grouped by them; and
+where the times of the events do not increase.
 """
 
 import json
@@ -57,11 +59,11 @@ class _SigmaProgram:
             self._table.create_function("REGEXP", 2, _is_found, deterministic=True)
             columns = "".join(f", `{name.replace('`', '``')}`" for name in self._fields)
             self._table.execute(f"CREATE TABLE logs ({_TIME}{columns})")
-            self._insert = f"INSERT INTO logs VALUES (?{', ?' * len(self._fields)})"  # noqa: S608 -- the query of SQLite's own signs
+            self._insert = f"INSERT INTO logs VALUES (?{', ?' * len(self._fields)})"  # noqa: S608
             self._steps, self._query = list[str](), plan["query"]
             for name, select in ((one["name"], one["select"]) for one in plan["prepare"]):
                 self._table.execute(f"CREATE TEMP TABLE {name} AS {select}")
-                self._steps += [f"DELETE FROM {name}", f"INSERT INTO {name} {select}"]  # noqa: S608 -- pySigma's own names
+                self._steps += [f"DELETE FROM {name}", f"INSERT INTO {name} {select}"]  # noqa: S608
             self._table.execute(self._query)
         except yaml.MarkedYAMLError as error:
             line, column = (error.problem_mark.line, error.problem_mark.column) if error.problem_mark else (0, 0)
@@ -76,7 +78,8 @@ class _SigmaProgram:
     def _times(self, trace: Sequence[Json]) -> list[float]:
         """When the events are, up to the first that is not later than those before.
 
-        A microsecond is the 2**-20th part of a second there, so that whole seconds are added exactly and the order is kept.
+        A microsecond is the 2**-20th part of a second there, so that whole seconds are added
+        exactly and the order is kept.
         """
         if self._time is None:
             return [float(number) for number in range(len(trace))]
@@ -104,7 +107,10 @@ class _SigmaProgram:
         return ""
 
     def first(self, written: str) -> int | None:
-        """The number of the event at which the correlation first holds; raises `TraceError` where its language leaves that open."""
+        """The number of the event at which the correlation first holds.
+
+        Raises `TraceError` where its language leaves that open.
+        """
         trace = json.loads(written)
         if why := self.left_open(trace):
             raise TraceError(f"this log says nothing to Sigma: {why}", line=None)
@@ -159,7 +165,9 @@ def _is_found(pattern: str, value: object) -> bool:
 
 
 def _alike(value: Json) -> object:
-    """What values have in common that Sigma takes for the same; groups are kept as JSON, in which SQLite writes 15 digits."""
+    """What values have in common that Sigma takes for the same; groups are kept as JSON, in which
+    SQLite writes 15 digits.
+    """
     stored = _stored(value)
     return stored.lower() if isinstance(stored, str) else stored if stored is None else float(f"{stored:.15g}")
 

@@ -1,9 +1,11 @@
 """From a tree to Sigma: a rule for each event, and correlations of the rules.
 
-A correlation knows when its last event was, and asks for rules and not for events: of two rules without order one event can fit both, while in
-`temporal_ordered` each comes later than those before. So what is in sequence becomes chains of single events, of which all are asked for, or one, each
-event as early as it can be; and events that can be the same one are tried in every order.
-Sigma has no types: what a number, a boolean and a text have in common it does not tell apart, so constants that could be taken for others are refused.
+A correlation knows when its last event was, and asks for rules and not for events: of two rules
+without order one event can fit both, while in `temporal_ordered` each comes later than those
+before. So what is in sequence becomes chains of single events, of which all are asked for, or one,
+each event as early as it can be; and events that can be the same one are tried in every order.
+Sigma has no types: what a number, a boolean and a text have in common it does not tell apart, so
+constants that could be taken for others are refused.
 """
 
 import re
@@ -196,7 +198,9 @@ class SigmaRules:
         return next(filter(None, map(self._mixed, nest.parts)), [])
 
     def _in_every_order(self, nodes: Iterable[str], reason: str) -> Nest:
-        """The whole tree as one of all orders in which its events can come; refused for a reason where there are windows in it."""
+        """The whole tree as one of all orders in which its events can come; refused for a reason
+        where there are windows in it.
+        """
         if any(window is not self._prop.root for window in self._windows):
             self._refuse(reason, nodes)
         return in_every_order(self._without_window(), limit=10 * self._limit)
@@ -229,7 +233,9 @@ class SigmaRules:
         return step if step.within is not None else tuple(event.pattern for event in step.events())
 
     def _rule(self, step: Nest, number: int) -> str:
-        """The name of the rule for the events of a step, another one for each number; or of the correlation for a nest with a window."""
+        """The name of the rule for the events of a step, another one for each number; or of the
+        correlation for a nest with a window.
+        """
         if step.within is not None:
             return self._child(self._correlation(step))
         if (key := (self._key(step), number)) not in self._names:
@@ -305,7 +311,7 @@ def _plain_number(value: Json) -> bool:
 
 
 def disjoint(one: Pattern, other: Pattern) -> bool:
-    """Whether some field must be another constant in an event that matches one pattern than in one that matches the other."""
+    """Whether no event matches both patterns, because they ask for different constants in a field."""
     match one, other:
         case ObjectPattern(fields), ObjectPattern(others):
             known = dict(others)

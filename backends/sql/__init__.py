@@ -1,7 +1,8 @@
 """The `sql` backend: a query on a table of events, whose rows are the detections.
 
-The text explains itself: a comment says what the table is, which rows there are, and how the time was declared. The unit of `limit` is events joined.
-Python's own SQLite reads it; `sql-duckdb` and `sql-postgres` are the same query in other dialects.
+The text explains itself: a comment says what the table is, which rows there are, and how the time
+was declared. The unit of `limit` is events joined. Python's own SQLite reads it; `sql-duckdb` and
+`sql-postgres` are the same query in other dialects.
 """
 
 from collections.abc import Mapping, Sequence
@@ -51,7 +52,9 @@ class SqlBackend(Backend):
     default_limit: ClassVar[int] = 2_000
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """The query; raises `TooLarge` beyond `limit` events that are joined, `NotExpressible` for a constant that no table can hold."""
+        """The query; raises `TooLarge` beyond `limit` events that are joined, `NotExpressible` for
+        a constant that no table can hold.
+        """
         return SpecificationText(*SqlQuery(prop, semantics, DIALECTS[self.dialect], limit).text())
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002

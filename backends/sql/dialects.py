@@ -1,8 +1,9 @@
 """The dialects of SQL: a table of what each says in its own way, as forms to fill in.
 
-A value stands at a path of an event, and is asked for what it is and for its facets: a whole number of 64 bits, another number, a text, a truth; each is
-NULL where it is something else. What a program keeps in silence as another number than the event has is not left to it: a result beyond 64 bits is an
-error when the query runs.
+A value stands at a path of an event, and is asked for what it is and for its facets: a whole number
+of 64 bits, another number, a text, a truth; each is NULL where it is something else. What a program
+keeps in silence as another number than the event has is not left to it: a result beyond 64 bits is
+an error when the query runs.
 """
 
 import re
@@ -44,10 +45,14 @@ def quoted(text: str, character: str = "chr") -> str:
 
 @dataclass(frozen=True)
 class Dialect:
-    """One dialect. `values` are forms of the way to a value: its `kind` (NULL where there is none), a scalar as the program has it (`raw`), `json`, the `length` of a list.
+    """One dialect. `values` are forms of the way to a value.
 
-    `types` say of kind and raw value whether it is of a type, `facets` make of the raw value what it is not yet, `key` of kind, raw value and JSON what is equal
-    for equal values alone; a text that `looks` like a value of another type needs to be told from it.
+    Its `kind` (NULL where there is none), a scalar as the program has it (`raw`), `json`, the
+    `length` of a list.
+
+    `types` say of kind and raw value whether it is of a type, `facets` make of the raw value what
+    it is not yet, `key` of kind, raw value and JSON what is equal for equal values alone; a text
+    that `looks` like a value of another type needs to be told from it.
 
     >>> DIALECTS["sqlite"].kind("event", ("user", 0)), DIALECTS["duckdb"].kind("event", ("user", 0))
     ("json_type(event, '$.user[0]')", "json_type(event, '/user/0')")
@@ -162,7 +167,10 @@ def _sqlite_way(event: str, path: Path) -> tuple[str, str]:
     steps = "$"
     for place, step in enumerate(path):
         if isinstance(step, str) and not _PLAIN.fullmatch(step):
-            value = "CASE type WHEN 'text' THEN json_quote(value) WHEN 'real' THEN printf('%!.17g', value) ELSE coalesce(atom, value, type) END"
+            value = (
+                "CASE type WHEN 'text' THEN json_quote(value) WHEN 'real' THEN printf('%!.17g', value) "
+                "ELSE coalesce(atom, value, type) END"
+            )
             value = f"CASE WHEN type IN ('true', 'false', 'null') THEN type ELSE {value} END"
             found = f"json_each({event}, {quoted(steps, 'char')}) WHERE key = {quoted(step, 'char')}"
             return _sqlite_way(f"(SELECT {value} FROM {found})", path[place + 1 :])
@@ -227,9 +235,12 @@ _SQLITE: Final = Dialect(
     keys=(
         "CASE {0} WHEN 'integer' THEN {1} WHEN 'real' THEN {1} WHEN 'text' THEN 's' || ({1}) "
         "WHEN 'true' THEN 'true' WHEN 'false' THEN 'false' WHEN 'null' THEN 'null' "
-        "ELSE (SELECT 'c' || group_concat(part, char(10)) FROM (SELECT fullkey || ' ' || CASE type WHEN 'integer' THEN 'n' || atom "
-        "WHEN 'real' THEN CASE WHEN atom = CAST(atom AS INTEGER) AND abs(atom) < 9e18 THEN 'n' || CAST(atom AS INTEGER) "
-        "ELSE 'n' || printf('%!.17g', atom) END WHEN 'text' THEN json_quote(atom) ELSE type END AS part FROM json_tree({2}) ORDER BY fullkey)) END"
+        "ELSE (SELECT 'c' || group_concat(part, char(10)) FROM (SELECT fullkey || ' ' || CASE type WHEN "
+        "'integer' THEN 'n' || atom "
+        "WHEN 'real' THEN CASE WHEN atom = CAST(atom AS INTEGER) AND abs(atom) < 9e18 THEN 'n' || "
+        "CAST(atom AS INTEGER) "
+        "ELSE 'n' || printf('%!.17g', atom) END WHEN 'text' THEN json_quote(atom) ELSE type END AS part "
+        "FROM json_tree({2}) ORDER BY fullkey)) END"
     ),
     looks=re.compile(r"[\[{]"),
     whole="INTEGER",
@@ -262,9 +273,12 @@ _SQLITE: Final = Dialect(
     globbed="{0} GLOB {1}",
     signs={"[": "[[]"},
     lowered=(  # SQLite's own knows those of ASCII
-        "(SELECT CASE WHEN x GLOB '*[^' || char(1) || '-' || char(127) || ']*' THEN (WITH RECURSIVE w(n, t) AS (SELECT 1 AS n, '' AS t "
-        "UNION ALL SELECT n + 1, t || CASE WHEN instr({1}, substr(x, n, 1)) > 0 THEN substr({2}, instr({1}, substr(x, n, 1)), 1) "
-        "ELSE substr(x, n, 1) END FROM w WHERE n <= length(x)) SELECT t FROM w ORDER BY n DESC LIMIT 1) ELSE lower(x) END "
+        "(SELECT CASE WHEN x GLOB '*[^' || char(1) || '-' || char(127) || ']*' THEN (WITH RECURSIVE w(n, "
+        "t) AS (SELECT 1 AS n, '' AS t "
+        "UNION ALL SELECT n + 1, t || CASE WHEN instr({1}, substr(x, n, 1)) > 0 THEN substr({2}, "
+        "instr({1}, substr(x, n, 1)), 1) "
+        "ELSE substr(x, n, 1) END FROM w WHERE n <= length(x)) SELECT t FROM w ORDER BY n DESC LIMIT 1) "
+        "ELSE lower(x) END "
         "FROM (SELECT replace({0}, 'İ', 'i' || char(775)) AS x))"
     ),
 )
@@ -289,7 +303,8 @@ _DUCKDB: Final = Dialect(
         f"WHEN {{0}} = 'DOUBLE' THEN {_KEY.format('CAST({1} AS DOUBLE)')} WHEN {{0}} = 'VARCHAR' THEN 's' || {{1}} "
         "WHEN {0} IN ('OBJECT', 'ARRAY') THEN (SELECT 'c' || string_agg(fullkey || ' ' || "
         f"CASE WHEN type = 'DOUBLE' THEN {_KEY.format('CAST(atom AS DOUBLE)')} "
-        "WHEN type IN ('BIGINT', 'UBIGINT') THEN 'n' || CAST(atom AS VARCHAR) WHEN atom IS NULL THEN type ELSE CAST(atom AS VARCHAR) END, "
+        "WHEN type IN ('BIGINT', 'UBIGINT') THEN 'n' || CAST(atom AS VARCHAR) WHEN atom IS NULL THEN type "
+        "ELSE CAST(atom AS VARCHAR) END, "
         "chr(10) ORDER BY fullkey) FROM json_tree({2})) ELSE coalesce({1}, 'null') END"
     ),
     looks=re.compile(r"[-\[{0-9]|(true|false|null)$|NaN|Inf"),
@@ -303,14 +318,16 @@ _DUCKDB: Final = Dialect(
     part="term_{1}.{0}_{2}",
     with_parts=_lambdas,
     compare=(
-        "CASE WHEN {0} IS NULL OR {2} IS NULL THEN NULL WHEN {2} >= 9223372036854775808.0 THEN 0 {1} 1 WHEN {2} < -9223372036854775808.0 THEN 1 {1} 0 "
+        "CASE WHEN {0} IS NULL OR {2} IS NULL THEN NULL WHEN {2} >= 9223372036854775808.0 THEN 0 {1} 1 "
+        "WHEN {2} < -9223372036854775808.0 THEN 1 {1} 0 "
         "ELSE ({0}, 0) {1} (CAST(floor({2}) AS BIGINT), CASE WHEN {2} > floor({2}) THEN 1 ELSE 0 END) END"
     ).format,
     least_of="least",
     greatest="greatest",
     numbers={
         "whole": f"CASE WHEN regexp_full_match({{0}}, '{_NUMBER}') THEN CAST({{0}} AS BIGINT) END",
-        "real": f"CASE WHEN regexp_full_match({{0}}, '{_FULL}') AND NOT regexp_full_match({{0}}, '{_NUMBER}') THEN {_FINITE.format('CAST({0} AS DOUBLE)')} END",
+        "real": f"CASE WHEN regexp_full_match({{0}}, '{_FULL}') AND NOT regexp_full_match({{0}}, "
+        f"'{_NUMBER}') THEN {_FINITE.format('CAST({0} AS DOUBLE)')} END",
     },
     ordered="{0} {1} {2}".format,
     startswith="starts_with({0}, {1})".format,
@@ -329,7 +346,8 @@ _POSTGRES: Final = replace(
         "kind": "json_typeof(json_extract_path({0}, {1}))",
         "raw": "json_extract_path_text({0}, {1})",
         "json": "json_extract_path({0}, {1})::text",
-        "length": "CASE json_typeof(json_extract_path({0}, {1})) WHEN 'array' THEN json_array_length(json_extract_path({0}, {1})) END",
+        "length": "CASE json_typeof(json_extract_path({0}, {1})) WHEN 'array' THEN "
+        "json_array_length(json_extract_path({0}, {1})) END",
     },
     types={
         **_named(text="string", truth="boolean", null="null", object="object", list="array"),
@@ -349,7 +367,8 @@ _POSTGRES: Final = replace(
     with_parts=_subquery,
     numbers={
         "whole": f"CASE WHEN {{0}} ~ '^({_NUMBER})$' THEN CAST({{0}} AS bigint) END",
-        "real": f"CASE WHEN {{0}} ~ '^({_FULL})$' AND {{0}} !~ '^({_NUMBER})$' THEN CAST({{0}} AS double precision) END",
+        "real": f"CASE WHEN {{0}} ~ '^({_FULL})$' AND {{0}} !~ '^({_NUMBER})$' THEN CAST({{0}} AS double "
+        "precision) END",
     },
     ordered='{0} COLLATE "C" {1} {2} COLLATE "C"'.format,
 )

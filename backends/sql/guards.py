@@ -1,7 +1,8 @@
 """The guards of a tree as conditions of SQL, with NULL for undefined.
 
-`and` and `or` of SQL look at both sides, those of guards from the left: so they become CASE. A value is a `SqlTerm`, a column for each type that it
-may have; which one it has is known when the query runs.
+`and` and `or` of SQL look at both sides, those of guards from the left: so they become CASE. A
+value is a `SqlTerm`, a column for each type that it may have; which one it has is known when the
+query runs.
 
 A number is its mathematical value: before it is calculated with, a double with an integral value becomes that integer.
 In a comparison each part that is calculated stands once, with a name.
@@ -34,7 +35,8 @@ MAX_NAMED: Final = 100
 class SqlTerm:
     """A value as expressions, of which at most one is not NULL; None where it never has that type.
 
-    `total` says that it is defined whatever the event; `constant` is a number that it always is, and a variable has a `key`, which equal values share.
+    `total` says that it is defined whatever the event; `constant` is a number that it always is,
+    and a variable has a `key`, which equal values share.
     """
 
     whole: str | None = None

@@ -1,7 +1,8 @@
 """A query that runs: traces become rows of the table `events`, and its rows are the detections.
 
-A query has a column `detected`, the number of the event with which a match is complete, and, if it tells traces apart, a column `trace`; one that does
-not is asked once for each trace. The header of a text that was written here says where events have their times.
+A query has a column `detected`, the number of the event with which a match is complete, and, if it
+tells traces apart, a column `trace`; one that does not is asked once for each trace. The header of
+a text that was written here says where events have their times.
 """
 
 import atexit
@@ -133,7 +134,10 @@ class Query:
     def _ask(
         self, traces: Iterable[tuple[int, Sequence[Json]]], select: str = "", group: str = ""
     ) -> tuple[list[str], list[tuple[Any, ...]]]:
-        """What the query, or one of its rows, says of numbered traces: the first detections, where nothing else is asked."""
+        """What the query, or one of its rows, says of numbered traces.
+
+        The first detections, where nothing else is asked.
+        """
         program, trace = _running(self._program, os.getpid()), "trace" if self.many else "0 AS trace"
         select, group = (select, group) if select else (f"SELECT {trace}, min(detected)", "GROUP BY 1")
         with _ONE_AT_A_TIME:
@@ -180,7 +184,9 @@ class Query:
         return [*map(frozenset, found)]
 
     def left_open(self, trace: Sequence[Json]) -> str:
-        """Why a table does not keep an event, or its time, or the query cannot calculate with its numbers, if that is so."""
+        """Why a table does not keep an event, or its time, or the query cannot calculate with its
+        numbers, if that is so.
+        """
         try:
             _ = [*self._loaded(0, trace)]
         except TraceError as error:

@@ -1,9 +1,14 @@
-"""From a tree to a query: a scenario is a join, an occurrence an alias, precedence `<`, another event `<>`, a guard a condition.
+"""From a tree to a query.
 
-Under `strict` and `projected` the events that count have places, and a match has the first of them; under `consecutive` each event stands with all the
-places at which a match with it may start. Under `scattered` the query says every match, unless nothing but order ties events together, or a leaf counts
-its events: then it looks for the least position of each event after those before it, for each value of the variables and each start of a window that tie
-events, and only events that a guard compares, or that could serve each other's node, are tried one by one.
+A scenario is a join, an occurrence an alias, precedence `<`, another event `<>`, a guard a
+condition.
+
+Under `strict` and `projected` the events that count have places, and a match has the first of them;
+under `consecutive` each event stands with all the places at which a match with it may start. Under
+`scattered` the query says every match, unless nothing but order ties events together, or a leaf
+counts its events: then it looks for the least position of each event after those before it, for
+each value of the variables and each start of a window that tie events, and only events that a guard
+compares, or that could serve each other's node, are tried one by one.
 """
 
 import json
@@ -67,7 +72,9 @@ class QueriedScenario:
 
     @cached_property
     def homes(self) -> list[tuple[Guard, Event | None]]:
-        """Each guard with the occurrence whose event has all that it asks for, if there is one; of equal values the earliest counts, 1 or 1.0."""
+        """Each guard with the occurrence whose event has all that it asks for, if there is one; of
+        equal values the earliest counts, 1 or 1.0.
+        """
         found: list[tuple[Guard, Event | None]] = []
         for guard in self.guards:
             asked = {name: self.binders.get(name, []) for name in variables(guard)}
@@ -99,7 +106,9 @@ class QueriedScenario:
 
     @cached_property
     def tried(self) -> frozenset[Event]:
-        """The occurrences whose events are tried one by one, whatever the query looks for: where a guard compares them, or they are apart."""
+        """The occurrences whose events are tried one by one, whatever the query looks for: where a
+        guard compares them, or they are apart.
+        """
         guards = (guard for guard, home in self.homes if home is None and guard not in self.windows)
         compared = (name for guard in guards for one in variables(guard) for name in self.binders.get(one, ()))
         return frozenset([*compared, *(name for pair in self.apart for name in pair)])
@@ -152,14 +161,21 @@ def _branch(prop: Property, kept: Kept) -> int:
 
 @dataclass(frozen=True)
 class QueriedRow:
-    """The rows of an occurrence: their table, and the columns that other tables may have, too, as this one calls them."""
+    """The rows of an occurrence.
+
+    Their table, and the columns that other tables may have, too, as this one calls them.
+    """
 
     table: str
     shared: Mapping[str, str]
 
 
 class SqlQuery:
-    """One translation. Raises `TooLarge` beyond `limit` events that are joined, `TreeError` without a feasible scenario."""
+    """One translation.
+
+    Raises `TooLarge` beyond `limit` events that are joined, `TreeError` without a feasible
+    scenario.
+    """
 
     def __init__(self, prop: Property, semantics: Semantics, dialect: Dialect, limit: int) -> None:
         self.prop, self.semantics, self.dialect, self.limit = prop, semantics, dialect, limit
@@ -399,7 +415,9 @@ class SqlQuery:
         alias: Mapping[Event, str],
         wanted: Mapping[str, Set[str]],
     ) -> dict[Event, QueriedRow]:
-        """For each occurrence its events, or where they are not tried one by one those at the least position after what comes before it."""
+        """For each occurrence its events, or where they are not tried one by one those at the least
+        position after what comes before it.
+        """
         keys = {name: [key for key in sorted(wanted[row]) if key.endswith("_key")] for name, row in alias.items()}
         found: dict[Event, QueriedRow] = {}
         for name, row in alias.items():
@@ -423,7 +441,10 @@ class SqlQuery:
             columns = "".join(f", {said} AS {column}" for column, said in shared.items())
             groups = ", ".join(["n.trace", *shared.values()])
             condition = f" WHERE {' AND '.join(dict.fromkeys(where))}" if where else ""
-            query = f"SELECT n.trace{columns}, min(n.pos) AS pos FROM {', '.join(dict.fromkeys(sources))}{condition} GROUP BY {groups}"
+            query = (
+                f"SELECT n.trace{columns}, min(n.pos) AS pos FROM "
+                f"{', '.join(dict.fromkeys(sources))}{condition} GROUP BY {groups}"
+            )
             found[name] = QueriedRow(self._table(query, "f"), {column: column for column in shared})
         return found
 

@@ -1,7 +1,8 @@
 """The `stix` backend: STIX 2.1 patterns, as threat intelligence is shared and security products run it.
 
-An event of a log is an object `x-rvaft` in an observation, its fields the properties of the object; or, by a mapping that the user gives, an object
-of another type. The unit of `limit` is observation expressions. Reading a text needs stix2-matcher, translating does not.
+An event of a log is an object `x-rvaft` in an observation, its fields the properties of the object;
+or, by a mapping that the user gives, an object of another type. The unit of `limit` is observation
+expressions. Reading a text needs stix2-matcher, translating does not.
 """
 
 import json
@@ -78,7 +79,8 @@ class StixBackend(Backend):
         self._header = header or StixHeader()
 
     def mapped(self, mapping: Mapping[str, Any]) -> "StixBackend":
-        """The same for events whose fields are properties of other objects: of each event type the path of each field that it asks for.
+        """The same for events whose fields are properties of other objects: of each event type the
+        path of each field that it asks for.
 
         >>> from rvaft import loads
         >>> stix = StixBackend().mapped({"a": {"event": "user-account:account_login"}})
@@ -88,14 +90,20 @@ class StixBackend(Backend):
         return StixBackend(StixHeader.mapped(mapping))
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
-        """The pattern; `TooLarge` beyond `limit` observation expressions, `OptionError` for a mapping that lacks a type or a field."""
+        """The pattern.
+
+        `TooLarge` beyond `limit` observation expressions, `OptionError` for a mapping that lacks a
+        type or a field.
+        """
         windows = any(isinstance(part, Within) for part in prop.parts)
         header = replace(self._header, time=prop.time if windows else None)
         text, symbols = StixPattern(prop, header, limit).text()
         return SpecificationText(text, Metrics(symbols))
 
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:
-        """A bundle of observed data; raises what `translate` does under `scattered`, and `TraceError` where times do not increase."""
+        """A bundle of observed data; raises what `translate` does under `scattered`, and
+        `TraceError` where times do not increase.
+        """
         header = StixHeader.of(self.translate(tree, Semantics.SCATTERED).text)
         objects = [*chain.from_iterable(header.observations(trace))]
         bundle = {"type": "bundle", "id": f"bundle--{UUID(int=0)}", "objects": objects}
@@ -104,7 +112,8 @@ class StixBackend(Backend):
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """A monitor that asks stix2-matcher, whoever wrote the pattern; raises `LanguageError` and `ToolMissing`.
 
-        The events stand 1 s apart, or, where the pattern begins with a header that says so, at their own times, which then have to increase.
+        The events stand 1 s apart, or, where the pattern begins with a header that says so, at
+        their own times, which then have to increase.
         """
         self.require()
         return StixMonitor(text)

@@ -1,4 +1,7 @@
-"""What a pattern asks of one observation: the comparisons that an event pattern and the guards on its values come to."""
+"""What a pattern asks of one observation.
+
+The comparisons that an event pattern and the guards on its values come to.
+"""
 
 import re
 from collections.abc import Callable, Mapping, Sequence

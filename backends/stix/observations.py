@@ -1,7 +1,8 @@
 """How events become observed data: the names of properties, the times, and the header that a pattern begins with.
 
-`type` and `id`, and names that end in `_ref`, `_refs`, `_hex` or `_bin`, have a meaning of their own in STIX. A field that is called so, or would be
-taken for such a field, gets one more underscore at the end.
+`type` and `id`, and names that end in `_ref`, `_refs`, `_hex` or `_bin`, have a meaning of their
+own in STIX. A field that is called so, or would be taken for such a field, gets one more underscore
+at the end.
 """
 
 import json
@@ -109,9 +110,15 @@ class StixHeader:
         return "STIX orders by times, which have to increase" if len(self._times(trace)) < len(trace) else ""
 
     def observations(self, trace: Sequence[Json]) -> list[list[Json]]:
-        """Of each event its observed data, with the objects that this refers to; raises `TraceError` where times do not increase."""
+        """Of each event its observed data, with the objects that this refers to.
+
+        Raises `TraceError` where times do not increase.
+        """
         if self.left_open(trace):
-            reason = "observations are in the order of their times: each event needs one, of whole microseconds, later than those before"
+            reason = (
+                "observations are in the order of their times: each event needs one, of whole "
+                "microseconds, later than those before"
+            )
             raise TraceError(reason, line=None)
         found: list[list[Json]] = []
         for number, (event, time) in enumerate(zip(trace, self._times(trace), strict=True)):

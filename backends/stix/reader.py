@@ -20,7 +20,9 @@ _MATCHES: Final = 500
 
 
 class StixMonitor(DetectionMonitor):
-    """A pattern on a trace; raises `LanguageError`, `ToolMissing`, and `TooLarge` where it is too deep for stix2-matcher."""
+    """A pattern on a trace; raises `LanguageError`, `ToolMissing`, and `TooLarge` where it is too
+    deep for stix2-matcher.
+    """
 
     def __init__(self, text: str) -> None:
         program = _StixProgram(text)
@@ -64,7 +66,10 @@ class _StixProgram:
         return [1 + max(one for one in match if one is not None) for match in some]
 
     def first(self, written: str) -> int | None:
-        """The number of the event with which the pattern first matches; raises `TraceError` where its language leaves that open."""
+        """The number of the event with which the pattern first matches.
+
+        Raises `TraceError` where its language leaves that open.
+        """
         observed, found = self.header.observations(json.loads(written)), None
         try:
             while observed and (ends := self._matches(observed)):

@@ -63,7 +63,10 @@ class Reports:
     def compare(
         self, running: Generator[tuple[Task, list[Result]], None, None], count: int, *, bogus: str | None, stop: bool
     ) -> None:
-        """Take the results of so many comparisons, and report at the end; an interrupt ends the program after the report."""
+        """Take the results of so many comparisons, and report at the end.
+
+        An interrupt ends the program after the report.
+        """
         done, every, note = 0, 0, ""
         with progress(count) as advance, closing(running):
             try:
@@ -187,9 +190,9 @@ def cross_check_command(
 ) -> int:
     """Compare the reference, the engine and all faithful backends: on each TREE, or without one on every gate.
 
-    Proves agreement on all traces where it can, tests it otherwise, and says which. Verdicts among which is no detection
-    are vacuous and count as no agreement. The exit status is 1 when some differ, 2 when
-    something could not be read or run, or nothing was compared.
+    Proves agreement on all traces where it can, tests it otherwise, and says which. Verdicts among
+    which is no detection are vacuous and count as no agreement. The exit status is 1 when some
+    differ, 2 when something could not be read or run, or nothing was compared.
     """
     cases, limit, semantics, timeout = (given[name] for name in ("replay", "limit", "semantics", "timeout"))
     part = {name: given[name] for name in ("branch", "kind")}

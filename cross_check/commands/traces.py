@@ -63,7 +63,8 @@ def traces_command(
     output: str | None,
     **given: Any,
 ) -> int:
-    """Write example logs for a tree: N traces, as JSON Lines unless --format names another form, one to standard output or each to a file of a folder.
+    """Write example logs for a tree: N traces, as JSON Lines unless --format names another form,
+    one to standard output or each to a file of a folder.
 
     The same options give the same traces. A folder that is not there is made; files of the same names are replaced.
     """

@@ -49,7 +49,10 @@ def kinds_for(tree: RVAFT) -> list[Disturbance]:
 
 
 def disturbed(random: Random, trace: list[Json], tree: RVAFT, values: Sequence[Json] = ()) -> list[Json]:
-    """The trace after one edit or a few; the trace itself stays as it is. `values` are worth trying beside those of the tree."""
+    """The trace after one edit or a few; the trace itself stays as it is.
+
+    `values` are worth trying beside those of the tree.
+    """
     for _ in range(random.choice((1, 1, 1, 2, 2, 3))):
         known = kinds_for(tree)
         kinds = random.sample(known, len(known))
@@ -61,7 +64,9 @@ def disturbed(random: Random, trace: list[Json], tree: RVAFT, values: Sequence[J
 def disturbed_by(
     kind: Disturbance, random: Random, trace: list[Json], tree: RVAFT, values: Sequence[Json] = ()
 ) -> list[Json] | None:
-    """The trace after one edit of a kind, different from what it was, or None where there is nothing to edit in that way."""
+    """The trace after one edit of a kind, different from what it was, or None where there is
+    nothing to edit in that way.
+    """
     index = random.randrange(len(trace)) if trace else 0
     match kind:
         case Disturbance.EXTRA | Disturbance.NOISE:
@@ -97,7 +102,8 @@ def disturbed_by(
                 owner = owner[step]
             return put(trace, tuple(above), {name: value for name, value in owner.items() if name != field})
         case Disturbance.OTHER | Disturbance.THROUGHOUT:
-            # what ties events together breaks at one place; what a condition says of all of them is broken in all of them
+            # what ties events together breaks at one place; what a condition says of all of them is
+            # broken in all of them
             if not (scalars := _scalars(trace)):
                 return None
             path, old = random.choice(scalars)
@@ -152,7 +158,9 @@ def _swapped(random: Random, trace: list[Json]) -> list[Json] | None:
 
 
 def _bound(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:
-    """Bounds of a field are the constants it is compared with, the numbers there, and the sums of both (`T2 >= T1 + 10`)."""
+    """Bounds of a field are the constants it is compared with, the numbers there, and the sums of
+    both (`T2 >= T1 + 10`).
+    """
     fields = EventFields(tree)
 
     def near(path: Path, old: Json) -> list[Json]:
@@ -193,9 +201,11 @@ def _other_number(_: Path, value: Json) -> list[Json]:
 
 
 def with_constant(random: Random, trace: list[Json], constants: Sequence[Json]) -> list[Json] | None:
-    """The trace with a constant of some guard, or a value next to it, in place of a value of its kind, or None without any.
+    """The trace with a constant of some guard, or a value next to it, in place of a value of its
+    kind, or None without any.
 
-    The rest stays, so that one condition is met or broken while the others hold. Now and then a value becomes one that looks like it.
+    The rest stays, so that one condition is met or broken while the others hold. Now and then a
+    value becomes one that looks like it.
     """
     scalars = _scalars(trace)
     alike = [(path, twin) for path, value in scalars for twin in _look_alikes(value)]
@@ -241,7 +251,8 @@ def _scalars(trace: list[Json]) -> list[tuple[Path, Json]]:
     return [(path, value) for path, value in _inside(trace) if not isinstance(value, (dict, list))]
 
 
-# -- random traces that are one edit away from a detection --------------------------------------------------------------
+# -- random traces that are one edit away from a detection
+# --------------------------------------------------------------
 
 _TRIES: Final = 3
 _EVERYDAY: Final = (
@@ -267,7 +278,9 @@ class NearMiss(NamedTuple):
 def near_miss(
     random: Random, tree: RVAFT, semantics: Semantics = Semantics.PROJECTED, manner: Manner = WILD
 ) -> NearMiss:
-    """A near miss; raises `NoTraceFound` where no detecting trace is found, and what the monitor raises (`TooLarge`)."""
+    """A near miss; raises `NoTraceFound` where no detecting trace is found, and what the monitor
+    raises (`TooLarge`).
+    """
     detected = detecting(random, tree, semantics, manner)
     kinds = [kind for kind in kinds_for(tree) if kind in _EVERYDAY or not manner.believable]
     for kind in random.sample(kinds, len(kinds)):

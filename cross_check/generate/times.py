@@ -1,7 +1,9 @@
-"""Times of events: how an instant is written, which instants meet the conditions of a scenario, and those at and next to a bound.
+"""Times of events: how an instant is written, which instants meet the conditions of a scenario, and
+those at and next to a bound.
 
-Conditions on time are bounds of differences (`time[a] - time[b] <= c`). What is open in one, as with which event a part ends, is chosen
-at random; instants that keep all bounds are found by lowering, as Bellman and Ford do, and then moved about between their neighbours.
+Conditions on time are bounds of differences (`time[a] - time[b] <= c`). What is open in one, as
+with which event a part ends, is chosen at random; instants that keep all bounds are found by
+lowering, as Bellman and Ford do, and then moved about between their neighbours.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -49,7 +51,8 @@ Bound: TypeAlias = tuple[int, int, int]
 """Two events by number and the most that the first may be after the second, in nanoseconds."""
 
 
-# -- the field with the time --------------------------------------------------------------------------------------------
+# -- the field with the time
+# --------------------------------------------------------------------------------------------
 
 
 def with_time(event: Json, field: Sequence[str], value: Json) -> Json | None:
@@ -74,7 +77,9 @@ def without_time(event: Json, field: Sequence[str]) -> Json:
 
 
 def standing(pattern: Pattern, field: Sequence[str]) -> Pattern | None:
-    """What a pattern has where the time stands; None where it says nothing of it, the pattern itself where it is no object."""
+    """What a pattern has where the time stands; None where it says nothing of it, the pattern
+    itself where it is no object.
+    """
     if not field or not isinstance(pattern, ObjectPattern):
         return pattern
     inner = next((inner for name, inner in pattern.fields if name == field[0]), None)
@@ -82,9 +87,11 @@ def standing(pattern: Pattern, field: Sequence[str]) -> Pattern | None:
 
 
 def written(random: Random, form: TimeFormat, instant: int, *, plain: bool) -> Json:
-    """An instant in a format; where it need not be plain, in one of all the ways that mean it. None where no calendar has it.
+    """An instant in a format; where it need not be plain, in one of all the ways that mean it. None
+    where no calendar has it.
 
-    >>> written(Random(0), TimeFormat.ISO8601, 1_500_000_000, plain=True), written(Random(0), TimeFormat.SECONDS, 1_500_000_000, plain=True)
+    >>> formats = TimeFormat.ISO8601, TimeFormat.SECONDS
+    >>> tuple(written(Random(0), form, 1_500_000_000, plain=True) for form in formats)
     ('1970-01-01T00:00:01.5Z', 1.5)
     """
     if form is TimeFormat.ISO8601 and not _FIRST < instant < _LAST:
@@ -152,7 +159,8 @@ _UNREADABLE_TIMES: Final[Mapping[TimeFormat, Sequence[Json]]] = {
 """What nobody can read as a time."""
 
 
-# -- the conditions of a scenario -----------------------------------------------------------------------------------------
+# -- the conditions of a scenario
+# -----------------------------------------------------------------------------------------
 
 
 def durations(tree: RVAFT) -> list[int]:
@@ -167,8 +175,8 @@ def durations(tree: RVAFT) -> list[int]:
 class Schedule:
     """The times of the events of one scenario, and the values that variables get from them.
 
-    `order` has the node of each event. A variable that stands where the time does, and that a guard uses, keeps its value;
-    other variables there follow the time.
+    `order` has the node of each event. A variable that stands where the time does, and that a guard
+    uses, keeps its value; other variables there follow the time.
     """
 
     def __init__(
@@ -199,7 +207,9 @@ class Schedule:
                 self._fixed[number] = tree.time.read(with_time({}, tree.time.field, value))
 
     def times(self) -> list[int | None] | None:
-        """A time for each event, or None where the conditions were not met; some are undefined where that does no harm."""
+        """A time for each event, or None where the conditions were not met; some are undefined
+        where that does no harm.
+        """
         bounds = [*self._bounds()]
         for first, *others in self._following.values():
             bounds += [bound for other in others for bound in ((other, first, 0), (first, other, 0))]
@@ -288,7 +298,8 @@ class Schedule:
     def _instants(self, bounds: Sequence[Bound]) -> list[int] | None:
         """Instants that keep these bounds, or None where there are none.
 
-        Plain ones grow if they can, by some seconds each unless a bound wants it otherwise; others are often at a bound, or next to it.
+        Plain ones grow if they can, by some seconds each unless a bound wants it otherwise; others
+        are often at a bound, or next to it.
         """
         random, plain, count = self.random, self.plain, len(self.order)
         fixed = {number: time for number, time in self._fixed.items() if time is not None}
@@ -339,7 +350,8 @@ def _lowered(times: list[int], bounds: Sequence[Bound]) -> list[int] | None:
     return None
 
 
-# -- times for a whole trace --------------------------------------------------------------------------------------------
+# -- times for a whole trace
+# --------------------------------------------------------------------------------------------
 
 
 def steps_of(tree: RVAFT) -> list[int]:
@@ -361,7 +373,9 @@ def timed(random: Random, tree: RVAFT, event: Json, instant: int | None, *, plai
 
 
 def walked(random: Random, tree: RVAFT, trace: Iterable[Json], *, plain: bool = False) -> list[Json]:
-    """The events at times some steps apart, at which a verdict can change; a few go back and, unless `plain`, a few have none."""
+    """The events at times some steps apart, at which a verdict can change; a few go back and,
+    unless `plain`, a few have none.
+    """
     if tree.time is None:
         return [*trace]
     steps, now, found = steps_of(tree), random.choice((0, TODAY)), []
@@ -373,7 +387,10 @@ def walked(random: Random, tree: RVAFT, trace: Iterable[Json], *, plain: bool = 
 
 
 def in_order(tree: RVAFT, trace: Iterable[Json]) -> list[Json]:
-    """The events at times near to theirs that increase, in whole microseconds: what was a nanosecond off a bound is a microsecond off it."""
+    """The events at times near to theirs that increase, in whole microseconds.
+
+    What was a nanosecond off a bound is a microsecond off it.
+    """
     if tree.time is None:
         return [*trace]
     events = [*trace]
@@ -391,7 +408,9 @@ def in_order(tree: RVAFT, trace: Iterable[Json]) -> list[Json]:
 
 
 def apart(tree: RVAFT, trace: Sequence[Json]) -> list[Json] | None:
-    """The events with those of one moment a microsecond after each other; None where an event has no time of whole microseconds, or one before the last."""
+    """The events with those of one moment a microsecond after each other; None where an event has
+    no time of whole microseconds, or one before the last.
+    """
     if tree.time is None:
         return [*trace]
     found: list[Json] = []
@@ -401,7 +420,7 @@ def apart(tree: RVAFT, trace: Sequence[Json]) -> list[Json] | None:
         if time is None or time % MICROSECOND or time < before:
             return None
         before, moved = time, max(time, now + MICROSECOND)
-        found.append(event if moved == time else timed(Random(0), tree, event, moved, plain=True))  # noqa: S311 -- no secret
+        found.append(event if moved == time else timed(Random(0), tree, event, moved, plain=True))  # noqa: S311
         now = moved
     return found
 

@@ -66,7 +66,10 @@ def random_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
 
 
 def random_trace(random: Random, tree: RVAFT, *, max_length: int = 8, plain: bool = False) -> list[Json]:
-    """A trace of up to that many events over a handful of values, so that values repeat; `plain` times are read everywhere."""
+    """A trace of up to that many events over a handful of values, so that values repeat.
+
+    `plain` times are read everywhere.
+    """
     everything = interesting_values(tree)
     values = [random.choice(everything) for _ in range(3)]
     events = [random_event(random, tree, values) for _ in range(random.randint(0, max_length))]
@@ -103,9 +106,9 @@ def is_ignored(tree: RVAFT, event: Json) -> bool:
 
 # Random scenarios of a tree (semantics, section 2), drawn from the root down without enumerating them.
 #
-# What turns out to be impossible is banned for the draws that follow, so that the choices above it are made differently: a
-# node (its guard cannot hold) or a tree edge (it takes part in a cycle of the precedence). Every feasible scenario can be
-# drawn as long as nothing is banned.
+# What turns out to be impossible is banned for the draws that follow, so that the choices above it
+# are made differently: a node (its guard cannot hold) or a tree edge (it takes part in a cycle of
+# the precedence). Every feasible scenario can be drawn as long as nothing is banned.
 
 Ban: TypeAlias = str | Edge
 """A node, or a tree edge, that no scenario drawn may have."""
@@ -141,7 +144,9 @@ class Scenarios:
         self._precedences: dict[Hashable, nx.DiGraph] = {}
 
     def draw(self, random: Random, *, lean: bool = False) -> Kept | None:
-        """The kept parts of one scenario, or None where each has something banned; `lean` makes the choices with the fewest events.
+        """The kept parts of one scenario, or None where each has something banned.
+
+        `lean` makes the choices with the fewest events.
 
         The precedence of the scenario may be cyclic; of its conditions only those without variables hold for sure.
         """
@@ -158,7 +163,9 @@ class Scenarios:
         return {part: kept[part] for part in reversed(self.prop.parts) if part in kept}
 
     def ban(self, random: Random, bans: Sequence[Ban]) -> None:
-        """Ban one of these, such that scenarios are left; where there is none such, start afresh with nothing banned."""
+        """Ban one of these, such that scenarios are left; where there is none such, start afresh
+        with nothing banned.
+        """
         for ban in random.sample(bans, min(len(bans), _TRIED)):
             if ban not in self.bans:
                 self.bans.add(ban)
@@ -170,8 +177,8 @@ class Scenarios:
     def order(self, random: Random, kept: Kept) -> list[str]:
         """The node of each event of a scenario, in a random order; raises `Cyclic` where no order keeps the precedence.
 
-        Every order that keeps the precedence can come out. A leaf with `times N` comes N times. The event with which a part
-        under `pand` ends is drawn.
+        Every order that keeps the precedence can come out. A leaf with `times N` comes N times. The
+        event with which a part under `pand` ends is drawn.
         """
         ordered = [part for part in kept if isinstance(part, EndInOrder)]
         for _ in range(_ENDS):
@@ -253,7 +260,9 @@ def _drawn_order(random: Random, graph: "nx.DiGraph") -> list[Event | Times]:
 
 
 def _end_in_order(random: Random, kept: Kept, ordered: Part, graph: "nx.DiGraph") -> None:
-    """Draw the event with which each part in an order of ends ends, after its other events and before the end of the next part."""
+    """Draw the event with which each part in an order of ends ends, after its other events and
+    before the end of the next part.
+    """
     before: Part | None = None
     for inner in kept[ordered]:
         events = [part for part in reachable(inner, kept.__getitem__) if isinstance(part, Event | Times)]
@@ -266,7 +275,8 @@ def _end_in_order(random: Random, kept: Kept, ordered: Part, graph: "nx.DiGraph"
         before = last
 
 
-# -- traces that are led through a scenario -----------------------------------------------------------------------------
+# -- traces that are led through a scenario
+# -----------------------------------------------------------------------------
 
 _NOISE: Final = 3
 """The most events of noise in one trace."""
@@ -280,9 +290,10 @@ _BUILDS: Final = 40
 class Manner:
     """What the events look like, beside what the tree demands (probabilities between 0 and 1), and how hard to look.
 
-    A `believable` trace has times that grow and values that their fields suggest; otherwise free values are taken from those that make
-    a difference to the tree, of all types. An `overlapping` event also has the fields of another runtime event of the tree.
-    `longest` bounds the events of a trace, `attempts` the scenarios that are drawn.
+    A `believable` trace has times that grow and values that their fields suggest; otherwise free
+    values are taken from those that make a difference to the tree, of all types. An `overlapping`
+    event also has the fields of another runtime event of the tree. `longest` bounds the events of a
+    trace, `attempts` the scenarios that are drawn.
     """
 
     believable: bool = False
@@ -300,7 +311,10 @@ PLAIN: Final = Manner(believable=True)
 
 
 class NoTraceFound(RvaftError, LookupError):
-    """No detecting trace was found; `nodes` are those whose guards or events stood in the way. There may be one all the same."""
+    """No detecting trace was found; `nodes` are those whose guards or events stood in the way.
+
+    There may be one all the same.
+    """
 
     def __init__(self, why: str, *, attempts: int, nodes: Sequence[str] = ()) -> None:
         self.why = why
@@ -314,7 +328,8 @@ def detecting(
 ) -> list[Json]:
     """A trace after which, and not before, the monitor says ⊤.
 
-    The tree keeps the rules of `rvaft check`. Raises `NoTraceFound`, and `TooLarge` as the monitor does and for leaves counted too often.
+    The tree keeps the rules of `rvaft check`. Raises `NoTraceFound`, and `TooLarge` as the monitor
+    does and for leaves counted too often.
     """
     if max((node.times for node in tree.top_down()), default=1) > _COUNTED:
         raise TooLarge("times of a counted leaf in example traces", limit=_COUNTED)
@@ -337,8 +352,8 @@ def guided(
 ) -> list[Json]:
     """A trace that holds a match of a random scenario, by its construction alone: no monitor is asked.
 
-    It may be detected before its end, where a part of it is a match too. `scenarios` are those of the tree, where several traces are
-    wanted. Raises `NoTraceFound`.
+    It may be detected before its end, where a part of it is a match too. `scenarios` are those of
+    the tree, where several traces are wanted. Raises `NoTraceFound`.
     """
     scenarios = scenarios or Scenarios(tree)
     making = _Making(random, tree, scenarios.prop, Semantics(semantics), manner)

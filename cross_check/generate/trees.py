@@ -1,8 +1,9 @@
 """Random trees of every shape, reproducible from a seed.
 
-Shapes: all gates, shared nodes, events on gates, overlapping patterns, both causalities, variables, guards on events, gates and
-choices (wrong types among their values), `ignore`, kinds, topics. Then some get times, windows, conditions on time, counted leaves, `pand`,
-functions of texts and numbers, and a semantics of their own. Every tree that comes out keeps the rules of `rvaft check`.
+Shapes: all gates, shared nodes, events on gates, overlapping patterns, both causalities, variables,
+guards on events, gates and choices (wrong types among their values), `ignore`, kinds, topics. Then
+some get times, windows, conditions on time, counted leaves, `pand`, functions of texts and numbers,
+and a semantics of their own. Every tree that comes out keeps the rules of `rvaft check`.
 """
 
 from collections.abc import Sequence
@@ -181,7 +182,8 @@ class _Growth:
         return Ignore(on, self._comparison(names) if self.random.random() < 0.8 else None)
 
 
-# -- what real logs need, drawn apart from the tree that it is added to ---------------------------------------------------
+# -- what real logs need, drawn apart from the tree that it is added to
+# ---------------------------------------------------
 
 _DURATIONS: Final = (0, 1, 1_000_000, 1_000_000_000, 2_000_000_000, 5_000_000_000, 90_000_000_000)
 _FIELDS: Final = (("t",), ("t",), ("header", "stamp"), ("x",), ("@timestamp",))

@@ -1,7 +1,11 @@
-"""Random values: those that make a difference to a tree, those under which guards hold, and those that a log might hold.
+"""Random values.
 
-Candidates for a variable are what its comparisons are about, solved for it as far as the other sides have values (`T2 >= T1 + 10`
-with T1 = 3 gives 12, 13 and 14), and a handful of values of the tree. Finding none proves nothing.
+Those that make a difference to a tree, those under which guards hold, and those that a log might
+hold.
+
+Candidates for a variable are what its comparisons are about, solved for it as far as the other
+sides have values (`T2 >= T1 + 10` with T1 = 3 gives 12, 13 and 14), and a handful of values of the
+tree. Finding none proves nothing.
 """
 
 import math
@@ -75,7 +79,9 @@ def operations(guard: Guard | None) -> Iterator[Operation]:
 
 
 def built(pattern: Pattern, binding: Binding, free: Callable[[str], Json]) -> Json:
-    """A value that matches the pattern with these values for its variables, and what is `free`, by its field, for all else."""
+    """A value that matches the pattern with these values for its variables, and what is `free`, by
+    its field, for all else.
+    """
     chosen = dict(binding)
 
     def build(part: Pattern, field: str) -> Json:
@@ -111,7 +117,8 @@ def around(bound: Json) -> list[Json]:
     return [bound]
 
 
-# -- places in events, and the fields they belong to --------------------------------------------------------------------
+# -- places in events, and the fields they belong to
+# --------------------------------------------------------------------
 
 
 def places(whole: Json) -> list[tuple[Path, Json]]:
@@ -172,7 +179,9 @@ class EventFields:
         self.operations = [part for guard in guards for part in operations(guard)]
 
     def bounds(self, path: Path, trace: Sequence[Json]) -> tuple[list[Json], list[Json]]:
-        """The numbers that a value there is compared with: constants, and those in a trace in fields of the same comparisons."""
+        """The numbers that a value there is compared with: constants, and those in a trace in
+        fields of the same comparisons.
+        """
         field = field_at(path)
         constants, fields = list(self.literals[field]), {field}
         for part in self.operations:
@@ -184,7 +193,8 @@ class EventFields:
         return [one for one in constants if is_number(one)], numbers
 
 
-# -- values under which some demands are met: the guards of a scenario, and that no event be ignored ---------------------
+# -- values under which some demands are met: the guards of a scenario, and that no event be ignored
+# ---------------------
 
 TRIES: Final = 200
 """How many values to try for variables that hang together, and 20 more for each of them, before giving up."""
@@ -245,7 +255,8 @@ class ValueSearch:
         found: dict[str, Json] = {}
         place = {name: index for index, name in enumerate(graph)}
         for component in nx.connected_components(graph):
-            # Mostly in the order in which the trace binds them, so that times grow; what is hard from there may be easy from elsewhere.
+            # Mostly in the order in which the trace binds them, so that times grow; what is hard
+            # from there may be easy from elsewhere.
             start = min(component, key=place.__getitem__)
             if self.near and self.random.random() < _ANY_ORDER:
                 start = self.random.choice(sorted(component))
@@ -303,10 +314,11 @@ class ValueSearch:
         yield from self.random.sample(self.others, len(self.others))
 
 
-# -- what a log might hold: times that grow, and for every field a value that its name suggests, where the tree leaves it open ---
+# -- what a log might hold: times that grow, and for every field a value that its name suggests,
+# where the tree leaves it open ---
 #
-# A field holds times where it is called so, or where guards look at differences of its values. Times that guards leave open are filled
-# in last, between those of the events before and after.
+# A field holds times where it is called so, or where guards look at differences of its values.
+# Times that guards leave open are filled in last, between those of the events before and after.
 
 TIMES: Final = frozenset(
     {"t", "time", "times", "timestamp", "ts", "clock", "date", "datetime", "stamp", "when", "at_time", "epoch"}
@@ -347,7 +359,10 @@ class LogValues:
                 self._numeric |= names
 
     def growing(self, patterns: Sequence[Pattern]) -> Iterator[list[Demand]]:
-        """Demands that the times of these events, one after the other, grow: by some seconds each, or at least do not fall."""
+        """Demands that the times of these events, one after the other, grow.
+
+        By some seconds each, or at least do not fall.
+        """
         times: dict[str, dict[str, None]] = defaultdict(dict)
         for field, leaf in (pair for pattern in patterns for pair in leaves(pattern)):
             if isinstance(leaf, Variable) and field in self._times and not leaf.name.startswith("_"):

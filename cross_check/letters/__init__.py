@@ -1,9 +1,10 @@
 """Letters: one event for every combination of answers that an event can give to some questions.
 
-Why none is missing: the patterns that an event matches are those that their least event matches (`unification`), and all sets of patterns of
-this kind are enumerated (`closed_sets`). For guards, the equalities that they ask about are patterns of their own; then, for each
-set, values are chosen that show every combination of truths of the guards (`regions`).
-A letter is never invented: its answers are those that its event gives.
+Why none is missing: the patterns that an event matches are those that their least event matches
+(`unification`), and all sets of patterns of this kind are enumerated (`closed_sets`). For guards,
+the equalities that they ask about are patterns of their own; then, for each set, values are chosen
+that show every combination of truths of the guards (`regions`). A letter is never invented: its
+answers are those that its event gives.
 """
 
 import math
@@ -38,8 +39,9 @@ _SAMPLED: Final = 256
 class Letters:
     """Events, `{}` first: whatever it matches, every event matches.
 
-    `gap` is empty where every event there is gives the same answers as one of these; otherwise it says why that is not known.
-    `twins` has, for each event, the number of one before it that gives the same answers with other values, or its own.
+    `gap` is empty where every event there is gives the same answers as one of these; otherwise it
+    says why that is not known. `twins` has, for each event, the number of one before it that gives
+    the same answers with other values, or its own.
     """
 
     events: tuple[Json, ...]
@@ -66,11 +68,13 @@ def letters(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
 
 
 def with_twins(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
-    """The letters as if no variable tied events together, with a twin behind each in which whatever value can be another one is.
+    """The letters as if no variable tied events together, with a twin behind each in which whatever
+    value can be another one is.
 
-    The values of a class are those that every guard judges alike; literals of patterns are alone. Whoever asks nothing but these questions
-    cannot tell a trace from one in which the values of a class have changed places. So if after every trace two values of a class lead
-    to one state, that state is the same under every such change, and all values of the class lead to it.
+    The values of a class are those that every guard judges alike; literals of patterns are alone.
+    Whoever asks nothing but these questions cannot tell a trace from one in which the values of a
+    class have changed places. So if after every trace two values of a class lead to one state, that
+    state is the same under every such change, and all values of the class lead to it.
     """
     questions = tuple(dict.fromkeys(observed))
     if not any(map(ties, questions)):
@@ -173,7 +177,8 @@ def _exchanged(event: Json, by: dict[object, Json]) -> Json:
 
 
 def _samples(questions: Sequence[Observed]) -> Iterator[Json]:
-    """Events that match one question or two at once, whose variables tie several events together; nothing is complete here.
+    """Events that match one question or two at once, whose variables tie several events together;
+    nothing is complete here.
 
     Each round gives the variables other values: constants of guards with their neighbours, and some more.
     """

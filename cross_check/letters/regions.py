@@ -14,8 +14,8 @@ import networkx as nx
 from cross_check.letters.unification import ROOT, Demands, Fresh, Place
 from rvaft.errors import TooLarge
 from rvaft.model.guards import (
-    ARITHMETIC,
     COMPARISONS,
+    NUMERIC,
     ORDERINGS,
     UNDEFINED,
     Guard,
@@ -31,21 +31,23 @@ from rvaft.model.values import Json, Scalar, is_number, key
 
 # What a guard asks of values: constants at which its truth can change, and values that are compared with each other.
 #
-# Between neighbouring constants an atomic comparison of one variable with a constant does not change, for numbers and for strings. Where
-# the variable is calculated with (`X / 2 < 1`), every step is monotone, rounding and overflow included, so the places where the
-# comparison changes are found by bisection, once among the integers and once among the doubles.
+# Between neighbouring constants an atomic comparison of one variable with a constant does not
+# change, for numbers and for strings. Where the variable is calculated with (`X / 2 < 1`), every
+# step is monotone, rounding and overflow included, so the places where the comparison changes are
+# found by bisection, once among the integers and once among the doubles.
 
 SEVERAL: Final = "a guard calculates with several values"
 BEYOND: Final = "a guard calculates in a way that has no known bounds"
 
-_CALCULATING: Final = ARITHMETIC | {Operator.ABS, Operator.MIN, Operator.MAX}
 _MODERATE: Final = 2**64
 _EXACT: Final = 2**53
 _SMALL: Final = 4
 """A product with such a whole number is monotone without bounds."""
 _BITS: Final = 64
 _DOUBLE_BITS: Final = 1024 + _BITS
-"""From two to this power on all integers are alike, but for as many bits more as steps with moderate constants can take back."""
+"""From two to this power on all integers are alike, but for as many bits more as steps with
+moderate constants can take back.
+"""
 
 
 class Asked:
@@ -99,9 +101,9 @@ class Asked:
                 self._constant(name, constant)
             case _:
                 operators = [side.operator for side in (left, right) if isinstance(side, Operation)]
-                if any(operator in _CALCULATING for operator in operators):
+                if any(operator in NUMERIC for operator in operators):
                     self._calculation(left, right)
-                if any(operator not in _CALCULATING for operator in operators):  # the other side is a truth value then
+                if any(operator not in NUMERIC for operator in operators):  # the other side is a truth value then
                     self._condition(left)
                     self._condition(right)
 
@@ -130,7 +132,10 @@ class Asked:
 
 
 def _behind(text: str) -> Iterator[str]:
-    """The first text after all that begin with this one, if there is one: those that do are what lies between the two."""
+    """The first text after all that begin with this one, if there is one.
+
+    Those that do are what lies between the two.
+    """
     rest = text.rstrip(chr(sys.maxunicode))
     if rest:
         yield rest[:-1] + chr(ord(rest[-1]) + 1)
@@ -157,15 +162,16 @@ def _folded(guard: Guard) -> Guard | None:
 def _is_monotone(guard: Guard, limit: Scalar) -> bool:
     """Whether a chain of steps leads from one variable here, each with a constant of moderate size.
 
-    Whole numbers are exact, others are rounded. So a sum with a whole constant is monotone if that is at most 2**53, and
-    a product with one where results are less than 2**54; beyond that it does not matter if `limit` is at most 2**53.
+    Whole numbers are exact, others are rounded. So a sum with a whole constant is monotone if that
+    is at most 2**53, and a product with one where results are less than 2**54; beyond that it does
+    not matter if `limit` is at most 2**53.
     """
     reach = abs(limit) if isinstance(limit, (int, float)) else 0
     while isinstance(guard, Operation):
         operands = [_folded(operand) for operand in guard.operands]
         constants = [one.value for one in operands if isinstance(one, Literal)]
         others = [one for one in operands if one is not None and not isinstance(one, Literal)]
-        if guard.operator not in _CALCULATING or len(others) != 1 or len(constants) != len(operands) - 1:
+        if guard.operator not in NUMERIC or len(others) != 1 or len(constants) != len(operands) - 1:
             return False
         if guard.operator is Operator.DIV and isinstance(operands[0], Literal):
             return False
@@ -234,7 +240,8 @@ def regions(
 ) -> list[tuple[Json, ...]]:
     """`many` values from every region between the constants, none of them among those to avoid.
 
-    With `calculated`, integers and doubles of equal value are told apart. A region with fewer values is there with all that it has.
+    With `calculated`, integers and doubles of equal value are told apart. A region with fewer
+    values is there with all that it has.
     """
     points = {key(one): one for one in constants}.values()
     numbers = sorted(one for one in points if isinstance(one, (int, float)) and is_number(one))
@@ -304,19 +311,23 @@ def _strings(low: str | None, high: str | None) -> Iterator[str]:
 
 # Values for the variables of guards: one choice for every combination of truths that the guards can have.
 #
-# The places are those of a closed set that also has the equalities which the guards ask about (`refined`). So two values that a
-# guard compares are equal exactly when they are one place, and the value of a free place is no constant of its guards. What is left to
-# choose is the region between constants and, where values are compared with each other, their order: a different value from each
-# region for every place shows every case. Places in no common guard are chosen independently; they take
-# different values, so that no choice makes equal what the closed set leaves apart. Where a region has too few values for that and a
-# pattern asks for equality, all choices are tried together.
+# The places are those of a closed set that also has the equalities which the guards ask about
+# (`refined`). So two values that a guard compares are equal exactly when they are one place, and
+# the value of a free place is no constant of its guards. What is left to choose is the region
+# between constants and, where values are compared with each other, their order: a different value
+# from each region for every place shows every case. Places in no common guard are chosen
+# independently; they take different values, so that no choice makes equal what the closed set
+# leaves apart. Where a region has too few values for that and a pattern asks for equality, all
+# choices are tried together.
 
 TRIED: Final = 200_000
 """The most choices of values that are tried."""
 
 
 def plain(pattern: Pattern) -> Pattern:
-    """The pattern with `_` for variables that demand nothing, and the others numbered: equal demands are equal patterns."""
+    """The pattern with `_` for variables that demand nothing, and the others numbered: equal
+    demands are equal patterns.
+    """
     uses = [part.name for _, part in _parts(pattern, Variable)]
     by: dict[str, Pattern] = {name: Anything() for name in uses}
     twice = [name for name in by if uses.count(name) > 1]
@@ -349,7 +360,9 @@ Placed: TypeAlias = tuple[Guard, Mapping[str, Place]]
 
 @dataclass(frozen=True, slots=True)
 class Container:
-    """In place of the value of an object or a list: as it is, or, with a number that is not finite at the carrier, undefined."""
+    """In place of the value of an object or a list: as it is, or, with a number that is not finite
+    at the carrier, undefined.
+    """
 
     carrier: Place | None = None
 
@@ -376,7 +389,8 @@ class Choices:
         if any(one.asked.ordered for one in guarded):  # else they ask for equality alone
             constants = [one.value for about in guarded for some in about.asked.constants.values() for one in some]
             if any(one.asked.pairs for one in guarded):
-                # a variable is compared with what may be a literal elsewhere: at the same path, or where patterns link paths
+                # a variable is compared with what may be a literal elsewhere: at the same path, or
+                # where patterns link paths
                 paths = {path for one in guarded for path, _ in _parts(one.pattern, Variable)}
                 constants += [one for path, one in literals if linked or path in paths]
             self._points = tuple({key(one): one for one in constants}.values())
@@ -419,7 +433,8 @@ class Choices:
             free = [place for place in group if demands.is_free(place)]
             mine = slice(slot, slot + len(free))
             slot = mine.stop
-            # values of every region, not those of other groups where there are enough; then the constants between regions
+            # values of every region, not those of other groups where there are enough; then the
+            # constants between regions
             parts = (region if len(region) < self._many else region[mine] for region in self._regions)
             some = [*chain.from_iterable(parts), *self._points, *self._undefined]
             values = {place: some if place in free else self._forms(place, demands, taken) for place in group}
@@ -427,7 +442,9 @@ class Choices:
             yield self._shown(within, known, {place: some for place, some in values.items() if some})
 
     def _shown(self, placed: Sequence[Placed], known: Choice, values: Mapping[Place, Sequence[Json]]) -> list[Choice]:
-        """A choice for each combination of truths, and for each way in which values are equal, also to literals of patterns."""
+        """A choice for each combination of truths, and for each way in which values are equal, also
+        to literals of patterns.
+        """
         self._tried += prod(map(len, values.values()))
         if self._tried > TRIED:
             raise TooLarge("values to try for the variables of guards", limit=TRIED)

@@ -1,9 +1,10 @@
 """The least event that matches some patterns: unification, with fresh values for whatever nothing decides.
 
-The demands of the patterns are kept as a graph of places. A place has a literal, fields, items, or nothing decided yet; places that
-must hold equal values are one. Every event that matches the patterns is an image of the graph: equal places
-have equal values there. A fresh value equals no literal and no other value, and a fresh field keeps objects
-apart that nothing makes equal, so the least event matches only what *every* event matches that matches the patterns.
+The demands of the patterns are kept as a graph of places. A place has a literal, fields, items, or
+nothing decided yet; places that must hold equal values are one. Every event that matches the
+patterns is an image of the graph: equal places have equal values there. A fresh value equals no
+literal and no other value, and a fresh field keeps objects apart that nothing makes equal, so the
+least event matches only what *every* event matches that matches the patterns.
 """
 
 import math
@@ -124,7 +125,10 @@ class Demands:
         return True
 
     def carrier(self, place: Place, taken: Collection[Place]) -> Place | None:
-        """Where in the object or list there a number that is not finite can be: in an object, or at a free place that is not `taken`."""
+        """Where in the object or list there a number that is not finite can be.
+
+        In an object, or at a free place that is not `taken`.
+        """
         todo = [self.place(place)]
         while todo:
             here = todo.pop()
@@ -174,9 +178,10 @@ class Demands:
 
 # Which patterns one event can match together: the closed sets, each with its least event.
 #
-# A set of patterns is closed when it has every pattern that its own least event matches, and then the event matches just
-# these. The sets are enumerated without repetition in Ganter's order ("close by one"): a set grows by patterns of
-# increasing number, and a step that brings in an earlier one is left to the place where that was added.
+# A set of patterns is closed when it has every pattern that its own least event matches, and then
+# the event matches just these. The sets are enumerated without repetition in Ganter's order ("close
+# by one"): a set grows by patterns of increasing number, and a step that brings in an earlier one
+# is left to the place where that was added.
 
 
 def closed_sets(patterns: Sequence[Pattern], fresh: Fresh, *, limit: int) -> Iterator[tuple[int, Json]]:
@@ -186,7 +191,9 @@ def closed_sets(patterns: Sequence[Pattern], fresh: Fresh, *, limit: int) -> Ite
     """
 
     def closure(generators: tuple[int, ...], possible: int) -> tuple[int, Json] | None:
-        """Those of the possible patterns that the least event of some matches, and the event; None where there is none."""
+        """Those of the possible patterns that the least event of some matches, and the event; None
+        where there is none.
+        """
         demands = Demands(fresh)
         values = None
         if all(demands.demand(patterns[index]) is not None for index in generators):

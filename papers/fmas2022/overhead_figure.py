@@ -8,7 +8,7 @@ from papers.fmas2022.mission import Mode
 from papers.fmas2022.overhead_cells import Cell, Spread
 from papers.fmas2022.overhead_runs import NONE, SETUPS
 from papers.languages.plots import saved, style
-from rvaft.monitoring.monitor_set import Per
+from rvaft.stream.monitor_set import Per
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,8 +11,8 @@ from papers.languages.measurement import no_collection
 from rvaft.api import monitor
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.monitor_set import Per, columns
 from rvaft.monitors import Monitor
+from rvaft.stream.monitor_set import Per, columns
 
 SEMANTICS: Final = Semantics.SCATTERED
 """A mission is full of events between those of a match: under `strict` and `projected` all is lost with the second one."""

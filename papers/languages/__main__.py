@@ -1,7 +1,8 @@
 """`python -m papers.languages`: measure everything anew, and write tables, figures and what is seen in them.
 
-One run takes some minutes; one that was interrupted goes on with `--resume`. The exit status is 0 when all was written and every
-finding holds, 1 when one does not, 2 when something could not be made, 130 when it was interrupted.
+One run takes some minutes; one that was interrupted goes on with `--resume`. The exit status is 0
+when all was written and every finding holds, 1 when one does not, 2 when something could not be
+made, 130 when it was interrupted.
 """
 
 import io
@@ -30,7 +31,9 @@ GROUPS: Final = (
 """Languages that are measured alike, with the options for them."""
 LANGUAGES: Final = tuple(name for names, *_ in GROUPS for name in names.split(","))
 TIMEOUT: Final = 60
-"""Seconds for one tree in one language: many times what the slowest needs, so that a slow machine gives the same sizes."""
+"""Seconds for one tree in one language: many times what the slowest needs, so that a slow machine
+gives the same sizes.
+"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -64,7 +64,8 @@ def compare_command(
     width: Width | None,
     **given: Any,
 ) -> int:
-    """Compare specification languages: how large the same TREE is in each, how long it takes to translate, how fast it runs.
+    """Compare specification languages: how large the same TREE is in each, how long it takes to
+    translate, how fast it runs.
 
     Without a TREE all gates are compared, each with 1 to N children.
     """
@@ -113,11 +114,14 @@ def compare_command(
 def _measured(
     cells: Sequence[Cell], settings: Settings, csv: str | None, *, resume: bool, jobs: int
 ) -> list[Measurement]:
-    """The measurements in the order of the cells, fewer where an interrupt came; each is in the CSV file as soon as it is known.
+    """The measurements in the order of the cells, fewer where an interrupt came.
 
-    With `resume` nothing is measured that the file answers for, and what nobody asked for stays in it, behind the rest. What is no
-    regular file is only written to at the end. Raises `OSError`, and `LanguageError` for a file with something else than a comparison
-    in it, which nobody wants to lose.
+    Each is in the CSV file as soon as it is known.
+
+    With `resume` nothing is measured that the file answers for, and what nobody asked for stays in
+    it, behind the rest. What is no regular file is only written to at the end. Raises `OSError`,
+    and `LanguageError` for a file with something else than a comparison in it, which nobody wants
+    to lose.
     """
 
     def data(rows: Iterable[Measurement], *, heading: bool = True) -> bytes:

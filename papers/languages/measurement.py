@@ -1,8 +1,9 @@
-"""What is compared, trees × semantics × languages, and the measurement of a cell: sizes, seconds and events per second.
+"""What is compared (trees, semantics, languages), and the measurement of sizes, seconds and events per second.
 
-Everything is measured in processes that are forked for it. Each starts from this one, with everything imported, so that no cell gains from
-what another left in memory; one that takes too long or too much is ended, and costs no other. Times are those of the processor: what
-others do while this one waits is not counted.
+Everything is measured in processes that are forked for it. Each starts from this one, with
+everything imported, so that no cell gains from what another left in memory; one that takes too long
+or too much is ended, and costs no other. Times are those of the processor: what others do while
+this one waits is not counted.
 """
 
 import gc
@@ -70,7 +71,10 @@ _SCALARS: Final = (str, int, float, bool, type(None))
 
 @dataclass(frozen=True)
 class Subject:
-    """A tree with the name that reports call it by; `gate` and `threshold` are those of a gate over leaves, None for any other tree."""
+    """A tree with the name that reports call it by.
+
+    `gate` and `threshold` are those of a gate over leaves, None for any other tree.
+    """
 
     name: str
     tree: RVAFT
@@ -134,7 +138,10 @@ def cells_of(
 
 
 class Outcome(StrEnum):
-    """How it ended. These words are never blurred: what a language cannot say is not what was too much, or took too long."""
+    """How it ended. These words are never blurred.
+
+    What a language cannot say is not what was too much, or took too long.
+    """
 
     OK = "ok"
     NOT_EXPRESSIBLE = "not expressible"
@@ -148,8 +155,9 @@ class Outcome(StrEnum):
 class Settings:
     """What a measurement depends on beside its cell.
 
-    `limit` is that of translations, in the unit of the language (None: the backend's own); `timeout` is in seconds of the processor, for
-    everything that is done in one cell, and `memory` in megabytes (2**20 bytes) for each process of it; `seed` is that of the events.
+    `limit` is that of translations, in the unit of the language (None: the backend's own);
+    `timeout` is in seconds of the processor, for everything that is done in one cell, and `memory`
+    in megabytes (2**20 bytes) for each process of it; `seed` is that of the events.
     """
 
     limit: int | None = None
@@ -159,12 +167,16 @@ class Settings:
 
 
 class Measurement(msgspec.Struct, frozen=True):
-    """One cell and what was measured, in the columns of the CSV file, which docs/compare.md explains; what is not known is None.
+    """One cell and what was measured, in the columns of the CSV file, which docs/compare.md explains.
 
-    `result` says how the translation ended, `run` how reading its text and running events did. `seconds` is the median time of a
-    translation; `again_per_second` the median speed of one reader that runs all `events` again, and `events_per_second` that of readers
-    that have met nothing before, over `first_events`; `differing` counts the `walks` that got other verdicts than the tree demands. A
-    language that tells detections alone gets whole traces, and for `again_per_second` all of them in one question.
+    What is not known is None.
+
+    `result` says how the translation ended, `run` how reading its text and running events did.
+    `seconds` is the median time of a translation; `again_per_second` the median speed of one reader
+    that runs all `events` again, and `events_per_second` that of readers that have met nothing
+    before, over `first_events`; `differing` counts the `walks` that got other verdicts than the
+    tree demands. A language that tells detections alone gets whole traces, and for
+    `again_per_second` all of them in one question.
     """
 
     tree: str
@@ -203,7 +215,9 @@ class Measurement(msgspec.Struct, frozen=True):
         return (self.tree, self.digest, self.semantics, self.language, self.limit, self.seed, self.version)
 
     def serves(self, wanted: "Measurement") -> bool:
-        """Whether this answers for another of the same key: nothing was missing, neither tools nor what the other has more of."""
+        """Whether this answers for another of the same key: nothing was missing, neither tools nor
+        what the other has more of.
+        """
         if self.key != wanted.key or self.ended is None or self.broken:
             return False
         ends = (self.result, self.run)
@@ -286,7 +300,10 @@ def measured(
 
 
 def _end(*_signal: object) -> None:
-    """Told to stop, a process ends its own ones and is gone: an exception would be taken for a result, and the pool wait for ever."""
+    """Told to stop, a process ends its own ones and is gone.
+
+    An exception would be taken for a result, and the pool wait for ever.
+    """
     for process in multiprocessing.active_children():
         process.kill()
     os._exit(1)
@@ -345,7 +362,8 @@ def _isolated(work: Callable[[], object], seconds: float, clock: float, settings
     context = multiprocessing.get_context("fork")
     heard, said = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(work, said, seconds, clock, settings), daemon=True)
-    # Told to stop in the middle of a fork, this process would leave the other one running, or complain of what the fork has to do.
+    # Told to stop in the middle of a fork, this process would leave the other one running, or
+    # complain of what the fork has to do.
     open_signals = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
     process.start()
     try:
@@ -370,21 +388,26 @@ def _isolated(work: Callable[[], object], seconds: float, clock: float, settings
 
 
 def _work(work: Callable[[], object], said: Connection, seconds: float, clock: float, settings: Settings) -> None:
-    """Do it within bounds of processor time, time by the clock and memory, and say what came of it; in a process of its own."""
+    """Do it within bounds of processor time, time by the clock and memory, and say what came of it.
+
+    In a process of its own.
+    """
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.setitimer(signal.ITIMER_PROF, seconds)
     signal.setitimer(signal.ITIMER_REAL, clock)
     _, most = resource.getrlimit(resource.RLIMIT_AS)
     wanted = settings.memory * 2**20
     resource.setrlimit(resource.RLIMIT_AS, (wanted if most == resource.RLIM_INFINITY else min(wanted, most), most))
-    gc.freeze()  # what is there from before is never looked at: a collection would copy all of it, in the middle of a run
+    # what is there from before is never looked at: a collection would copy all of it, in the middle
+    # of a run
+    gc.freeze()
     result: object
     try:
         result = work()
     except MemoryError:
         resource.setrlimit(resource.RLIMIT_AS, (most, most))  # to have room for telling that it was met
         result = _Unmeasurable(Outcome.TOO_LARGE, f"megabytes of memory (limit {settings.memory})")
-    except Exception as error:  # noqa: BLE001 (a backend of somebody else may fail in any way; the other cells still count)
+    except Exception as error:  # noqa: BLE001
         known = raised(error)
         result = _Unmeasurable(Outcome(Status.of(known)), reason(known))
     if process_time() > seconds:  # the system looks at its clock only now and then
@@ -395,7 +418,8 @@ def _work(work: Callable[[], object], said: Connection, seconds: float, clock: f
 def _warm_up(language: str, semantics: Semantics) -> None:
     """Read and run another tree, which has all gates but knows nothing of what is measured.
 
-    A fork copies each page of memory that it writes to first, and Python writes to whatever it looks at: that is no part of any time.
+    A fork copies each page of memory that it writes to first, and Python writes to whatever it
+    looks at: that is no part of any time.
     """
     with suppress(Exception):  # whatever is wrong with a backend shows in its rows
         reader = backend(language).read(_other_text(language, semantics))
@@ -429,7 +453,10 @@ def _translated(cell: Cell, limit: int | None) -> tuple[str, Metrics, float]:
 
 
 class Run(NamedTuple):
-    """What reading a text took, and running so many events in so many walks, of which some got other verdicts; `whole` where a program looks at traces as a whole."""
+    """What reading a text took, and running so many events in so many walks, of which some got other verdicts.
+
+    `whole` where a program looks at traces as a whole.
+    """
 
     reading: float
     seconds: float
@@ -440,7 +467,10 @@ class Run(NamedTuple):
 
 
 def _ran(cell: Cell, text: str, trodden: Sequence["Walk"]) -> Run:
-    """Read the text and run the walks, each from the start up to its final verdict; what a reader remembers of one helps it in the next."""
+    """Read the text and run the walks, each from the start up to its final verdict.
+
+    What a reader remembers of one helps it in the next.
+    """
     _warm_up(cell.language, cell.semantics)
     start = thread_time()
     reader = backend(cell.language).read(text)
@@ -469,7 +499,9 @@ def _ran(cell: Cell, text: str, trodden: Sequence["Walk"]) -> Run:
 
 
 def _ran_again(cell: Cell, text: str, trodden: Sequence["Walk"]) -> tuple[Run, float]:
-    """The first run of all walks by one reader, and the median seconds of the later ones; of whole traces programs remember the answer, so that is the first."""
+    """The first run of all walks by one reader, and the median seconds of the later ones; of whole
+    traces programs remember the answer, so that is the first.
+    """
     first = _ran(cell, text, trodden)
     if first.whole:
         return first, first.seconds
@@ -513,12 +545,14 @@ class Walk:
 def walks(
     tree: RVAFT, semantics: Semantics, seed: int, *, events: int = EVENTS, seconds: float = math.inf
 ) -> tuple[Walk, ...]:
-    """So many events in traces that each end with a final verdict or when they are long; fewer where the engine gives up or takes longer.
+    """So many events in traces that each end with a final verdict or when they are long; fewer
+    where the engine gives up or takes longer.
 
-    A random trace alone would soon be hopeless in most trees, and then no monitor has anything to do. So each event is one that the
-    engine waits for, with values under which hope remains if some are found; one in ten fits nothing, where that does no harm. One
-    walk in four is led on purpose, somewhere on its way, to where no hope is left, if the tree has such a place: a text has to
-    say that, too. Where the tree reads times, events are a second apart.
+    A random trace alone would soon be hopeless in most trees, and then no monitor has anything to
+    do. So each event is one that the engine waits for, with values under which hope remains if some
+    are found; one in ten fits nothing, where that does no harm. One walk in four is led on purpose,
+    somewhere on its way, to where no hope is left, if the tree has such a place: a text has to say
+    that, too. Where the tree reads times, events are a second apart.
     """
     until, judge = process_time() + seconds, Engine(tree, semantics)
     # under consecutive there is always hope: the way is led where the match goes on that was begun
@@ -543,7 +577,10 @@ def walks(
         return next((event for event in tried if monitor.fork().step(event) is Verdict.FALSE), None)
 
     def candidates(monitor: Engine) -> Iterator[tuple[str, Mapping[str, Json]]]:
-        """Nodes whose events to try, with values that are bound; what is waited for is only asked where trying is no cheaper."""
+        """Nodes whose events to try, with values that are bound.
+
+        What is waited for is only asked where trying is no cheaper.
+        """
         if semantics is not Semantics.SCATTERED and not tree.variables:  # a wrong guess shows at once
             yield from ((node, {}) for node in some_nodes())
         awaited = [(one.node, record.variables) for record in monitor.pending(limit=1) for one in record.awaited]

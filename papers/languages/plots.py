@@ -38,7 +38,9 @@ _STYLES: Final = {
     "sql-postgres": ("#44aa99", "H", "-.", "full", 4.0),
     "": ("#777777", "|", "-", "full", 6.0),
 }
-"""How languages are told apart, in grey and by the colour-blind too; every other marker is open and larger, so that the one below shows."""
+"""How languages are told apart, in grey and by the colour-blind too; every other marker is open and
+larger, so that the one below shows.
+"""
 _LETTERS: Final = dict(zip(list(Outcome)[1:], "NLT+*", strict=True))
 """What stands above a panel for each way to end without a value."""
 _RING: Final[dict[str, Any]] = dict(zip(_LOOK, ("black", "o", "none", "none", 8.0), strict=True))
@@ -69,7 +71,9 @@ MEASURES: Final[Mapping[str, tuple[str, Value]]] = {
 
 
 class Panel(NamedTuple):
-    """The measurements of one panel by their place on the horizontal axis, of which `ticks` names the places that are no numbers."""
+    """The measurements of one panel by their place on the horizontal axis, of which `ticks` names
+    the places that are no numbers.
+    """
 
     title: str
     label: str
@@ -104,7 +108,10 @@ class Plot(NamedTuple):
 
 
 def figures(rows: Sequence[Measurement]) -> Iterator[Plot]:
-    """For each measure a figure of the gates under each semantics, and one of all other trees; those without any value are left out."""
+    """For each measure a figure of the gates under each semantics, and one of all other trees.
+
+    Those without any value are left out.
+    """
     gates = {
         semantics: list(_gates([row for row in rows if row.gate is not None and row.semantics is semantics]))
         for semantics in dict.fromkeys(row.semantics for row in rows)
@@ -117,7 +124,9 @@ def figures(rows: Sequence[Measurement]) -> Iterator[Plot]:
 
 
 def _gates(rows: Sequence[Measurement]) -> Iterator[Panel]:
-    """A panel per gate over the number of children; one with thresholds has one for half of them, and one for all of the most children."""
+    """A panel per gate over the number of children; one with thresholds has one for half of them,
+    and one for all of the most children.
+    """
     for gate in dict.fromkeys(row.gate for row in rows):
         title = str(gate).upper().replace("_RL", ", right to left")
         chosen = [(row.children or 0, row) for row in rows if row.gate is gate]
@@ -151,7 +160,10 @@ def library(otherwise: str = "") -> Any:
 
 @contextmanager
 def style(**settings: Any) -> Iterator[ModuleType]:
-    """The settings of Matplotlib for what is drawn in here, whatever the user's own are: the same picture everywhere; raises `ToolMissing`."""
+    """The settings of Matplotlib for what is drawn in here, whatever the user's own are.
+
+    The same picture everywhere; raises `ToolMissing`.
+    """
     matplotlib = library()
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
@@ -180,7 +192,9 @@ def plots(rows: Sequence[Measurement], width: Width = Width.PAGE) -> Iterator[tu
 
 
 def _drawn(plot: Plot, width: Width, across: int) -> "Figure":
-    """The figure, under whatever settings Matplotlib has, with a legend of the languages and of what rings and letters mean."""
+    """The figure, under whatever settings Matplotlib has, with a legend of the languages and of
+    what rings and letters mean.
+    """
     matplotlib = library()
     across = min(across, len(plot.panels))
     down = math.ceil(len(plot.panels) / across)
@@ -220,7 +234,10 @@ def _drawn(plot: Plot, width: Width, across: int) -> "Figure":
 
 
 def _draw_panel(axes: "Axes", panel: Panel, plot: Plot, languages: Sequence[str], lost: Sequence[str]) -> None:
-    """A line for each language over numbers, marks side by side over names; the languages in `lost` have letters above."""
+    """A line for each language over numbers, marks side by side over names.
+
+    The languages in `lost` have letters above.
+    """
     for number, language in enumerate(languages):
         shift = (number - (len(languages) - 1) / 2) * 0.12 if panel.ticks else 0.0
         look = _look(language) | ({"linestyle": "none"} if panel.ticks else {})
@@ -247,7 +264,10 @@ def _draw_panel(axes: "Axes", panel: Panel, plot: Plot, languages: Sequence[str]
 
 
 def _look(language: str) -> dict[str, Any]:
-    """Colour, marker and line of a language: the same in every figure, whoever else is compared; of all that are not known here the same."""
+    """Colour, marker and line of a language.
+
+    The same in every figure, whoever else is compared; of all that are not known here the same.
+    """
     return dict(zip(_LOOK, _STYLES.get(language, _STYLES[""]), strict=True))
 
 

@@ -132,7 +132,8 @@ def pandas() -> Any:
 def latex_text(rows: Sequence[Measurement], width: Width = Width.PAGE) -> str:
     r"""Floats to be read by `\input`, for each semantics: a row for each tree, a group of columns for each language.
 
-    Languages that do not fit side by side and trees that do not fit a page stand in further tables. Raises `ToolMissing`.
+    Languages that do not fit side by side and trees that do not fit a page stand in further tables.
+    Raises `ToolMissing`.
     """
     data = pandas()
     tables = ["% Needs \\usepackage[T1]{fontenc} and \\usepackage{booktabs,multirow,textcomp}.\n"]

@@ -1,11 +1,12 @@
 """The `rvaft` command. Each command is an entry point of the group `rvaft.commands` and is imported when it is used.
 
-The package that a command needs contributes it: `cross_check` the command `cross-check`, `rvaft.integrations` the command
-`serve`. A third-party package adds a command in the same way.
+The package that a command needs contributes it: `cross_check` the command `cross-check`,
+`rvaft.integrations` the command `serve`. A third-party package adds a command in the same way.
 
-Exit status: 0 nothing found, 1 found (a detection, a finding of severity error, a disagreement), 2 could not do it; 2 wins
-over 1. An interrupt ends with 130 and a closed pipe with 141, as if the signal had done it. Whatever fails is one line on
-standard error that says what, where and what to do.
+Exit status: 0 nothing found, 1 found (a detection, a finding of severity error, a disagreement), 2
+could not do it; 2 wins over 1. An interrupt ends with 130 and a closed pipe with 141, as if the
+signal had done it. Whatever fails is one line on standard error that says what, where and what to
+do.
 """
 
 import io
@@ -54,7 +55,9 @@ _LISTED: Final = {
     "backends": "List the specification languages.",
     "explain": "Explain what a finding means.",
 }
-"""The order of the commands in `rvaft --help` and their summaries, so that the help text imports none; others follow."""
+"""The order of the commands in `rvaft --help` and their summaries, so that the help text imports
+none; others follow.
+"""
 _UNREADABLE: Final = "(cannot be loaded)"
 
 
@@ -68,7 +71,9 @@ class Stopped(Exception):
 
 @contextmanager
 def guarded() -> Iterator[None]:
-    """Turn a closed pipe and an interrupt into an end of the run; all output is flushed here, where failure is noticed."""
+    """Turn a closed pipe and an interrupt into an end of the run; all output is flushed here, where
+    failure is noticed.
+    """
     try:
         yield
         sys.stdout.flush()
@@ -132,7 +137,10 @@ def warn(said: str) -> None:
 
 
 def described(error: BaseException) -> list[str]:
-    """The error line, and for a text that is not in its language the place in it: the source line around the column, and a caret."""
+    """The error line, and for a text that is not in its language the place in it.
+
+    The source line around the column, and a caret.
+    """
     place: list[str] = []
     match error:
         case LanguageError(source=source, column=column):
@@ -163,10 +171,12 @@ def described(error: BaseException) -> list[str]:
 
 @cache
 def registered() -> dict[str, str]:
-    """Return the commands of all installed distributions by name, in the order of `rvaft --help`, as `module:attribute`.
+    """Return the commands of all installed distributions by name, in the order of `rvaft --help`,
+    as `module:attribute`.
 
-    Reads the files of the entry points itself: importing `importlib.metadata` takes half as long as all of `rvaft --help`.
-    For a name that several distributions register, rvaft's own wins, then the first on the path of Python.
+    Reads the files of the entry points itself: importing `importlib.metadata` takes half as long as
+    all of `rvaft --help`. For a name that several distributions register, rvaft's own wins, then
+    the first on the path of Python.
     """
     own: dict[str, str] = {}
     others: dict[str, str] = {}
@@ -221,7 +231,10 @@ def _summary(name: str) -> str:
 
 
 class Commands(click.Group):
-    """The commands, imported on use, and one way for all of them to fail: a line on standard error, never a traceback."""
+    """The commands, imported on use, and one way for all of them to fail.
+
+    A line on standard error, never a traceback.
+    """
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 (the interface of click)
         """The names, in the order of use."""

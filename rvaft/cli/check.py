@@ -1,4 +1,7 @@
-"""`rvaft check`: what is wrong or doubtful in trees, as text, JSON, annotations of GitHub or SARIF; `rvaft explain` says more."""
+"""`rvaft check`: what is wrong or doubtful in trees, as text, JSON, annotations of GitHub or SARIF.
+
+`rvaft explain` says more.
+"""
 
 import json
 from collections.abc import Callable, Sequence
@@ -109,7 +112,10 @@ _FORMS: Final[dict[str, Callable[[Sequence[Finding]], str]]] = {"json": _json, "
 @click.command("explain")
 @click.argument("code", metavar="[CODE]", required=False)
 def explain_command(*, code: str | None) -> int:
-    """Explain a CODE in square brackets: what it means, a tree that has it and the same tree mended; without one, list all."""
+    """Explain a CODE in square brackets.
+
+    What it means, a tree that has it and the same tree mended; without one, list all.
+    """
     if code is None:
         severity = {code: rule.severity.value for code, rule in RULES.items()}
         rows = [(code, severity.get(code, "error"), said.title) for code, said in meanings().items()]

@@ -11,9 +11,9 @@ from rvaft.cli import FAILED, FOUND, Failures, options, warn
 from rvaft.core.classifier import TreeReads
 from rvaft.coverage import DEFAULT_BRANCHES, Coverage, json_text, table_text
 from rvaft.engine.monitor import DEFAULT_LIMIT
-from rvaft.monitoring.detection import told_fields
 from rvaft.readers.json_lines import JsonLinesReader
 from rvaft.readers.log import Interest, Log, LogSource, expanded, required_stream, source_of
+from rvaft.stream.detection import told_fields
 
 _NARROWEST: Final = 60
 """Columns below which the table is not made narrower."""
@@ -50,8 +50,8 @@ def coverage_command(
 ) -> int:
     """Say which branches of a tree some LOG detects, and how far the logs came in the others.
 
-    A LOG is as for `monitor`: JSON Lines, or what its name or --input says; - is standard input, and a pattern such as 'runs/*.jsonl'
-    stands for the files that match it.
+    A LOG is as for `monitor`: JSON Lines, or what its name or --input says; - is standard input,
+    and a pattern such as 'runs/*.jsonl' stands for the files that match it.
     """
     whole = options.load_tree(tree)
     coverage = Coverage(whole, **chosen)

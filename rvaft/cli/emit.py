@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import PurePath
-from typing import Any, Final
+from typing import Any, Final, Protocol, runtime_checkable
 
 import click
 
@@ -23,22 +23,40 @@ _FORMATS: Final = "latex: a listing for the package listings, with the definitio
 _TO: Final = "A name that `rvaft backends` lists, or dot: the automaton, drawn."
 
 
+@runtime_checkable
+class _WithSignature(Protocol):
+    """A backend whose texts have a signature in a file of its own."""
+
+    def signature(self, text: str) -> str: ...
+
+
 @click.command("emit")
 @options.tree_argument
 @click.option("--to", "language", metavar="LANGUAGE", required=True, help=_TO)
 @click.option("--dialect", metavar="DIALECT", help="Of SQL: sqlite, duckdb or postgres.  [default: sqlite]")
+@click.option("--signature", metavar="FILE", help="Of MFOTL: also write the signature of its predicates, here.")
 @options.semantics_option
 @options.part_options
 @options.output_format("text", "latex", text=_FORMATS)
 @options.number("--limit", text="The largest size, in the language's own unit; of a drawing, in states.")
 @options.mapping_option
 @options.output_option
-def emit_command(*, tree: str, language: str, dialect: str | None, form: str, output: str | None, **chosen: Any) -> int:
+def emit_command(
+    *,
+    tree: str,
+    language: str,
+    dialect: str | None,
+    signature: str | None,
+    form: str,
+    output: str | None,
+    **chosen: Any,
+) -> int:
     """Write a specification of a tree that means the tree under the chosen semantics."""
     drawing = None if output is None else format_of(output)
     drawn, suffix = drawing in (*PICTURES, Format.DOT), PurePath(output or "").suffix
     if language == "dot":
         options.refuse(dialect, "--to dot is a drawing, which has no --dialect")
+        options.refuse(signature, "--to dot is a drawing, which has no --signature")
         loaded = options.read_tree(tree)
         options.refuse(form != "text", f"--to dot is a drawing, which has no --format {form}")
         options.refuse(chosen["mapping"] is not None, "--to dot is a drawing, which takes no --mapping")
@@ -62,6 +80,11 @@ def emit_command(*, tree: str, language: str, dialect: str | None, form: str, ou
             text = translate(options.read_tree(tree), language, **chosen).text
         except UnknownBackend as error:
             raise UnknownBackend(error.name, (*error.known, "dot")) from error
+    if signature is not None:
+        signed = backend(language)
+        if not isinstance(signed, _WithSignature):
+            raise OptionError(f"a text of {language} has no signature: leave --signature out")
+        deliver(signed.signature(text).encode(), signature)
     if form == "latex":
         text = listing(text, backend(language).highlighting)
     deliver((text if text.endswith("\n") else f"{text}\n").encode(), output)

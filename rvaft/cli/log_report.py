@@ -13,10 +13,11 @@ from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow
 from rvaft.cli.monitor_run import run
 from rvaft.errors import OptionError
 from rvaft.model.nodes import Kind
-from rvaft.monitoring.detection import Hooks
-from rvaft.monitoring.monitor_set import Per
-from rvaft.monitoring.report import PLACES, SHOWN, LogReport, Told
-from rvaft.monitoring.run import MonitoredTrace, Totals
+from rvaft.reports.log_report import PLACES, SHOWN, LogReport, Told
+from rvaft.stream.detection import Hooks
+from rvaft.stream.listeners import MonitoredTrace
+from rvaft.stream.monitor_set import Per
+from rvaft.stream.plan import Totals
 from rvaft.support.files import deliver
 
 _OUTPUT: Final = "Write the page to this file instead of standard output."
@@ -43,9 +44,9 @@ class PageReporter(Reporter):
         """What was said, and more of that, and what the logs held so far."""
         totals, kept = self.totals, self.sink.kept or []
         assert totals is not None
-        hindsight = totals.hindsight
-        doubts = [f"warning: {line}" for line in totals.oversights.lines]
-        meant = [f"note: {hindsight.line}"] if hindsight is not None and hindsight.line else []
+        semantics_hint = totals.semantics_hint
+        doubts = [f"warning: {line}" for line in totals.data_warnings.lines]
+        meant = [f"note: {semantics_hint.line}"] if semantics_hint is not None and semantics_hint.line else []
         summed = [] if totals.statistics is None else list(held(totals.statistics))
         return {"said": [*kept, *said], "held": [*summed, *meant, *doubts]}
 
@@ -125,9 +126,12 @@ class PageRequest:
 def report_command(
     *, tree: str, logs: tuple[str, ...], branch: int | None, kind: Kind | None, output: str | None, **given: Any
 ) -> int:
-    """Write a page about what happened in each LOG: the tree, event by event, detections, and what could have been missed.
+    """Write a page about what happened in each LOG.
 
-    A LOG is as for `monitor`. The page is one HTML file that needs no network. The exit status is 1 when the tree is detected in some log.
+    The tree, event by event, detections, and what could have been missed.
+
+    A LOG is as for `monitor`. The page is one HTML file that needs no network. The exit status is 1
+    when the tree is detected in some log.
     """
     options.refuse(tree == "-", "TREE is a file: what standard input has is the log")
     require_companions(given)

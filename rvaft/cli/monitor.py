@@ -21,15 +21,17 @@ from rvaft.model.expressions import on_text
 from rvaft.model.nodes import Kind
 from rvaft.model.patterns import match
 from rvaft.model.tree import RVAFT
-from rvaft.monitoring.checkpoint import EVERY, CheckpointFile
-from rvaft.monitoring.detection import Hooks
-from rvaft.monitoring.monitor_set import MonitorSet, Per, columns
-from rvaft.monitoring.publisher import publisher_class
-from rvaft.monitoring.run import DEFAULT_WINDOW, MAX_KEYS, Field, Key, MonitoringPlan
 from rvaft.monitors import Monitor
 from rvaft.readers.json_lines import JsonLinesReader
 from rvaft.readers.log import InputOptions, LogReader, expanded, required_stream
 from rvaft.rules.rule import listing
+from rvaft.stream.checkpoint import EVERY, CheckpointFile
+from rvaft.stream.detection import Hooks
+from rvaft.stream.keys import Field, Key
+from rvaft.stream.listeners import publisher_class
+from rvaft.stream.monitor_set import MonitorSet, Per, columns
+from rvaft.stream.order import DEFAULT_WINDOW
+from rvaft.stream.plan import MAX_KEYS, MonitoringPlan
 
 TERMINAL: Final = "-"
 """In place of a file: draw among the text."""
@@ -107,8 +109,9 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given: Any) -> int:
     """Watch the events of each TRACE for a tree and give verdicts.
 
-    A TRACE is JSON Lines, or what its name or --input says, and may be a pattern such as 'logs/**/*.jsonl', or a URL such as mqtt://HOST/TOPIC. No TRACE, or -, reads standard
-    input as it comes. The exit status is 1 when the tree is detected in some trace.
+    A TRACE is JSON Lines, or what its name or --input says, and may be a pattern such as
+    'logs/**/*.jsonl', or a URL such as mqtt://HOST/TOPIC. No TRACE, or -, reads standard input as
+    it comes. The exit status is 1 when the tree is detected in some trace.
     """
     options.refuse(tree == "-", "TREE is a file: what standard input has is the log")
     _check(given)
@@ -190,7 +193,10 @@ def _with_foxglove(
 
 
 def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any]) -> MonitoringPlan:
-    """What the options say is done with every trace, by the monitors of a part of a tree; without a backend the engine's."""
+    """What the options say is done with every trace, by the monitors of a part of a tree.
+
+    Without a backend the engine's.
+    """
     semantics, backend, limit = meant(whole, given["semantics"]), given.get("backend"), given["max_configurations"]
     limit = limit or DEFAULT_LIMIT
 
@@ -220,7 +226,9 @@ def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any]) -> MonitoringPl
 
 
 def _check(given: dict[str, Any]) -> None:
-    """Refuse options that do not go together, and a drawing that cannot be made, now rather than at a detection, hours from here."""
+    """Refuse options that do not go together, and a drawing that cannot be made, now rather than at
+    a detection, hours from here.
+    """
     refuse, form, explain = options.refuse, given["form"], given["explain"]
     refuse(given["word"] is not None and given["traces"], "--word and TRACE exclude each other")
     # A text explains nothing, keeps nothing, and knows no kinds: commands for these would never run.
@@ -245,7 +253,9 @@ def require_companions(given: Mapping[str, Any]) -> None:
 
 
 class TracesGiven:
-    """What the names on a command line stand for; those of files that are not there are told, and noted in `missing`."""
+    """What the names on a command line stand for; those of files that are not there are told, and
+    noted in `missing`.
+    """
 
     def __init__(self, names: Sequence[str], log_format: options.LogFormat, *, live: bool) -> None:
         self.missing = Failures()

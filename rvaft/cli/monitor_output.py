@@ -1,4 +1,7 @@
-"""What `rvaft monitor` prints: a line per change of verdict and how it came about, a table, or one JSON object per event."""
+"""What `rvaft monitor` prints.
+
+A line per change of verdict and how it came about, a table, or one JSON object per event.
+"""
 
 import json
 import sys
@@ -14,17 +17,21 @@ from rvaft.model.event_time import UNITS
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
-from rvaft.monitoring import detection
-from rvaft.monitoring.checkpoint import CheckpointFile
-from rvaft.monitoring.detection import Hooks, counted
-from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet, Per
-from rvaft.monitoring.near_misses import Statistics
-from rvaft.monitoring.run import Listener, MonitoredTrace, MonitoringPlan, Totals, TraceRun, VerdictChange
 from rvaft.monitors import Ended, Explanation
+from rvaft.stream import detection
+from rvaft.stream.checkpoint import CheckpointFile
+from rvaft.stream.detection import Hooks, counted
+from rvaft.stream.listeners import Listener, MonitoredTrace, VerdictChange
+from rvaft.stream.monitor_set import DetectionCount, MonitorSet, Per
+from rvaft.stream.plan import MonitoringPlan, Totals
+from rvaft.stream.run import TraceRun
+from rvaft.stream.statistics import Statistics
 from rvaft.support.terminal import ProgressBar, columns, cut, visible
 
 ENDS: Final = 1_000
-"""Keys for which it is said what was waited for in vain: finding out takes time, and among very many keys nobody reads it."""
+"""Keys for which it is said what was waited for in vain: finding out takes time, and among very
+many keys nobody reads it.
+"""
 ALL: Final = 100
 """Rows of the summary up to which all are shown; beyond it those of a detection or an error."""
 MOST: Final = 1_000
@@ -40,7 +47,8 @@ LISTED: Final = 20
 
 
 class Sink:
-    """Where a run writes: standard output and standard error, or a file and the lines for standard error, which another process passes on.
+    """Where a run writes: standard output and standard error, or a file and the lines for standard
+    error, which another process passes on.
 
     The progress bar makes room for what is printed.
     """
@@ -94,8 +102,9 @@ class Sink:
 class MonitorSettings:
     """How every trace is run and what is told of it: `name` is that of the tree, with `several` traces are named.
 
-    `unchosen` says that neither the tree nor the command line says a semantics. The `others` are told of the runs, too.
-    With `detections` only these are told, with `drawn` as drawings among the text; `drawing` is the file to draw one to.
+    `unchosen` says that neither the tree nor the command line says a semantics. The `others` are
+    told of the runs, too. With `detections` only these are told, with `drawn` as drawings among the
+    text; `drawing` is the file to draw one to.
     """
 
     plan: MonitoringPlan
@@ -124,7 +133,10 @@ class MonitorSettings:
 
 
 class SummaryRow(NamedTuple):
-    """How the monitors of one trace or key ended, for the summary; `since` are the events that made the verdicts final, `found` counts detections."""
+    """How the monitors of one trace or key ended, for the summary.
+
+    `since` are the events that made the verdicts final, `found` counts detections.
+    """
 
     trace: str
     key: tuple[Json, ...] | None
@@ -158,7 +170,9 @@ class Reporter(Listener):
         """What the traces held so far, once the run has begun."""
 
     def ends(self, change: VerdictChange) -> dict[int, Ended]:
-        """For the columns that can no longer detect how their last hope ended, unless that was said of very many keys."""
+        """For the columns that can no longer detect how their last hope ended, unless that was said
+        of very many keys.
+        """
         if self._ends >= ENDS:
             return {}
         ended = {column: change.watch.monitors.ended(column) for column in change.columns}
@@ -170,13 +184,18 @@ class Reporter(Listener):
         return found
 
     def pause(self, run: TraceRun) -> None:
-        """Nothing of the present trace is being read: between two batches of events, and now and then while nothing comes."""
+        """Nothing of the present trace is being read: between two batches of events, and now and
+        then while nothing comes.
+        """
 
     def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:
-        """All traces have been read, one at least to its end; `totals` are what they held, what could have been missed, and what ⊥ means."""
-        doubts, hindsight = totals.oversights.lines, totals.hindsight
+        """All traces have been read, one at least to its end.
+
+        `totals` are what they held, what could have been missed, and what ⊥ means.
+        """
+        doubts, semantics_hint = totals.data_warnings.lines, totals.semantics_hint
         if self.sums and totals.statistics is not None:
-            meant = [f"note: {hindsight.line}"] if hindsight is not None and hindsight.line else []
+            meant = [f"note: {semantics_hint.line}"] if semantics_hint is not None and semantics_hint.line else []
             summed = _summary(self.settings, rows) if self.settings.summed else ()
             for line in (*held(totals.statistics), *meant, *summed, *(f"warning: {line}" for line in doubts)):
                 self.sink.line(line)
@@ -192,7 +211,9 @@ class _JsonLines(Reporter):
         super().__init__(settings, sink)
         self.every = not settings.detections
         self._alike: tuple[object, ...] = ()
-        """The trace and verdicts of the last event that changed nothing, and what its line has before and after the number."""
+        """The trace and verdicts of the last event that changed nothing, and what its line has
+        before and after the number.
+        """
 
     def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:  # noqa: ARG002 (the interface)
         self.events(watch, number, number, watch.monitors.verdicts)
@@ -318,7 +339,9 @@ class _Text(Reporter):
 
 
 class _Table(_Text):
-    """For each trace a table with a row per event and a column per verdict, as Tables 2 and 3 of the paper, and how the verdicts came about."""
+    """For each trace a table with a row per event and a column per verdict, as Tables 2 and 3 of
+    the paper, and how the verdicts came about.
+    """
 
     every, whole, sums = True, True, False
 
@@ -422,7 +445,9 @@ _ENDS: Final = {True: ("DETECTIONS", "LAST", "FALSE SINCE"), False: ("VERDICT", 
 
 
 def _ended(own: SummaryRow | MonitorSet, column: int, *, repeat: bool) -> tuple[str, ...]:
-    """How a monitor ended and since when, or how many detections there were, the event of the last, and since when there can be none."""
+    """How a monitor ended and since when, or how many detections there were, the event of the last,
+    and since when there can be none.
+    """
     since, count = str(own.since.get(column, "-")), own.found[column]
     return (str(count.told), str(count.last or "-"), since) if repeat else (str(own.verdicts[column]), since)
 

@@ -1,4 +1,6 @@
-"""A run of `rvaft monitor` over its traces: who listens, one trace after the other or several at once, and what is told in the end."""
+"""A run of `rvaft monitor` over its traces: who listens, one trace after the other or several at
+once, and what is told in the end.
+"""
 
 import gc
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -16,16 +18,18 @@ from rvaft.cli.monitor_output import REPORTERS, MonitorSettings, Reporter, Sink,
 from rvaft.errors import OptionError, RvaftError, TooLarge, TraceError
 from rvaft.export import PICTURES, fired_dot, fired_text, picture
 from rvaft.model.values import Json
-from rvaft.monitoring.checkpoint import open_at
-from rvaft.monitoring.detection import detection
-from rvaft.monitoring.follow import FollowedFile, stopping
-from rvaft.monitoring.hindsight import Hindsight
-from rvaft.monitoring.near_misses import Statistics
-from rvaft.monitoring.oversights import Oversights
-from rvaft.monitoring.parallel_reader import STRETCH
-from rvaft.monitoring.run import EventBuffer, Listener, MonitoringPlan, Totals, TraceRun, VerdictChange
 from rvaft.readers.json_lines import LinesRead
 from rvaft.readers.log import Live, Log, LogReader, LogSource, open_log, source_of, suffix
+from rvaft.readers.parallel_blocks import STRETCH
+from rvaft.stream.checkpoint import open_at
+from rvaft.stream.data_warnings import DataWarnings
+from rvaft.stream.detection import detection
+from rvaft.stream.follow import FollowedFile, stopping
+from rvaft.stream.listeners import EventBuffer, Listener, VerdictChange
+from rvaft.stream.plan import MonitoringPlan, Totals
+from rvaft.stream.run import TraceRun
+from rvaft.stream.semantics_hint import SemanticsHint
+from rvaft.stream.statistics import Statistics
 from rvaft.support.files import SUFFIXES as COMPRESSED
 from rvaft.support.files import deliver
 from rvaft.support.processes import Killed, in_processes
@@ -34,13 +38,19 @@ from rvaft.support.terminal import ProgressBar
 SUFFIXES: Final = (".svg", ".dot", ".gv", ".pdf", ".png", ".txt")
 """Of the files that the path that fired is drawn to."""
 _OFTEN: Final = 1_000
-"""Events between checkpoints that are more than a block of lines has; where fewer are asked for, events are read one by one."""
+"""Events between checkpoints that are more than a block of lines has; where fewer are asked for,
+events are read one by one.
+"""
 _CHUNK: Final = 1 << 20
 """Characters that are passed on at once."""
 
 
 class TraceSource(NamedTuple):
-    """One trace: a file, or else events that are there already or come by a stream; and what reads it, if it is no JSON Lines."""
+    """One trace.
+
+    A file, or else events that are there already or come by a stream; and what reads it, if it is
+    no JSON Lines.
+    """
 
     name: str
     file: str | None = None
@@ -53,7 +63,10 @@ class TraceSource(NamedTuple):
         return self.reader is not None and bool(self.reader.schemes)
 
     def log(self, source: object, plan: MonitoringPlan, line: int, live: Live, sink: Sink | None) -> Log | None:
-        """How its source is read from that line on, if it is no JSON Lines; the first that is left out is told to the sink at once, if there is one."""
+        """How its source is read from that line on, if it is no JSON Lines.
+
+        The first that is left out is told to the sink at once, if there is one.
+        """
         if self.reader is None:
             return None
 
@@ -77,7 +90,10 @@ class TraceSource(NamedTuple):
 
 
 class TraceOutcome(NamedTuple):
-    """What a trace has come to: what was found, the drawing still to be written; `keyless` names a key that no event has; whether it was read to its end."""
+    """What a trace has come to: what was found, the drawing still to be written.
+
+    `keyless` names a key that no event has; whether it was read to its end.
+    """
 
     status: int
     rows: Sequence[SummaryRow] = ()
@@ -89,7 +105,10 @@ class TraceOutcome(NamedTuple):
 
 
 class _OnDetection(Listener):
-    """Runs commands for what an event detected, draws the first detection, and counts them; a failure is told and stops nothing."""
+    """Runs commands for what an event detected, draws the first detection, and counts them.
+
+    A failure is told and stops nothing.
+    """
 
     def __init__(self, settings: MonitorSettings, sink: Sink, *, deliver: bool) -> None:
         self.whole = bool(settings.hooks)
@@ -137,7 +156,9 @@ class _OnDetection(Listener):
 
 
 class _Run(Listener):
-    """Runs traces one after the other and adds up their statistics; notes of each detection for a checkpoint, before it is told."""
+    """Runs traces one after the other and adds up their statistics; notes of each detection for a
+    checkpoint, before it is told.
+    """
 
     def __init__(
         self,
@@ -159,8 +180,8 @@ class _Run(Listener):
         sums = self.reporter.sums
         self.totals = Totals(
             Statistics(monitors.types) if sums or not tried else None,  # what is told now, or when the run goes on
-            Oversights(monitors.types),
-            Hindsight(monitors.columns[0].part, tried=tried) if settings.unchosen and sums else None,
+            DataWarnings(monitors.types),
+            SemanticsHint(monitors.columns[0].part, tried=tried) if settings.unchosen and sums else None,
         )
         self.reporter.totals = self.totals
         self.reaction = _OnDetection(settings, sink, deliver=deliver)
@@ -224,13 +245,16 @@ class _Run(Listener):
         return self.jobs
 
     def _read(self, run: TraceRun, trace: TraceSource) -> None:
-        """Give a run all events of its trace, from the last checkpoint on; after each batch of them somebody may wait for something."""
+        """Give a run all events of its trace, from the last checkpoint on; after each batch of them
+        somebody may wait for something.
+        """
         follow, kept, sink = self.settings.follow, self.settings.checkpoints, self.sink
         stream: LinesRead | FollowedFile | None = None
         offset = line = flushed = 0
 
         def keep(*, ended: bool = False, idle: bool = False) -> None:
-            """Write a checkpoint where one is due; what was printed before it would not be printed again, so it leaves us first.
+            """Write a checkpoint where one is due; what was printed before it would not be printed
+            again, so it leaves us first.
 
             Events that were held back until the end have none: they come again when the trace goes on.
             """
@@ -315,7 +339,9 @@ def run(
     jobs: int = 1,
     report: Callable[[MonitorSettings, Sink], Reporter] | None = None,
 ) -> int:
-    """Run all traces and return the exit status; in one process `report` may make what tells of them, in place of the reporter of the form."""
+    """Run all traces and return the exit status; in one process `report` may make what tells of
+    them, in place of the reporter of the form.
+    """
     gc.freeze()  # spare the collector, which the decoding of events sets going, what is there already
     try:
         sizes = sum(trace.size for trace in traces)

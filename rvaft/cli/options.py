@@ -103,7 +103,8 @@ class LogFormat:
     options: InputOptions
 
     def readers(self, files: Sequence[str], *, live: bool = False) -> list[LogReader]:
-        """For each file, or standard input by the name `-`, what reads it; raises `OptionError`, `UnknownFormat` and `ToolFailed`.
+        """For each file, or standard input by the name `-`, what reads it; raises `OptionError`,
+        `UnknownFormat` and `ToolFailed`.
 
         Unless `live`, URLs from which events come by themselves are refused.
         """
@@ -170,7 +171,9 @@ semantics_option: Final = choice(
 
 
 def part_options(function: F) -> F:
-    """`--branch N | --kind K`, of which one excludes the other, and any but the first choice of `--per` excludes both."""
+    """`--branch N | --kind K`, of which one excludes the other, and any but the first choice of
+    `--per` excludes both.
+    """
 
     @wraps(function)
     def checked(**given: Any) -> Any:
@@ -237,7 +240,9 @@ def exclusive(**options: object) -> None:
 
 
 def require_writable(outputs: Iterable[str], trees: Iterable[str] = (), folder: str | None = None) -> None:
-    """Refuse what cannot be written at the end, or would cost what is there, before anything runs; raises `OSError`, and `OptionError`."""
+    """Refuse what cannot be written at the end, or would cost what is there, before anything runs;
+    raises `OSError`, and `OptionError`.
+    """
     given = list(outputs)
     places = {file: Path(file).resolve() for file in given if file != "-"}
     if len({*places.values()}) + ("-" in given) < len(given):
@@ -302,7 +307,9 @@ def _reading() -> dict[str, bool]:
 
 @contextmanager
 def suggesting() -> Iterator[None]:
-    """Add to the error about an unknown backend the name that was probably meant, and to that about a size the option."""
+    """Add to the error about an unknown backend the name that was probably meant, and to that about
+    a size the option.
+    """
     try:
         yield
     except UnknownBackend as error:

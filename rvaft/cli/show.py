@@ -21,8 +21,8 @@ from rvaft.export.property_text import WIDTH as LATEX_WIDTH
 from rvaft.export.property_text import align_latex, kinds_of, property_sign, property_text, property_unicode
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
-from rvaft.monitoring.detection import counted, matched_events
 from rvaft.readers.registry import read_log
+from rvaft.stream.detection import counted, matched_events
 from rvaft.support.files import deliver
 from rvaft.support.terminal import visible
 
@@ -117,7 +117,10 @@ _SIGNS = "unicode and latex write properties with the signs of papers; latex as 
 )
 @options.number("--limit", text="Only the first N branches.")
 def branches_command(*, tree: str, form: str, whole: bool, width: int | None, limit: int | None) -> int:
-    """List the branches of a tree, one line each: number, kinds (- for none), property. The TREE - is standard input."""
+    """List the branches of a tree, one line each: number, kinds (- for none), property.
+
+    The TREE - is standard input.
+    """
     wrong = width is not None and form != "latex"
     options.refuse(wrong, f"--width: not for the format {form}; with it, each property is one line")
     loaded = options.read_tree(tree)
@@ -128,7 +131,9 @@ def branches_command(*, tree: str, form: str, whole: bool, width: int | None, li
 
 
 def _counted(found: Iterator[Branch], limit: int | None) -> Iterator[Branch]:
-    """The branches up to a limit; every few seconds standard error is told how many there were, where nobody sees them pass."""
+    """The branches up to a limit; every few seconds standard error is told how many there were,
+    where nobody sees them pass.
+    """
     shown = time.monotonic()
     for branch in islice(found, limit):
         yield branch

@@ -1,4 +1,8 @@
-"""`rvaft test`: a tree's own traces against the verdicts that are expected of them; what the file does not state is not looked at."""
+"""`rvaft test`.
+
+A tree's own traces against the verdicts that are expected of them; what the file does not state is
+not looked at.
+"""
 
 import json
 from collections import deque
@@ -19,10 +23,10 @@ from rvaft.errors import OptionError, TreeError
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.near_misses import EventTypeIndex
-from rvaft.monitoring.oversights import Oversights
 from rvaft.readers.log import suffix
 from rvaft.readers.registry import read_log, suffixes
+from rvaft.stream.data_warnings import DataWarnings
+from rvaft.stream.statistics import EventTypeIndex
 from rvaft.support.files import write_whole
 from rvaft.support.terminal import visible
 
@@ -66,9 +70,11 @@ class Expectation(NamedTuple):
 @options.reading_options
 @options.output_format("text", "junit")
 def test_command(*, trees: tuple[str, ...], update: bool, form: str) -> int:
-    """Run the traces NAME.traces/*.jsonl, or in another format, beside each TREE, and compare with the verdicts in NAME.verdicts.json.
+    """Run the traces NAME.traces/*.jsonl, or in another format, beside each TREE, and compare with
+    the verdicts in NAME.verdicts.json.
 
-    Exit with 1 where a verdict differs. With --update the verdicts are those of the engine: look at the difference before you commit it.
+    Exit with 1 where a verdict differs. With --update the verdicts are those of the engine: look at
+    the difference before you commit it.
     """
     failures, rows = Failures(), list[Expectation]()
     for tree in trees:
@@ -133,10 +139,10 @@ def _opened(name: str) -> tuple[Path, RVAFT, dict[str, list[Json]]]:
         raise OptionError(f"{name}: no traces: put them into {folder}/ as NAME.jsonl")
     names = {file: file.stem if file.suffix == ".jsonl" else file.name for file in files}
     traces = {names[file]: list(read_log(file, reads=TreeReads(tree), warn=warn)) for file in files}
-    oversights = Oversights(EventTypeIndex(tree))
+    data_warnings = DataWarnings(EventTypeIndex(tree))
     for trace, events in traces.items():
-        deque(oversights.over(enumerate(events, 1), f"{trace}: "), maxlen=0)
-    for line in oversights.lines:
+        deque(data_warnings.over(enumerate(events, 1), f"{trace}: "), maxlen=0)
+    for line in data_warnings.lines:
         warn(f"{name}: {line}")
     return Path(name).with_suffix(".verdicts.json"), tree, traces
 

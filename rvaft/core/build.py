@@ -1,4 +1,7 @@
-"""A tree as a property: the one place outside the language, the model and the reference that reads gates and causality."""
+"""A tree as a property.
+
+The one place outside the language, the model and the reference that reads gates and causality.
+"""
 
 from typing import assert_never
 

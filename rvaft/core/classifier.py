@@ -1,8 +1,9 @@
 """Which patterns an event can match, and which of its fields are read, found without trying every pattern.
 
-The *shape* of an event is which fields it has, and its values in those fields where some pattern has a literal. Logs hold few shapes, so
-what a shape says is worked out once. It decides most patterns: those that ask for literals and for the presence of fields. The others are
-*open*: whether one fits has to be asked of the event itself.
+The *shape* of an event is which fields it has, and its values in those fields where some pattern
+has a literal. Logs hold few shapes, so what a shape says is worked out once. It decides most
+patterns: those that ask for literals and for the presence of fields. The others are *open*: whether
+one fits has to be asked of the event itself.
 """
 
 from collections import Counter, defaultdict, deque
@@ -41,7 +42,10 @@ class Decided(NamedTuple):
 
 
 class Flat(NamedTuple):
-    """A pattern that the shape decides: the literals it asks for (their keys), and the other fields with their variables ("" for none)."""
+    """A pattern that the shape decides.
+
+    The literals it asks for (their keys), and the other fields with their variables ("" for none).
+    """
 
     literals: Mapping[str, Hashable]
     variables: Mapping[str, str]
@@ -54,7 +58,10 @@ class Flat(NamedTuple):
 
 
 class FirstLiterals:
-    """Things by number, each filed under the rarest literal that it asks for: what asks for another one is not looked at."""
+    """Things by number, each filed under the rarest literal that it asks for.
+
+    What asks for another one is not looked at.
+    """
 
     def __init__(self, literals: Iterable[Mapping[str, Hashable]]) -> None:
         self.by_field: dict[str, dict[Hashable, list[int]]] = {}
@@ -147,7 +154,9 @@ def brief(values: Iterable[Json]) -> bool:
 
 
 def _shape_by(fields: tuple[str, ...], *, names: bool) -> Callable[[Mapping[str, Json]], tuple[Hashable, ...]]:
-    """The shape of an event given the fields where patterns have strings: so many values at its end, after the names of its fields if they count.
+    """The shape of an event given the fields where patterns have strings.
+
+    So many values at its end, after the names of its fields if they count.
 
     Few fields are asked for one by one.
     """
@@ -237,10 +246,12 @@ _OTHER: Final = ("other",)
 
 
 class Discriminators:
-    """The discriminating fields of some patterns: every pattern that asks for a string in some field asks for one in one of these.
+    """The discriminating fields of some patterns.
 
-    In a robot's log it is mostly one, `topic`. Whatever else an event holds, its values there say which patterns it can fit at all, and so
-    what is read of it.
+    Every pattern that asks for a string in some field asks for one in one of these.
+
+    In a robot's log it is mostly one, `topic`. Whatever else an event holds, its values there say
+    which patterns it can fit at all, and so what is read of it.
     """
 
     def __init__(self, patterns: Iterable[Pattern]) -> None:
@@ -260,7 +271,10 @@ class Discriminators:
         self._values = {field: frozenset(one[field] for one in strings if field in one) for field in self.fields}
 
     def values(self, event: Mapping[str, Json]) -> tuple[Hashable, ...]:
-        """What tells the event from others: its values in the discriminating fields, as far as patterns ask for them."""
+        """What tells the event from others.
+
+        Its values in the discriminating fields, as far as patterns ask for them.
+        """
         return tuple([self.value(field, event.get(field)) for field in self.fields])
 
     def value(self, field: str, value: Json) -> Hashable:
@@ -268,7 +282,10 @@ class Discriminators:
         return value if isinstance(value, str) and value in self._values[field] else _OTHER
 
     def apart(self, values: Iterable[Json]) -> tuple[Hashable, ...]:
-        """What tells events apart that fit no pattern: the strings, if not too long, that they have in the discriminating fields."""
+        """What tells events apart that fit no pattern.
+
+        The strings, if not too long, that they have in the discriminating fields.
+        """
         return tuple([value if isinstance(value, str) and len(value) <= LONGEST else _OTHER for value in values])
 
     def candidates(self, values: tuple[Hashable, ...]) -> tuple[int, ...]:
@@ -281,7 +298,8 @@ class Discriminators:
         )
 
 
-# Which parts of an event are read: the discriminating fields always, the others where their values leave something possible.
+# Which parts of an event are read: the discriminating fields always, the others where their values
+# leave something possible.
 
 
 @dataclass(slots=True)
@@ -314,7 +332,10 @@ class Reads:
 
 
 class TreeReads:
-    """What a monitor of the tree reads: what its runtime events, `ignore` and `time` declarations mention; and these paths of fields."""
+    """What a monitor of the tree reads.
+
+    What its runtime events, `ignore` and `time` declarations mention; and these paths of fields.
+    """
 
     def __init__(self, tree: RVAFT, also: Iterable[tuple[str, ...]] = ()) -> None:
         self.patterns = (
@@ -422,7 +443,10 @@ def _values(fields: tuple[tuple[str, str], ...]) -> Values:
 
 
 def outcomes(asked: Sequence[Guard | None], derive: Callable[[Callable[[int], bool]], H]) -> Outcomes[H]:
-    """What is derived of which of some guards hold of an event, those that are None always; `derive` asks by their places."""
+    """What is derived of which of some guards hold of an event, those that are None always.
+
+    `derive` asks by their places.
+    """
     places: dict[Guard, int] = {}
     bit = [0 if guard is None else 1 << places.setdefault(guard, len(places)) for guard in asked]
     return by_outcome([*places], lambda held: derive(lambda place: held & bit[place] == bit[place]))

@@ -1,22 +1,25 @@
-"""When a guard is true and when it is false, said without undefined: conjunctions and disjunctions of tests, each of which holds or does not.
+"""When a guard is true and when it is false, said without undefined: conjunctions and disjunctions
+of tests, each of which holds or does not.
 
-A guard is undefined where a part of it that counts is, so `not (X < Y)` is no negation of `X < Y`: both ask for two numbers or two texts. Here what
-makes a guard true and what makes it false are said apart, and nothing is negated but a test. The tests look at terms, which are
-constants, variables and what is calculated of them: for a language there is nothing left but to spell the tests.
+A guard is undefined where a part of it that counts is, so `not (X < Y)` is no negation of `X < Y`:
+both ask for two numbers or two texts. Here what makes a guard true and what makes it false are said
+apart, and nothing is negated but a test. The tests look at terms, which are constants, variables
+and what is calculated of them: for a language there is nothing left but to spell the tests.
 """
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Final, TypeAlias, TypeVar
 
 from rvaft.model.guards import (
     ARITHMETIC,
+    FUNCTIONS,
     OPERATORS,
     ORDERINGS,
     Guard,
     Operation,
     Operator,
+    Sort,
     folded,
     is_total,
     value,
@@ -26,18 +29,6 @@ from rvaft.model.patterns import Literal, Variable
 from rvaft.model.values import equal, is_number
 
 T = TypeVar("T")
-
-
-class Sort(StrEnum):
-    """What the value of a term is; of a variable it is not known, or it is the time of an event. What is VOID has no value, ever."""
-
-    NUMBER = "number"
-    TIME = "time"
-    TEXT = "text"
-    TRUTH = "truth"
-    NULL = "null"
-    UNKNOWN = "unknown"
-    VOID = "void"
 
 
 class Unsayable(Exception):
@@ -99,8 +90,9 @@ _EQUAL: Final = {True: "=", False: "<>"}
 class TruthConditions:
     """The conditions of guards.
 
-    `times` are variables that hold times of events: a condition that mixes them with other numbers is `Unsayable`, and they have no value
-    where they are null. A term that `is_whole` is not taken apart, as a variable is not; by default there are no others.
+    `times` are variables that hold times of events: a condition that mixes them with other numbers
+    is `Unsayable`, and they have no value where they are null. A term that `is_whole` is not taken
+    apart, as a variable is not; by default there are no others.
 
     >>> from rvaft.language.parser import parse_guard
     >>> guard = parse_guard("not (X < 2 or Y)")
@@ -119,7 +111,9 @@ class TruthConditions:
         self._known: dict[tuple[Guard, bool], TruthCondition] = {}
 
     def of(self, guard: Guard, *, wanted: bool = True) -> TruthCondition:
-        """What holds exactly where a guard is true (or false), as it is defined. Parts of it may be one object that stands in several places."""
+        """What holds exactly where a guard is true (or false), as it is defined. Parts of it may be
+        one object that stands in several places.
+        """
         return self._when(folded(guard), wanted)
 
     def _when(self, guard: Guard, wanted: bool) -> TruthCondition:
@@ -153,7 +147,8 @@ class TruthConditions:
             case operator if operator in ORDERINGS:
                 sign = operator if wanted else OPERATORS[operator].negated
                 return _any(self._compared(sort, left, str(sign), others[0]) for sort in (Sort.NUMBER, Sort.TEXT))
-            case _:
+            case operator:
+                assert operator in ARITHMETIC | FUNCTIONS, f"no conditions for {operator}"
                 return TruthTest(guard, wanted) if self.sort(guard) is Sort.TRUTH else NEVER
 
     def _decided(self, guard: Guard, wanted: bool, rest: TruthCondition) -> TruthCondition:
@@ -212,7 +207,10 @@ class TruthConditions:
         return whole and (isinstance(term, Operation) or self.sort(term) is not Sort.TIME)
 
     def sort(self, term: Guard) -> Sort:
-        """What the value of a term is, where it has one; raises `Unsayable` for what is calculated of a time and of what is none."""
+        """What the value of a term is, where it has one.
+
+        Raises `Unsayable` for what is calculated of a time and of what is none.
+        """
         match term:
             case Literal(constant):
                 if isinstance(constant, bool):
@@ -221,33 +219,19 @@ class TruthConditions:
             case Variable(name):
                 return Sort.TIME if name in self._times else Sort.UNKNOWN
             case Operation(operator, operands):
-                found = _SORTS.get(operator, Sort.TRUTH)
-                if not variables(term):  # what has one is folded
+                facts = OPERATORS[operator]
+                if not variables(term):  # a term with a value is folded
                     return Sort.VOID
-                if operator in _OPERANDS:
+                if operator in ARITHMETIC | FUNCTIONS and facts.takes is not None:
                     sorts = {self.sort(one) for one in operands}
-                    if not sorts <= {*_OPERANDS[operator], Sort.UNKNOWN}:
+                    taken = {*facts.takes, Sort.UNKNOWN, *((Sort.TIME,) if Sort.NUMBER in facts.takes else ())}
+                    if not sorts <= taken:
                         return Sort.VOID
-                    if found is Sort.NUMBER and Sort.TIME in sorts:
+                    if facts.gives is Sort.NUMBER and Sort.TIME in sorts:
                         if {Sort.UNKNOWN, Sort.NUMBER} & {self.sort(one) for one in operands if variables(one)}:
                             raise Unsayable("it calculates with a time and with what is none")
                         return Sort.TIME
-                return found
-
-
-_SORTS: Final = {
-    **dict.fromkeys((*ARITHMETIC, Operator.ABS, Operator.MIN, Operator.MAX, Operator.NUMBER), Sort.NUMBER),
-    Operator.LOWER: Sort.TEXT,
-}
-"""What operators give; all others give a truth value."""
-_OPERANDS: Final = {
-    **dict.fromkeys((*ARITHMETIC, Operator.ABS, Operator.MIN, Operator.MAX), (Sort.NUMBER, Sort.TIME)),
-    Operator.NUMBER: (Sort.NUMBER, Sort.TIME, Sort.TEXT),
-    **dict.fromkeys(
-        (Operator.LOWER, Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS, Operator.LIKE), (Sort.TEXT,)
-    ),
-}
-"""What operators take, where they are no comparisons or junctions."""
+                return facts.gives
 
 
 def _all(parts: Iterable[TruthCondition]) -> TruthCondition:
@@ -276,7 +260,11 @@ def _joined(every: bool, parts: Iterable[TruthCondition]) -> TruthCondition:
 
 
 def spelled(condition: TruthCondition, test: Callable[[ConditionTest], T], join: Callable[[bool, list[T]], T]) -> T:
-    """The condition in a language: `test` spells a test, `join` all (true) or one (false) of several; what stands in several places is spelled once."""
+    """The condition in a language.
+
+    `test` spells a test, `join` all (true) or one (false) of several; what stands in several places
+    is spelled once.
+    """
     known: dict[int, T] = {}
 
     def of(part: TruthCondition) -> T:

@@ -150,7 +150,8 @@ def numbered(prop: Property) -> NumberedParts:
 def divided(
     form: NumberedParts, look: Callable[[NumberedParts], Seen | int], *, at_least: bool
 ) -> Iterator[tuple[NumberedParts, Seen]]:
-    """All scenarios, divided until `look` names no more part whose choice is to be made; with what `look` returned then.
+    """All scenarios, divided until `look` names no more part whose choice is to be made; with what
+    `look` returned then.
 
     `at_least` keeps the ways to choose more than K.
     """

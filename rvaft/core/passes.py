@@ -1,7 +1,7 @@
 """Passes: each takes a property and returns one that means the same with fewer constructs.
 
-A pass removes constructs and never adds one of those that an earlier pass removed. Each is held against the reference of
-properties and the reference of trees.
+A pass removes constructs and never adds one of those that an earlier pass removed. Each is held
+against the reference of properties and the reference of trees.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -74,7 +74,8 @@ class Pass:
 
 
 def restrict(prop: Property, *, branch_number: int | None = None, kind: Kind | str | None = None) -> Property:
-    """The property with the scenarios of one branch, or of the branches of one kind; relevance stays that of the whole tree.
+    """The property with the scenarios of one branch, or of the branches of one kind; relevance
+    stays that of the whole tree.
 
     Raises `TreeError` where there is no such branch or kind, `TooLarge` where a kind needs too many alternatives.
     """
@@ -172,7 +173,8 @@ class _Open(Exception):
 def chosen(prop: Property, limit: int = LIMIT) -> Iterator[Property]:
     """A property for each way to make the choices; the scenarios of all of them together are those of the property.
 
-    Each keeps a `One` with the part that is kept, so that the choice can be read off. Raises `TooLarge` beyond the limit.
+    Each keeps a `One` with the part that is kept, so that the choice can be read off. Raises
+    `TooLarge` beyond the limit.
     """
     for kept in resolutions(prop, limit=limit):
 
@@ -240,7 +242,10 @@ class _Ends:
                 assert_never(part)
 
     def last(self, part: Part) -> tuple[Event, ...]:
-        """The events with which a part may end; none where each comes before another. Raises `_Open` where choices decide."""
+        """The events with which a part may end; none where each comes before another.
+
+        Raises `_Open` where choices decide.
+        """
         lasts = self._lasts[part]
         if part in self._open:
             raise _Open
@@ -272,7 +277,9 @@ def _successors(root: Part) -> dict[Event, set[Event]]:
 
 
 def _with_ends(prop: Property, chosen_ends: Mapping[tuple[Event, ...], Event] | None) -> Property:
-    """The property with every `EndInOrder` as events in sequence; raises `_Open` where choices, or an end, are to be chosen."""
+    """The property with every `EndInOrder` as events in sequence; raises `_Open` where choices, or
+    an end, are to be chosen.
+    """
     ends = _Ends(prop)
 
     def change(part: Part, parts: tuple[Part, ...]) -> Part:
@@ -345,7 +352,10 @@ def _windows_to_guards(prop: Property, limit: int) -> Property:
 
 
 def _with_guards(prop: Property, *, windows: bool = True) -> Property:
-    """The property without `start` and `end`, and with `windows` as guards; raises `_Open` where choices decide over which events."""
+    """The property without `start` and `end`, and with `windows` as guards.
+
+    Raises `_Open` where choices decide over which events.
+    """
     below: dict[Part, tuple[Part, ...]] = {}
     rank = {name: place for place, name in enumerate(prop.tree.order)}
 
@@ -397,7 +407,9 @@ def _differences(guard: Guard) -> Guard:
 
 
 windows_to_guards: Final = Pass("windows_to_guards", frozenset({Within}), _windows_to_guards)
-"""Windows, `start` and `end` become guards over the times of single events; where choices decide which, alternatives."""
+"""Windows, `start` and `end` become guards over the times of single events; where choices decide
+which, alternatives.
+"""
 
 
 def _bind_times(prop: Property, _: int) -> Property:
@@ -481,7 +493,9 @@ simplify: Final = Pass("simplify", frozenset(), _simplify)
 
 
 def with_choices(prop: Property, choices: Mapping[str, str]) -> Property:
-    """The property where these choices keep the part of the child given, simplified; impossible where that cannot be."""
+    """The property where these choices keep the part of the child given, simplified; impossible
+    where that cannot be.
+    """
     return simplify(_allowing(prop, _singly(choices), 0))
 
 

@@ -1,11 +1,14 @@
-"""What can be said of event patterns before any event comes: may one event match them together, does one imply the other.
+"""What can be said of event patterns before any event comes: may one event match them together,
+does one imply the other.
 
-Patterns demand and never forbid. What all events that match some patterns have in common is therefore itself an event, the *least* one: every
-value that nothing determines is one that occurs nowhere else, and every object has a field that occurs nowhere else. What the
-least event matches, every event matches that matches the patterns. Rigid variables are shared between the patterns (a tree gives
-them one value), local ones are each pattern's own. Guards are not looked at.
+Patterns demand and never forbid. What all events that match some patterns have in common is
+therefore itself an event, the *least* one: every value that nothing determines is one that occurs
+nowhere else, and every object has a field that occurs nowhere else. What the least event matches,
+every event matches that matches the patterns. Rigid variables are shared between the patterns (a
+tree gives them one value), local ones are each pattern's own. Guards are not looked at.
 
-For each question there is a quick answer, certain in one direction, for which variables stand for anything: `compatible`, `implies`.
+For each question there is a quick answer, certain in one direction, for which variables stand for
+anything: `compatible`, `implies`.
 """
 
 from collections import Counter
@@ -62,7 +65,8 @@ def compatible(left: Pattern, right: Pattern) -> bool:
 def implies(special: Pattern, general: Pattern, bound: Set[str] = frozenset()) -> bool:
     """Whether every event that matches the special pattern matches the general one; True is certain.
 
-    `bound` names the variables that have a value already; any other one that stands once in the general pattern takes what is there.
+    `bound` names the variables that have a value already; any other one that stands once in the
+    general pattern takes what is there.
     """
     names = Counter(part.name for part in walk(general) if isinstance(part, Variable))
     todo = [(special, general)]
@@ -143,7 +147,10 @@ class LeastEvent:
         return not find_cycle(below)
 
     def satisfies(self, pattern: Pattern) -> bool:
-        """Whether it matches a pattern, rigid variables as bound so far: then every event does that matches the patterns demanded."""
+        """Whether it matches a pattern, rigid variables as bound so far.
+
+        Then every event does that matches the patterns demanded.
+        """
         if not all(name in self.bound for name in rigid_variables(pattern)):
             return False
         bound = {name: value for name, value in self.bound.items() if not name.startswith("_")}
@@ -210,7 +217,8 @@ def _equal(one: Unknown, other: Unknown) -> bool:
 def overlaps(left: Pattern, right: Pattern) -> bool:
     """Whether some event matches both patterns under one assignment of the rigid variables.
 
-    >>> overlaps(ObjectPattern((("a", Variable("X")), ("b", Literal(1)))), ObjectPattern((("a", Literal(2)), ("b", Variable("X")))))
+    >>> one = ObjectPattern((("a", Variable("X")), ("b", Literal(1))))
+    >>> overlaps(one, ObjectPattern((("a", Literal(2)), ("b", Variable("X")))))
     False
     """
     # Within another object, since here a pattern need not be one of a whole event.

@@ -170,7 +170,9 @@ def fewest(part: Part) -> int:
 
 
 def parts_below(root: Part) -> tuple[Part, ...]:
-    """The part itself and all parts below it, each once, inner parts first; reversed, they are in the order of the tree."""
+    """The part itself and all parts below it, each once, inner parts first; reversed, they are in
+    the order of the tree.
+    """
     seen: dict[Part, tuple[Part, ...]] = {}
     agenda = [root]
     while agenda:
@@ -192,8 +194,9 @@ class Ignored(NamedTuple):
 class Property:
     """A part with all that is needed to monitor it: which events are relevant, and where an event has its time.
 
-    `tree` is where the property comes from, for names and messages. `wholes` gives, for each node and copy, the part that the
-    time points `start` and `end` are of. `branch` and `kind` are what the property was restricted to, if anything.
+    `tree` is where the property comes from, for names and messages. `wholes` gives, for each node
+    and copy, the part that the time points `start` and `end` are of. `branch` and `kind` are what
+    the property was restricted to, if anything.
     """
 
     root: Part
@@ -244,7 +247,9 @@ class Property:
 
     @property
     def alternatives(self) -> tuple[Self, ...]:
-        """The properties of which one has to be observed, where a pass has made alternatives; else the property alone."""
+        """The properties of which one has to be observed, where a pass has made alternatives; else
+        the property alone.
+        """
         if isinstance(self.root, One) and self.root.source is None:
             return tuple(replace(self, root=part) for part in self.root.parts)
         return (self,)

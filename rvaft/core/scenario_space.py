@@ -1,7 +1,9 @@
-"""The feasible scenarios of a property, questioned without enumerating them: whether one exists, what all have, how large they are.
+"""The feasible scenarios of a property, questioned without enumerating them: whether one exists,
+what all have, how large they are.
 
-A scenario makes the choices of a property: one part of each `One`, at least `need` parts of each `AtLeast`. It is feasible
-where no condition without variables is false and no event has to come before itself (semantics, section 2).
+A scenario makes the choices of a property: one part of each `One`, at least `need` parts of each
+`AtLeast`. It is feasible where no condition without variables is false and no event has to come
+before itself (semantics, section 2).
 """
 
 from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence, Set
@@ -59,11 +61,12 @@ def is_edge(part: Part, inner: Part) -> bool:
 
 # The strict precedence of a scenario as a graph of linear size (semantics, section 2).
 #
-# "All events of one part before all events of another" is quadratic when written pair by pair. Here each part has a point
-# `start` before every event below it and a point `end` after every one, and each part inside a sequence a point `done` after
-# its events and those of the parts before it. No edge leads from the start of a part to its end: a part without events orders
-# nothing. So one event precedes another exactly when a path leads from the first to the second, and the precedence is cyclic
-# exactly when the graph is.
+# "All events of one part before all events of another" is quadratic when written pair by pair. Here
+# each part has a point `start` before every event below it and a point `end` after every one, and
+# each part inside a sequence a point `done` after its events and those of the parts before it. No
+# edge leads from the start of a part to its end: a part without events orders nothing. So one event
+# precedes another exactly when a path leads from the first to the second, and the precedence is
+# cyclic exactly when the graph is.
 
 
 def point_of(event: Part) -> Point:
@@ -117,9 +120,11 @@ def edges_along(graph: "nx.DiGraph", points: list[Point]) -> list[Edge]:
 
 # The order of ends, of which each scenario has a union of partial orders.
 #
-# Read backwards, "a part ends before the next one ends" means: each event of the part waits for *some* event of the next
-# part. So the search for an order starts at its end: a point is free as soon as all points after it are free, and, where it
-# waits for some event of a part, one of these. Where points are left that wait for each other, there is no order.
+# Read backwards, "a part ends before the next one ends" means: each event of the part waits for
+# *some* event of the next
+# part. So the search for an order starts at its end: a point is free as soon as all points after it
+# are free, and, where it waits for some event of a part, one of these. Where points are left that
+# wait for each other, there is no order.
 
 
 class Standstill(NamedTuple):
@@ -206,14 +211,17 @@ _NONE: frozenset[Part] = frozenset()
 
 
 class Resolutions:
-    """The ways to make the choices of a property without certain parts and tree edges. Order among events is not looked at.
+    """The ways to make the choices of a property without certain parts and tree edges. Order among
+    events is not looked at.
 
-    Whether some way keeps given parts and edges is answered by walking from them to the root: the kept part that comes last
-    in the order (outer parts first) needs one kept part around it; a `One` with two demanded parts ends the attempt. For one
-    part that is a path to the root, for two parts a walk over pairs; in general the number of attempts may grow
-    exponentially, so each step is paid from a budget.
+    Whether some way keeps given parts and edges is answered by walking from them to the root: the
+    kept part that comes last in the order (outer parts first) needs one kept part around it; a
+    `One` with two demanded parts ends the attempt. For one part that is a path to the root, for two
+    parts a walk over pairs; in general the number of attempts may grow exponentially, so each step
+    is paid from a budget.
 
-    `everything` has all parts, outer parts first, each with the parts directly inside in the order in which they are tried.
+    `everything` has all parts, outer parts first, each with the parts directly inside in the order
+    in which they are tried.
     """
 
     def __init__(self, everything: Kept, banned: Container[Part] = (), without: Container[Edge] = frozenset()) -> None:
@@ -267,7 +275,9 @@ class Resolutions:
         return self._support(parts, edges, budget) is not None
 
     def _support(self, parts: Iterable[Part], edges: Iterable[Edge], budget: Budget) -> Demands | None:
-        """What must be kept for these parts and edges, so that each part but the root has a part around it that keeps it."""
+        """What must be kept for these parts and edges, so that each part but the root has a part
+        around it that keeps it.
+        """
         demands: Demands = {}
         if not self:
             return None
@@ -329,9 +339,9 @@ _RESOLUTIONS, _PRECEDENCE = 4, 15
 class ScenarioSpace:
     """The feasible scenarios of a tree; `limit` is the number of steps that each hard question may cost.
 
-    A scenario whose precedence is cyclic shows a cycle, a cycle needs some tree edges, and every feasible scenario lacks one
-    of them: so the search bans tree edges until nothing is cyclic. Where parts cannot end in order, the search also tries to
-    keep more parts.
+    A scenario whose precedence is cyclic shows a cycle, a cycle needs some tree edges, and every
+    feasible scenario lacks one of them: so the search bans tree edges until nothing is cyclic.
+    Where parts cannot end in order, the search also tries to keep more parts.
 
     >>> from rvaft import loads
     >>> [node_of(part) for part in ScenarioSpace(loads("top or a b; a when 2 < 1; b;")).feasible(Budget())]
@@ -416,8 +426,9 @@ class ScenarioSpace:
     ) -> Kept | None:
         """A feasible scenario with some nodes and tree edges and without other nodes, or None where there is none.
 
-        With `apart`, a scenario that contains the events of both nodes and orders neither before the other. With `silent`, a
-        scenario that contains that node and no event of it or below it. Raises `Undecided` beyond the budget.
+        With `apart`, a scenario that contains the events of both nodes and orders neither before
+        the other. With `silent`, a scenario that contains that node and no event of it or below it.
+        Raises `Undecided` beyond the budget.
         """
         parts = [self.whole[name] for name in (*nodes, *(apart or ()), *([] if silent is None else [silent]))]
         needed = [*edges]
@@ -461,7 +472,9 @@ class ScenarioSpace:
         return None
 
     def endless(self, budget: Budget) -> tuple[Kept, str] | None:
-        """A scenario with an acyclic precedence, and a node of it whose parts cannot end in order; None where there is none."""
+        """A scenario with an acyclic precedence, and a node of it whose parts cannot end in order;
+        None where there is none.
+        """
         if not self.ends or self.acyclic:
             return None
         for kept in resolutions(self.prop, limit=self.limit):
@@ -503,7 +516,9 @@ def _to_event(kept: Kept, start: Part) -> list[Edge]:
 
 
 def _first_without(attempt: Callable[[frozenset[Edge], frozenset[Edge]], T | Standstill]) -> T | None:
-    """What an attempt with some tree edges banned and others required returns; the first attempt bans and requires none.
+    """What an attempt with some tree edges banned and others required returns.
+
+    The first attempt bans and requires none.
 
     A failed attempt returns the edges of which one more is to be banned or required.
     """
@@ -525,13 +540,15 @@ def _first_without(attempt: Callable[[frozenset[Edge], frozenset[Edge]], T | Sta
 def inevitable(order: Sequence[Part], marks: Mapping[Part, int], full: int) -> dict[Part, int]:
     """For each part the marks that every scenario with the part has, for all marks (bits) at once.
 
-    `order` has the parts, outer parts first. `full` has the bits of all marks; a part marked `full` is in no scenario, and a
-    part that is in no scenario has `full` as its result. Order among events is not looked at.
+    `order` has the parts, outer parts first. `full` has the bits of all marks; a part marked `full`
+    is in no scenario, and a part that is in no scenario has `full` as its result. Order among
+    events is not looked at.
 
-    For a single mark let `avoid(v)` mean that some way to make the choices below v has no marked part. Since a choice belongs
-    to a part and not to a path, `avoid` is found from the inside even where parts are shared. Some scenario contains v and no
-    marked part exactly when v can avoid the mark and is the root or is inside a part of which the same is true: take the
-    choices along that path, and elsewhere the avoiding ones. The two loops compute the complement.
+    For a single mark let `avoid(v)` mean that some way to make the choices below v has no marked
+    part. Since a choice belongs to a part and not to a path, `avoid` is found from the inside even
+    where parts are shared. Some scenario contains v and no marked part exactly when v can avoid the
+    mark and is the root or is inside a part of which the same is true: take the choices along that
+    path, and elsewhere the avoiding ones. The two loops compute the complement.
     """
     below: dict[Part, int] = {}
     for part in reversed(order):
@@ -553,7 +570,9 @@ _AT_ONCE: Final = 4096
 def borne_surely(
     space: ScenarioSpace, asked: Collection[tuple[str, str]], bearers: Mapping[str, Iterable[Part]]
 ) -> set[tuple[str, str]]:
-    """The pairs of a node and a mark where every scenario with the node has a bearer of the mark, if any scenario has the node."""
+    """The pairs of a node and a mark where every scenario with the node has a bearer of the mark,
+    if any scenario has the node.
+    """
     wanted, found = list(dict.fromkeys(mark for _, mark in asked)), set[tuple[str, str]]()
     for start in range(0, len(wanted), _AT_ONCE):
         bit = {mark: 1 << index for index, mark in enumerate(wanted[start : start + _AT_ONCE])}
@@ -572,7 +591,9 @@ def borne_surely(
 
 
 def most_scenarios(prop: Property) -> int:
-    """An upper bound on the number of scenarios; the number itself where no part is shared and every scenario is feasible.
+    """An upper bound on the number of scenarios.
+
+    The number itself where no part is shared and every scenario is feasible.
 
     >>> import rvaft
     >>> most_scenarios(build(rvaft.loads("top 2of3 a b c;")))
@@ -606,7 +627,9 @@ class Fewest(NamedTuple):
 def fewest_events(
     parts: Iterable[Part], *, without: Container[Part] = frozenset(), without_edges: Container[Edge] = frozenset()
 ) -> dict[Part, Fewest]:
-    """For each of the parts (inner parts first) that a scenario can have, the fewest events; a shared part counts each time.
+    """For each of the parts (inner parts first) that a scenario can have, the fewest events.
+
+    A shared part counts each time.
 
     >>> import rvaft
     >>> prop = build(rvaft.loads("top 2of3 a b c;"))

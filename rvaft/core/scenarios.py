@@ -1,4 +1,7 @@
-"""The scenarios of a property, one by one: its choices made, with the events, their precedence and the conditions (semantics, section 2)."""
+"""The scenarios of a property, one by one.
+
+Its choices made, with the events, their precedence and the conditions (semantics, section 2).
+"""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -58,7 +61,9 @@ def observable(parts: Iterable[Part]) -> set[Part]:
 
 
 def most_events(parts: Iterable[Part]) -> dict[Part, int]:
-    """For each of the parts (inner parts first) the most events of it in any scenario, at most 2: two stand for many."""
+    """For each of the parts (inner parts first) the most events of it in any scenario, at most 2:
+    two stand for many.
+    """
     most: dict[Part, int] = {}
     for part in parts:
         inner = [most[one] for one in part.parts]
@@ -136,7 +141,8 @@ class Scenario:
 
 
 def precedence(kept: Kept) -> tuple[tuple[Event, ...], tuple[int, ...]] | None:
-    """The events of kept parts in the order of the tree, and for each those before it as bits; None where the order is cyclic.
+    """The events of kept parts in the order of the tree, and for each those before it as bits; None
+    where the order is cyclic.
 
     The parts must be free of `Times` and `EndInOrder`.
     """
@@ -188,7 +194,9 @@ def transitive(before: list[int]) -> tuple[int, ...] | None:
 
 
 def scenarios(prop: Property, *, minimal: bool = False, limit: int = LIMIT) -> Iterator[Scenario]:
-    """The feasible scenarios, in a stable order, of a property free of `Times` and `EndInOrder`; raises `TooLarge` beyond `limit`.
+    """The feasible scenarios, in a stable order, of a property free of `Times` and `EndInOrder`.
+
+    Raises `TooLarge` beyond `limit`.
 
     >>> import rvaft
     >>> from rvaft.core.build import build

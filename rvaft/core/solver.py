@@ -1,9 +1,13 @@
-"""Whether guards can hold together: a search for values, a proof that there are none, and what exact arithmetic would say.
+"""Whether guards can hold together.
 
-What is found is certain. A *witness* is checked with the guards' own evaluation; finding none proves nothing. Guards are *refuted* by the sorts of values
-(a number is no string) and their order, both exact whatever the values are: comparing an integer with a double rounds nothing. Of
-arithmetic, which rounds, the proof uses only what rounding keeps: adding a larger whole number gives no smaller result, and a
-difference has the sign of the comparison or is zero. Where that proves nothing sympy is asked, of inequalities weakened by what rounding could add.
+A search for values, a proof that there are none, and what exact arithmetic would say.
+
+What is found is certain. A *witness* is checked with the guards' own evaluation; finding none
+proves nothing. Guards are *refuted* by the sorts of values (a number is no string) and their order,
+both exact whatever the values are: comparing an integer with a double rounds nothing. Of
+arithmetic, which rounds, the proof uses only what rounding keeps: adding a larger whole number
+gives no smaller result, and a difference has the sign of the comparison or is zero. Where that
+proves nothing sympy is asked, of inequalities weakened by what rounding could add.
 """
 
 import operator as python
@@ -14,15 +18,14 @@ from itertools import chain, combinations, pairwise, product
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from rvaft.model.guards import (
-    ARITHMETIC,
     COMPARISONS,
-    FUNCTIONS,
     OPERATORS,
     ORDERINGS,
     UNDEFINED,
     Guard,
     Operation,
     Operator,
+    Sort,
     folded,
     holds,
     value,
@@ -51,10 +54,11 @@ def contradictory(guards: Iterable[Guard]) -> bool | None:
 
 # What must be true for guards to hold, as alternatives of comparisons (a disjunctive normal form).
 #
-# A guard holds when its value is `true`, and then every comparison that decided so was defined. Its negation `not (a < b)` is true
-# exactly when `a >= b` is: both are defined. So each alternative is a list of comparisons that are all *true*, and no
-# negation is left. What an alternative cannot say (a comparison of truth values, say) is left out: alternatives are implied by the
-# guards, not equivalent to them, which is what a proof of contradiction needs.
+# A guard holds when its value is `true`, and then every comparison that decided so was defined. Its
+# negation `not (a < b)` is true exactly when `a >= b` is: both are defined. So each alternative is
+# a list of comparisons that are all *true*, and no negation is left. What an alternative cannot say
+# (a comparison of truth values, say) is left out: alternatives are implied by the guards, not
+# equivalent to them, which is what a proof of contradiction needs.
 
 MAX_ALTERNATIVES: Final = 256
 
@@ -75,7 +79,9 @@ class TooManyAlternatives(Exception):
 
 
 def _alternatives(guards: Iterable[Guard]) -> list[Way]:
-    """The ways in which all guards can hold, none where they surely cannot; where they are too many, one that says nothing."""
+    """The ways in which all guards can hold, none where they surely cannot; where they are too
+    many, one that says nothing.
+    """
     try:
         return _all_of([_when(guard, truth=True) for guard in guards])
     except TooManyAlternatives:
@@ -91,7 +97,8 @@ def _when(guard: Guard, *, truth: bool) -> list[Way]:
             decides = junction is Operator.OR
             if truth is not decides:
                 return _all_of([_when(operand, truth=truth) for operand in operands])
-            # Read from the left, one operand decides, and those before it have the other truth value: they are defined too.
+            # Read from the left, one operand decides, and those before it have the other truth
+            # value: they are defined too.
             ways: list[Way] = []
             for index, operand in enumerate(operands):
                 before = [_when(earlier, truth=not decides) for earlier in operands[:index]]
@@ -112,16 +119,26 @@ def _when(guard: Guard, *, truth: bool) -> list[Way]:
             operator = Operator.EQ if truth else Operator.NE
             compared_with = [_when(Operation(operator, (operand, one)), truth=True) for one in listed]
             return _bounded(chain(*compared_with)) if truth else _all_of(compared_with)
-        case Operation(operator) if operator not in _VALUES:  # of texts
-            constant = value(guard, {}) if not variables(guard) else truth
-            lowered = [Operation(Operator.LOWER, (operand,)) for operand in guard.operands]  # which says: it is a text
-            return [tuple(GuardComparison(Operator.EQ, one, one) for one in lowered)] if constant is truth else []
-        case _:
+        case Operation(operator) if operator not in _VALUES:
+            if not variables(guard):
+                return [()] if value(guard, {}) is truth else []
+            if OPERATORS[operator].takes != _TEXTS:
+                return [()]
+            lowered = [Operation(Operator.LOWER, (operand,)) for operand in guard.operands]  # defined for texts alone
+            return [tuple(GuardComparison(Operator.EQ, one, one) for one in lowered)]
+        case Operation():
             return []  # numbers and texts have no truth value
 
 
-_VALUES: Final = ARITHMETIC | {Operator.ABS, Operator.MIN, Operator.MAX, Operator.LOWER, Operator.NUMBER}
-"""What makes numbers or texts, and no truth values."""
+_VALUES: Final = frozenset(operator for operator, facts in OPERATORS.items() if facts.gives is not Sort.TRUTH)
+"""Operators that give numbers or texts."""
+_TEXTS: Final = frozenset({Sort.TEXT})
+_TEXT_TESTS: Final = frozenset(
+    operator
+    for operator, facts in OPERATORS.items()
+    if facts.takes == _TEXTS and facts.gives is Sort.TRUTH and facts.arity == 2
+)
+"""Operators that compare a text with another text."""
 
 
 def _all_of(parts: list[list[Way]]) -> list[Way]:
@@ -139,8 +156,6 @@ def _bounded(ways: Iterable[Way]) -> list[Way]:
 
 # The proof from sorts and order.
 
-_NUMBER, _STRING = "number", "string"
-
 
 def refuted(guards: Iterable[Guard]) -> bool:
     """Whether it is proved that no values make all guards hold; False says nothing."""
@@ -148,7 +163,8 @@ def refuted(guards: Iterable[Guard]) -> bool:
 
 
 class _GuardFacts:
-    """Terms with what is known of their sorts and order: pairs of terms that are `<=`, those that are `<`, those that are `!=`.
+    """Terms with what is known of their sorts and order: pairs of terms that are `<=`, those that
+    are `<`, those that are `!=`.
 
     That a term occurs in a true comparison says that it is defined, and so of which sort its operands are.
     """
@@ -157,7 +173,7 @@ class _GuardFacts:
         self.at_most: list[tuple[Hashable, Hashable]] = []
         self.less: list[tuple[Hashable, Hashable]] = []
         self.unequal: list[tuple[Hashable, Hashable]] = []
-        self.sorts: defaultdict[Hashable, set[str]] = defaultdict(set)  # of every term
+        self.sorts: defaultdict[Hashable, set[Sort]] = defaultdict(set)  # of every term
         self.constants: dict[Hashable, Any] = {}
         self.sums: dict[Hashable, dict[int, Hashable]] = {}  # of a term those that are it plus a whole number
         self.compared: set[Hashable] = set()
@@ -190,14 +206,13 @@ class _GuardFacts:
             case Literal(constant):
                 self.constants[term] = constant
                 own.add(_sort(constant))
-            case Operation(Operator.NUMBER):
-                own.add(_NUMBER)
-            case Operation(Operator.LOWER, (operand,)):
-                own.add(_STRING)
-                self.sorts[operand].add(_STRING)
             case Operation(operator, operands) if operator in _VALUES:
-                for number in (term, *operands):
-                    self.sorts[number].add(_NUMBER)
+                facts = OPERATORS[operator]
+                own.add(facts.gives)
+                if facts.takes is not None and len(facts.takes) == 1:
+                    (taken,) = facts.takes
+                    for operand in operands:
+                        self.sorts[operand].add(taken)
                 if operator is Operator.ADD and isinstance(operands[0], Literal):
                     operands = operands[::-1]
                 match operands:
@@ -223,7 +238,7 @@ class _GuardFacts:
         """Whether no values can be so."""
         for row in self.sums.values():
             self.at_most += [(row[less], row[more]) for less, more in pairwise(sorted(row))]
-        for sort in (_NUMBER, _STRING):
+        for sort in (Sort.NUMBER, Sort.TEXT):
             mine = [term for term, constant in self.constants.items() if _sort(constant) == sort]
             for low, high in pairwise(sorted(mine, key=self.constants.__getitem__)):
                 self._compare(Operator.EQ if self.constants[low] == self.constants[high] else Operator.LT, low, high)
@@ -244,7 +259,7 @@ class _GuardFacts:
 
         if any(same(low, high) for low, high in (*self.less, *self.unequal)):
             return True
-        others = [term for term, constant in self.constants.items() if _sort(constant) not in (_NUMBER, _STRING)]
+        others = [term for term, constant in self.constants.items() if _sort(constant) not in (Sort.NUMBER, Sort.TEXT)]
         terms = list(number)
         return any(same(*pair) for pair in combinations(others, 2)) or any(
             self._mixed({terms[index] for index in bits(component)}) for component in set(beside)
@@ -252,19 +267,19 @@ class _GuardFacts:
 
     def _mixed(self, terms: set[Hashable]) -> bool:
         """Whether these terms, of one sort, would have to be of two sorts, or of one that has no order."""
-        sorts = set[str]().union(*(self.sorts[term] for term in terms))
-        return len(sorts) > 1 or (not sorts <= {_NUMBER, _STRING} and not self.compared.isdisjoint(terms))
+        sorts = set[Sort]().union(*(self.sorts[term] for term in terms))
+        return len(sorts) > 1 or (not sorts <= {Sort.NUMBER, Sort.TEXT} and not self.compared.isdisjoint(terms))
 
 
 _SHIFTS: Final = (Operator.ADD, Operator.SUB)
 
 
-def _sort(constant: Scalar) -> str:
+def _sort(constant: Scalar) -> Sort:
     if is_number(constant):
-        return _NUMBER
+        return Sort.NUMBER
     if isinstance(constant, str):
-        return _STRING
-    return "null" if constant is None else "boolean"
+        return Sort.TEXT
+    return Sort.NULL if constant is None else Sort.TRUTH
 
 
 # The proof over real numbers, by sympy.
@@ -280,7 +295,8 @@ _CALCULATED: Final[dict[Operator, Callable[..., Any]]] = {
 
 
 def contradictory_over_reals(guards: Iterable[Guard], *, weaken: bool = False) -> bool | None:
-    """Whether the guards could hold at most through rounding: no real numbers make them hold. None where sympy cannot tell.
+    """Whether the guards could hold at most through rounding: no real numbers make them hold. None
+    where sympy cannot tell.
 
     With `weaken`, comparisons that rounding could make true are left out.
     """
@@ -291,8 +307,8 @@ def contradictory_over_reals(guards: Iterable[Guard], *, weaken: bool = False) -
 def _survives_rounding(comparison: GuardComparison) -> bool:
     """Whether nothing is rounded, or only once, and strictly compared with a representable number.
 
-    Rounding is monotone and keeps representable numbers, so `round(x) < c` implies `x < c` for such a c, x being one operation on a variable and a
-    small integer.
+    Rounding is monotone and keeps representable numbers, so `round(x) < c` implies `x < c` for such
+    a c, x being one operation on a variable and a small integer.
     """
 
     def representable(number: object) -> bool:
@@ -373,9 +389,11 @@ DEFAULT_TRIES: Final = 4_000
 
 
 def witness(guards: Iterable[Guard], tries: int = DEFAULT_TRIES) -> dict[str, Json] | None:
-    """Values under which all guards hold, or None where none were found in so many evaluations (and 20 more for each guard).
+    """Values under which all guards hold, or None where none were found in so many evaluations (and
+    20 more for each guard).
 
-    >>> witness([Operation(Operator.GT, (Variable("X"), Literal(5))), Operation(Operator.LT, (Variable("Y"), Variable("X")))])
+    >>> greater = Operation(Operator.GT, (Variable("X"), Literal(5)))
+    >>> witness([greater, Operation(Operator.LT, (Variable("Y"), Variable("X")))])
     {'X': 6, 'Y': 5}
     """
     todo = list(dict.fromkeys(guards))
@@ -455,7 +473,9 @@ _INVERSE: Final = {
 
 
 def _near(guards: list[Guard], name: str, binding: Binding) -> Iterator[Json]:
-    """What is compared with anything, as far as that has a value now, and where a comparison changes its mind about the variable."""
+    """What is compared with anything, as far as that has a value now, and where a comparison
+    changes its mind about the variable.
+    """
     for guard in guards:
         sides = (side for part in _comparisons(guard) for side in part.operands)
         yield from (known for side in sides if (known := _known(side, binding)) is not UNDEFINED)
@@ -467,7 +487,7 @@ def _texts(guards: list[Guard], binding: Binding) -> Iterator[str]:
     """Texts that begin, go on and end as guards ask, and what globs stand for at the least."""
     found: dict[Operator, list[str]] = {}
     for part in chain(*map(walk, guards)):
-        if isinstance(part, Operation) and part.operator in FUNCTIONS and part.operator not in _VALUES:
+        if isinstance(part, Operation) and part.operator in _TEXT_TESTS:
             asked = _known(part.operands[1], binding)
             if isinstance(asked, str):
                 found.setdefault(part.operator, []).append(asked)

@@ -1,9 +1,10 @@
 """What a guard over times asks: that the difference of two times is at most so much.
 
-The times of events are whole numbers of nanoseconds, so all of this is exact. `plus` and `minus` are the greatest or the least of some
-times; `within D` is that the greatest of a part less the least of it is at most D. As long as not all times are known such a guard may be
-lost already: the greatest only grows, the least only falls. And where no event to come can have a time before the `floor`, as
-`late` says, it may be lost without any further event.
+The times of events are whole numbers of nanoseconds, so all of this is exact. `plus` and `minus`
+are the greatest or the least of some times; `within D` is that the greatest of a part less the
+least of it is at most D. As long as not all times are known such a guard may be lost already: the
+greatest only grows, the least only falls. And where no event to come can have a time before the
+`floor`, as `late` says, it may be lost without any further event.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -33,7 +34,9 @@ class Extreme(NamedTuple):
         return Extreme(self.operator, tuple(name for name in self.names if name in names))
 
     def known(self, binding: Mapping[str, Json], operator: Operator) -> bool:
-        """Whether what is bound bounds it: any time the greatest from below and the least from above, all of them both."""
+        """Whether what is bound bounds it: any time the greatest from below and the least from
+        above, all of them both.
+        """
         some = self.operator is operator
         return (any if some else all)(name in binding for name in self.names)
 

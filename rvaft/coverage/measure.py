@@ -30,11 +30,11 @@ from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.fast_reader import FastReader, exact_time, plain_fields
-from rvaft.monitoring.near_misses import EventTypeIndex, Sight
-from rvaft.monitoring.oversights import Oversight, Oversights
 from rvaft.monitors import Awaited
+from rvaft.readers.json_blocks import JsonBlockReader, exact_time, plain_fields
 from rvaft.readers.json_lines import read
+from rvaft.stream.data_warnings import DataWarning, DataWarnings
+from rvaft.stream.statistics import EventTypeIndex, Sight
 from rvaft.support.bits import bits
 
 DEFAULT_BRANCHES: Final = 1_000
@@ -50,9 +50,10 @@ Kept: TypeAlias = Mapping[int, tuple[int, ...]]
 class LackingEvents:
     """The fewest events that a partial match of a branch still lacks, over all feasible scenarios that it is a part of.
 
-    In a branch only KofN gates have a choice left: they keep K children or more. Where no node is shared, the cheapest children
-    are the answer, gate by gate. The gates above shared nodes (the *core*) depend on each other: their choices are tried one by
-    one, and each scenario is looked at as a whole.
+    In a branch only KofN gates have a choice left: they keep K children or more. Where no node is
+    shared, the cheapest children are the answer, gate by gate. The gates above shared nodes (the
+    *core*) depend on each other: their choices are tried one by one, and each scenario is looked at
+    as a whole.
     """
 
     def __init__(self, compiled: CompiledTree) -> None:
@@ -62,10 +63,12 @@ class LackingEvents:
     def fewest(
         self, taken: Mapping[int, int], dead: Collection[int] = (), *, exact: bool = True
     ) -> tuple[int, Collection[int]]:
-        """How many are lacking when these are taken and the guards of the dead nodes do not hold, and the nodes of such a scenario.
+        """How many are lacking when these are taken and the guards of the dead nodes do not hold,
+        and the nodes of such a scenario.
 
-        `taken` maps each node with an event to the position of its event. If `exact`, the scenario contains all that is taken;
-        otherwise it may do without some of it. There has to be such a scenario. Raises `TooLarge`.
+        `taken` maps each node with an event to the position of its event. If `exact`, the scenario
+        contains all that is taken; otherwise it may do without some of it. There has to be such a
+        scenario. Raises `TooLarge`.
         """
         compiled = self._compiled
         if not compiled.chooses:
@@ -88,7 +91,9 @@ class LackingEvents:
     def _cheapest(
         self, nodes: Iterable[int], dead: Collection[int], taken: Collection[int], forced: Collection[int]
     ) -> dict[int, tuple[int, tuple[int, ...]]]:
-        """For each of the nodes (children first) that can be kept, how many events it lacks at least, and the children kept for it."""
+        """For each of the nodes (children first) that can be kept, how many events it lacks at
+        least, and the children kept for it.
+        """
         found: dict[int, tuple[int, tuple[int, ...]]] = {}
         for node in nodes:
             children, need = self._compiled.children[node], self._compiled.need[node]
@@ -139,7 +144,9 @@ class LackingEvents:
                 yield whole
 
     def _keeps_order(self, kept: Kept, taken: Mapping[int, int]) -> bool:
-        """Whether a scenario is feasible, and what is taken came in an order that it allows and before all that is lacking."""
+        """Whether a scenario is feasible, and what is taken came in an order that it allows and
+        before all that is lacking.
+        """
         compiled = self._compiled
         inside: dict[int, int] = {}
         before = [0] * len(compiled.names)
@@ -162,7 +169,9 @@ class LackingEvents:
 
 
 class Reach(NamedTuple):
-    """The best that a log did: how many events were lacking, the number of the last event matched (0 for none), what came next."""
+    """The best that a log did: how many events were lacking, the number of the last event matched
+    (0 for none), what came next.
+    """
 
     lacking: int
     event: int
@@ -172,9 +181,10 @@ class Reach(NamedTuple):
 class AlternativeFollower(Engine):
     """The monitor of a branch, or of one alternative of it, that remembers the best of the partial matches it met.
 
-    It is given only the events that may matter to it, with what the whole tree says of them, since there may be very many branches.
-    Under `scattered` no partial match is lost but to a better one, and the end of the log is early enough; else they end, so they are
-    looked at whenever they grow. Raises `TooLarge`.
+    It is given only the events that may matter to it, with what the whole tree says of them, since
+    there may be very many branches. Under `scattered` no partial match is lost but to a better one,
+    and the end of the log is early enough; else they end, so they are looked at whenever they grow.
+    Raises `TooLarge`.
     """
 
     _apart = False  # how far the parts came together is what is measured
@@ -294,8 +304,9 @@ class BranchFollower:
 class BranchCoverage:
     """One branch: it was reached `reached` of the `needed` events; `detected` logs detect it.
 
-    `log` and `event` are where it was first detected or else came farthest first; `event` is the number of the last event
-    matched there, from 1. Both are None where no event of the branch was matched. `awaited` is what could have come next.
+    `log` and `event` are where it was first detected or else came farthest first; `event` is the
+    number of the last event matched there, from 1. Both are None where no event of the branch was
+    matched. `awaited` is what could have come next.
     """
 
     number: int
@@ -312,9 +323,10 @@ class BranchCoverage:
 class CoverageReport:
     """What the logs covered.
 
-    `infeasible` are the numbers of branches without a feasible scenario, which nothing can detect and which do not count. `nodes` is the number of nodes
-    with a runtime event in the branches that do, `unseen` are those whose event no event of any log was. `oversights` are what could have been
-    part of a match and was not, `warnings` the same as sentences.
+    `infeasible` are the numbers of branches without a feasible scenario, which nothing can detect
+    and which do not count. `nodes` is the number of nodes with a runtime event in the branches that
+    do, `unseen` are those whose event no event of any log was. `oversights` are what could have
+    been part of a match and was not, `warnings` the same as sentences.
     """
 
     semantics: Semantics
@@ -323,7 +335,7 @@ class CoverageReport:
     infeasible: tuple[int, ...]
     nodes: int
     unseen: tuple[Awaited, ...]
-    oversights: tuple[Oversight, ...] = ()
+    oversights: tuple[DataWarning, ...] = ()
     warnings: tuple[str, ...] = ()
 
     @property
@@ -340,8 +352,9 @@ class CoverageReport:
 class Coverage:
     """Reads logs one by one and says what they covered.
 
-    Raises `OptionError`, `TreeError` for a tree that breaks a rule, that has no such branch or kind, or of which no such branch is feasible, and
-    `TooLarge` beyond `limit` branches; `configurations` bounds the partial matches that are followed in each.
+    Raises `OptionError`, `TreeError` for a tree that breaks a rule, that has no such branch or
+    kind, or of which no such branch is feasible, and `TooLarge` beyond `limit` branches;
+    `configurations` bounds the partial matches that are followed in each.
 
     >>> import rvaft
     >>> coverage = Coverage(rvaft.loads("top or a x; x sand b c;"))
@@ -376,7 +389,7 @@ class Coverage:
         )
         self._letters = TreeLetters(self._compiled)
         self._types = EventTypeIndex(tree, (letter.pattern for letter in self._letters.letters))
-        self._oversights = Oversights(self._types)
+        self._warnings = DataWarnings(self._types)
         chosen = [numbered(tree, branch)] if branch is not None else list(islice(branches(tree), limit + 1))
         if branch is None and len(chosen) > limit:
             remedy = "--limit allows more; or choose one with --branch N, or prune the tree"
@@ -396,18 +409,21 @@ class Coverage:
                 self._branches.append((fresh, frozenset(one.nodes)))
 
     def add(self, log: str, events: Iterable[Json] | BinaryIO, *, strict_json: bool = False) -> None:
-        """Read a whole log, its events or the bytes of JSON Lines. Raises what reading them raises, and `TooLarge`; a log that raises does not count."""
+        """Read a whole log, its events or the bytes of JSON Lines.
+
+        Raises what reading them raises, and `TooLarge`; a log that raises does not count.
+        """
         followers = [(fresh.fork(), nodes) for fresh, nodes in self._branches]
-        live, seen, number, oversights = followers, set[str](), 0, Oversights(self._types)
+        live, seen, number, data_warnings = followers, set[str](), 0, DataWarnings(self._types)
         numbered = (
-            self._numbered(log, cast("BufferedIOBase", events), strict_json, oversights)
+            self._numbered(log, cast("BufferedIOBase", events), strict_json, data_warnings)
             if isinstance(events, IOBase)
             else enumerate(events, 1)
         )
         strict, scattered = (self.semantics is one for one in (Semantics.STRICT, Semantics.SCATTERED))
         projects = self.semantics.projects
         try:
-            for number, event, sight in oversights.over(numbered, f"{log}: "):
+            for number, event, sight in data_warnings.over(numbered, f"{log}: "):
                 hit = set[str]() if sight is None else self._hit(event, sight, projects=projects)
                 seen |= hit
                 if hit or strict:
@@ -423,7 +439,7 @@ class Coverage:
             raise
         self._logs += 1
         self._seen |= seen
-        self._oversights.merge(oversights)
+        self._warnings.merge(data_warnings)
         for place, ((follower, _), reach) in enumerate(zip(followers, reached, strict=True)):
             known = self._best[place]
             best = replace(known, detected=known.detected + (follower.verdict is Verdict.TRUE))
@@ -439,7 +455,10 @@ class Coverage:
         return sketch
 
     def _hit(self, event: Json, sight: Sight, *, projects: bool) -> set[str]:
-        """The nodes that an event may be, where it counts: by the pattern and by the guard that the event alone decides."""
+        """The nodes that an event may be, where it counts.
+
+        By the pattern and by the guard that the event alone decides.
+        """
         sketch = self._sketch(event, sight)
         if projects and any(one.admits(event) for one in sketch.ignored):
             return set()
@@ -450,7 +469,7 @@ class Coverage:
         return {name for name, values in found if (own := self._own[name]) is None or holds(own, values)}
 
     def _numbered(
-        self, log: str, stream: BufferedIOBase, strict_json: bool, oversights: Oversights
+        self, log: str, stream: BufferedIOBase, strict_json: bool, data_warnings: DataWarnings
     ) -> Iterator[tuple[int, Json]]:
         """The events of a log with their numbers; those that concern nothing are left out where that can be.
 
@@ -463,7 +482,7 @@ class Coverage:
             return
         every = time is not None and time.late is not None  # then the time of each event counts
         before = 0
-        reader = FastReader(
+        reader = JsonBlockReader(
             reads,
             (lambda _: True) if every else self._types.possible,
             fields,
@@ -471,16 +490,16 @@ class Coverage:
             strict=strict_json,
         )
         for batch in reader.read(stream, log):
-            calm = not every and self._are_calm([event for _, event in batch.events], oversights)
+            calm = not every and self._are_calm([event for _, event in batch.events], data_warnings)
             yield from ((before + place + 1, found) for place, found in batch.events[-1 if calm else 0 :])
             before += batch.total
 
-    def _are_calm(self, events: Sequence[Json], oversights: Oversights) -> bool:
+    def _are_calm(self, events: Sequence[Json], data_warnings: DataWarnings) -> bool:
         """Whether no event may be a node's or has something to be noted, as is easily seen of all."""
         groups = self._types.groups(events) if set(map(type, events)) == {dict} else None
         for sight, group in groups or ():
             told = self._sketch(group.events[0], sight).told
-            if told is None or not oversights.are_good(group, sight):
+            if told is None or not data_warnings.are_good(group, sight):
                 return False
             if any(one.relevant if self.semantics.projects else one.serving for one, _ in told.parted(group)):
                 return False
@@ -491,5 +510,5 @@ class Coverage:
         kept = {name for _, nodes in self._branches for name in nodes if name in self._own}
         unseen = awaited(self.tree, kept - self._seen)
         counts = tuple(self._best), tuple(self._infeasible), len(kept)
-        missed = tuple(replace(one) for one in self._oversights.found.values())
-        return CoverageReport(self.semantics, self._logs, *counts, unseen, missed, tuple(self._oversights.lines))
+        missed = tuple(replace(one) for one in self._warnings.found.values())
+        return CoverageReport(self.semantics, self._logs, *counts, unseen, missed, tuple(self._warnings.lines))

@@ -54,7 +54,7 @@ from rvaft.core.times import Extreme
 from rvaft.engine.compiled_tree import CompiledTree, Op
 from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration
 from rvaft.engine.partial_matches import Matching
-from rvaft.model.guards import Guard, Operation, Operator, variables, walk
+from rvaft.model.guards import ORDERINGS, Guard, Operation, Operator, variables, walk
 from rvaft.model.patterns import Literal, Variable
 from rvaft.model.values import Json, exact, is_number, key
 
@@ -112,7 +112,6 @@ _EXACT: Final = 2**53
 _MIXED: Final = None
 _SUMS: Final = (Operator.ADD, Operator.SUB)
 _FIRST_GREATER: Final = (Operator.GT, Operator.GE)
-_COMPARISONS: Final = (*_FIRST_GREATER, Operator.LT, Operator.LE)
 
 
 class Term(NamedTuple):
@@ -284,7 +283,7 @@ def tendency(guard: Guard, name: str) -> int | None:
             return signs.pop() if len(signs) == 1 else _MIXED
         case Operation(Operator.NOT, (operand,)):
             return _turned(tendency(operand, name)) if _steady(operand, name) else _MIXED
-        case Operation(operator, (left, right)) if operator in _COMPARISONS:
+        case Operation(operator, (left, right)) if operator in ORDERINGS:
             if name in variables(left) and name in variables(right):
                 return _MIXED
             slope = _slope(left, name)[0] if name in variables(left) else _turned(_slope(right, name)[0])

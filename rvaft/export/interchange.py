@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final, assert_never
 
 from rvaft.errors import OptionError
+from rvaft.export.layout import turn
 from rvaft.model.expressions import WORD, bare_value, guard_text
 from rvaft.model.nodes import Causality, Gate, Node
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
@@ -128,7 +129,6 @@ def _with_several_leaves(tree: RVAFT) -> set[str]:
     return {name for name, leaves in most.items() if leaves > 1}
 
 
-_SEQUENCES: Final = (Gate.SAND, Gate.SAND_RL)
 _GATES: Final[Mapping[Gate, str]] = {
     Gate.AND: "and",
     Gate.OR: "or",
@@ -138,11 +138,13 @@ _GATES: Final[Mapping[Gate, str]] = {
     Gate.VOT: "{}of{}",
 }
 assert set(_GATES) == set(Gate), "every gate has a word"
+_SEQUENCES: Final = frozenset(gate for gate, word in _GATES.items() if word == "pand") - {Gate.PAND}
 
 
 def _statement(node: Node) -> str:
     gate = [] if node.gate is None else [_GATES[node.gate].format(node.threshold, len(node.children))]
-    children = node.children[::-1] if node.gate is Gate.SAND_RL else node.children
+    turns = {child: turn(node, place) for place, child in enumerate(node.children)}
+    children = sorted(node.children, key=turns.__getitem__)
     attributes = [f"{key}={value}" for key, value in node.attributes if _is_plain(key, value)]
     return " ".join([_name(node.name), *gate, *map(_name, children), *attributes]) + ";"
 

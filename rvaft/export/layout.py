@@ -11,12 +11,13 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, assert_never
 
 from rvaft.core.branches import branch as branch_of
 from rvaft.errors import OptionError
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import guard_text, on_text
+from rvaft.model.guards import COMPARISONS
 from rvaft.model.nodes import Gate, Kind, Node
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json
@@ -47,7 +48,13 @@ assert set(_GATES) == set(Gate), "every gate has a text"
 
 def turn(node: Node, place: int) -> int:
     """Which of the children, in the order of a gate, stands at that place, from 0."""
-    return len(node.children) - place if node.gate is Gate.SAND_RL else place + 1
+    match node.gate:
+        case Gate.SAND_RL:
+            return len(node.children) - place
+        case None | Gate.OR | Gate.AND | Gate.SAND | Gate.PAND | Gate.VOT:
+            return place + 1
+        case _:
+            assert_never(node.gate)
 
 
 @dataclass(frozen=True, slots=True)
@@ -318,7 +325,6 @@ _TOKEN: Final = re.compile(
     r"""(\s*)(?=\S)(\[?not\s+\(+|[0-9][0-9.eE+-]*\ (?:ns|us|ms|s|min|h|d)\b\)*|(?:"(?:[^"\\]|\\.)*"?|[^\s"(]+)?[^\s"(]*\(*)"""
 )
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"?')
-_COMPARISONS: Final = frozenset({"==", "!=", "<", "<=", ">", ">="})
 _INSIDE: Final = 3
 """The first kind of place that is inside of a comparison or another term."""
 
@@ -417,7 +423,7 @@ def _tokens(text: str) -> Iterator[_CodeToken]:
         elif not blank or before == "not":
             kind = 5
         else:
-            kind = _INSIDE if word in _COMPARISONS else 4
+            kind = _INSIDE if word in COMPARISONS else 4
         yield _CodeToken(blank, word, (depth, kind))
         signs = _STRING.sub("", word)
         depth += sum(signs.count(sign) for sign in "([{") - sum(signs.count(sign) for sign in ")]}")

@@ -1,6 +1,8 @@
-"""Detections and verdicts for Foxglove: channels in a file of MCAP, or of a WebSocket server to which Foxglove connects while the monitor runs.
+"""Detections and verdicts for Foxglove: channels in a file of MCAP, or of a WebSocket server to
+which Foxglove connects while the monitor runs.
 
-Messages are JSON with a schema: on `/rvaft/detections` what a command is told of a detection, on `/rvaft/verdicts` each change of a verdict. They are logged at the time of their event where the
+Messages are JSON with a schema: on `/rvaft/detections` what a command is told of a detection, on
+`/rvaft/verdicts` each change of a verdict. They are logged at the time of their event where the
 tree says where its events have one, else at the time when they are logged. Needs `foxglove-sdk`.
 """
 
@@ -16,10 +18,9 @@ from rvaft.errors import OptionError, installed
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
-from rvaft.monitoring.detection import detection, matched_events
-from rvaft.monitoring.publisher import Publisher
-from rvaft.monitoring.run import EventBuffer, MonitoredTrace, VerdictChange
 from rvaft.monitors import Explanation
+from rvaft.stream.detection import detection, matched_events
+from rvaft.stream.listeners import EventBuffer, MonitoredTrace, Publisher, VerdictChange
 from rvaft.support.files import telling
 
 Given = TypeVar("Given")
@@ -53,10 +54,12 @@ _SCHEMAS: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
 
 
 class FoxgloveSink(Publisher):
-    """Writes messages to a file named `.mcap`, whole once it is closed, or sends them from a port (a number, or `HOST:PORT`); a context manager.
+    """Writes messages to a file named `.mcap`, whole once it is closed, or sends them from a port
+    (a number, or `HOST:PORT`); a context manager.
 
-    What cannot be written is told to `warn` at once and stops nothing; `close` raises `OSError` for it. Raises `OptionError` for what is neither file nor port and for a port
-    that cannot be had, `OSError` for a file that cannot be written, and `ToolMissing`.
+    What cannot be written is told to `warn` at once and stops nothing; `close` raises `OSError` for
+    it. Raises `OptionError` for what is neither file nor port and for a port that cannot be had,
+    `OSError` for a file that cannot be written, and `ToolMissing`.
 
     >>> import rvaft, tempfile
     >>> from pathlib import Path
@@ -119,7 +122,10 @@ class FoxgloveSink(Publisher):
             self._file.finish()
 
     def on_detection(self, **options: Unpack[MonitorOptions]) -> Callable[[Json], Verdict]:
-        """A function to be called with each event, as that of `rvaft.on_detection`, with the same options; what is detected goes to Foxglove."""
+        """A function to be called with each event, as that of `rvaft.on_detection`, with the same options.
+
+        What is detected goes to Foxglove.
+        """
         monitor, buffer = rvaft.monitor(self._tree, **options), EventBuffer()
         number, about = 0, {"tree": self._name}
         event: Json = {}
@@ -165,7 +171,9 @@ class FoxgloveSink(Publisher):
 
 
 def port_of(target: int | str | os.PathLike[str]) -> tuple[str, int] | None:
-    """The host and the port that a text or a number stands for, None for a file of MCAP; raises `OptionError` for what is neither.
+    """The host and the port that a text or a number stands for, None for a file of MCAP.
+
+    Raises `OptionError` for what is neither.
 
     >>> port_of(8765), port_of("0.0.0.0:8765"), port_of("run.mcap")
     (('127.0.0.1', 8765), ('0.0.0.0', 8765), None)
@@ -180,7 +188,9 @@ def port_of(target: int | str | os.PathLike[str]) -> tuple[str, int] | None:
 
 
 class _File:
-    """A file that is written under another name in its folder until it is whole; remembers the first failure, after which nothing is written."""
+    """A file that is written under another name in its folder until it is whole; remembers the
+    first failure, after which nothing is written.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -205,7 +215,9 @@ class _File:
         return self._unless_failed(lambda: self._stream.seek(offset, whence), offset)
 
     def _unless_failed(self, do: Callable[[], Given], otherwise: Given) -> Given:
-        """Do what is asked, or remember why it failed; the library is told that all is well, since it would say so again and again."""
+        """Do what is asked, or remember why it failed; the library is told that all is well, since
+        it would say so again and again.
+        """
         if self.failure is None:
             try:
                 return do()

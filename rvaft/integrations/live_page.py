@@ -1,7 +1,9 @@
 """A page over HTTP: what a request is answered, whoever asks it, and a small server that answers one log's browsers.
 
-There is a page at `/`, and where it is live a stream of server-sent events at `/events`: each has as its `id` the cursor with which a browser that lost
-the stream asks again, and as JSON what is new since the cursor before. Nothing else is there, nothing can be sent, and no text of a request comes back.
+There is a page at `/`, and where it is live a stream of server-sent events at `/events`: each has
+as its `id` the cursor with which a browser that lost the stream asks again, and as JSON what is new
+since the cursor before. Nothing else is there, nothing can be sent, and no text of a request comes
+back.
 """
 
 import socket
@@ -17,7 +19,7 @@ from time import monotonic
 from typing import Any, Final, Literal
 from urllib.parse import parse_qs, urlsplit
 
-from rvaft.monitoring.report import policy
+from rvaft.reports.log_report import policy
 from rvaft.support.network import LOCAL, own, unavailable
 
 PERIOD: Final = 0.25
@@ -122,8 +124,8 @@ class Questions:
 class PageServer(ThreadingHTTPServer):
     """Gives browsers a page, and where it is `live` what is new: `ask` is given a cursor, or None for the page.
 
-    Port 0 is any that is free; `origins` are those whose hosts this server may be called by, beside addresses. Raises `OSError` where the address cannot
-    be listened at.
+    Port 0 is any that is free; `origins` are those whose hosts this server may be called by, beside
+    addresses. Raises `OSError` where the address cannot be listened at.
     """
 
     daemon_threads = True
@@ -217,7 +219,7 @@ class _Answering(BaseHTTPRequestHandler):
 
     do_PUT = do_DELETE = do_PATCH = do_OPTIONS = do_TRACE = do_CONNECT = do_POST  # noqa: N815 (the interface)
 
-    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:  # noqa: ARG002 (the interface)
+    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:  # noqa: ARG002
         """What is no request is told so; the message would repeat it."""
         super().send_error(code)
 

@@ -1,7 +1,11 @@
-"""Messages of MQTT as they come, read by `paho-mqtt`: `mqtt://HOST[:PORT]/TOPIC`, where the topic may have the wildcards `+` and `#`.
+"""Messages of MQTT as they come, read by `paho-mqtt`.
 
-An event is a payload, a JSON object, with `topic` and `time`, the nanoseconds at which it came, as in recordings of ROS. What MQTT loses is told where it was lost: messages
-while the connection was, those for which there was no room, a payload that is no JSON object, and a message that was retained from before, which is no event.
+`mqtt://HOST[:PORT]/TOPIC`, where the topic may have the wildcards `+` and `#`.
+
+An event is a payload, a JSON object, with `topic` and `time`, the nanoseconds at which it came, as
+in recordings of ROS. What MQTT loses is told where it was lost: messages while the connection was,
+those for which there was no room, a payload that is no JSON object, and a message that was retained
+from before, which is no event.
 """
 
 import os
@@ -64,7 +68,9 @@ class Address(NamedTuple):
 
     @classmethod
     def parse(cls, url: str, environment: Mapping[str, str] = os.environ) -> Self:
-        """The user and the password that the URL does not name are in the environment; raises `OptionError`, which does not repeat the URL."""
+        """The user and the password that the URL does not name are in the environment; raises
+        `OptionError`, which does not repeat the URL.
+        """
         scheme, _, rest = url.partition("://")
         authority, _, path = rest.partition("/")
         said, _, place = authority.rpartition("@")
@@ -163,7 +169,9 @@ def _event(message: "MQTTMessage", came: int, log: Log) -> dict[str, Json]:
 
 
 def _placed(topic: str, time: int, payload: dict[str, Json]) -> dict[str, Json]:
-    """The object of a payload with its topic and time; its own fields by these names stand elsewhere, as of messages in a recording."""
+    """The object of a payload with its topic and time; its own fields by these names stand
+    elsewhere, as of messages in a recording.
+    """
     event = {TOPIC: topic, TIME: time, **{ELSEWHERE.get(name, name): value for name, value in payload.items()}}
     if len(event) < len(payload) + 2:
         raise ValueError(f"it has a field and message_… of the same name, of {' and '.join(ELSEWHERE)}")
@@ -174,7 +182,9 @@ def _placed(topic: str, time: int, payload: dict[str, Json]) -> dict[str, Json]:
 
 
 class _Waiting:
-    """What came and has not been looked at: messages as far as there is room, and what is to be told at its place among them."""
+    """What came and has not been looked at: messages as far as there is room, and what is to be
+    told at its place among them.
+    """
 
     def __init__(self) -> None:
         self._held = deque[tuple[Any, int]]()
@@ -212,7 +222,10 @@ class _Waiting:
 
 
 class _Connection:
-    """A subscription, which a thread of its own keeps up: it connects again whenever the connection is lost, and tells that."""
+    """A subscription, which a thread of its own keeps up.
+
+    It connects again whenever the connection is lost, and tells that.
+    """
 
     def __init__(self, address: Address, log: Log) -> None:
         remedy = "pip install '.[mqtt]' in a checkout of rvaft"
@@ -267,7 +280,9 @@ class _Connection:
             raise self._log.error_at(self._refusal, None)
 
     def next(self) -> "tuple[int, MQTTMessage] | str | RvaftError | None":
-        """The next message with its time, or what is to be told, or the error that ends it all; None after the last one, once the end was asked for."""
+        """The next message with its time, or what is to be told, or the error that ends it all;
+        None after the last one, once the end was asked for.
+        """
         while True:
             if not self._closing and self._log.live.stop():
                 self.close()

@@ -1,7 +1,8 @@
 """Fleets of systems on Apache Spark: one monitor for each key, over a table of events or a stream of them.
 
-Spark spreads the keys over its machines, puts the events of each key in the order of their times and keeps the state of each; what an
-event means is the business of the same run that `rvaft monitor` is, so verdicts are the same. Needs PySpark 4 (the extra `spark`) and a Java runtime.
+Spark spreads the keys over its machines, puts the events of each key in the order of their times
+and keeps the state of each; what an event means is the business of the same run that `rvaft
+monitor` is, so verdicts are the same. Needs PySpark 4 (the extra `spark`) and a Java runtime.
 """
 
 import json
@@ -26,29 +27,26 @@ from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, decimal, is_finite
 from rvaft.model.verdict import Semantics
-from rvaft.monitoring.checkpoint import packed, unpacked
-from rvaft.monitoring.detection import counted, detection, places
-from rvaft.monitoring.monitor_set import MonitorSet, Per, columns
-from rvaft.monitoring.oversights import Oversights
-from rvaft.monitoring.run import (
-    EventBuffer,
-    Field,
-    Key,
-    Listener,
-    MonitoringPlan,
-    OrderedField,
-    Totals,
-    TraceRun,
-    VerdictChange,
-)
 from rvaft.readers.json_lines import decode
+from rvaft.stream.checkpoint import packed, unpacked
+from rvaft.stream.data_warnings import DataWarnings
+from rvaft.stream.detection import counted, detection, places
+from rvaft.stream.keys import Field, Key
+from rvaft.stream.listeners import EventBuffer, Listener, VerdictChange
+from rvaft.stream.monitor_set import MonitorSet, Per, columns
+from rvaft.stream.order import OrderedField
+from rvaft.stream.plan import MonitoringPlan, Totals
+from rvaft.stream.run import TraceRun
 
 if TYPE_CHECKING:
     import pandas
     import pyarrow
     from pyspark.sql import DataFrame
 
-SCHEMA: Final = "key string, event bigint, time string, detection int, branch int, kinds array<string>, record string, warning string"
+SCHEMA: Final = (
+    "key string, event bigint, time string, detection int, branch int, kinds array<string>, "
+    "record string, warning string"
+)
 """The columns of detections and warnings, in Spark's words."""
 _KEYED: Final = "key string, place bigint, part double, came bigint, text string"
 """An event with its key and its place in the order: a whole number, the part of one beyond it, and how it came."""
@@ -108,22 +106,30 @@ def monitor(
     cooldown: str | None = None,
     strict_json: bool = False,
 ) -> "DataFrame":
-    """The detections in a table of events, or in a stream of them (`DataFrame.isStreaming`): a table of `SCHEMA`, or a stream to append to one.
+    """The detections in a table of events, or in a stream of them (`DataFrame.isStreaming`).
 
-    The options are those of `rvaft monitor`: `key` names the fields (dotted paths) by whose values systems are told apart, `order_by` the field by which the events
-    of each are put in order (without it the field of the tree's `time`), `cooldown` is a duration as in a tree (`10 min`). An event is the
-    JSON text in `column`, or in `value` where that is the only column; elsewhere each row is an event and its columns are the fields, without those that are
-    null.
+    A table of `SCHEMA`, or a stream to append to one.
 
-    A row of a detection has the `key` as JSON, `event`, the number of the event among those of its key, its `time`, the number of the `detection` of that
-    key where monitors repeat, `branch`, `kinds`, and as `record` the object that `rvaft monitor` gives to commands. What is not counted has a row with a
-    `warning` and no record: events without the key, lines that are no JSON object, undefined guards, late events, a monitor that grew too large.
+    The options are those of `rvaft monitor`: `key` names the fields (dotted paths) by whose values
+    systems are told apart, `order_by` the field by which the events of each are put in order
+    (without it the field of the tree's `time`), `cooldown` is a duration as in a tree (`10 min`).
+    An event is the JSON text in `column`, or in `value` where that is the only column; elsewhere
+    each row is an event and its columns are the fields, without those that are null.
 
-    In a stream the state of a key is what `rvaft monitor --checkpoint` keeps of a run, in Spark's own state store: a query that is started again from its
-    `checkpointLocation` goes on where it stopped and tells each detection once, and refuses another tree or other options. Events of one micro-batch
-    are put in order; those of an earlier time that come with a later batch stand where they came, and a warning says so.
+    A row of a detection has the `key` as JSON, `event`, the number of the event among those of its
+    key, its `time`, the number of the `detection` of that key where monitors repeat, `branch`,
+    `kinds`, and as `record` the object that `rvaft monitor` gives to commands. What is not counted
+    has a row with a `warning` and no record: events without the key, lines that are no JSON object,
+    undefined guards, late events, a monitor that grew too large.
 
-    Raises `OptionError` for options that do not go together, `TreeError` as `rvaft.monitor` does, and `ToolMissing` without PySpark, pandas or pyarrow.
+    In a stream the state of a key is what `rvaft monitor --checkpoint` keeps of a run, in Spark's
+    own state store: a query that is started again from its `checkpointLocation` goes on where it
+    stopped and tells each detection once, and refuses another tree or other options. Events of one
+    micro-batch are put in order; those of an earlier time that come with a later batch stand where
+    they came, and a warning says so.
+
+    Raises `OptionError` for options that do not go together, `TreeError` as `rvaft.monitor` does,
+    and `ToolMissing` without PySpark, pandas or pyarrow.
     """
     try:
         import pandas  # noqa: F401, PLC0415 -- imported on use
@@ -173,7 +179,9 @@ def _planned(options: _Options) -> _Plan:
 
 
 def _keyed(options: _Options, batches: Iterable["pyarrow.RecordBatch"]) -> Iterator["pyarrow.RecordBatch"]:
-    """Each event with its key as text, none for what has no key or is no JSON object, and its place in the order: what has none is first.
+    """Each event with its key as text, none for what has no key or is no JSON object, and its place in the order.
+
+    What has none is first.
 
     Nothing here is null, of which tables in Python make numbers.
     """
@@ -209,7 +217,9 @@ def _object_in(text: str) -> dict[str, Json] | None:
 
 
 def _key_text(values: tuple[Json, ...] | None) -> str:
-    """The values of a key as JSON, the same text for equal values: 1 and 1.0 are one, and so are objects in any order."""
+    """The values of a key as JSON, the same text for equal values: 1 and 1.0 are one, and so are
+    objects in any order.
+    """
     text = json.dumps(values, sort_keys=True)
     if all(isinstance(value, (str, int, type(None))) for value in values or ()):
         return text
@@ -255,7 +265,7 @@ class _KeyRun:
         self.key = plan.key.told(tuple(json.loads(group)))
         self._listener = _Detections(plan, options, self.key)
         buffer = EventBuffer(reads=plan.run.reads)
-        totals = Totals(None, Oversights(plan.run.monitors.types))
+        totals = Totals(None, DataWarnings(plan.run.monitors.types))
         self._run = TraceRun(plan.run, "", [self._listener], totals, buffer=buffer)
         self._failure = ""
         self._rejected = self._unplaced = 0
@@ -279,7 +289,7 @@ class _KeyRun:
 
     @property
     def _lines(self) -> list[str]:
-        lines = [*self._run.warnings, *self._run.totals.oversights.lines]
+        lines = [*self._run.warnings, *self._run.totals.data_warnings.lines]
         if self._unplaced:
             what = f"without a number or time in the field {self._plan.order_by} stand before the others"
             lines.append(f"{counted(self._unplaced)} {what}")

@@ -13,10 +13,11 @@ from rvaft.cli.monitor import require_companions
 from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow
 from rvaft.integrations.live_page import PageServer, Questions
 from rvaft.model.nodes import Kind
-from rvaft.monitoring.detection import counted
-from rvaft.monitoring.follow import POLL, stopping
-from rvaft.monitoring.report import PLACES, SHOWN, LogReport
-from rvaft.monitoring.run import Totals, TraceRun
+from rvaft.reports.log_report import PLACES, SHOWN, LogReport
+from rvaft.stream.detection import counted
+from rvaft.stream.follow import POLL, stopping
+from rvaft.stream.plan import Totals
+from rvaft.stream.run import TraceRun
 from rvaft.support import network
 from rvaft.support.network import LOCAL, require_host
 from rvaft.support.terminal import visible

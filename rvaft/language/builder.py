@@ -1,7 +1,8 @@
 """From reductions of the grammar to statements: one method per rule, run while the text is parsed.
 
-Nothing here recurses: the parser keeps the stack, so a text may nest as deep as it likes until a rule refuses it. Names stay tokens,
-which are strings that know their place, until a statement is written into a draft.
+Nothing here recurses: the parser keeps the stack, so a text may nest as deep as it likes until a
+rule refuses it. Names stay tokens, which are strings that know their place, until a statement is
+written into a draft.
 """
 
 import json
@@ -93,7 +94,10 @@ class ImportStatement(NamedTuple):
 
 
 class Clause(NamedTuple):
-    """`or a b`, `on move(X)` and so on: the list of the draft's node that it adds to, where it starts, and what is said."""
+    """`or a b`, `on move(X)` and so on.
+
+    The list of the draft's node that it adds to, where it starts, and what is said.
+    """
 
     part: str
     start: Word
@@ -101,7 +105,8 @@ class Clause(NamedTuple):
 
 
 class Operand(NamedTuple):
-    """A pattern or a guard under construction: how deep it is, the words in it, and whether it is a number without sign.
+    """A pattern or a guard under construction: how deep it is, the words in it, and whether it is a
+    number without sign.
 
     `sort` tells a `point` of time, a `duration` and a `span` between two points from every other `value`.
     """

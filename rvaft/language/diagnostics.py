@@ -1,7 +1,8 @@
-"""What people are told about a text that is not in the language: where it went wrong, what was expected, how to mend it.
+"""What people are told about a text that is not in the language: where it went wrong, what was
+expected, how to mend it.
 
-Common slips are known: each is a condition on the words around the place, with its advice. The first that holds speaks; where none
-does, the message says what the grammar expected.
+Common slips are known: each is a condition on the words around the place, with its advice. The
+first that holds speaks; where none does, the message says what the grammar expected.
 """
 
 import re
@@ -16,7 +17,7 @@ from rvaft.errors import LanguageError
 from rvaft.language.draft import DYNAMIC_GATES
 from rvaft.model.event_time import UNITS, TimeFormat
 from rvaft.model.expressions import CLAUSES, DYNAMIC, GATES, OPERATOR_WORDS, RESERVED, STATEMENTS, TOPIC
-from rvaft.model.guards import FUNCTIONS, POINTS, Operator
+from rvaft.model.guards import COMPARISONS, FUNCTIONS, POINTS, Operator
 from rvaft.model.verdict import Semantics
 from rvaft.support.terminal import visible
 
@@ -97,7 +98,11 @@ _LONGEST_LINE: Final = 300
 
 
 class _Lexeme(NamedTuple):
-    """A piece of text: a string with its quotes, a word or number, a sign; the empty text stands for the start or the end."""
+    """A piece of text.
+
+    A string with its quotes, a word or number, a sign; the empty text stands for the start or the
+    end.
+    """
 
     text: str
     start: int
@@ -121,7 +126,10 @@ class _Lexeme(NamedTuple):
 
 
 class _Situation(NamedTuple):
-    """Where a text went wrong: the statement so far, its last piece, what cannot stand there, the two pieces that follow."""
+    """Where a text went wrong.
+
+    The statement so far, its last piece, what cannot stand there, the two pieces that follow.
+    """
 
     before: tuple[_Lexeme, ...]
     last: _Lexeme
@@ -373,7 +381,6 @@ def _odd_names(at: _Situation) -> Advice:
         yield f'expected {expectation(at.possible)}; a node named {bad.text} is written "{bad.text}"', bad.start
 
 
-_COMPARISONS: Final = ("==", "!=", "<=", ">=", "<", ">")
 _SPELLINGS: Final = ("and && & ∧", "or || | ∨", "not ! ¬", "== =", "!= <> ≠", "<= =< ≤", ">= => ≥")
 _FOREIGN_SIGNS: Final = {sign: ours for ours, *signs in map(str.split, _SPELLINGS) for sign in signs}
 """The signs of other languages in a guard, and how they are written here."""
@@ -415,10 +422,10 @@ def _function_slips(at: _Situation) -> Advice:
 def _term_slips(at: _Situation) -> Advice:
     """Slips in guards, calls and patterns."""
     bad, last = at.bad, at.last
-    if bad.text in _COMPARISONS and at.can("PLUS") and not at.can("COMPARISON"):
+    if bad.text in COMPARISONS and at.can("PLUS") and not at.can("COMPARISON"):
         yield "comparisons do not chain: write `A < B and B < C`", bad.start
     if bad.text in _FOREIGN_SIGNS and (at.can("PLUS") or at.can("VARIABLE", "LPAR")):
-        if bad.text == "=" and last.text in _COMPARISONS:
+        if bad.text == "=" and last.text in COMPARISONS:
             yield "equality is written ==", last.start
         yield f"{shown(bad.text)} is written {_FOREIGN_SIGNS[bad.text]} here", bad.start
     yield from _function_slips(at)

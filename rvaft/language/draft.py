@@ -38,7 +38,10 @@ DYNAMIC_GATES: Final[Mapping[str, Gate]] = {
     "fdep": Gate.OR,
     "pdep": Gate.OR,
 }
-"""The dynamic gates of Galileo that are read, and as what; `galileo.py` makes good where that depends on more than the word."""
+"""The dynamic gates of Galileo that are read, and as what.
+
+`galileo.py` makes good where that depends on more than the word.
+"""
 
 
 class GateUse(NamedTuple):
@@ -91,7 +94,10 @@ class DynamicGate(NamedTuple):
 
 
 class BrokenPrune(NamedTuple):
-    """A `prune` that cannot be carried out, and why: `pruned` was pruned at `place`; `node` is the gate that suffers, if any."""
+    """A `prune` that cannot be carried out, and why: `pruned` was pruned at `place`.
+
+    `node` is the gate that suffers, if any.
+    """
 
     why: str
     pruned: str
@@ -126,7 +132,10 @@ class DraftNode:
         return self.statements[0]
 
     def settings(self) -> dict[str, list[Place]]:
-        """Where each part that a node has at most once was set, of those that were: `gate`, `on`, `when`, `kind` and so on."""
+        """Where each part that a node has at most once was set, of those that were.
+
+        `gate`, `on`, `when`, `kind` and so on.
+        """
         parts: list[Sequence[Said[object]]]
         parts = [self.gates, self.ons, self.whens, self.kinds, self.labels, self.counts, self.withins]
         return {word: [said.place for said in part] for word, part in zip(_SETTINGS, parts, strict=True) if part}
@@ -244,7 +253,9 @@ class Draft:
         return {"causality": self.causalities, "semantics": self.semantics, "time": self.times}
 
     def carry_out_prunes(self) -> None:
-        """Drop the pruned nodes and what only they reach; what cannot be dropped stays, and is noted in `broken_prunes`."""
+        """Drop the pruned nodes and what only they reach; what cannot be dropped stays, and is
+        noted in `broken_prunes`.
+        """
         if not self.prunes:
             return
         pruned: dict[str, Place] = {}

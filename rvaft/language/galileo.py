@@ -1,8 +1,10 @@
 """Galileo's dynamic gates in words of this language, with the meaning that *observed failures* have.
 
-A monitor is told which parts failed, and in which order. So a warm or hot spare, which may fail before it is used, makes its gate
-an `and`, and a cold one, which cannot, a `sand`; so does `seq`. `fdep T D …` makes every D `D or T`, wherever D stands; T stays one node, and one
-occurrence. What depends on chances, or on which of two gates is first to take a spare, cannot be read off failures and is refused.
+A monitor is told which parts failed, and in which order. So a warm or hot spare, which may fail
+before it is used, makes its gate an `and`, and a cold one, which cannot, a `sand`; so does `seq`.
+`fdep T D …` makes every D `D or T`, wherever D stands; T stays one node, and one occurrence. What
+depends on chances, or on which of two gates is first to take a spare, cannot be read off failures
+and is refused.
 """
 
 from collections.abc import Mapping
@@ -31,7 +33,9 @@ _SPARES: Final = ("csp", "wsp", "hsp", "spare")
 
 
 def read_dynamic_gates(draft: Draft, *, strict: bool = False) -> None:
-    """Say them in words of this language, and note how in `dynamic_gates`; raises `LanguageError` for what cannot be, and with `strict` for all."""
+    """Say them in words of this language, and note how in `dynamic_gates`; raises `LanguageError`
+    for what cannot be, and with `strict` for all.
+    """
     uses = [(node, said) for node in draft.nodes.values() for said in node.gates if said.value.dynamic]
     uses = [(n, said) for n, said in uses if said.value.dynamic != "pand" or said.place.file.endswith(SUFFIXES)]
     if strict and uses:

@@ -92,9 +92,10 @@ def parse(text: str, file: str = "<text>", *, strict_galileo: bool = False, conf
 
     With `confine_imports` a file outside that folder is not read. Without it, no error quotes the text of such a file.
 
-    Raises `LanguageError` for what is not in the language, here or in an imported file, and `NoTree` where no statement is about
-    a node. What is in the language and still no tree (a cycle, a part set twice, …) stays in the draft. Galileo's dynamic gates are
-    said in words of this language, or, with `strict_galileo`, refused.
+    Raises `LanguageError` for what is not in the language, here or in an imported file, and
+    `NoTree` where no statement is about a node. What is in the language and still no tree (a cycle,
+    a part set twice, …) stays in the draft. Galileo's dynamic gates are said in words of this
+    language, or, with `strict_galileo`, refused.
 
     >>> sorted(parse("top or a b; a fault;").nodes)
     ['a', 'top']
@@ -109,7 +110,9 @@ def parse(text: str, file: str = "<text>", *, strict_galileo: bool = False, conf
 
 
 def parse_file(path: os.PathLike[str] | str, *, strict_galileo: bool = False, confine_imports: bool = False) -> Draft:
-    """The draft of a file and its imports; raises `LanguageError` as `parse` does, and `OSError` where it cannot be read."""
+    """The draft of a file and its imports; raises `LanguageError` as `parse` does, and `OSError`
+    where it cannot be read.
+    """
     name = os.fspath(path)
     return parse(_text_of(name), name, strict_galileo=strict_galileo, confine_imports=confine_imports)
 
@@ -153,7 +156,10 @@ class _Source(Page):
 
 @no_collections()
 def _read_all(main: _Source, *, confined: bool) -> None:
-    """Read a file and its imports into its draft, depth first, each file once; the importing file's `toplevel` counts."""
+    """Read a file and its imports into its draft, depth first, each file once.
+
+    The importing file's `toplevel` counts.
+    """
     toplevels: dict[str, list[Said[str]]] = {}
     folder = Path(os.path.realpath(os.path.dirname(main.file)))  # noqa: PTH120 - of a text, the current folder
     open_files = [main.begin()]

@@ -26,9 +26,10 @@ _WIDEST: Final = 40
 def dumps(tree: RVAFT) -> str:
     """The canonical text of a tree: `loads(dumps(tree)) == tree` for every tree that can be written.
 
-    The order is causality, semantics, time, event types, topics, ignores, toplevel, nodes (parents before children, then the unreachable ones); a
-    child that no statement defined stays undefined. What a restricted tree keeps of the alphabet of the whole is not
-    text, and a text with half a surrogate pair or a pattern or guard nested deeper than 100 is a `LanguageError`.
+    The order is causality, semantics, time, event types, topics, ignores, toplevel, nodes (parents
+    before children, then the unreachable ones); a child that no statement defined stays undefined.
+    What a restricted tree keeps of the alphabet of the whole is not text, and a text with half a
+    surrogate pair or a pattern or guard nested deeper than 100 is a `LanguageError`.
 
     >>> import rvaft
     >>> print(dumps(rvaft.loads("top   and a b;")), end="")

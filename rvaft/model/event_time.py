@@ -1,7 +1,7 @@
 """The time of an event (semantics, section 1.1): where a tree says it stands, and how it is read.
 
-A time is a whole number of nanoseconds. Decimals are read as they are written, exactly, and rounded to nanoseconds, half to even; a double
-is read as the shortest decimal that denotes it.
+A time is a whole number of nanoseconds. Decimals are read as they are written, exactly, and rounded
+to nanoseconds, half to even; a double is read as the shortest decimal that denotes it.
 """
 
 import re
@@ -63,7 +63,9 @@ class TimeFormat(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class EventTime:
-    """`time FIELD as FORMAT [late DURATION];`: the way to the field from the outside in, and how late an event may be, in nanoseconds.
+    """`time FIELD as FORMAT [late DURATION];`.
+
+    The way to the field from the outside in, and how late an event may be, in nanoseconds.
 
     >>> import rvaft
     >>> rvaft.loads("time header.stamp as ros late 2 s; top and a b;").time
@@ -92,7 +94,8 @@ class EventTime:
         return _READERS[self.format](at(event, self.field))
 
     def is_late(self, event: Json, latest: int | None) -> tuple[bool, int | None]:
-        """Whether an event is late (semantics, section 1.1) behind the greatest time so far, and that time with the event.
+        """Whether an event is late (semantics, section 1.1) behind the greatest time so far, and
+        that time with the event.
 
         >>> EventTime(("ts",), TimeFormat.SECONDS, late=0).is_late({"ts": 2}, 3_000_000_000)
         (True, 3000000000)

@@ -33,7 +33,7 @@ OPERATOR_WORDS: Final = ("and", "or", "not")
 DYNAMIC: Final = frozenset(
     {"xor", "nor", "nand", "not", "por", "pxor", "sor", "seq", "mutex", "inhibit"}
     | {"spare", "wsp", "csp", "hsp", "fdep", "pdep", "rdep"}
-)
+).difference(GATES)
 """Gates of other fault-tree languages: reserved, so that a forgotten semicolon does not make them names."""
 
 RESERVED: Final = frozenset({*STATEMENTS, *GATES, *CLAUSES, *OPERATOR_WORDS, *DYNAMIC})
@@ -107,7 +107,10 @@ SIGNS: Final = {operator: facts.sign for operator, facts in OPERATORS.items()}
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """How guards and events are written; `signs` of the operators without the spaces around them, those before an operand with theirs."""
+    """How guards and events are written.
+
+    `signs` of the operators without the spaces around them, those before an operand with theirs.
+    """
 
     node: Callable[[str], str] = name_text
     event: Callable[[str], str] = word_text

@@ -1,8 +1,9 @@
 """Guards: the expression type, the table of operators, and the value of a guard under an assignment of the variables.
 
-A value is JSON or `UNDEFINED` (wrong types, division by zero, overflow, what is not finite). Undefined
-propagates through every operator, except that `and` and `or` read left to right and do not look at the right side when the left
-decides. The parser bounds the nesting of an expression (`MAX_DEPTH`), so the recursion here is bounded too.
+A value is JSON or `UNDEFINED` (wrong types, division by zero, overflow, what is not finite).
+Undefined propagates through every operator, except that `and` and `or` read left to right and do
+not look at the right side when the left decides. The parser bounds the nesting of an expression
+(`MAX_DEPTH`), so the recursion here is bounded too.
 """
 
 import json
@@ -65,16 +66,37 @@ UNDEFINED: Final = _Undefined.UNDEFINED
 """The one value that is no JSON value."""
 
 
-class OperatorFacts(NamedTuple):
-    """How tightly an operator binds (`level`), and the value it gives defined operands (None where not all of them are looked at).
+class Sort(StrEnum):
+    """What the value of a term is.
 
-    Of a comparison, `negated` is true where it is false (both are defined there), `mirrored` is the same with its sides exchanged, and
-    `compare` is what Python has for it. `arity` is None where two operands or more will do.
+    Of a variable it is UNKNOWN, or it is the TIME of an event. A term that is VOID has no value under any binding.
+    """
+
+    NUMBER = "number"
+    TIME = "time"
+    TEXT = "text"
+    TRUTH = "truth"
+    NULL = "null"
+    UNKNOWN = "unknown"
+    VOID = "void"
+
+
+class OperatorFacts(NamedTuple):
+    """What every module but the reference and the backends knows about an operator.
+
+    `level` says how tightly it binds. `takes` has the sorts of its operands, and is None where it
+    takes every value; an operand of another sort makes it undefined. `gives` is the sort of its
+    value. `function` gives the value of defined operands, and is None where not all of them are
+    evaluated. `arity` is None for two operands or more. A comparison has three more facts:
+    `negated` is true where it is false (both are defined there), `mirrored` is the same comparison
+    with its sides exchanged, and `compare` is Python's.
     """
 
     level: int
     sign: str
     function: Callable[..., Json] | None
+    takes: frozenset[Sort] | None
+    gives: Sort
     arity: int | None = 2
     compare: Callable[[Any, Any], bool] | None = None
     negated: Operator | None = None
@@ -101,7 +123,10 @@ def _ordered(compare: Callable[[Any, Any], bool]) -> Callable[[Json, Json], Json
 
 
 def _calculating(calculate: Callable[..., Any]) -> Callable[..., Json]:
-    """An operation on numbers: a double with an integral value is that integer, so equal operands give equal results."""
+    """An operation on numbers.
+
+    A double with an integral value is that integer, so equal operands give equal results.
+    """
 
     def calculated(*arguments: Json) -> Json:
         numbers = []
@@ -132,7 +157,10 @@ def _texts(calculate: Callable[..., Any]) -> Callable[..., Json]:
 
 @lru_cache(maxsize=1_000)
 def _glob(glob: str) -> re.Pattern[str]:
-    """What matches the whole of a text: the pieces between stars are looked for from the left, each once, and the last at the end."""
+    """What matches the whole of a text.
+
+    The pieces between stars are looked for from the left, each once, and the last at the end.
+    """
     first, *others = [["." if sign == "?" else re.escape(sign) for sign in piece] for piece in re.split(r"\*+", glob)]
     inner = "".join(f"(?>.*?{''.join(piece)})" for piece in others[:-1])
     last = "".join(f"(?=.{{{len(piece)}}})(?>.*)(?<={''.join(piece)})" for piece in others[-1:])
@@ -149,40 +177,62 @@ def _number(value: Json) -> Json:
     return value if is_number(value) and is_finite(value) else UNDEFINED
 
 
+def _listed(value: Json, *listed: Json) -> Json:
+    return any(equal(value, one) for one in listed) if is_finite(value) else UNDEFINED
+
+
+def _like(text: str, glob: str) -> bool:
+    return _glob(glob).fullmatch(text) is not None
+
+
+def _lower(text: str) -> str:
+    return "".join(map(str.lower, text))
+
+
 MAX_GLOB: Final = 1_000
 """The longest glob, in characters."""
 
 _O = Operator
+_TRUTHS: Final = frozenset({Sort.TRUTH})
+_NUMERALS: Final = frozenset({Sort.NUMBER})
+_STRINGS: Final = frozenset({Sort.TEXT})
+_ORDERED: Final = frozenset({Sort.NUMBER, Sort.TEXT})
+
+
+def _comparison(
+    sign: str, function: Callable[..., Json], compare: Callable[[Any, Any], bool], negated: Operator, mirrored: Operator
+) -> OperatorFacts:
+    takes = None if mirrored.value == sign else _ORDERED
+    return OperatorFacts(4, sign, function, takes, Sort.TRUTH, 2, compare, negated, mirrored)
+
 
 OPERATORS: Final[Mapping[Operator, OperatorFacts]] = {
-    _O.OR: OperatorFacts(1, "or", None),
-    _O.AND: OperatorFacts(2, "and", None),
-    _O.NOT: OperatorFacts(3, "not ", _denied, arity=1),
-    _O.EQ: OperatorFacts(4, "==", _equality, 2, python.eq, _O.NE, _O.EQ),
-    _O.NE: OperatorFacts(4, "!=", lambda left, right: _denied(_equality(left, right)), 2, python.ne, _O.EQ, _O.NE),
-    _O.LT: OperatorFacts(4, "<", _ordered(python.lt), 2, python.lt, _O.GE, _O.GT),
-    _O.LE: OperatorFacts(4, "<=", _ordered(python.le), 2, python.le, _O.GT, _O.GE),
-    _O.GT: OperatorFacts(4, ">", _ordered(python.gt), 2, python.gt, _O.LE, _O.LT),
-    _O.GE: OperatorFacts(4, ">=", _ordered(python.ge), 2, python.ge, _O.LT, _O.LE),
-    _O.ADD: OperatorFacts(5, "+", _calculating(python.add)),
-    _O.SUB: OperatorFacts(5, "-", _calculating(python.sub)),
-    _O.MUL: OperatorFacts(6, "*", _calculating(python.mul)),
-    _O.DIV: OperatorFacts(6, "/", _calculating(python.truediv)),
-    _O.NEGATE: OperatorFacts(7, "-", _calculating(python.neg), arity=1),
-    _O.IN: OperatorFacts(
-        4, "in", lambda it, *listed: any(equal(it, one) for one in listed) if is_finite(it) else UNDEFINED, None
-    ),
-    _O.STARTSWITH: OperatorFacts(8, "startswith", _texts(str.startswith)),
-    _O.ENDSWITH: OperatorFacts(8, "endswith", _texts(str.endswith)),
-    _O.CONTAINS: OperatorFacts(8, "contains", _texts(str.__contains__)),
-    _O.LIKE: OperatorFacts(8, "like", _texts(lambda text, glob: _glob(glob).fullmatch(text) is not None)),
-    _O.LOWER: OperatorFacts(8, "lower", _texts(lambda text: "".join(map(str.lower, text))), arity=1),
-    _O.ABS: OperatorFacts(8, "abs", _calculating(abs), arity=1),
-    _O.MIN: OperatorFacts(8, "min", _calculating(min), None),
-    _O.MAX: OperatorFacts(8, "max", _calculating(max), None),
-    _O.NUMBER: OperatorFacts(8, "number", _number, arity=1),
+    _O.OR: OperatorFacts(1, "or", None, _TRUTHS, Sort.TRUTH, None),
+    _O.AND: OperatorFacts(2, "and", None, _TRUTHS, Sort.TRUTH, None),
+    _O.NOT: OperatorFacts(3, "not ", _denied, _TRUTHS, Sort.TRUTH, 1),
+    _O.EQ: _comparison("==", _equality, python.eq, _O.NE, _O.EQ),
+    _O.NE: _comparison("!=", lambda left, right: _denied(_equality(left, right)), python.ne, _O.EQ, _O.NE),
+    _O.LT: _comparison("<", _ordered(python.lt), python.lt, _O.GE, _O.GT),
+    _O.LE: _comparison("<=", _ordered(python.le), python.le, _O.GT, _O.GE),
+    _O.GT: _comparison(">", _ordered(python.gt), python.gt, _O.LE, _O.LT),
+    _O.GE: _comparison(">=", _ordered(python.ge), python.ge, _O.LT, _O.LE),
+    _O.ADD: OperatorFacts(5, "+", _calculating(python.add), _NUMERALS, Sort.NUMBER),
+    _O.SUB: OperatorFacts(5, "-", _calculating(python.sub), _NUMERALS, Sort.NUMBER),
+    _O.MUL: OperatorFacts(6, "*", _calculating(python.mul), _NUMERALS, Sort.NUMBER),
+    _O.DIV: OperatorFacts(6, "/", _calculating(python.truediv), _NUMERALS, Sort.NUMBER),
+    _O.NEGATE: OperatorFacts(7, "-", _calculating(python.neg), _NUMERALS, Sort.NUMBER, 1),
+    _O.IN: OperatorFacts(4, "in", _listed, None, Sort.TRUTH, None),
+    _O.STARTSWITH: OperatorFacts(8, "startswith", _texts(str.startswith), _STRINGS, Sort.TRUTH),
+    _O.ENDSWITH: OperatorFacts(8, "endswith", _texts(str.endswith), _STRINGS, Sort.TRUTH),
+    _O.CONTAINS: OperatorFacts(8, "contains", _texts(str.__contains__), _STRINGS, Sort.TRUTH),
+    _O.LIKE: OperatorFacts(8, "like", _texts(_like), _STRINGS, Sort.TRUTH),
+    _O.LOWER: OperatorFacts(8, "lower", _texts(_lower), _STRINGS, Sort.TEXT, 1),
+    _O.ABS: OperatorFacts(8, "abs", _calculating(abs), _NUMERALS, Sort.NUMBER, 1),
+    _O.MIN: OperatorFacts(8, "min", _calculating(min), _NUMERALS, Sort.NUMBER, None),
+    _O.MAX: OperatorFacts(8, "max", _calculating(max), _NUMERALS, Sort.NUMBER, None),
+    _O.NUMBER: OperatorFacts(8, "number", _number, _ORDERED, Sort.NUMBER, 1),
 }
-"""Every operator, those that bind least first."""
+"""The one table of operators. A function (level 8) is written before its operands, which stand in parentheses."""
 
 JUNCTIONS: Final = frozenset({Operator.AND, Operator.OR})
 """Two operands or more, read from the left."""
@@ -190,10 +240,15 @@ COMPARISONS: Final = frozenset(operator for operator, facts in OPERATORS.items()
 ORDERINGS: Final = COMPARISONS - {Operator.EQ, Operator.NE}
 ARITHMETIC: Final = frozenset(operator for operator, facts in OPERATORS.items() if 4 < facts.level < 8)
 FUNCTIONS: Final = frozenset(operator for operator, facts in OPERATORS.items() if facts.level == 8)
-"""Written before their operands, which stand in parentheses."""
+"""Operators that are written as functions."""
+NUMERIC: Final = frozenset(
+    operator for operator, facts in OPERATORS.items() if facts.takes == _NUMERALS and facts.gives is Sort.NUMBER
+)
+"""From numbers to a number."""
 
-assert set(OPERATORS) == set(Operator)
+assert set(OPERATORS) == set(Operator), f"not in OPERATORS: {set(Operator) - set(OPERATORS)}"
 assert JUNCTIONS | COMPARISONS | ARITHMETIC | FUNCTIONS | {Operator.NOT, Operator.IN} == set(Operator)
+assert all(facts.gives in (Sort.NUMBER, Sort.TEXT, Sort.TRUTH) for facts in OPERATORS.values())
 for _operator in COMPARISONS:
     _facts = OPERATORS[_operator]
     assert OPERATORS[_facts.negated or Operator.NOT].negated is _operator
@@ -202,7 +257,10 @@ for _operator in COMPARISONS:
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """An operator applied: one operand for NOT and NEGATE, two or more for AND, OR, MIN and MAX, else two; of IN the value and the literals.
+    """An operator applied.
+
+    One operand for NOT and NEGATE, two or more for AND, OR, MIN and MAX, else two; of IN the value
+    and the literals.
 
     Operations are equal where their operators and operands are; 1 and 1.0 are one operand, since they are one number.
     """
@@ -215,7 +273,8 @@ class Operation:
 class TimePoint(Variable):
     """`at(NODE)`, `start(NODE)` or `end(NODE)`: a variable that the times of events bind; `name` identifies it.
 
-    `number` is 0 in a tree. In a property it is the occurrence of the event (`at`), or the copy of the node (`start`, `end`).
+    `number` is 0 in a tree. In a property it is the occurrence of the event (`at`), or the copy of
+    the node (`start`, `end`).
     """
 
     point: str = "at"
@@ -401,9 +460,12 @@ def predicate(guard: Guard) -> Predicate:
 
 @dataclass(frozen=True, slots=True)
 class Outcomes(Generic[H]):
-    """What is derived `of` a binding from the guards that hold of it, which `held` gives as bits; they may ask for one `field` alone.
+    """What is derived `of` a binding from the guards that hold of it, which `held` gives as bits.
 
-    With `ordered` each compares it with a number, and so holds from some value on or up to one. Without `held` there are no guards.
+    They may ask for one `field` alone.
+
+    With `ordered` each compares it with a number, and so holds from some value on or up to one.
+    Without `held` there are no guards.
     """
 
     of: Callable[[Mapping[str, Json]], H]
@@ -412,7 +474,9 @@ class Outcomes(Generic[H]):
     ordered: bool = False
 
     def parted(self, alike: "Alike") -> list[tuple[H, "Alike"]]:
-        """Events with what is derived of them, those of which it is the same together: mostly all, which few values say."""
+        """Events with what is derived of them, those of which it is the same together: mostly all,
+        which few values say.
+        """
         if self._are_alike(alike):
             return [(self.of(alike.events[0]), alike)]
         found: dict[H, list[Mapping[str, Json]]] = {}

@@ -1,6 +1,7 @@
 """The parts of a tree: gates, nodes, event types, declarations, topics of ROS. All immutable values.
 
-Places in a file (`Place`) never take part in equality: two trees that say the same are equal wherever they were written.
+Places in a file (`Place`) never take part in equality: two trees that say the same are equal
+wherever they were written.
 """
 
 import re
@@ -131,10 +132,12 @@ class Ignore:
 class Topic:
     """`topic NAME type TYPE from PUBLISHERS;` — where events come from in ROS; no verdict depends on it.
 
-    `type` is the message type as Python imports it, `package.msg.Name`; `publishers` are ROS nodes, not nodes of the tree.
+    `type` is the message type as Python imports it, `package.msg.Name`; `publishers` are ROS nodes,
+    not nodes of the tree.
 
     >>> import rvaft
-    >>> tree = rvaft.loads('topic "/goal" type "geometry_msgs.msg.Point"; event goal() = { topic: "/goal" }; top on goal();')
+    >>> topic = 'topic "/goal" type "geometry_msgs.msg.Point"; event goal() = { topic: "/goal" };'
+    >>> tree = rvaft.loads(f"{topic} top on goal();")
     >>> tree.topics["/goal"].type
     'geometry_msgs.msg.Point'
     """
@@ -149,8 +152,10 @@ class Topic:
 class Node:
     """One node. A leaf has neither gate nor children; `threshold` is the K of a VOT gate.
 
-    `times` is how many events a leaf observes, `within` how long the part of a gate may last, in nanoseconds. `declared` is False for a child that no statement defines. `places` holds where the parts `name`, `gate`, `on`,
-    `when`, `kind`, `label` stand. A gate and a kind may be given by their words, the children as a list.
+    `times` is how many events a leaf observes, `within` how long the part of a gate may last, in
+    nanoseconds. `declared` is False for a child that no statement defines. `places` holds where the
+    parts `name`, `gate`, `on`, `when`, `kind`, `label` stand. A gate and a kind may be given by
+    their words, the children as a list.
 
     >>> Node("top", "or", ["a", "b"]) == Node("top", Gate.OR, ("a", "b"))
     True
@@ -212,7 +217,9 @@ class Node:
 
     @property
     def has_event(self) -> bool:
-        """Whether the node has a runtime event, its own or, for a leaf with neither event nor guard, the default one."""
+        """Whether the node has a runtime event, its own or, for a leaf with neither event nor
+        guard, the default one.
+        """
         return self.on is not None or (self.gate is None and self.when is None)
 
 

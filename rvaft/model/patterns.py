@@ -1,9 +1,9 @@
 """Event patterns: what an event must look like, and the matching of an event against one.
 
-A pattern is an immutable term. `Variable` names that start with a capital are the tree's rigid variables; names that
-start with `_` are local to one pattern (a parameter used twice and called with `_` demands equal values, but
-shares them with nothing else). In the pattern of an event type the parameters, lower case, are variables too; `substitute` replaces
-them by arguments.
+A pattern is an immutable term. `Variable` names that start with a capital are the tree's rigid
+variables; names that start with `_` are local to one pattern (a parameter used twice and called
+with `_` demands equal values, but shares them with nothing else). In the pattern of an event type
+the parameters, lower case, are variables too; `substitute` replaces them by arguments.
 """
 
 from collections.abc import Iterator, Mapping

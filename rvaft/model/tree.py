@@ -38,17 +38,20 @@ class Whole:
 class RVAFT:
     """An attack-fault tree with runtime events.
 
-    `nodes` keeps the order of declaration. `alphabet` is what decides relevance under `projected`. A tree restricted to some
-    branches of another one is `part_of` it: it keeps the alphabet of the whole, and `origins` maps its nodes to the whole's.
+    `nodes` keeps the order of declaration. `alphabet` is what decides relevance under `projected`.
+    A tree restricted to some branches of another one is `part_of` it: it keeps the alphabet of the
+    whole, and `origins` maps its nodes to the whole's.
 
-    `topics` says where events come from in ROS, by absolute name (`/command`), `time` where an event has its time, `semantics` which
-    one its author means; either may be None.
+    `topics` says where events come from in ROS, by absolute name (`/command`), `time` where an
+    event has its time, `semantics` which one its author means; either may be None.
 
-    Trees are equal that are written the same way but for order and places; topics count, although no verdict depends on them.
+    Trees are equal that are written the same way but for order and places; topics count, although
+    no verdict depends on them.
 
-    Raises `TreeError` for what is no tree: an unknown root or child, a cycle, a child listed twice, a threshold out of
-    range, an unknown event type, a wrong number of arguments, a parameter that is not in its pattern, a topic declared
-    twice, a name or type that no topic can have, a number or a window that its node cannot have, a time of a node that is not there.
+    Raises `TreeError` for what is no tree: an unknown root or child, a cycle, a child listed twice,
+    a threshold out of range, an unknown event type, a wrong number of arguments, a parameter that
+    is not in its pattern, a topic declared twice, a name or type that no topic can have, a number
+    or a window that its node cannot have, a time of a node that is not there.
 
     >>> from rvaft import Gate, Node
     >>> tree = RVAFT("top", [Node("top", "and", ("a", "b")), Node("a"), Node("b")])
@@ -250,7 +253,9 @@ def reachable(start: T, children: Callable[[T], Sequence[T]]) -> Iterator[T]:
 
 
 def sorted_topologically(children: Mapping[T, Sequence[T]]) -> Iterator[T]:
-    """The nodes, parents before children, the first one in the mapping first where several may come; none that a cycle leads to."""
+    """The nodes, parents before children, the first one in the mapping first where several may
+    come; none that a cycle leads to.
+    """
     names = tuple(children)
     rank = {name: index for index, name in enumerate(names)}
     waiting = [0] * len(names)

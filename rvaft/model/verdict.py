@@ -44,5 +44,7 @@ class Semantics(StrEnum):
 
     @property
     def ends(self) -> bool:
-        """Whether the verdict can become false: where a match has to begin with the first event, or the first relevant one."""
+        """Whether the verdict can become false: where a match has to begin with the first event, or
+        the first relevant one.
+        """
         return self in (Semantics.STRICT, Semantics.PROJECTED)

@@ -63,6 +63,8 @@ def reader_class(name: str) -> type[LogReader]:
     except Exception as error:  # a third party's module may fail in any way
         reason = f"it cannot be loaded: {type(error).__name__}: {error}"
         raise ToolFailed(f"the reader of {name}", reason=reason) from error
+    if lacking := sorted(getattr(made, "__abstractmethods__", ())):
+        raise ToolFailed(f"the reader of {name}", reason=f"{made.__name__} does not define {', '.join(lacking)}")
     return made
 
 

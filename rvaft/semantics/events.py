@@ -19,7 +19,8 @@ Binding = Mapping[str, Any]
 
 
 def same(left: Any, right: Any) -> bool:
-    """Clause: numbers by mathematical value, booleans only equal booleans, objects with the same keys, lists elementwise.
+    """Clause: numbers by mathematical value, booleans only equal booleans, objects with the same
+    keys, lists elementwise.
 
     Clause: a number that is not finite equals nothing.
     """
@@ -61,7 +62,8 @@ def time_of(declaration: EventTime | None, event: Any) -> int | None:
         return None
     if form == "iso8601":
         return instant(value) if isinstance(value, str) else None
-    # Clause: a number of these units, or a string that writes one as JSON does; a double is the shortest decimal that denotes it.
+    # Clause: a number of these units, or a string that writes one as JSON does; a double is the
+    # shortest decimal that denotes it.
     text = value if isinstance(value, str) else repr(value) if type(value) in (int, float) and abs(value) < 1e40 else ""
     if not re.fullmatch(r"-?(0|[1-9][0-9]*)([.][0-9]+)?([eE][-+]?[0-9]+)?", text, re.ASCII):
         return None
@@ -74,7 +76,8 @@ def time_of(declaration: EventTime | None, event: Any) -> int | None:
 
 
 def instant(text: str) -> int | None:
-    """Clause: a date, `T` or a space, hours and minutes, with or without seconds, decimals and an offset; UTC without one.
+    """Clause: a date, `T` or a space, hours and minutes, with or without seconds, decimals and an
+    offset; UTC without one.
 
     Clause: days of 86,400 s; second 60 is the first of the next minute.
     """
@@ -107,8 +110,9 @@ def arguments(tree: RVAFT, on: On) -> dict[str, Pattern]:
 def matches(pattern: Pattern, value: Any, binding: Binding, given: Mapping[str, Pattern]) -> Binding | None:
     """The binding extended so that the pattern with the given arguments matches, or None.
 
-    Clause: an object pattern matches an object that has at least its fields, a list pattern a list of the same length; `_` and
-    parameters match any value, null included, but not an absent field. One used twice demands equal values.
+    Clause: an object pattern matches an object that has at least its fields, a list pattern a list
+    of the same length; `_` and parameters match any value, null included, but not an absent field.
+    One used twice demands equal values.
     """
     found: Binding | None = binding
     match pattern:
@@ -160,8 +164,8 @@ def holds(guard: Guard, binding: Binding) -> bool:
 def evaluate(guard: Guard, binding: Binding) -> Any:
     """The value of a guard; raises `Undefined` (or what Python raises for division by zero and overflow).
 
-    Clause: undefined propagates through every operator, except that `and` and `or` read left to right and do not look at
-    the right side when the left decides.
+    Clause: undefined propagates through every operator, except that `and` and `or` read left to
+    right and do not look at the right side when the left decides.
     """
     if isinstance(guard, Literal):
         return guard.value
@@ -242,6 +246,8 @@ def binary(operator: str, left: Any, right: Any) -> Any:
         below, equal = left < right, left == right
         return {"<": below, "<=": below or equal, ">": not below and not equal, ">=": not below}[operator]
     a, b = numeric(left), numeric(right)
+    if operator not in ("+", "-", "*", "/"):
+        raise NotImplementedError(f"the reference has no meaning for the operator {operator}")
     result = a + b if operator == "+" else a - b if operator == "-" else a * b if operator == "*" else a / b
     return finite(result)
 

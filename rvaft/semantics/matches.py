@@ -25,7 +25,9 @@ def matches(
     scenarios: Sequence[Scenario] | None = None,
     limit: int = 10_000,
 ) -> frozenset[Match]:
-    """Every match of a feasible scenario in a trace; raises `TooLarge` where more than `limit` events would be tried for occurrences.
+    """Every match of a feasible scenario in a trace.
+
+    Raises `TooLarge` where more than `limit` events would be tried for occurrences.
 
     `scenarios` are those of the branch or kind, where they are known.
 
@@ -73,8 +75,8 @@ def _served(
 ) -> Iterator[tuple[Match | None, int]]:
     """The matches with these positions, each once, and how many events were tried since the one before.
 
-    Clauses: one position for each occurrence and no position twice; every event matches its occurrence under one assignment of the variables;
-    precedence is kept; every guard holds.
+    Clauses: one position for each occurrence and no position twice; every event matches its
+    occurrence under one assignment of the variables; precedence is kept; every guard holds.
     """
     names, tried = sorted(scenario.occurrences), 0
     agenda: list[tuple[tuple[int, ...], Binding]] = [((), {})]

@@ -1,6 +1,7 @@
 """The second reference: the verdicts of a property, by trying its scenarios (definition, sections 2 to 4).
 
-It reads the parts of a property and nothing else of `rvaft.core`; the build of a property and every pass are held against it.
+It reads the parts of a property and nothing else of `rvaft.core`; the build of a property and every
+pass are held against it.
 """
 
 from collections.abc import Hashable, Iterator, Mapping

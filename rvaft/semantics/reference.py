@@ -142,9 +142,11 @@ def guards_hold(scenario: Scenario, partial: Partial) -> bool:
 
 
 def relevant(tree: RVAFT, event: Any) -> bool:
-    """Clause: no `ignore` matches it and, for some assignment, it matches the runtime event of some reachable node, that
-    node's own `when` included if all the guard's variables occur in that node's `on`.
-    """  # noqa: D205 -- a quotation
+    """Whether an event is relevant.
+
+    No `ignore` matches it and, for some assignment, it matches the runtime event of some reachable
+    node, that node's own `when` included if all the guard's variables occur in that node's `on`.
+    """
     for ignore in tree.ignores:
         # Clause: the variables of an `ignore` are its own.
         found = matches(tree.events[ignore.on.event].pattern, event, {}, arguments(tree, ignore.on))
@@ -173,7 +175,9 @@ def _served(entry: Relevant, event: Any) -> bool:
 
 
 def chosen_scenarios(tree: RVAFT, branch: int | None, kind: Kind | None) -> list[Scenario]:
-    """The feasible scenarios of the branches that are asked for; raises `TreeError` where there is none, or a guard of one is unbound."""
+    """The feasible scenarios of the branches that are asked for; raises `TreeError` where there is
+    none, or a guard of one is unbound.
+    """
     chosen = _chosen(tree, branch, kind)
     found = [scenario for scenario in feasible_scenarios(tree) if any(of_branch(scenario, one) for one in chosen)]
     if not found:

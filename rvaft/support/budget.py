@@ -1,7 +1,7 @@
 """Work that may be done before something is too large or late, and recursion that no stack limits.
 
-Functions written as generators yield the calls they need: `result = yield other(…)` calls, `return value` answers. A tree may be
-thousands of gates deep; Python's own recursion may not.
+Functions written as generators yield the calls they need: `result = yield other(…)` calls, `return
+value` answers. A tree may be thousands of gates deep; Python's own recursion may not.
 """
 
 import signal
@@ -63,7 +63,8 @@ class Expired(BaseException):
 def within(seconds: float | None) -> Iterator[None]:
     """Raise `Expired` inside the block after so many seconds; None is no limit.
 
-    Works by a signal, so only in the main thread of a process and between two steps of the interpreter; elsewhere there is no limit.
+    Works by a signal, so only in the main thread of a process and between two steps of the
+    interpreter; elsewhere there is no limit.
     """
     if seconds is None or threading.current_thread() is not threading.main_thread() or not hasattr(signal, "SIGALRM"):
         yield

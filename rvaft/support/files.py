@@ -1,4 +1,7 @@
-"""Files: compressed ones read, one written whole, several put into a folder together: all or, where anything goes wrong, none."""
+"""Files: compressed ones read, one written whole, several put into a folder together.
+
+All or, where anything goes wrong, none.
+"""
 
 import errno
 import gzip
@@ -108,11 +111,12 @@ def deliver(data: bytes, output: str | None) -> None:
 def write_whole(path: Path, data: bytes, *, lasting: bool = False) -> None:
     """Write a file under another name in its folder and rename it, so that nobody ever sees half of it.
 
-    What is no regular file (a device, a pipe) is written to as it is; so are the links below /dev and /proc, which stand for open files:
-    `/dev/stdout` resolves to a name such as `pipe:[123]`, which nobody can open. Raises `OSError` with the path in it.
+    What is no regular file (a device, a pipe) is written to as it is; so are the links below /dev
+    and /proc, which stand for open files: `/dev/stdout` resolves to a name such as `pipe:[123]`,
+    which nobody can open. Raises `OSError` with the path in it.
 
-    A `lasting` file is a regular one, for its owner alone, on the disk before it is there; the other name is always the same, so that what a
-    crash leaves is overwritten the next time.
+    A `lasting` file is a regular one, for its owner alone, on the disk before it is there; the
+    other name is always the same, so that what a crash leaves is overwritten the next time.
     """
     with telling("cannot write", path):
         odd = path.exists() and not stat.S_ISREG(path.stat().st_mode)
@@ -157,11 +161,14 @@ def write_whole(path: Path, data: bytes, *, lasting: bool = False) -> None:
 
 
 def place(folder: Path, files: Mapping[str, str | None], *, force: bool = False) -> None:
-    """Write texts into a folder, which is made where it is not there; a file with None instead of a text must not be there.
+    """Write texts into a folder, which is made where it is not there.
 
-    Files that are already as they should be are left alone. Raises `OSError`, with everything as it was, for one that is not
-    (unless `force`, which replaces or removes it) and where the folder cannot be made or written to. Only a crash between
-    two renames can leave some files and not others.
+    A file with None instead of a text must not be there.
+
+    Files that are already as they should be are left alone. Raises `OSError`, with everything as it
+    was, for one that is not (unless `force`, which replaces or removes it) and where the folder
+    cannot be made or written to. Only a crash between two renames can leave some files and not
+    others.
     """
     data = {folder / name: None if text is None else os.fsencode(text) for name, text in files.items()}
     with ExitStack() as unmake:

@@ -1,8 +1,10 @@
 """Addresses at which something is served, and who may ask there: hosts, origins, and what cannot be listened at.
 
-A page in somebody's browser must not be able to speak to a server on their machine. A browser says with `Origin` where a page comes from, and with
-`Host` what it was told the server is called. A name that an attacker can point at this machine is no proof of anything, so only addresses, `localhost`
-and what was allowed are taken; and an origin only with the port that the request went to, since other servers have other pages.
+A page in somebody's browser must not be able to speak to a server on their machine. A browser says
+with `Origin` where a page comes from, and with `Host` what it was told the server is called. A name
+that an attacker can point at this machine is no proof of anything, so only addresses, `localhost`
+and what was allowed are taken; and an origin only with the port that the request went to, since
+other servers have other pages.
 """
 
 import errno
@@ -41,7 +43,10 @@ def is_address(text: str) -> bool:
 
 
 def origin(text: str) -> str:
-    """An origin as a browser sends it: a final slash and the scheme's own port are dropped; raises `OptionError` for what is none."""
+    """An origin as a browser sends it.
+
+    A final slash and the scheme's own port are dropped; raises `OptionError` for what is none.
+    """
     try:
         parts = urlsplit(text.lower())
         name, port = parts.hostname or "", parts.port
@@ -56,14 +61,19 @@ def origin(text: str) -> str:
 
 
 def allowed(origins: Sequence[str], host: str | None, extra: Collection[str]) -> bool:
-    """Whether a request with these `Origin` headers and this `Host` header is taken; `extra` are allowed, as `origin` gives them."""
+    """Whether a request with these `Origin` headers and this `Host` header is taken.
+
+    `extra` are allowed, as `origin` gives them.
+    """
     if len(origins) != 1 or origins[0].lower() in extra:
         return len(origins) < 2
     return host is not None and origins[0] == f"http://{host}" and own([host], ())  # nothing that is looked up
 
 
 def own(hosts: Sequence[str], extra: Collection[str]) -> bool:
-    """Whether a request with these `Host` headers asks for this server by an address, as `localhost`, or as the host of one of these origins."""
+    """Whether a request with these `Host` headers asks for this server by an address, as
+    `localhost`, or as the host of one of these origins.
+    """
     if len(hosts) != 1:
         return False
     try:

@@ -50,7 +50,9 @@ def columns(rows: Iterable[Sequence[str]]) -> list[str]:
 
 
 def rendered(things: Iterable["RenderableType"], width: int | None = None) -> list[str]:
-    """The lines of what rich draws, without colours, on a terminal of so many columns or one that is never too narrow."""
+    """The lines of what rich draws, without colours, on a terminal of so many columns or one that
+    is never too narrow.
+    """
     from rich.console import Console  # noqa: PLC0415 -- imported on use
 
     wide = width or _WIDEST
@@ -68,7 +70,9 @@ _PAUSE: Final = 0.1
 
 
 class ProgressBar:
-    """A bar on standard error; never shown where that is no terminal, where the run is short, or where nothing is known of its length."""
+    """A bar on standard error; never shown where that is no terminal, where the run is short, or
+    where nothing is known of its length.
+    """
 
     def __init__(self, total: int) -> None:
         self._total = total if total and sys.stderr is not None and sys.stderr.isatty() else 0
@@ -82,7 +86,9 @@ class ProgressBar:
         self.reach(None)
 
     def reach(self, stream: object) -> None:
-        """The present file has been read as far as this stream, or what a decompressor in it reads, knows; None is not at all."""
+        """The present file has been read as far as this stream, or what a decompressor in it reads,
+        knows; None is not at all.
+        """
         if not self._total or (now := time.monotonic()) < self._next:
             return
         self._next = now + _PAUSE
@@ -109,7 +115,9 @@ def _bar(total: int) -> "Bar":
         *(progress.DownloadColumn(), progress.TimeRemainingColumn()),
         console=Console(stderr=True),
         transient=True,
-        auto_refresh=False,  # no thread draws: processes may still be forked, and what is printed never meets it half-way
+        # no thread draws: processes may still be forked, and what is printed never meets it
+        # half-way
+        auto_refresh=False,
         redirect_stdout=False,
         redirect_stderr=False,
     )

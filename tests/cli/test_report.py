@@ -14,11 +14,13 @@ import pytest
 import rvaft
 from rvaft.export.svg import svg_text
 from rvaft.model.verdict import Semantics
-from rvaft.monitoring import report as log_report
-from rvaft.monitoring.monitor_set import MonitorSet, columns
-from rvaft.monitoring.oversights import Oversights
-from rvaft.monitoring.run import EventBuffer, MonitoringPlan, Totals, TraceRun
 from rvaft.readers.log import open_log
+from rvaft.reports import log_report
+from rvaft.stream.data_warnings import DataWarnings
+from rvaft.stream.listeners import EventBuffer
+from rvaft.stream.monitor_set import MonitorSet, columns
+from rvaft.stream.plan import MonitoringPlan, Totals
+from rvaft.stream.run import TraceRun
 from tests.cli.pages import Shown, page
 from tests.cli.runs import FULL, LOGS, PRUNED, SAND, TREES, UNBOUND, run, written
 
@@ -199,7 +201,7 @@ def test_the_listener_works_without_the_command() -> None:
     monitors = MonitorSet(columns(tree), rvaft.monitor, Semantics.PROJECTED)
     plan = MonitoringPlan(monitors)
     notes = log_report.LogReport(tree, plan)
-    going = TraceRun(plan, "row3", [notes], Totals(None, Oversights(monitors.types)), buffer=EventBuffer())
+    going = TraceRun(plan, "row3", [notes], Totals(None, DataWarnings(monitors.types)), buffer=EventBuffer())
     going.begin()
     with open_log(str(ROW3)) as stream:
         assert all(isinstance(more, bool) for more in going.read(stream, "row3", by_blocks=True))

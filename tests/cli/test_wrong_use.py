@@ -9,7 +9,7 @@ import pytest
 
 from rvaft.cli import main
 from tests.cli.runs import PRUNED, SAND, failed, process, run, words, written
-from tests.monitoring.test_reader import BAD, STRICT
+from tests.readers.test_json_lines import BAD, STRICT
 from tests.tables import rows
 
 READERS = {"check": "", "show": "", "branches": "", "emit": "--to rml", "monitor": "--word a"}

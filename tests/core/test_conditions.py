@@ -10,7 +10,6 @@ from rvaft.core.conditions import (
     ComparisonTest,
     ConditionTest,
     EqualityTest,
-    Sort,
     SortTest,
     TruthConditions,
     TruthTest,
@@ -18,7 +17,7 @@ from rvaft.core.conditions import (
     spelled,
 )
 from rvaft.language.parser import parse_guard
-from rvaft.model.guards import OPERATORS, UNDEFINED, Guard, Operation, Operator, TimePoint, variables
+from rvaft.model.guards import OPERATORS, UNDEFINED, Guard, Operation, Operator, Sort, TimePoint, variables
 from rvaft.model.patterns import Literal, Variable
 from rvaft.semantics.events import same
 from tests.core.test_guards import VALUES, of_reference

@@ -17,11 +17,14 @@ from hypothesis import strategies as st
 
 import rvaft
 from rvaft.model.verdict import Semantics
-from rvaft.monitoring import report
-from rvaft.monitoring.monitor_set import MonitorSet, columns
-from rvaft.monitoring.oversights import Oversights
-from rvaft.monitoring.report import LogReport
-from rvaft.monitoring.run import EventBuffer, Key, MonitoringPlan, Totals, TraceRun
+from rvaft.reports import log_report as report
+from rvaft.reports.log_report import LogReport
+from rvaft.stream.data_warnings import DataWarnings
+from rvaft.stream.keys import Key
+from rvaft.stream.listeners import EventBuffer
+from rvaft.stream.monitor_set import MonitorSet, columns
+from rvaft.stream.plan import MonitoringPlan, Totals
+from rvaft.stream.run import TraceRun
 from tests.cli.pages import Shown, data_of, fetched
 from tests.cli.runs import SAND, failed, run, soon, started, written
 
@@ -175,7 +178,7 @@ class _Following:
         monitors = MonitorSet(columns(tree), rvaft.monitor, Semantics.SCATTERED, repeat=True)
         plan = MonitoringPlan(monitors, Key.parse(["who"]))
         self.notes = LogReport(tree, plan, most=most, grows=True)
-        self.run = TraceRun(plan, "log", [self.notes], Totals(None, Oversights(monitors.types)), buffer=EventBuffer())
+        self.run = TraceRun(plan, "log", [self.notes], Totals(None, DataWarnings(monitors.types)), buffer=EventBuffer())
         self.run.begin()
         self.cursor, self.data, self.wholes = "", dict[str, Any](), 0
 

@@ -1,7 +1,8 @@
 """Which events an event type matches, and what that binds; what all event types of a text ask of events.
 
-Declarations of one name are alternatives in their order; `|` in a pattern stands for several patterns, those of the first
-field varying slowest. `any` and `none` are there unless declared, and a declared `any` is wider.
+Declarations of one name are alternatives in their order; `|` in a pattern stands for several
+patterns, those of the first field varying slowest. `any` and `none` are there unless declared, and
+a declared `any` is wider.
 """
 
 import math
@@ -26,8 +27,9 @@ Bound: TypeAlias = Mapping[str, Json]
 
 # The value of a data expression: exact numbers, and nothing (`None`) where types are wrong or a variable is unbound.
 #
-# Integers are exact, the rest are IEEE doubles, and two strings compare by code points, as in the tree language; the published monitor
-# calculates with the real constraints of Prolog instead (see `deviations`).
+# Integers are exact, the rest are IEEE doubles, and two strings compare by code points, as in the
+# tree language; the published monitor calculates with the real constraints of Prolog instead (see
+# `deviations`).
 
 _MAX_BITS: Final = 100_000
 
@@ -197,13 +199,15 @@ def _matching(pattern: s.Value, event: Json, bound: Bound) -> Iterator[Bound]:
 
 # -- what an RML text asks of events, as patterns with guards ----------------------------------------------------------
 #
-# Every use of an event type in an equation that `Main` reaches is unfolded into *ways* to match: one pattern for each choice in each
-# declaration, with the arguments and the patterns of derived types filled in, and the guards met on the way. The reader asks events
-# nothing else, so two events that match the same ways are the same to it. `not` asks what it negates. A variable of an expression ties
-# events together and keeps its name; variables of declarations belong to one event and begin with `_`.
+# Every use of an event type in an equation that `Main` reaches is unfolded into *ways* to match:
+# one pattern for each choice in each declaration, with the arguments and the patterns of derived
+# types filled in, and the guards met on the way. The reader asks events nothing else, so two events
+# that match the same ways are the same to it. `not` asks what it negates. A variable of an
+# expression ties events together and keeps its name; variables of declarations belong to one event
+# and begin with `_`.
 #
-# Unknown (None) where a question has no such form: lists that are open at the end, functions in guards, a value that has to equal a part
-# of the event *and* to match a pattern of its own.
+# Unknown (None) where a question has no such form: lists that are open at the end, functions in
+# guards, a value that has to equal a part of the event *and* to match a pattern of its own.
 
 _CHOICES: Final = 10_000
 _NESTING: Final = 100
@@ -297,7 +301,9 @@ class _Questions:
                 yield from filter(None, (self._way(pattern, inner) for pattern in _choices(one)))
 
     def _way(self, pattern: p.Pattern, inner: _Scope) -> _Way | None:
-        """A pattern with what its names stand for, the others being variables of this event; None where it never matches."""
+        """A pattern with what its names stand for, the others being variables of this event; None
+        where it never matches.
+        """
         if any(inner.get(name) is Mark.UNEVALUATED for name in p.variables(pattern)):
             return None
         own = {name: p.Variable(f"_{next(self._fresh)}") for name in p.variables(pattern) if name not in inner}
@@ -359,7 +365,10 @@ def _equal(value: _Value, wanted: _Value) -> Mapping[str, p.Pattern] | None:
 
 
 def _fits(value: _Value, wanted: p.Pattern, whole: p.Pattern | None) -> Mapping[str, p.Pattern]:
-    """What to put for a variable so that a value fits a pattern: the pattern, where the variable stands nowhere else."""
+    """What to put for a variable so that a value fits a pattern.
+
+    The pattern, where the variable stands nowhere else.
+    """
     uses = 0 if whole is None else sum(part == value for part in p.walk(whole))
     if isinstance(value, p.Variable) and value.local and uses == 1:
         return {value.name: wanted}
@@ -398,8 +407,9 @@ def _choices(value: s.Value) -> Iterator[p.Pattern]:
     return iter(made)
 
 
-# RML compares two numbers or two strings and nothing else, while `==` of a guard compares all values. So `x == y` becomes
-# `x <= y and x >= y`, and `x != y` becomes `x < y or x > y`, which are undefined where RML's have no value.
+# RML compares two numbers or two strings and nothing else, while `==` of a guard compares all
+# values. So `x == y` becomes `x <= y and x >= y`, and `x != y` becomes `x < y or x > y`, which are
+# undefined where RML's have no value.
 
 _NUMBERS: Final = frozenset({Operator.ABS, Operator.MIN, Operator.MAX})
 """Functions that trees have too."""
@@ -415,7 +425,9 @@ _PAIRS: Final = {
 
 
 def _condition(data: s.Data, scope: _Scope, depth: int = 0) -> Guard:
-    """A `with` of RML as a guard that holds for the same values; unbound names, objects and lists have no value there."""
+    """A `with` of RML as a guard that holds for the same values; unbound names, objects and lists
+    have no value there.
+    """
     if depth > g.MAX_DEPTH:
         raise _Unknown
     match data:

@@ -1,11 +1,15 @@
-"""A monitor that runs an RML text by the published transition rules: one step of a term by one event, with left preference.
+"""A monitor that runs an RML text by the published transition rules.
 
-A rule asks for the ways of the parts that it needs (saying whether the first will do) and returns the ways of the whole, best first.
-Only a conjunction ever looks at a second way, to find bindings that its sides share. Everything else commits: to the first way of
-its parts, except that the last alternative passes all of its ways on.
+One step of a term by one event, with left preference.
 
-A variable that an event passes without binding it (`not` types, `|` in patterns) is open from then on: no block binds it any
-more, and the next type that has it as an argument gives it its value, everywhere at once.
+A rule asks for the ways of the parts that it needs (saying whether the first will do) and returns
+the ways of the whole, best first. Only a conjunction ever looks at a second way, to find bindings
+that its sides share. Everything else commits: to the first way of its parts, except that the last
+alternative passes all of its ways on.
+
+A variable that an event passes without binding it (`not` types, `|` in patterns) is open from then
+on: no block binds it any more, and the next type that has it as an argument gives it its value,
+everywhere at once.
 """
 
 from collections.abc import Hashable
@@ -100,7 +104,10 @@ class Transitions:
         return after
 
     def matches(self, term: RmlTerm, event: Json, known: Hashable, *, first: bool) -> list[Bindings]:
-        """What the ways bind in which an event, with what it is `known` by, matches the type of a term; the first one alone, if that will do."""
+        """What the ways bind in which an event, with what it is `known` by, matches the type of a term.
+
+        The first one alone, if that will do.
+        """
         asked = term, known, first
         if asked not in self._matched:
             found: list[Bindings] = []
@@ -115,7 +122,10 @@ class Transitions:
         return self._matched[asked]
 
     def may_halt(self, term: RmlTerm) -> bool:
-        """Whether a trace may end here; each term remembers its answer. Raises `TooLarge` where unfolding finds no end."""
+        """Whether a trace may end here; each term remembers its answer.
+
+        Raises `TooLarge` where unfolding finds no end.
+        """
         return run(self._halting(term, 0)) if term.halts is None else term.halts
 
     def _halting(self, term: RmlTerm, depth: int) -> Call[bool]:

@@ -1,7 +1,7 @@
 """The parts of an RML specification as immutable values, the walks over them, and what cannot run.
 
-Sequences, unions, shuffles and conjunctions are flat, so that long ones are not deep; nothing compares or hashes the nested values and
-nothing recurses over them, so depth costs no recursion.
+Sequences, unions, shuffles and conjunctions are flat, so that long ones are not deep; nothing
+compares or hashes the nested values and nothing recurses over them, so depth costs no recursion.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -92,7 +92,7 @@ class TypeUse:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Declaration:
-    """`name(parameters) [not] matches … [with guard];` — the alternatives are patterns, or else other event types."""
+    """`name(parameters) [not] matches … [with guard];`: the alternatives are patterns or event types."""
 
     name: str
     parameters: tuple[str, ...]
@@ -117,9 +117,11 @@ EVERYWHERE: Final = (
 class Expression:
     """An operator, its parts, and data that depends on the operator.
 
-    `empty`, `all`; `event` (a `TypeUse`); `cat`, `and`, `or`, `shuffle`; `star`, `plus`, `optional`, `closure`, `times` (the number);
-    `filter` (a `TypeUse`; the parts are inside and outside); `block` (the variable); `if` (the condition; the parts are yes and no);
-    `call` (the name of an equation and its arguments). Those of `if` and `call` end with what is known of the variables: nothing yet.
+    `empty`, `all`; `event` (a `TypeUse`); `cat`, `and`, `or`, `shuffle`; `star`, `plus`,
+    `optional`, `closure`, `times` (the number); `filter` (a `TypeUse`; the parts are inside and
+    outside); `block` (the variable); `if` (the condition; the parts are yes and no); `call` (the
+    name of an equation and its arguments). Those of `if` and `call` end with what is known of the
+    variables: nothing yet.
     """
 
     operator: str
@@ -164,7 +166,9 @@ class RmlProgram:
             waiting += fresh
 
     def settle(self, is_new: Callable[[str], bool]) -> None:
-        """Ask `is_new` of every equation, and again of those that use one of which something was new, until nothing is."""
+        """Ask `is_new` of every equation, and again of those that use one of which something was
+        new, until nothing is.
+        """
         users: dict[str, list[str]] = {name: [] for name in self.equations}
         for equation in self.equations.values():
             for used in references(equation.body):
@@ -226,7 +230,11 @@ def names(*data: Data) -> frozenset[str]:
     return frozenset(part.name for part in walk(*data) if isinstance(part, Name))
 
 
-def fold(root: P, step: Callable[[P, list[R]], R], below: Callable[[P], Sequence[P]] = inside) -> R:  # type: ignore[assignment]
+def fold(
+    root: P,
+    step: Callable[[P, list[R]], R],
+    below: Callable[[P], Sequence[P]] = inside,  # type: ignore[assignment]
+) -> R:
     """The value of a tree, from the values of what is below each part; without recursion."""
     order, todo = list[tuple[P, int]](), [root]
     while todo:
@@ -240,7 +248,8 @@ def fold(root: P, step: Callable[[P, list[R]], R], below: Callable[[P], Sequence
     return done[0]
 
 
-# -- what cannot run: the published compiler refuses all but types derived from themselves, which its monitor never returns from
+# -- what cannot run: the published compiler refuses all but types derived from themselves, which
+# its monitor never returns from
 
 
 def refusal(message: str, place: Position = (1, 1)) -> LanguageError:
@@ -249,7 +258,10 @@ def refusal(message: str, place: Position = (1, 1)) -> LanguageError:
 
 
 def check(program: RmlProgram) -> None:
-    """Raises `LanguageError` for undefined equations, ones that unfold without an event, types derived from themselves; `TooLarge`."""
+    """Raises `LanguageError` for undefined equations, ones that unfold without an event, types derived from themselves.
+
+    `TooLarge`.
+    """
     if "Main" not in program.equations:
         raise refusal("the specification has no equation Main")
     _check_derived(program)

@@ -1,8 +1,9 @@
 """The states of a running specification: terms, one object for all that are equal.
 
-A term is kept once (hash-consing), so equality is identity and a state is hashed in no time. Equations are unfolded only when a
-step needs them: a call holds the name of the equation and the values that variables had where it stood, no more than the
-equation can use. Nothing here recurses over a term.
+A term is kept once (hash-consing), so equality is identity and a state is hashed in no time.
+Equations are unfolded only when a step needs them: a call holds the name of the equation and the
+values that variables had where it stood, no more than the equation can use. Nothing here recurses
+over a term.
 
 A variable that an event passed without binding it is *open*; open variables have names that begin with `?`.
 """
@@ -52,9 +53,12 @@ def is_open(name: str) -> bool:
 
 
 def _free_variables(program: RmlProgram) -> Mapping[str, frozenset[str]]:
-    """For each equation the variables it can use, its parameters left out: its own, and those of equations it refers to.
+    """For each equation the variables it can use, its parameters left out.
 
-    Equations see the variables of the place they are unfolded at (scope is dynamic), so this is what has to travel with them.
+    Its own, and those of equations it refers to.
+
+    Equations see the variables of the place they are unfolded at (scope is dynamic), so this is
+    what has to travel with them.
     """
     found: dict[str, frozenset[str]] = {}
     uses: dict[str, set[tuple[str, frozenset[str]]]] = {}
@@ -87,7 +91,10 @@ def _free_variables(program: RmlProgram) -> Mapping[str, frozenset[str]]:
 
 @dataclass(slots=True, eq=False, weakref_slot=True, repr=False)
 class RmlTerm:
-    """One term: an `Expression` whose calls and conditions know the values of variables. `free` are those it can still use."""
+    """One term: an `Expression` whose calls and conditions know the values of variables.
+
+    `free` are those it can still use.
+    """
 
     operator: str
     parts: tuple["RmlTerm", ...]
@@ -156,7 +163,9 @@ class TermTable:
         return self._bodies[name]
 
     def unfolded(self, term: RmlTerm) -> RmlTerm:
-        """The body of the equation that a call names, with its arguments and values; nothing where the arguments do not fit."""
+        """The body of the equation that a call names, with its arguments and values; nothing where
+        the arguments do not fit.
+        """
         name, arguments, environment = term.data
         parameters = self._equations[name].parameters
         if len(parameters) != len(arguments):

@@ -16,16 +16,24 @@ from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits
 
 SMALL: Final = 120
-"""A tree with a VOT is written as equations if these have so few alternatives: the published monitors then say `true` at the
-event that completes a detection, and not one event later, as with optional children beside a count. No limit decides which it is."""
+"""A tree with a VOT is written as equations if these have so few alternatives.
+
+The published monitors then say `true` at the event that completes a detection, and not one event
+later, as with optional children beside a count. No limit decides which it is.
+"""
 SYMBOLS: Final = 10
-"""How many symbols of the text the limit allows for each alternative it allows: a text has to be read in reasonable time."""
+"""How many symbols of the text the limit allows for each alternative it allows.
+
+A text has to be read in reasonable time.
+"""
 RmlProperty: TypeAlias = tuple[Written, list[tuple[str, Written]]]
 """The expression of the whole, and the equations that it needs."""
 
 
 def translate(prop: Property, semantics: Semantics, *, limit: int) -> tuple[str, int, int]:
-    """The property as an RML text, its symbols, and how many equations it has, that of `Main` included; raises `NotExpressible`, `TooLarge`, `TreeError`.
+    """The property as an RML text, its symbols, and how many equations it has, that of `Main` included.
+
+    Raises `NotExpressible`, `TooLarge`, `TreeError`.
 
     `limit` bounds the scenarios, the alternatives of equations, and with `SYMBOLS` the length of the text.
     """

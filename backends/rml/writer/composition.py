@@ -1,18 +1,23 @@
 r"""The translation gate by gate, for plain trees: a term of the size of the tree.
 
-strict, projected: `or` is `\/`, `and` is `|`, `sand` is juxtaposition; VOT is a shuffle of optional parts, of which at least K must be taken:
-`(a? | b? | c?) /\ (any any any*)`, or `/\ (any any)` where nothing can follow. (The monitor in ROSMonitoring does not know `any{2}`.)
-scattered: an event is awaited with `not_a* a` and followed by the rest; `and` awaits each child on its own and joins with `/\`.
+strict, projected: `or` is `\/`, `and` is `|`, `sand` is juxtaposition; VOT is a shuffle of optional
+parts, of which at least K must be taken: `(a? | b? | c?) /\ (any any any*)`, or `/\ (any any)`
+where nothing can follow. (The monitor in ROSMonitoring does not know `any{2}`.) scattered: an event
+is awaited with `not_a* a` and followed by the rest; `and` awaits each child on its own and joins
+with `/\`.
 
 A tree is *plain* where its parts can be told apart by the events alone:
 - no variable is remembered and no node is shared; guards hold always or speak of their own node's event only;
-- a part has an event in each of its scenarios, or has none at all and is left out (under a choice it may not be left out).
-Then a gate can be written by its operator under these conditions, `overlap` meaning that one event might match both patterns:
-- under `strict` and `projected`: `or`, no first events of two children overlap; `and` and VOT, no events of two children overlap;
-  VOT, no event of it overlaps with one that may come next after it, and its children can be counted: each has *marks*, events of which
-  every scenario of it has exactly one, and no mark overlaps with another event of the same child;
-- under `scattered`: `or` over parts that are one event in each scenario; `and`, no events of two children overlap; VOT is like `or` for K = 1 and like
-  `and` for K = n, otherwise not.
+- a part has an event in each of its scenarios, or has none at all and is left out (under a choice
+  it may not be left out).
+Then a gate can be written by its operator under these conditions, `overlap` meaning that one event
+might match both patterns:
+- under `strict` and `projected`: `or`, no first events of two children overlap; `and` and VOT, no
+  events of two children overlap; VOT, no event of it overlaps with one that may come next after it,
+  and its children can be counted: each has *marks*, events of which every scenario of it has
+  exactly one, and no mark overlaps with another event of the same child;
+- under `scattered`: `or` over parts that are one event in each scenario; `and`, no events of two
+  children overlap; VOT is like `or` for K = 1 and like `and` for K = n, otherwise not.
 Where K children end the whole match at once (*decided*), `strict` and `projected` have exactly K of them too.
 RML commits to the left operand that can take an event; under these conditions no other one could have.
 """
@@ -37,7 +42,10 @@ from rvaft.support.budget import Call, run
 
 @dataclass(slots=True)
 class _Facts:
-    """What is known of a part; sets of occurrences are integers. What overlaps with a set is kept: to walk its bits is slow."""
+    """What is known of a part; sets of occurrences are integers. What overlaps with a set is kept.
+
+    To walk its bits is slow.
+    """
 
     part: NumberedPart
     children: Sequence["_Facts"] = ()
@@ -72,7 +80,10 @@ class _Facts:
 
 
 class Composition:
-    """Terms for the parts of a plain tree; `possible` says whether it is plain, `equations` holds what was given a name."""
+    """Terms for the parts of a plain tree.
+
+    `possible` says whether it is plain, `equations` holds what was given a name.
+    """
 
     def __init__(self, letters: RmlLetters, semantics: Semantics) -> None:
         self._prop, self._letters = letters.prop, letters
@@ -133,7 +144,10 @@ class Composition:
         return True
 
     def _fits(self) -> bool:
-        """Whether each part can be written by its operator: what is below it is looked at first, then what comes behind it."""
+        """Whether each part can be written by its operator.
+
+        What is below it is looked at first, then what comes behind it.
+        """
         overlaps = Overlaps([letter.call.pattern(self._prop.tree) for letter in self._own])
         position = {event: index for index, event in enumerate(self._prop.events)}
         for part in self._form.parts:
@@ -259,7 +273,9 @@ class Composition:
                 assert_never(never)
 
     def _enough(self, facts: _Facts) -> Written:
-        """At least K parts are taken: of single events any may be counted, else one of each part is. Exactly K where that is the end."""
+        """At least K parts are taken: of single events any may be counted, else one of each part
+        is. Exactly K where that is the end.
+        """
         least = then(*[ANY] * facts.part.need)
         if facts.decided:
             return least

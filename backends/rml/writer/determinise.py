@@ -1,10 +1,12 @@
 r"""Determinisation: every partial match of the feasible scenarios at once, followed by sets of letters.
 
-A configuration is a set of matched occurrences, the register of each variable that has to be remembered, and the scenarios it is a
-partial match of; a state is a set of configurations. One event may be several letters. Each state lists its alternatives, larger sets
-of letters first: `\/` takes the first that fits, so none needs a negation, and an alternative that detects comes before all others.
-Where no alternative fits the monitor reports ⊥ at that very event; under `scattered` the state stays, and under `consecutive`, where every state
-has the empty partial match beside its own, the first state follows.
+A configuration is a set of matched occurrences, the register of each variable that has to be
+remembered, and the scenarios it is a partial match of; a state is a set of configurations. One
+event may be several letters. Each state lists its alternatives, larger sets of letters first: `\/`
+takes the first that fits, so none needs a negation, and an alternative that detects comes before
+all others. Where no alternative fits the monitor reports ⊥ at that very event; under `scattered`
+the state stays, and under `consecutive`, where every state has the empty partial match beside its
+own, the first state follows.
 
 In sets of bits, bit i stands for the i-th occurrence, scenario or letter.
 """
@@ -28,9 +30,12 @@ from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, mask_of, union
 
 WORK: Final = 50
-"""How many nodes of scenarios the limit allows for each scenario, and how many steps of partial matches for each alternative."""
+"""How many nodes of scenarios the limit allows for each scenario, and how many steps of partial
+matches for each alternative.
+"""
 
-# -- scenarios: under `scattered` a VOT keeps exactly K children, since any position may be skipped ---------------------
+# -- scenarios: under `scattered` a VOT keeps exactly K children, since any position may be skipped
+# ---------------------
 
 
 class BitScenario(NamedTuple):
@@ -44,7 +49,8 @@ class BitScenario(NamedTuple):
 def feasible_scenarios(prop: Property, semantics: Semantics, *, limit: int) -> list[BitScenario]:
     """The feasible scenarios, each once.
 
-    Raises `TooLarge` beyond `limit`; `TreeError` where there is none, where one has no occurrence, or leaves a guard unbound.
+    Raises `TooLarge` beyond `limit`; `TreeError` where there is none, where one has no occurrence,
+    or leaves a guard unbound.
     """
     index, root = {event: position for position, event in enumerate(prop.events)}, prop.tree.root
     found: dict[BitScenario, None] = {}
@@ -82,8 +88,8 @@ def combinations(
 ) -> Iterator[Combination]:
     """Each letter that detects, alone; then all closed sets of the others, larger ones before those they contain.
 
-    An event that is some letters is also those that their calls imply and their guards allow. `counted` is called for each set before it
-    is looked at, and may raise.
+    An event that is some letters is also those that their calls imply and their guards allow.
+    `counted` is called for each set before it is looked at, and may raise.
     """
     calls = list(dict.fromkeys(letter.call for letter in letters))
     asked = [call.pattern(tree) for call in calls]
@@ -180,10 +186,13 @@ class RmlAlternative(NamedTuple):
 
 
 class Determinised:
-    """The alternatives of each state; state 0 is the first. Raises `TooLarge` beyond `limit` alternatives, rejected ones included.
+    """The alternatives of each state; state 0 is the first.
 
-    In RML a variable is bound once. A register (`registers`, in order of need) is called after the first variable it is for, with a number
-    where that name is bound already on the way here, or where one event could have to bind it in two places at once.
+    Raises `TooLarge` beyond `limit` alternatives, rejected ones included.
+
+    In RML a variable is bound once. A register (`registers`, in order of need) is called after the
+    first variable it is for, with a number where that name is bound already on the way here, or
+    where one event could have to bind it in two places at once.
     """
 
     def __init__(self, found: list[BitScenario], letters: RmlLetters, semantics: Semantics, *, limit: int) -> None:
@@ -254,7 +263,10 @@ class Determinised:
             raise TooLarge(f"steps of partial matches, {WORK} allowed for each alternative", limit=self._limit)
 
     def _merged(self, state: MatchState, moves: Iterable[Partials]) -> frozenset[tuple[Partial, int]]:
-        """All partial matches after the moves; under `scattered` one that another of the same scenario contains has nothing to add."""
+        """All partial matches after the moves.
+
+        Under `scattered` one that another of the same scenario contains has nothing to add.
+        """
         merged: dict[Partial, int] = defaultdict(int, state.partials if self._scattered else ())
         merged.update(self._start if self.cyclic else {})
         for partials in moves:
@@ -380,7 +392,9 @@ def minimised(states: list[list[RmlAlternative]]) -> list[StateClass]:
 
 
 def refined(states: list[list[RmlAlternative]]) -> list[StateClass]:
-    """The classes where states may lie on cycles: split until those of a class have the same alternatives; the last is that of the first state."""
+    """The classes where states may lie on cycles: split until those of a class have the same
+    alternatives; the last is that of the first state.
+    """
     class_of = dict.fromkeys(range(len(states)), 0)
     while True:
         number: dict[tuple[int, StateClass], int] = {}
@@ -413,7 +427,8 @@ def equations(
 ) -> tuple[Written, list[tuple[str, Written]]]:
     """The expression for the first state, and the equations it needs: one for each class that several others lead to.
 
-    The others are written where they are needed, unless that would be too deep inside others, or there may be cycles (`cyclic`).
+    The others are written where they are needed, unless that would be too deep inside others, or
+    there may be cycles (`cyclic`).
     """
     uses = Counter(target for choices in classes for target in {target for _, target in choices})
     apart = {

@@ -1,12 +1,15 @@
-r"""The event types of an RML text, declared as they are needed, and the guards of a tree as conditions that RML can check.
+r"""The event types of an RML text, declared as they are needed, and the guards of a tree as
+conditions that RML can check.
 
-Each event type of the tree is declared once; what an occurrence looks for is that type itself or one derived from it. A derived
-type that binds folds comparisons of numbers into its `with`; any other condition becomes a type of its own that binds nothing and is
-asked beside it (`/\`), because the negation of a type never binds.
+Each event type of the tree is declared once; what an occurrence looks for is that type itself or
+one derived from it. A derived type that binds folds comparisons of numbers into its `with`; any
+other condition becomes a type of its own that binds nothing and is asked beside it (`/\`), because
+the negation of a type never binds.
 
-A guard of a tree is three-valued; a condition is a guard that says when another one is true, undefined being neither. It is made of
-`and` and `or` over comparisons of numbers, which simply fail on anything else; over *equalities*, of a variable with a literal or
-another variable; and of `not` in front of one of the two kinds of `==`.
+A guard of a tree is three-valued; a condition is a guard that says when another one is true,
+undefined being neither. It is made of `and` and `or` over comparisons of numbers, which simply fail
+on anything else; over *equalities*, of a variable with a literal or another variable; and of `not`
+in front of one of the two kinds of `==`.
 """
 
 from collections import Counter
@@ -16,8 +19,8 @@ from itertools import product
 from typing import Final, TypeGuard, assert_never
 
 from backends.rml.writer.terms import RmlNames, applied, in_arithmetic, in_patterns, quoted, spellings
+from rvaft.capabilities import CALCULATING
 from rvaft.model.guards import (
-    ARITHMETIC,
     FUNCTIONS,
     JUNCTIONS,
     OPERATORS,
@@ -39,7 +42,7 @@ ALWAYS: Final = Operation(Operator.AND, ())
 NEVER: Final = Operation(Operator.OR, ())
 
 
-NUMERIC: Final = ARITHMETIC | {Operator.ABS, Operator.MIN, Operator.MAX}
+NUMERIC: Final = CALCULATING
 """What RML calculates; its `min` and `max` take two numbers."""
 TEXTS: Final = FUNCTIONS - NUMERIC
 """What RML has no notion of."""
@@ -119,11 +122,17 @@ def _equality(left: Guard, right: Guard, *, positive: bool) -> Guard:
     both_ways = (sides, sides[::-1])
     for one, other in both_ways:
         if isinstance(one, Operation) and one.operator not in NUMERIC:
-            return _some(_every([when_true(one, truth), _is(other, truth, positive)]) for truth in (True, False))  # type: ignore[arg-type]
+            return _some(
+                _every([when_true(one, truth), _is(other, truth, positive)])  # type: ignore[arg-type]
+                for truth in (True, False)
+            )
     for one, other in both_ways:
         if isinstance(one, Operation):
             return _equality_of_sum(one, other, positive=positive)  # type: ignore[arg-type]
-    return _same(*(sides if isinstance(sides[0], Variable) else sides[::-1]), positive=positive)  # type: ignore[arg-type]
+    return _same(
+        *(sides if isinstance(sides[0], Variable) else sides[::-1]),  # type: ignore[arg-type]
+        positive=positive,
+    )
 
 
 def _is(side: Guard, truth: bool, positive: bool) -> Guard:
@@ -270,7 +279,9 @@ class RmlTypes:
         return [binding, *(self._asked(call, condition, name) for condition, name in others)]
 
     def checked(self, call: Call, condition: Guard, hint: str) -> list[str]:
-        """Types that bind nothing, as parents of another: any of them matches the events of a call that fulfil the condition."""
+        """Types that bind nothing, as parents of another: any of them matches the events of a call
+        that fulfil the condition.
+        """
         if condition == ALWAYS:
             parents, extra = self._parents(call, *self._scope(call, ()), ())
             return [self._declare((), parents, extra, hint)] if extra else parents
@@ -290,7 +301,9 @@ class RmlTypes:
     # -- derived types ----------------------------------------------------------------------------------------------
 
     def _scope(self, call: Call, registers: Iterable[str]) -> tuple[dict[str, str], RmlNames]:
-        """The variables of one declaration: registers and places of the call are called after the parameters of its event type."""
+        """The variables of one declaration: registers and places of the call are called after the
+        parameters of its event type.
+        """
         local, names = RmlNames(), dict[str, str]()
         parameters = self.tree.events[call.event].parameters if call.event is not None else ()
         for argument, parameter in zip(call.arguments, parameters, strict=True):
@@ -374,7 +387,9 @@ class RmlTypes:
         *,
         negated: bool = False,
     ) -> str:
-        """A derived type; the negation of one with a `with` goes through the positive one, for `not … with` means something else."""
+        """A derived type; the negation of one with a `with` goes through the positive one, for `not
+        … with` means something else.
+        """
         if negated and conditions:
             parents, conditions = [applied(self._declare(parameters, parents, conditions, hint), parameters)], ()
         key = (tuple(parameters), tuple(parents), tuple(conditions), negated)
@@ -393,7 +408,8 @@ class RmlTypes:
     def _parents(
         self, call: Call, names: dict[str, str], local: RmlNames, used: Collection[str]
     ) -> tuple[list[str], list[str]]:
-        """The base type applied to the arguments, once for each spelling of a literal, and comparisons for very large integers.
+        """The base type applied to the arguments, once for each spelling of a literal, and
+        comparisons for very large integers.
 
         A variable that is not `used` elsewhere and stands but once is written `_`.
         """

@@ -1,8 +1,9 @@
 """What each occurrence looks for in an event, and which variables have to be remembered from one event to another.
 
-A variable is remembered where two occurrences share it or a guard compares it with one of another occurrence: a *register* of the RML
-text keeps its value. Any other variable belongs to one event and is called after its *place* there, `0#move` for the first parameter
-of `move`, so that equal observations are equal values.
+A variable is remembered where two occurrences share it or a guard compares it with one of another
+occurrence: a *register* of the RML text keeps its value. Any other variable belongs to one event
+and is called after its *place* there, `0#move` for the first parameter of `move`, so that equal
+observations are equal values.
 """
 
 from collections import Counter
@@ -60,7 +61,10 @@ class RmlLetter(NamedTuple):
 
 
 class RmlLetters:
-    """The letters of the events of a property, by position in `prop.events`; each is called after the node that first needed it."""
+    """The letters of the events of a property, by position in `prop.events`.
+
+    Each is called after the node that first needed it.
+    """
 
     def __init__(self, prop: Property, types: RmlTypes) -> None:
         self.prop, self.tree = prop, prop.tree

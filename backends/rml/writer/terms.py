@@ -1,11 +1,13 @@
 """The words of an RML text (names, an injective renaming of those of a tree, literals) and its expressions.
 
-Event types and variables start with a lower-case ASCII letter, equations with an upper-case one; some words are taken. Facts that every
-writer of RML text has to know, not translation: the reader keeps its own account of the language.
+Event types and variables start with a lower-case ASCII letter, equations with an upper-case one;
+some words are taken. Facts that every writer of RML text has to know, not translation: the reader
+keeps its own account of the language.
 
-A number is equal to another of the same value, but the published monitor tells 1 from 1.0: where a literal is an integer both
-spellings are written. Its patterns know neither a sign nor an exponent, and no integer beyond 32 bits: such a number stands as
-an argument or, larger still, is compared in a `with`.
+A number is equal to another of the same value, but the published monitor tells 1 from 1.0: where a
+literal is an integer both spellings are written. Its patterns know neither a sign nor an exponent,
+and no integer beyond 32 bits: such a number stands as an argument or, larger still, is compared in
+a `with`.
 """
 
 import re
@@ -109,7 +111,8 @@ def _decimal(value: float) -> str:
     return text if "." in text else f"{text}.0"
 
 
-# -- expressions, built bottom-up: whoever builds a deep one (`depth`) puts it into an equation of its own ---------------
+# -- expressions, built bottom-up: whoever builds a deep one (`depth`) puts it into an equation of
+# its own ---------------
 
 MAX_DEPTH: Final = 24
 MAX_PARTS: Final = 60
@@ -119,7 +122,11 @@ _TOKEN: Final = re.compile(r"'(?:[^'\\]|\\.)*'|[0-9]+\.[0-9]+|\w+|>>|\\/|/\\|\S"
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """An expression. `operator` is what joins its parts, the sign behind its only part, `>>` or `let`; a name has none."""
+    """An expression.
+
+    `operator` is what joins its parts, the sign behind its only part, `>>` or `let`; a name has
+    none.
+    """
 
     operator: str
     parts: tuple["Written", ...] = ()

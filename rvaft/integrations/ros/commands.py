@@ -17,7 +17,7 @@ from rvaft.integrations.ros.connections_page import ConnectionsPage
 from rvaft.integrations.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary
 from rvaft.integrations.ros.server import CONNECTIONS, PORT, Server
 from rvaft.model.nodes import Kind
-from rvaft.monitoring.monitor_set import Per
+from rvaft.stream.monitor_set import Per
 from rvaft.support.files import place
 from rvaft.support.network import LOCAL, origin, require_host
 from rvaft.support.terminal import visible
@@ -53,7 +53,8 @@ _ORACLE: Final = "Who answers the monitors: rvaft serve, or the RML oracle of RO
 @click.option("--id", "name", metavar="NAME", help="What the monitors are called; default: as the root of the tree.")
 @click.option("--force", is_flag=True, help="Replace files that are there already, and remove those of an earlier run.")
 def rosmonitoring_command(*, tree: str, output: str, force: bool, **how: Any) -> int:
-    """Write a configuration of ROSMonitoring for a tree, its monitors in RML, and the commands that run them, to a folder.
+    """Write a configuration of ROSMonitoring for a tree, its monitors in RML, and the commands that
+    run them, to a folder.
 
     All files are written or none.
     """

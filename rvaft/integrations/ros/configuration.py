@@ -19,8 +19,8 @@ from rvaft.model.patterns import Literal
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
-from rvaft.monitoring.monitor_set import Per, columns
 from rvaft.rules.rule import listing
+from rvaft.stream.monitor_set import Per, columns
 from rvaft.support.budget import Budget, Undecided
 from rvaft.support.network import LOCAL, is_address, require_host
 
@@ -30,7 +30,9 @@ _BEGINNINGS: Final = {"rml": b"// The attack-fault tree ", "rml-prolog": b":- mo
 """How these texts begin, whatever the tree."""
 _HEADER: Final = "# Written by rvaft rosmonitoring: change the tree and write it again.\n"
 _FINAL_ONLY: Final = 2
-"""ROSMonitoring's `warning` that reports `false` and leaves `currently_false` alone, which the RML oracle always begins with."""
+"""ROSMonitoring's `warning` that reports `false` and leaves `currently_false` alone, which the RML
+oracle always begins with.
+"""
 _LAST_PORT: Final = 65_535
 
 
@@ -57,10 +59,13 @@ class Oracle(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class RosOptions:
-    """What a configuration is asked to be: `port` is that of the first oracle; without `action`, topics with publishers are filtered where that is possible.
+    """What a configuration is asked to be.
 
-    The monitors are called after `name`, by default after the root; with `branch` or `kind` there is that of this part alone.
-    Raises `OptionError` for what is no host.
+    `port` is that of the first oracle; without `action`, topics with publishers are filtered where
+    that is possible.
+
+    The monitors are called after `name`, by default after the root; with `branch` or `kind` there
+    is that of this part alone. Raises `OptionError` for what is no host.
     """
 
     semantics: Semantics = Semantics.PROJECTED
@@ -85,7 +90,11 @@ class NoConfiguration(RvaftError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Planned:
-    """A monitor: what it is called, what it looks at, where it asks, which topics, as the patterns spell them, it filters and which it only logs."""
+    """A monitor.
+
+    What it is called, what it looks at, where it asks, which topics, as the patterns spell them, it
+    filters and which it only logs.
+    """
 
     id: str
     tree: RVAFT
@@ -96,9 +105,10 @@ class Planned:
 def planned(tree: RVAFT, options: RosOptions) -> tuple[Planned, ...]:
     """The monitors of a tree.
 
-    With `per`, a branch or kind without a feasible scenario is left out, since nothing can ever be detected there.
-    Raises `NoConfiguration` for a tree that ROSMonitoring cannot monitor as asked, `TreeError` for one that breaks a rule,
-    `TooLarge` beyond as many branches as can be monitored one by one, `OptionError` for a name or a last port that cannot be.
+    With `per`, a branch or kind without a feasible scenario is left out, since nothing can ever be
+    detected there. Raises `NoConfiguration` for a tree that ROSMonitoring cannot monitor as asked,
+    `TreeError` for one that breaks a rule, `TooLarge` beyond as many branches as can be monitored
+    one by one, `OptionError` for a name or a last port that cannot be.
     """
     per, branch, kind = options.per, options.branch, options.kind
     base = monitor_id(tree.root) if options.name is None else options.name
@@ -133,8 +143,9 @@ def monitor_id(name: str) -> str:
 def _topics(tree: RVAFT, semantics: Semantics) -> tuple[Topic, ...]:
     """The topics that a monitor of this tree, or of this part of a tree, needs; in the order of its nodes.
 
-    That is more than those of a branch. Under `projected` an event that is relevant to the whole tree ends the matches of a
-    branch that it does not fit, and under `strict` any event does, so their monitors have to see all events of the whole tree.
+    That is more than those of a branch. Under `projected` an event that is relevant to the whole
+    tree ends the matches of a branch that it does not fit, and under `strict` any event does, so
+    their monitors have to see all events of the whole tree.
 
     Raises `NoConfiguration` for an event that comes over no topic of its own, for a topic of which no message type is
     declared, and for two topics that one generated monitor cannot tell apart.
@@ -192,7 +203,9 @@ def _topics(tree: RVAFT, semantics: Semantics) -> tuple[Topic, ...]:
 
 
 def _in_feasible(tree: RVAFT) -> Iterator[str]:
-    """The nodes with a runtime event that are in some feasible scenario; one of which that was not decided counts as such.
+    """The nodes with a runtime event that are in some feasible scenario.
+
+    One of which that was not decided counts as such.
 
     The other semantics look at all events that are relevant, and those of infeasible scenarios are.
     """
@@ -211,33 +224,44 @@ def _is_feasible(space: ScenarioSpace, budget: Budget, name: str) -> bool:
 
 
 def _action(topic: Topic, options: RosOptions, *, alone: bool) -> Action:
-    """To filter takes publishers to come between, a single monitor, and an oracle that answers false at a detection alone."""
+    """To filter takes publishers to come between, a single monitor, and an oracle that answers
+    false at a detection alone.
+    """
     if options.action is not Action.FILTER:
         possible = topic.publishers and alone and options.oracle is Oracle.RVAFT
         return Action.FILTER if possible and options.action is None else Action.LOG
     if options.oracle is Oracle.RML:
         raise NoConfiguration(
-            "the RML oracle answers currently_false until the tree is detected, and a filter would keep all messages back: use --action log"
+            "the RML oracle answers currently_false until the tree is detected, and a filter would keep "
+            "all messages back: use --action log"
         )
     if not alone:
         raise NoConfiguration(
-            f"each of several monitors that filter would forward every message of {topic.name}: use --per tree, --branch or --kind"
+            f"each of several monitors that filter would forward every message of {topic.name}: use --per "
+            "tree, --branch or --kind"
         )
     if not topic.publishers:
         raise NoConfiguration(
-            f"{topic.place}: the topic {topic.name} cannot be filtered without its publishers: add `from NODE` to its declaration"
+            f"{topic.place}: the topic {topic.name} cannot be filtered without its publishers: add `from "
+            "NODE` to its declaration"
         )
     return Action.FILTER
 
 
 def specifications(monitor: Planned, semantics: Semantics) -> dict[str, str]:
-    """The files of a monitor for the RML oracle and their texts; raises `NotExpressible` and `TooLarge` where RML does not have it."""
+    """The files of a monitor for the RML oracle and their texts.
+
+    Raises `NotExpressible` and `TooLarge` where RML does not have it.
+    """
     texts = {suffix: translate(monitor.tree, name, semantics=semantics).text for name, suffix in SUFFIXES.items()}
     return {f"{monitor.id}{suffix}": text if text.endswith("\n") else f"{text}\n" for suffix, text in texts.items()}
 
 
 def configuration_text(monitors: Sequence[Planned], options: RosOptions) -> str:
-    """The configuration as YAML; `nodes` are the publishers that monitors come between. Raises `ToolMissing` without the library."""
+    """The configuration as YAML; `nodes` are the publishers that monitors come between.
+
+    Raises `ToolMissing` without the library.
+    """
     publishers: dict[str, None] = {}
     entries: list[Json] = []
     for monitor in monitors:
@@ -264,7 +288,8 @@ def configuration_text(monitors: Sequence[Planned], options: RosOptions) -> str:
 
 
 def leftover(folder: Path, text: str) -> Iterator[str]:
-    """The files in a folder that are specifications of the monitors in a configuration that was written here, edited or not.
+    """The files in a folder that are specifications of the monitors in a configuration that was
+    written here, edited or not.
 
     By their names and by how they begin; none where the text is any other.
     """

@@ -1,7 +1,10 @@
-"""What a server says of itself to browsers: the page of `rvaft report`, whose places are what the messages of its connections did.
+"""What a server says of itself to browsers.
 
-It is given plain HTTP by the library that speaks WebSocket, which sends an answer as a whole: a stream of events is one answer after the other, each with
-what is new, and a browser asks for the next by itself.
+The page of `rvaft report`, whose places are what the messages of its connections did.
+
+It is given plain HTTP by the library that speaks WebSocket, which sends an answer as a whole: a
+stream of events is one answer after the other, each with what is new, and a browser asks for the
+next by itself.
 """
 
 import asyncio
@@ -13,9 +16,10 @@ from typing import TYPE_CHECKING, Final
 from rvaft.integrations.live_page import BROWSERS, PERIOD, asked, cursor_of, headers, message, refusal
 from rvaft.integrations.ros.protocol import Session
 from rvaft.model.tree import RVAFT
-from rvaft.monitoring.detection import counted
-from rvaft.monitoring.report import SHOWN, LogReport, Told
-from rvaft.monitoring.run import Key, MonitoringPlan
+from rvaft.reports.log_report import SHOWN, LogReport, Told
+from rvaft.stream.detection import counted
+from rvaft.stream.keys import Key
+from rvaft.stream.plan import MonitoringPlan
 from rvaft.support.network import own
 
 if TYPE_CHECKING:
@@ -32,7 +36,8 @@ _AGAIN: Final = b"retry: 200\n\n"
 
 
 class ConnectionsPage:
-    """The page of a server for a tree, or the part of one, whose sessions are like this one; with `shared` it is the only one.
+    """The page of a server for a tree, or the part of one, whose sessions are like this one; with
+    `shared` it is the only one.
 
     >>> import rvaft
     >>> tree = rvaft.loads("top and a b;")

@@ -1,11 +1,13 @@
 """What a message is answered: the protocol between a monitor of ROSMonitoring and its oracle.
 
-A message is one JSON event. The reply is that event with the field `verdict`, which ROSMonitoring publishes and reads: `false` and
-`currently_false` as violations, `true` and `false` as definitive. A reply without it would count as a definitive `true`, so a
-message that is no event gets an error with the verdict so far.
+A message is one JSON event. The reply is that event with the field `verdict`, which ROSMonitoring
+publishes and reads: `false` and `currently_false` as violations, `true` and `false` as definitive.
+A reply without it would count as a definitive `true`, so a message that is no event gets an error
+with the verdict so far.
 
-A definitive verdict ends a monitor that only logs. What can no longer be detected is therefore not told definitively unless that is asked for, and
-neither is a detection where the session goes on after it.
+A definitive verdict ends a monitor that only logs. What can no longer be detected is therefore not
+told definitively unless that is asked for, and neither is a detection where the session goes on
+after it.
 """
 
 import re
@@ -23,12 +25,12 @@ from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.detection import explained, kept, matched_events, told_fields
-from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet, Per, columns
-from rvaft.monitoring.oversights import Oversights
-from rvaft.monitoring.run import EventBuffer, Listener, MonitoredTrace, VerdictChange
 from rvaft.readers.json_lines import decode, marked
 from rvaft.readers.log import BOM
+from rvaft.stream.data_warnings import DataWarnings
+from rvaft.stream.detection import explained, kept, matched_events, told_fields
+from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, VerdictChange
+from rvaft.stream.monitor_set import DetectionCount, MonitorSet, Per, columns
 
 MAX_MESSAGE: Final = 1024 * 1024
 """The longest message that is read unless told otherwise, in bytes."""
@@ -63,11 +65,15 @@ _GOING_ON: Final = {Polarity.PROPERTY: "currently_false", Polarity.DETECTION: "c
 
 
 class Session:
-    """What one connection has read: `monitors` of the tree, or the part of one, and of its branches or kinds, by number or name.
+    """What one connection has read.
 
-    A monitor gives up beyond `limit` partial matches; `failures` then say why. `buffer` has when and where the events came that an
-    explanation may name: of each event no more, and of events, of which so many were read, a bounded number. `oversights` are what could have been
-    part of a match and was not. `repeat` and `cooldown` are as of a `MonitorSet`. Raises what `rvaft.monitoring.monitor_set.columns` raises.
+    `monitors` of the tree, or the part of one, and of its branches or kinds, by number or name.
+
+    A monitor gives up beyond `limit` partial matches; `failures` then say why. `buffer` has when
+    and where the events came that an explanation may name: of each event no more, and of events, of
+    which so many were read, a bounded number. `data_warnings` are what could have been part of a
+    match and was not. `repeat` and `cooldown` are as of a `MonitorSet`. Raises what
+    `rvaft.stream.monitor_set.columns` raises.
     """
 
     def __init__(
@@ -92,7 +98,7 @@ class Session:
         self.listener: Listener | None = None
         self.watch = MonitoredTrace("", self.looked_at, buffer=self.buffer)
         """What a listener is told of, if there is one."""
-        self.oversights = Oversights(self.monitors[_WHOLE].types)
+        self.data_warnings = DataWarnings(self.monitors[_WHOLE].types)
         self.events = 0
 
     def fork(self) -> Self:
@@ -102,8 +108,8 @@ class Session:
         twin.failures = dict(self.failures)
         twin.buffer = EventBuffer()
         twin.buffer.known.update(self.buffer.known)
-        twin.oversights = Oversights(self.monitors[_WHOLE].types)
-        twin.oversights.merge(self.oversights)
+        twin.data_warnings = DataWarnings(self.monitors[_WHOLE].types)
+        twin.data_warnings.merge(self.data_warnings)
         twin.watch = MonitoredTrace("", twin.looked_at, buffer=twin.buffer, events=self.events)
         return twin
 
@@ -131,9 +137,9 @@ class Session:
         if _WHOLE not in self.failures and whole.serves:
             self.buffer.remember(self.events, kept(came, self.fields))
         if _WHOLE not in self.failures and whole.late:
-            self.oversights.note_late(event, self.events, "", whole.engines[0].latest)
+            self.data_warnings.note_late(event, self.events, "", whole.engines[0].latest)
         elif _WHOLE not in self.failures:
-            self.oversights.see(event, self.events, "", whole.types.of(event))
+            self.data_warnings.see(event, self.events, "", whole.types.of(event))
         if self.listener is not None and _WHOLE not in self.failures:
             self.watch.events, self.watch.monitors = self.events, self.looked_at
             if changed:
@@ -158,10 +164,13 @@ class Session:
 
 @dataclass(eq=False)
 class Protocol:
-    """How messages are read and answered for a tree, or the part of one; a message of more than `longest` bytes is an error.
+    """How messages are read and answered for a tree, or the part of one.
 
-    So is, with `strict_json`, one with a number that is not finite; else the reply has it as it came, since who sends it can read it.
-    With `definitive` it is told so that the property holds for good.
+    A message of more than `longest` bytes is an error.
+
+    So is, with `strict_json`, one with a number that is not finite; else the reply has it as it
+    came, since who sends it can read it. With `definitive` it is told so that the property holds
+    for good.
 
     >>> import rvaft
     >>> tree = rvaft.loads("top and a; a;")
@@ -180,7 +189,9 @@ class Protocol:
     def __post_init__(self) -> None:
         self._reads = TreeReads(self.tree)
         self._names: dict[str, set[str]] = {"topic": set(), "service": set()}
-        """The names of topics and services that the runtime events and `ignore` declarations spell out in these fields, at their top level."""
+        """The names of topics and services that the runtime events and `ignore` declarations spell
+        out in these fields, at their top level.
+        """
         for pattern in self._reads.patterns:
             for field, inner in pattern.fields if isinstance(pattern, ObjectPattern) else ():
                 if field in self._names and isinstance(inner, Literal) and isinstance(inner.value, str):
@@ -223,10 +234,12 @@ class Protocol:
         return _DEFINITIVE.get(word, word) if self.vocabulary is Vocabulary.RML else word
 
     def _as_spelled(self, event: dict[str, Json]) -> dict[str, Json]:
-        """The event with its names as the tree spells them; one that the tree spells both ways, or not at all, stays as it is.
+        """The event with its names as the tree spells them; one that the tree spells both ways, or
+        not at all, stays as it is.
 
-        ROS takes `/command` and `command` for one name (at the root namespace), and the versions of ROSMonitoring write it either way.
-        A tree takes them for two values, so this holds on the wire alone. A name with more than one leading slash has no other spelling.
+        ROS takes `/command` and `command` for one name (at the root namespace), and the versions of
+        ROSMonitoring write it either way. A tree takes them for two values, so this holds on the
+        wire alone. A name with more than one leading slash has no other spelling.
         """
         renamed: dict[str, Json] = {}
         for field, known in self._names.items():

@@ -1,4 +1,6 @@
-"""The WebSocket server, with one session per connection or one for all, and whom it lets in; needs the library `websockets`."""
+"""The WebSocket server, with one session per connection or one for all, and whom it lets in; needs
+the library `websockets`.
+"""
 
 import asyncio
 import errno
@@ -17,7 +19,7 @@ from rvaft.errors import installed
 from rvaft.integrations.ros.connections_page import ConnectionsPage
 from rvaft.integrations.ros.protocol import Protocol, Session
 from rvaft.model.verdict import Verdict
-from rvaft.monitoring.detection import counted
+from rvaft.stream.detection import counted
 from rvaft.support.network import LOCAL, allowed, unavailable
 
 if TYPE_CHECKING:
@@ -39,7 +41,9 @@ _OVERSIZE: Final = 16
 _BACKLOG: Final = 1024
 """Connections that the system may queue: all monitors of a robot start at once."""
 _ACCEPTED: Final = 1
-"""Connections that `asyncio` accepts at a time, and retries that it schedules when the limit of open files is reached."""
+"""Connections that `asyncio` accepts at a time, and retries that it schedules when the limit of
+open files is reached.
+"""
 _HANDSHAKE: Final = 5.0
 """Seconds that a client has to say what it wants."""
 _PATIENCE: Final = 1.0
@@ -54,8 +58,10 @@ _LIBRARY.propagate = False
 class Server:
     """Answers the messages of all connections; `fresh` gives the session of a new one.
 
-    `say` is told, a line each, of connections, of messages that are no events, and of detections. Port 0 is any that is free; `origins` are
-    allowed beside those of programs, as `origin` gives them; `connections` is how many there may be at once. A browser is shown the `page`, if there is one.
+    `say` is told, a line each, of connections, of messages that are no events, and of detections.
+    Port 0 is any that is free; `origins` are allowed beside those of programs, as `origin` gives
+    them; `connections` is how many there may be at once. A browser is shown the `page`, if there is
+    one.
     """
 
     protocol: Protocol
@@ -112,7 +118,7 @@ class Server:
         try:
             async for message in connection:
                 events, detected, verdict = session.events, session.count.told, session.verdict()
-                doubts, failures = len(session.oversights.found), len(session.failures)
+                doubts, failures = len(session.data_warnings.found), len(session.failures)
                 reply = self.protocol.reply(message, session)
                 if session.events == events:
                     refused += 1
@@ -129,7 +135,7 @@ class Server:
                     self._tell(f"{name}: {why}; consecutive and scattered go on (--semantics)")
                 for label, failure in list(session.failures.items())[failures:]:
                     self._tell(f"{name}: the monitor of {label} gives up after event {session.events}: {failure}")
-                for line in list(session.oversights.lines)[doubts:]:
+                for line in list(session.data_warnings.lines)[doubts:]:
                     self._tell(f"{name}: {line}")
                 read += session.events - events
                 await connection.send(json.dumps(reply))
@@ -140,7 +146,7 @@ class Server:
             raise
         finally:
             self.present.discard(connection)
-            doubtful = "".join(f"; {line}" for line in session.oversights.lines)
+            doubtful = "".join(f"; {line}" for line in session.data_warnings.lines)
             if self.page is not None:
                 self.page.closed(session)
             self._tell(f"{name} closed after {counted(read)}{doubtful}")
@@ -210,14 +216,19 @@ def _library(part: str) -> Any:
 
 
 def _answering(connection: Any) -> Any:
-    """The library's connection, which leaves what is no request, or has a body, without an answer, so that it has one."""
+    """The library's connection, which leaves what is no request, or has a body, without an answer,
+    so that it has one.
+    """
 
     class Answering(connection):  # type: ignore[misc] # the library is imported on use
         def send_data(self) -> None:
             unread = isinstance(self.protocol.handshake_exc, _library("exceptions").InvalidMessage)
             if unread and self.request is None and not self.transport.is_closing():
                 why = b"400 what came is no request of HTTP, or has a body\n"
-                head = b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/plain\r\nConnection: close\r\nContent-Length: %d\r\n\r\n"
+                head = (
+                    b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/plain\r\nConnection: "
+                    b"close\r\nContent-Length: %d\r\n\r\n"
+                )
                 with suppress(RuntimeError, OSError):  # the library has said its last word already
                     self.transport.write(head % len(why) + why)
             super().send_data()

@@ -9,6 +9,7 @@ import pytest
 
 from backends import conformance
 from backends.conformance import Example
+from backends.mfotl import MfotlBackend
 from backends.mfotl.monpoly import MfotlHeader, first_detections
 from cross_check import comparison
 from cross_check.results import Job, Status
@@ -20,6 +21,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.semantics import Reference
 from tests.backends.judged import all_show, cases, first
+from tests.cli.runs import failed, run
 from tests.tables import rows
 
 PROGRAM = Path(os.environ.get("MONPOLY", "/nowhere"))
@@ -28,8 +30,8 @@ TREES = Path(__file__).parents[3] / "trees"
 EVENTS = "event e(v) = { e: v }; event p(v, w) = { v: v, w: w }; "
 
 
-def emitted(tree: str, name: str = "mfotl") -> str:
-    return backend(name).translate(loads(tree), Semantics.SCATTERED).text
+def emitted(tree: str) -> str:
+    return backend("mfotl").translate(loads(tree), Semantics.SCATTERED).text
 
 
 @pytest.mark.parametrize(("tree", "text"), rows(__file__, "texts.txt"))
@@ -54,7 +56,7 @@ def test_every_tree_is_said_under_scattered() -> None:
 def test_the_signature_and_the_facts_of_an_event() -> None:
     tree = 'time t as s; event p(v, w) = { v: v, w: w }; top sand a b within 1 s; a on p(X, "*) p(\\"1\\")"); b on p(X, Y) when Y > 1;'
     text = emitted(tree)
-    assert emitted(tree, "mfotl-signature").splitlines() == [
+    assert MfotlBackend.signature(text).splitlines() == [
         "a(T1_kind: string, T1_time: int, X_text: string, position: int)",
         "b(T2_kind: string, T2_time: int, X_text: string, position: int)",
     ]
@@ -62,6 +64,18 @@ def test_the_signature_and_the_facts_of_an_event() -> None:
     event = {"v": '"), a("\n', "w": '*) p("1")', "t": 2}
     assert [*header.facts(event, 7)] == ['a("n",2000000000,"%22%22%29%2C%20a%28%22%0A",7)']
     assert [*header.facts({"v": [1.0, None], "w": 2}, 0)] == ['b("o",0,"%5B1%2Cnull%5D",0)']
+
+
+def test_the_command_writes_the_signature_to_a_file(tmp_path: Path) -> None:
+    tree, signature = TREES / "gates" / "sand.rvaft", tmp_path / "sand.sig"
+    found = run("emit", tree, "--to", "mfotl", "--semantics", "scattered", "--signature", signature)
+    assert (found.exit_code, found.stdout) == (0, emitted(tree.read_text()))
+    assert signature.read_text() == MfotlBackend.signature(found.stdout)
+    failed(
+        run("emit", tree, "--to", "rml", "--signature", signature),
+        "a text of rml has no signature: leave --signature out",
+    )
+    failed(run("emit", tree, "--to", "dot", "--signature", signature), "has no --signature")
 
 
 STAND_IN = '#!/bin/sh\nif [ "$1" = -version ]; then echo MonPoly; exit; fi\n{}\n'

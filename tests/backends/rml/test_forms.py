@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from backends.rml.paper import RmlPaperBackend
 from backends.rml.prolog import HEADER, prolog
 from cross_check.participants import Absent, faithful_backends, translated
+from papers.fmas2022.translation import RmlPaperBackend
 from rvaft.api import loads
 from rvaft.backend import backend
 from rvaft.errors import LanguageError, NotExpressible, OptionError

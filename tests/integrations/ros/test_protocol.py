@@ -11,10 +11,10 @@ from rvaft import Verdict, load, loads, monitor
 from rvaft.core.classifier import TreeReads
 from rvaft.integrations.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary
 from rvaft.model.values import Json
-from rvaft.monitoring.monitor_set import Per
 from rvaft.readers.json_lines import decode
+from rvaft.stream.monitor_set import Per
 from tests.cli.runs import LOGS, PRUNED
-from tests.monitoring.test_reader import BAD, STRICT
+from tests.readers.test_json_lines import BAD, STRICT
 from tests.tables import rows
 
 SEQUENCE: Final = loads("top sand a b; a attack; b fault;")
@@ -70,7 +70,7 @@ def test_what_could_be_missed_is_counted_and_a_number_that_is_not_finite_comes_b
     said = '{"topic": "c", "p": NaN, "t": 5}', '{"topic": "c", "p": "x"}', '{"topic": "c", "p": 2, "t": 3}'
     assert json.dumps(speaking.reply(said[0], to)) == '{"topic": "c", "p": NaN, "t": 5, "verdict": "currently_true"}'
     answers(speaking, to, *said[1:])
-    assert list(to.fork().oversights.lines) == [
+    assert list(to.fork().data_warnings.lines) == [
         "undefined number in 1 event: p is NaN (first: event 1)",
         'undefined guard in 1 event: X > 1 of a, where X is a string ("x") (first: event 2)',
         "no readable time in 1 event: the field t is missing (first: event 2)",

@@ -20,8 +20,8 @@ from rvaft.errors import OptionError
 from rvaft.integrations.ros import connections_page, server
 from rvaft.integrations.ros.connections_page import ConnectionsPage
 from rvaft.integrations.ros.protocol import Session
-from rvaft.monitoring import report
-from rvaft.monitoring.monitor_set import Per
+from rvaft.reports import log_report as report
+from rvaft.stream.monitor_set import Per
 from rvaft.support.network import allowed, require_host
 from rvaft.support.network import origin as origin_of
 from tests.cli.runs import SAND, TREES, failed, run, written

@@ -16,9 +16,9 @@ import rvaft
 from rvaft.engine import Engine
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.monitor_set import MonitorSet, columns
 from rvaft.monitors import Explanation
 from rvaft.semantics import Reference
+from rvaft.stream.monitor_set import MonitorSet, columns
 from tests.cli.runs import SAND, jsonl, lines, run, started, written
 from tests.engine.checking import check_explanation, small_valid_trees
 from tests.engine.dense import SHAPES, dense_trace, dense_tree

@@ -8,8 +8,8 @@ from rvaft import loads, monitor
 from rvaft.errors import TooLarge
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
-from rvaft.monitoring.monitor_set import MOST, MonitorSet, Per, columns
 from rvaft.monitors import Monitor
+from rvaft.stream.monitor_set import MOST, MonitorSet, Per, columns
 from tests.trees import shipped
 
 PRUNED = "remote_inspection/pruned"

@@ -30,9 +30,10 @@ from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import event_text
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
-from rvaft.monitoring.detection import counted, places, unlike
-from rvaft.monitoring.run import Listener, MonitoredTrace, MonitoringPlan, VerdictChange
 from rvaft.monitors import DEFAULT_BRANCHES, Explanation, Pending
+from rvaft.stream.detection import counted, places, unlike
+from rvaft.stream.listeners import Listener, MonitoredTrace, VerdictChange
+from rvaft.stream.plan import MonitoringPlan
 from rvaft.support.terminal import cut, visible
 
 PLACES: Final = 300_000
@@ -63,7 +64,7 @@ class LogReport(Listener):
     These are the first, or where it `grows` the latest: then a page can be kept up to date, and `unit` is what of several is watched there.
 
     >>> import rvaft
-    >>> from rvaft.monitoring.monitor_set import MonitorSet, columns
+    >>> from rvaft.stream.monitor_set import MonitorSet, columns
     >>> tree = rvaft.loads("top sand a b;")
     >>> plan = MonitoringPlan(MonitorSet(columns(tree), rvaft.monitor, rvaft.Semantics.PROJECTED))
     >>> LogReport(tree, plan).left_out
@@ -504,7 +505,7 @@ def _after(
 
 @cache
 def _template() -> str:
-    return files("rvaft.monitoring").joinpath("report.html").read_text(encoding="utf-8")
+    return files("rvaft.reports").joinpath("log_report.html").read_text(encoding="utf-8")
 
 
 @cache

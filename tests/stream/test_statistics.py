@@ -7,7 +7,7 @@ import pytest
 
 from rvaft import RVAFT, loads
 from rvaft.api import narrowed
-from rvaft.monitoring.near_misses import LOOKED_AT, MOST, EventTypeIndex, Statistics
+from rvaft.stream.statistics import LOOKED_AT, MOST, EventTypeIndex, Statistics
 
 TREE = loads(
     'event a(v, w) = { topic: "/a", value: v, other: w }; event b(v) = { topic: "/b", level: v };'

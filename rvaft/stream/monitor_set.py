@@ -20,8 +20,8 @@ from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.near_misses import EventTypeIndex, Sight
 from rvaft.monitors import Ended, Explanation, Monitor, Repetition
+from rvaft.stream.statistics import EventTypeIndex, Sight
 
 MOST: Final = 1_000
 """How many branches are monitored one by one."""

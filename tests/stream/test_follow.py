@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rvaft.errors import OptionError
-from rvaft.monitoring import follow
-from rvaft.monitoring.follow import FollowedFile, stopping
+from rvaft.stream import follow
+from rvaft.stream.follow import FollowedFile, stopping
 
 LOOKS: Final = 8
 """How often a follower asks whether to stop before the next thing happens: more than one look at the file takes."""

@@ -1,6 +1,6 @@
 """One file read by several processes: each takes stretches of it and makes batches of their lines, which are given in the order of the file.
 
-Only what a `FastReader` gives is sent, so little of what concerns nothing; the monitors stay in one process, and cannot tell who has read.
+Only what a `JsonBlockReader` gives is sent, so little of what concerns nothing; the monitors stay in one process, and cannot tell who has read.
 """
 
 import marshal
@@ -13,7 +13,7 @@ from io import BufferedIOBase
 from typing import Final
 
 from rvaft.errors import TraceError
-from rvaft.monitoring.fast_reader import Batch, FastReader
+from rvaft.readers.json_blocks import Batch, JsonBlockReader
 from rvaft.readers.json_lines import MAX_DEPTH
 from rvaft.support.processes import Killed, in_processes
 
@@ -58,7 +58,7 @@ class _Stretch(BufferedIOBase):
 
 
 def read_in_processes(
-    reader: FastReader,
+    reader: JsonBlockReader,
     source: BufferedIOBase,
     file: str,
     *,

@@ -36,14 +36,15 @@ from rvaft.model.nodes import Kind, Place
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Exact
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.follow import FollowedFile
-from rvaft.monitoring.monitor_set import DetectionCount
-from rvaft.monitoring.near_misses import NearMissCount, Statistics
-from rvaft.monitoring.oversights import Oversight, Oversights, Reason
-from rvaft.monitoring.run import Backwards, Field, Ordering
 from rvaft.monitors import Awaited, Ended, Explanation, MatchedEvent, Pending
 from rvaft.readers.json_lines import MAX_DEPTH, LinesRead, NonFiniteEvent, RepeatingObject
 from rvaft.readers.log import failures_of, unreadable
+from rvaft.stream.data_warnings import DataWarning, DataWarnings, Reason
+from rvaft.stream.follow import FollowedFile
+from rvaft.stream.keys import Field
+from rvaft.stream.monitor_set import DetectionCount
+from rvaft.stream.order import Backwards, Ordering
+from rvaft.stream.statistics import NearMissCount, Statistics
 from rvaft.support.files import SUFFIXES, opened, telling, write_whole
 
 EVERY: Final = 10_000
@@ -52,7 +53,7 @@ _GRACE: Final = 1.0
 """Seconds that writing checkpoints may take beyond what everything else takes: then they are written less often."""
 _EDGE: Final = 1 << 16
 """Bytes at the start of a trace, and before the place that was reached, by which it is known again."""
-_MAGIC: Final = b"rvaft checkpoint 3\n"
+_MAGIC: Final = b"rvaft checkpoint 4\n"
 _BLOCK: Final = 1 << 20
 _ANEW: Final = "remove it to begin anew"
 _BUILT_IN: Final = (dict, frozenset, list, set, Counter, OrderedDict)
@@ -69,7 +70,7 @@ _OF_MONITORS: Final = (
     Pending,
     Snapshot,
 )
-_COUNTS: Final = (DetectionCount, NearMissCount, Oversight, Oversights, Reason, Statistics)
+_COUNTS: Final = (DetectionCount, NearMissCount, DataWarning, DataWarnings, Reason, Statistics)
 _ALL: Final = (*_BUILT_IN, *_OF_TREES, *_OF_MONITORS, *_COUNTS)
 _ADMITTED: Final = {(one.__module__, one.__qualname__): one for one in _ALL}
 """The classes of which a checkpoint consists. None of them runs commands, writes files or listens, and none must: a pickle can set the

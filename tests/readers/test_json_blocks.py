@@ -17,11 +17,10 @@ from hypothesis import strategies as st
 from rvaft import RVAFT, TraceError, loads
 from rvaft.core.classifier import LONGEST, PatternIndex, TreeReads
 from rvaft.model.patterns import ObjectPattern, match
-from rvaft.monitoring import fast_reader
-from rvaft.monitoring.fast_reader import Batch, FastReader, plain_fields
-from rvaft.monitoring.near_misses import EventTypeIndex, Statistics
-from rvaft.readers import json_lines
+from rvaft.readers import json_blocks, json_lines
+from rvaft.readers.json_blocks import Batch, JsonBlockReader, plain_fields
 from rvaft.readers.json_lines import read
+from rvaft.stream.statistics import EventTypeIndex, Statistics
 from rvaft.support.files import opened
 from tests.tables import rows, spelled
 
@@ -42,9 +41,9 @@ TREES = {
 Event = dict[str, Any]
 
 
-def fast(tree: RVAFT, *, dense: bool = False, strict: bool = False) -> FastReader:
+def fast(tree: RVAFT, *, dense: bool = False, strict: bool = False) -> JsonBlockReader:
     reads = TreeReads(tree)
-    found = FastReader(reads, EventTypeIndex(tree).possible, plain_fields(reads), time=None, strict=strict)
+    found = JsonBlockReader(reads, EventTypeIndex(tree).possible, plain_fields(reads), time=None, strict=strict)
     found._dense = dense
     return found
 
@@ -87,8 +86,8 @@ def both(
 def small(size: int) -> Iterator[None]:
     """Blocks of that many bytes; and skeletons are looked at whatever is new."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fast_reader, "SIZE", size)
-        patch.setattr(fast_reader, "FEW", 0)
+        patch.setattr(json_blocks, "SIZE", size)
+        patch.setattr(json_blocks, "FEW", 0)
         yield
 
 
@@ -258,7 +257,7 @@ def test_a_file_that_fails_midway(end: bytes) -> None:
 
 
 def test_what_has_no_end_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fast_reader, "MEMORY", 20)
+    monkeypatch.setattr(json_blocks, "MEMORY", 20)
     batches = fast(TREES["one"], dense=True)
     for number in range(30):
         lines = [json.dumps({"topic": "t", "x" * (number + 1): "y" * place, "value": 1}) for place in range(10)]
@@ -287,7 +286,7 @@ def test_long_strings_are_not_remembered() -> None:
 @pytest.mark.parametrize("blank", [False, True])
 @pytest.mark.parametrize("length", [2999, 3000, 3001, 9000])
 def test_the_longest_line(length: int, blank: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (json_lines, fast_reader):
+    for module in (json_lines, json_blocks):
         monkeypatch.setattr(module, "MAX_LINE", 3000)
     line = b" " * length if blank else b'{"topic":"t","value":1,"x":"'.ljust(length - 2, b"a") + b'"}'
     events, error = same(TREES["one"], b"\n".join([GOOD, line, GOOD]), size=500)

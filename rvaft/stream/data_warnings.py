@@ -21,9 +21,9 @@ from rvaft.model.guards import Alike, Guard, Operation, Operator, time_points, v
 from rvaft.model.patterns import match, rigid
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.values import Json, at
-from rvaft.monitoring.detection import counted
-from rvaft.monitoring.near_misses import UNSEEN, EventTypeIndex, Sight
 from rvaft.readers.json_lines import NonFiniteEvent, described
+from rvaft.stream.detection import counted
+from rvaft.stream.statistics import UNSEEN, EventTypeIndex, Sight
 
 MOST: Final = 20
 """Guards that are told one by one."""
@@ -52,7 +52,7 @@ _SAID: Final = {
 
 
 @dataclass(slots=True)
-class Oversight:
+class DataWarning:
     """So many events, the first of them, and what was wrong with that; `about` is the guard, if it is one, or how late events may be."""
 
     reason: Reason
@@ -62,7 +62,7 @@ class Oversight:
     count: int = 0
 
 
-class _Part(NamedTuple):
+class _Comparison(NamedTuple):
     """A comparison in a guard, or what else is true or false there; `text` says which guard.
 
     The guard is undefined where none of the `deciding` can be decided.
@@ -89,17 +89,17 @@ class _Asked:
     """
 
     reader: Reader
-    parts: Sequence[_Part]
+    parts: Sequence[_Comparison]
     fields: Sequence[str] | None
     good: set[tuple[type, ...]] = field(default_factory=set)
     version: int = -1
 
 
-class Oversights:
+class DataWarnings:
     """Counts over the events of one trace or several; can be pickled, and added to those of other traces of the same tree."""
 
     def __init__(self, types: EventTypeIndex) -> None:
-        self.found: dict[tuple[Reason, str], Oversight] = {}
+        self.found: dict[tuple[Reason, str], DataWarning] = {}
         self._last: dict[str, Json] = {}
         self.attach(types)
 
@@ -199,7 +199,7 @@ class Oversights:
 
     def note(self, reason: Reason, about: str, place: str, example: str) -> None:
         """Count one event."""
-        self.found.setdefault((reason, about), Oversight(reason, about, place, example)).count += 1
+        self.found.setdefault((reason, about), DataWarning(reason, about, place, example)).count += 1
 
     def note_late(self, event: Json, number: int, prefix: str, latest: int | None) -> None:
         """Count an event that is late, after one of the time `latest`."""
@@ -210,7 +210,7 @@ class Oversights:
         said = f"{'.'.join(self._time.field)} is {shown}, {behind}"
         self.note(Reason.LATE, duration_text(self._time.late or 0), f"{prefix}event {number}", said)
 
-    def merge(self, other: "Oversights") -> None:
+    def merge(self, other: "DataWarnings") -> None:
         """Add the counts of a later trace."""
         for name, one in other.found.items():
             known = self.found.get(name, replace(one, count=0))
@@ -268,7 +268,7 @@ def _asked(types: EventTypeIndex) -> Iterator[tuple[int, _Asked]]:
             yield number, _Asked(reader, own, None if by_value else fields)
 
 
-def _parts(guard: Guard, whose: str) -> Iterator[_Part]:
+def _parts(guard: Guard, whose: str) -> Iterator[_Comparison]:
     """The comparisons of a guard that some value makes undefined, but for those of times."""
     timed = bool(time_points(guard))
     agenda = [guard]
@@ -282,4 +282,4 @@ def _parts(guard: Guard, whose: str) -> Iterator[_Part]:
         equality = isinstance(part, Operation) and part.operator in (Operator.EQ, Operator.NE, Operator.IN)
         told = not equality or sum(isinstance(one, Operation) for one in walk(part)) > 1
         if told and 0 < len(names) <= 4 and not time_points(part):
-            yield _Part((part,) if timed else (part, guard), names, f"{guard_text(guard)} {whose}")
+            yield _Comparison((part,) if timed else (part, guard), names, f"{guard_text(guard)} {whose}")

@@ -29,11 +29,11 @@ from rvaft.errors import CheckpointError, OptionError, TraceError
 from rvaft.model.nodes import Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Verdict
-from rvaft.monitoring import checkpoint
-from rvaft.monitoring.checkpoint import Checkpoint, CheckpointFile, identity, open_at
-from rvaft.monitoring.detection import Hooks
-from rvaft.monitoring.run import Ordering
 from rvaft.readers.json_lines import LinesRead, decode, read
+from rvaft.stream import checkpoint
+from rvaft.stream.checkpoint import Checkpoint, CheckpointFile, identity, open_at
+from rvaft.stream.detection import Hooks
+from rvaft.stream.order import Ordering
 from tests.cli.runs import run, written
 
 TREE = rvaft.loads("top or ab bc; ab sand a b fault; bc sand b c;")
@@ -215,7 +215,7 @@ def test_a_checkpoint_of_another_version_is_refused(
         patched.setattr(rvaft, "__version__", "0.0.9", raising=False)
         save(path, trace)
     assert f"a checkpoint of rvaft 0.0.9, this is {rvaft.__version__}" in refused(path, trace)
-    path.write_bytes(path.read_bytes().replace(b"rvaft checkpoint 3", b"rvaft checkpoint 4", 1))
+    path.write_bytes(path.read_bytes().replace(b"rvaft checkpoint 4", b"rvaft checkpoint 9", 1))
     assert "a checkpoint of another version of rvaft" in refused(path, trace)
     for data in (b"", b"{}", LINES, b"\x80\x05.", b"rvaft check", b"\xff" * 100):
         path.write_bytes(data)
@@ -241,7 +241,7 @@ def forged(path: Path, payload: bytes, header: bytes | None = None) -> None:
     """A file with the right digest, made by somebody who knows how."""
     line = path.read_bytes().split(b"\n", 3)[2] if header is None else header
     body = line + b"\n" + payload
-    path.write_bytes(b"rvaft checkpoint 3\n" + hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
+    path.write_bytes(b"rvaft checkpoint 4\n" + hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
 
 
 def text(data: str) -> bytes:
@@ -257,16 +257,20 @@ CALLS = [
     ("os", "mkdir", "{}"),
     ("os", "system", "mkdir {}"),
     ("builtins", "eval", "__import__('os').mkdir('{}')"),
-    ("rvaft.monitoring.detection", "os.mkdir", "{}"),  # what a module of ours imports
-    ("rvaft.monitoring.run", "Path.mkdir", "{}"),
-    ("rvaft.monitoring.run", "Path", "{}"),  # from here on nothing is made at once, but more is reached than should be
+    ("rvaft.stream.detection", "os.mkdir", "{}"),  # what a module of ours imports
+    ("rvaft.stream.listeners", "Path.mkdir", "{}"),
+    (
+        "rvaft.stream.listeners",
+        "Path",
+        "{}",
+    ),  # from here on nothing is made at once, but more is reached than should be
     ("builtins", "getattr", "{}"),
     ("rvaft.model.nodes", "Node.__init__.__globals__", "{}"),
     ("rvaft.model.tree", "TYPE_CHECKING", "{}"),
     ("rvaft.engine_of_mine", "Engine", "{}"),
 ]
 SETS_COMMANDS = (
-    text("rvaft.monitoring.detection") + text("Hooks") + b"\x93N}" + text("always") + text("x") + b"s\x86b0NNN\x87."
+    text("rvaft.stream.detection") + text("Hooks") + b"\x93N}" + text("always") + text("x") + b"s\x86b0NNN\x87."
 )
 
 

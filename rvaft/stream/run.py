@@ -1,47 +1,30 @@
-"""One trace from its first event to its last: events are put in order and told apart by a key, the monitors read them, listeners are told."""
+"""One trace from its first event to its last: events are put in order and told apart by a key, the monitors read them, listeners are notified."""
 
-from collections import Counter, OrderedDict
-from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import KW_ONLY, dataclass, field, replace
-from functools import cached_property
-from heapq import heappush, heappushpop
+from collections import Counter
+from collections.abc import Hashable, Iterable, Iterator, Sequence
+from dataclasses import KW_ONLY, dataclass
 from io import BufferedIOBase, IOBase
-from itertools import chain, count, islice
-from math import inf
-from operator import gt, itemgetter, le, lt
-from pathlib import Path
-from typing import Any, BinaryIO, Final, Self, cast
+from operator import itemgetter
+from typing import Any, BinaryIO, Final, cast
 
 import msgspec
 
-from rvaft.core.classifier import Scope, TreeReads
-from rvaft.errors import OptionError, RvaftError, TooLarge
-from rvaft.model.event_time import EventTime, TimeFormat
+from rvaft.errors import RvaftError, TooLarge
 from rvaft.model.guards import Alike
-from rvaft.model.nodes import Kind
-from rvaft.model.values import Json, at, is_finite, is_number
+from rvaft.model.values import Json, is_finite
 from rvaft.model.values import key as value_key
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitoring.detection import counted, matched_events, told_fields, unlike
-from rvaft.monitoring.fast_reader import Batch, FastReader, exact_time, plain_fields
-from rvaft.monitoring.hindsight import Hindsight
-from rvaft.monitoring.monitor_set import DetectionCount, MonitorSet
-from rvaft.monitoring.near_misses import Sight, Statistics
-from rvaft.monitoring.oversights import Oversights
-from rvaft.monitoring.parallel_reader import read_in_processes
-from rvaft.monitors import Explanation
-from rvaft.readers.json_lines import BLANK, LinesRead, NonFiniteEvent, decode, read
-from rvaft.readers.log import ALL, BOM, Interest, Log, LogReader, failures_of, source_of
-from rvaft.support.files import opened
+from rvaft.readers.json_blocks import Batch
+from rvaft.readers.json_lines import LinesRead, NonFiniteEvent, read
+from rvaft.readers.log import ALL, Log
+from rvaft.readers.parallel_blocks import read_in_processes
+from rvaft.stream.detection import counted
+from rvaft.stream.keys import Key
+from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, VerdictChange
+from rvaft.stream.order import Backwards, Ordering
+from rvaft.stream.plan import TIME, MonitoringPlan, Totals
+from rvaft.stream.statistics import Sight
 
-TIME: Final = "time"
-"""The field that is watched for going back, in the events that concern the tree."""
-MAX_KEYS: Final = 100_000
-"""How many values of a key are told apart."""
-DEFAULT_WINDOW: Final = 1_000
-"""How many events are held back unless told otherwise."""
-BOUND: Final = 10_000
 """How many events are remembered for explanations."""
 FEW: Final = 32
 """Fewer events are not taken all at once; after as many batches at most that is tried again where it was in vain."""
@@ -53,8 +36,6 @@ _NUMBERS: Final = frozenset({int, float})
 _PLAIN_KEYS: Final = frozenset({str, int})
 """Types of values that are their own keys, and that no other value but a double equals."""
 _END: Final = Batch(0, ())
-_ISO: Final = EventTime((), TimeFormat.ISO8601)
-"""Reads a value that is a time itself."""
 
 
 def _batched(events: Iterable[dict[str, Json] | None]) -> Iterator[Batch]:
@@ -74,359 +55,6 @@ def _batched(events: Iterable[dict[str, Json] | None]) -> Iterator[Batch]:
     yield Batch(total, held)
 
 
-# -- fields, keys, orders -----------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class Field:
-    """A field of an event by its dotted path; one whose own name has dots is found under its whole name.
-
-    >>> Field.parse("robot.id").of({"robot": {"id": 7}})
-    (7,)
-    """
-
-    text: str
-    path: tuple[str, ...]
-
-    @classmethod
-    def parse(cls, text: str) -> Self:
-        """Raises `OptionError` for what is no path."""
-        path = tuple(text.split("."))
-        if not all(path):
-            raise OptionError(f"{text!r} is no field: write a name, or names with dots between")
-        return cls(text, path)
-
-    def of(self, event: Json) -> tuple[Json] | None:
-        """The value, in a tuple since it may be null, or None where the event has none."""
-        if isinstance(event, Mapping) and self.text in event:
-            return (event[self.text],)
-        found = at(event, self.path, _END)
-        return None if found is _END else (found,)
-
-
-@dataclass(frozen=True, slots=True)
-class Key:
-    """The fields that together say which of many an event is about.
-
-    >>> Key.parse(["user", "src"]).of({"user": "bob", "src": 1, "x": 2})
-    ('bob', 1)
-    """
-
-    fields: tuple[Field, ...]
-
-    @classmethod
-    def parse(cls, texts: Sequence[str]) -> Self:
-        """Raises `OptionError` for what is no path."""
-        return cls(tuple(map(Field.parse, dict.fromkeys(texts))))
-
-    def of(self, event: Json) -> tuple[Json, ...] | None:
-        """The value of each field, or None where the event lacks one of them."""
-        found = [field.of(event) for field in self.fields]
-        return None if None in found else tuple(value[0] for value in found if value is not None)
-
-    def told(self, values: tuple[Json, ...]) -> Json:
-        """The key as JSON: the value of a single field, or an object with those of several."""
-        if len(self.fields) == 1:
-            return values[0]
-        return {field.text: value for field, value in zip(self.fields, values, strict=True)}
-
-
-class OrderedField:
-    """A field by which events are in order: by the `time` of the tree, where that is there, else by numbers or times of ISO 8601.
-
-    Which of the two it holds the first that comes says; the other is then no place. Raises `OptionError` for what is no field.
-    """
-
-    def __init__(self, field: str, time: EventTime | None = None) -> None:
-        self.time = time if time is not None and ".".join(time.field) == field else None
-        self.field = Field.parse(field) if self.time is None else Field(field, self.time.field)
-        self._holds: bool | None = None
-        """Whether times of ISO 8601 stand there."""
-
-    def place(self, event: Json) -> int | float | None:
-        """The number or time that an event has there; a boolean is none, nor is what is not finite."""
-        if self.time is not None:
-            return self.time.read(event)
-        plain = type(event) is dict and self.field.text in event  # mostly; asked of every event
-        value = event[self.field.text] if plain else (self.field.of(event) or (None,))[0]
-        if type(value) is float and self._holds is False and value - value == 0:
-            return value
-        is_time = isinstance(value, str)
-        place: int | float | None = _ISO.read(value) if is_time else value if is_number(value) else None
-        if place is None or place - place != 0 or self._holds is (not is_time):
-            return None
-        self._holds = is_time
-        return place
-
-
-def _in_places(batch: Batch, others: Sequence[Any], own: Sequence[Any]) -> list[Any]:
-    """What stands for each event of a batch: one of its `own`, or for those that concern nothing one of the others."""
-    if len(own) < len(others):
-        found = list(others)
-        for (place, _), one in zip(batch.events, own, strict=True):
-            found.insert(place, one)
-        return found
-    found = [None] * batch.total
-    for place, one in zip(chain(batch.passed, (place for place, _ in batch.events)), chain(others, own), strict=True):
-        found[place] = one
-    return found
-
-
-class Ordering(OrderedField):
-    """Holds back up to `window` events and gives the one with the smallest place first, events with equal ones as they came.
-
-    The order is right wherever no event stands more than `window` places behind its own. An event that comes later than that
-    is given at once, and counted as `late`. An event without a place stays behind the one before it, and is counted in `without`.
-    Can be pickled with the events that it holds.
-
-    >>> ordering = Ordering("time", window=1)
-    >>> [ordering.add({"time": time}) for time in (2, 1, 3)]
-    [None, {'time': 1}, {'time': 2}]
-    """
-
-    def __init__(self, field: str, *, window: int = DEFAULT_WINDOW, time: EventTime | None = None) -> None:
-        super().__init__(field, time)
-        self.window = window
-        self.late = self.without = 0
-        self.first_late = self.first_without = 0
-        """The numbers of the first such events, as read."""
-        self._came = 0
-        self._held: list[tuple[int | float, int, Any]] = []
-        """Events with the number in the field and that in the trace."""
-        self._as_they_came = False
-        """Whether those that are held are in the order of their places and of their numbers alike."""
-        self._before: int | float = -inf
-        self._given: int | float = -inf
-
-    def add(self, event: dict[str, Json]) -> dict[str, Json] | None:
-        """Take the next event of the trace; the event whose turn it is then, if the window is full."""
-        given: dict[str, Json] | None = self._add(self.place(event), event)
-        return given
-
-    def add_all(self, batch: Batch, values: Sequence[Any], others: Sequence[Any]) -> list[Any]:
-        """Take the next events of the trace; those whose turn it is then.
-
-        Those of the batch that concern nothing have these `values` in the field, and what stands for them among the events are the `others`.
-        """
-        came = _in_places(batch, others, [event for _, event in batch.events])
-        places: list[int | float | None]
-        if self.time is None and self._holds is False and _NUMBERS.issuperset(map(type, values)):
-            places = _in_places(batch, values, [self.place(event) for _, event in batch.events])
-        else:  # the first of all says what the field holds
-            known, name = dict(zip(batch.passed, values, strict=True)), self.field.text
-            told = ({name: known[place]} if place in known else event for place, event in enumerate(came))
-            places = list(map(self.place, told))
-        if None not in places and (given := self._add_sorted(places, came)) is not None:
-            return given
-        return [event for event in map(self._add, places, came) if event is not None]
-
-    def _add_sorted(self, places: Sequence[Any], events: Sequence[Any]) -> list[Any] | None:
-        """Take events all at once, and give those whose turn it is; None, and nothing is taken, where one of them is too late."""
-        known = [*self._held, *zip(places, count(self._came + 1), events)]
-        turns = max(0, len(known) - self.window)
-        last = self._held[-1][0] if self._held else self._given
-        if not (self._as_they_came and places and last <= places[0] and all(map(le, places, islice(places, 1, None)))):
-            known.sort()  # by place and number, which differ
-            numbers = [number for _, number, _ in known]
-            self._as_they_came = all(map(lt, numbers, islice(numbers, 1, None)))
-            # Each has to be there when its turn comes: with the first event that has no room in the window, the second, and so on.
-            full = self._came + 1 + self.window - len(self._held)
-            if turns and (known[0][0] < self._given or any(map(gt, numbers[:turns], count(full)))):
-                self._as_they_came = False
-                return None
-        due = known[:turns]
-        self._came += len(events)
-        self._held = known[turns:]
-        if places:
-            self._before = places[-1]
-        if due:
-            self._given = due[-1][0]
-        return [event for _, _, event in due]
-
-    def _add(self, place: int | float | None, event: Any) -> Any:
-        self._came += 1
-        self._as_they_came = False
-        if place is None:
-            place = self._before
-            self.without += 1
-            self.first_without = self.first_without or self._came
-        elif place < self._given:
-            self.late += 1
-            self.first_late = self.first_late or self._came
-        self._before = place
-        entry = (place, self._came, event)
-        if len(self._held) < self.window:
-            heappush(self._held, entry)
-            return None
-        # Once something was given the window stays full, so what is late is the smallest here and comes straight back.
-        given = heappushpop(self._held, entry)
-        self._given = max(self._given, given[0])
-        return given[2]
-
-    def rest(self) -> Iterator[dict[str, Json]]:
-        """The events still held, in order: the trace has ended."""
-        rest, self._held = sorted(self._held), []
-        yield from (event for _, _, event in rest)
-
-
-class Backwards(OrderedField):
-    """Counts how often a place is before the last one, and at which event first; can be pickled."""
-
-    count = first = 0
-    _last: int | float = -inf
-
-    def see_all(self, events: Sequence[Json], numbers: Iterable[int]) -> None:
-        """Look at the next events; they have these numbers."""
-        if self.time is None and self._holds is False and len(self.field.path) == 1:
-            name = self.field.text
-            places: list[Any] = [event.get(name) for event in events]
-            rises = _NUMBERS.issuperset(map(type, places)) and all(map(le, chain((self._last,), places), places))
-            if rises and places and places[-1] < inf:  # nor is any before it infinite, or not a number
-                self._last = places[-1]
-                return
-        for number, event in zip(numbers, events, strict=True):
-            self.see(number, event)
-
-    def see(self, number: int, event: Json) -> None:
-        """Look at the next event; one without a place is passed over."""
-        place = self.place(event)
-        if place is not None:
-            if place < self._last:
-                self.count += 1
-                self.first = self.first or number
-            self._last = place
-
-
-# -- what listeners are told --------------------------------------------------------------------------------------------
-
-
-class EventBuffer:
-    """The events of one trace, by their numbers, that explanations may name.
-
-    The latest that may become part of a match are `known`. Others are looked up in a regular file, `path`, whose events are numbered as they
-    stand; in a stream they are gone. `reads` is what was read of them, by that `reader` if not by lines of JSON.
-    """
-
-    def __init__(
-        self, path: Path | None = None, *, reads: Scope | None = None, reader: LogReader | None = None
-    ) -> None:
-        self.path = path
-        self.reads = reads
-        self.reader = reader
-        self.known: OrderedDict[int, Json] = OrderedDict()  # a dict looks for its first key among all that were removed
-
-    def remember(self, number: int, event: Json) -> None:
-        """An event that may become part of a match."""
-        if len(self.known) >= BOUND:
-            self.known.popitem(last=False)
-        self.known[number] = event
-
-    def events(self, numbers: Collection[int]) -> Mapping[int, Json]:
-        """The events with these numbers, as far as they are known; what has changed in the file since it was read is left out."""
-        known = {number: self.known[number] for number in numbers if number in self.known}
-        missing = set(numbers) - set(known)
-        if missing and self.path is not None and self.reader is not None:
-            with suppress(RvaftError, OSError), source_of(self.reader, str(self.path)) as source:
-                found = enumerate(Log(self.reader, source, str(self.path), self.reads).events(), 1)
-                known.update((number, event) for number, event in islice(found, max(missing)) if number in missing)
-        elif missing and self.path is not None:
-            with suppress(RvaftError, ValueError, *failures_of(str(self.path))), opened(self.path) as stream:
-                first = stream.readline().removeprefix(BOM)
-                lines = (line for line in chain([first], stream) if line.strip(BLANK))
-                for number, line in enumerate(lines, 1):
-                    if number in missing:
-                        known[number] = decode(line.removesuffix(b"\n"), reads=self.reads)
-                        if len(known) == len(numbers):
-                            break
-        return known
-
-
-@dataclass(slots=True)
-class MonitoredTrace:
-    """The monitors of one trace, or of one value of a key in it, and how many events they were given."""
-
-    trace: str
-    monitors: MonitorSet
-    key: tuple[Json, ...] | None = None
-    buffer: EventBuffer = field(default_factory=EventBuffer)
-    events: int = 0
-
-
-class VerdictChange:
-    """What one event changed: the columns whose verdict is another, those of them that detect, and how that came about."""
-
-    def __init__(self, watch: MonitoredTrace, number: int, event: Json, columns: Sequence[int]) -> None:
-        self.watch = watch
-        self.number = number
-        self.event = event
-        self.columns = columns
-        self.verdicts = watch.monitors.verdicts
-        self.detected = [column for column in columns if self.verdicts[column] is Verdict.TRUE]
-        self.counts = {column: watch.monitors.found[column] for column in self.detected if watch.monitors.repeat}
-        """Where monitors repeat, for each column that detects its detections with this one."""
-
-    @cached_property
-    def explanations(self) -> Mapping[int, Explanation]:
-        """How the tree matched, for each column that detects and whose monitor knows the tree."""
-        found = {column: self.watch.monitors.explanation(column) for column in self.detected}
-        return {column: explanation for column, explanation in found.items() if explanation is not None}
-
-    @cached_property
-    def events(self) -> Mapping[int, Json]:
-        """The events that the explanations refer to, as far as they are known."""
-        wanted = matched_events(self.explanations.values()) - {self.number}
-        return {**self.watch.buffer.events(wanted), self.number: self.event}
-
-    @cached_property
-    def detections(self) -> Sequence[tuple[Explanation | None, frozenset[Kind], DetectionCount | None]]:
-        """What was detected, each match once, with the kinds whose monitors it detected; where these repeat, with the detections of the first.
-
-        By the monitors of branches or kinds where these are monitored, else by that of the tree. A backend does not explain.
-        """
-        parts = [column for column in self.detected if column] or self.detected
-        if parts and not self.explanations:
-            return [(None, frozenset(), self.counts.get(parts[0]))]
-        found: list[tuple[Explanation | None, frozenset[Kind], DetectionCount | None]] = []
-        for columns, explanation in unlike({place: one for place, one in self.explanations.items() if place in parts}):
-            wholes = [self.watch.monitors.columns[column].part.part_of for column in columns]
-            kinds = frozenset(whole.kind for whole in wholes if whole is not None and whole.kind is not None)
-            found.append((explanation, kinds, self.counts.get(columns[0])))
-        return found
-
-
-class Listener:
-    """Told of what happens in a run; does nothing with it.
-
-    With `every` it is told of every event, with `concerned` of those that concern the tree while a verdict may still change, else only of those that
-    change one; with `whole` it has to see all of an event. Otherwise events may be read quickly, and where one trace is watched who is told of
-    every one is told of many `events` at once.
-    """
-
-    every = False
-    concerned = False
-    whole = False
-    told_before = 0
-    """The number of the last event of which an earlier run told what it detected."""
-
-    def begin(self, watch: MonitoredTrace) -> None:
-        """A trace begins, or the first event of a key came."""
-
-    def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:
-        """The event of that number was read and changed no verdict; only with `every` or `concerned`."""
-
-    def events(self, watch: MonitoredTrace, first: int, last: int, verdicts: Sequence[Verdict]) -> None:
-        """The events with these numbers, and those between, were read and did not change these verdicts; only with `every`."""
-
-    def change(self, change: VerdictChange) -> None:
-        """An event changed verdicts."""
-
-    def end(self, watch: MonitoredTrace) -> None:
-        """The trace ends, and was not malformed."""
-
-    def stop(self, watch: MonitoredTrace) -> None:
-        """The trace was malformed, or could not be read further: no event and no end comes any more."""
-
-
 def _tell_all(
     listeners: Iterable[Listener], watch: MonitoredTrace, first: int, last: int, verdicts: Sequence[Verdict]
 ) -> None:
@@ -442,84 +70,6 @@ def _batch_of(events: Sequence[Any]) -> Batch:
         return Batch(len(events), (), range(len(events)), events)
     passed = [place for place, event in enumerate(events) if type(event) is tuple]
     return Batch(len(events), found, passed, [events[place] for place in passed])
-
-
-# -- the run ------------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class MonitoringPlan:
-    """What is done with every trace: `monitors` have read nothing; `also` are fields that somebody else looks at."""
-
-    monitors: MonitorSet
-    key: Key | None = None
-    max_keys: int = MAX_KEYS
-    order_by: str | None = None
-    window: int = DEFAULT_WINDOW
-    strict_json: bool = False
-    also: tuple[Field, ...] = ()
-
-    @property
-    def plain(self) -> bool:
-        """Whether every event goes to the same monitors, in the order in which it stands."""
-        return self.key is None and self.order_by is None
-
-    @property
-    def fields(self) -> tuple[Field, ...]:
-        """The fields of the order, of the key, and those that somebody else looks at."""
-        order = () if self.order_by is None else (Field.parse(self.order_by),)
-        return (*order, *(self.key.fields if self.key else ()), *self.also)
-
-    @cached_property
-    def reads(self) -> TreeReads:
-        """What is read of an event."""
-        return TreeReads(self.monitors.types.tree, [field.path for field in self.fields])
-
-    @property
-    def every(self) -> bool:
-        """Whether the time of each event counts; a text of a backend does not say what it makes of times."""
-        monitors = self.monitors
-        return monitors.may_be_late if monitors.engines else monitors.time is not None
-
-    @cached_property
-    def interest(self) -> Interest:
-        """What of an event is looked at, where nobody wants to see all of it."""
-        also = (name for one in self.fields for name in (one.text, one.path[0]))
-        found = Interest.of(self.reads, (TIME, *told_fields(self.monitors.types.tree), *also))
-        # What concerns nothing is counted by the key that it has, has its place in the order, and is late or not.
-        counted_only = self.plain and not self.every and found.fields is not None
-        return replace(found, may_be=self.monitors.types.may_be) if counted_only else found
-
-    @cached_property
-    def fast_reader(self) -> FastReader | None:
-        """What reads files quickly, or None where every event has to be seen as it stands."""
-        # Where every event counts, those that concern nothing would have to be given to the monitors of their keys.
-        each = self.key is not None and self.monitors.counts_all
-        if each or any(len(field.path) > 1 for field in self.fields):
-            return None
-        types, names = self.monitors.types, [field.text for field in self.fields]
-        possible = (lambda _: True) if self.every else types.possible
-        fields, time = plain_fields(self.reads, (TIME, *told_fields(types.tree), *names)), exact_time(types.tree)
-        if not fields or time in names:
-            return None
-        return FastReader(self.reads, possible, fields, time=time, strict=self.strict_json, kept=names)
-
-
-@dataclass(slots=True)
-class Totals:
-    """What several traces held, if that is wanted, what was doubtful about them, and what other semantics makes of those that ended in ⊥."""
-
-    statistics: Statistics | None
-    oversights: Oversights
-    hindsight: Hindsight | None = None
-
-    def merge(self, other: Self) -> None:
-        """Add those of later traces."""
-        if self.statistics is not None and other.statistics is not None:
-            self.statistics.merge(other.statistics)
-        self.oversights.merge(other.oversights)
-        if self.hindsight is not None and other.hindsight is not None:
-            self.hindsight.merge(other.hindsight)
 
 
 @dataclass(eq=False)
@@ -539,8 +89,8 @@ class TraceRun:
     prefix: str = ""
 
     def __post_init__(self) -> None:
-        if self.totals.hindsight is not None:
-            self.totals.hindsight.forget()
+        if self.totals.semantics_hint is not None:
+            self.totals.semantics_hint.forget()
         monitors, by = self.plan.monitors, self.plan.order_by
         self.ordering = None if by is None else Ordering(by, window=self.plan.window, time=monitors.time)
         name = TIME if monitors.time is None else ".".join(monitors.time.field)
@@ -595,7 +145,7 @@ class TraceRun:
         keyed_by, known = self._key_names[0] if len(self._key_names) == 1 else "", self._passed
         fills = fresh.counts_all
         look_up, may_be_late = fresh.types.of, fresh.may_be_late
-        oversights, hindsight = self.totals.oversights, self.totals.hindsight
+        data_warnings, semantics_hint = self.totals.data_warnings, self.totals.semantics_hint
         for batch in self._batches(source, name, line, by_blocks=by_blocks, live=live, jobs=jobs):
             before, statistics, clock = self.number, self.totals.statistics, self.clock
             watch: MonitoredTrace | None = self.watch
@@ -621,9 +171,9 @@ class TraceRun:
                     late = may_be_late and watch is not None and watch.monitors.engines[0].is_late(event)
                     relevant = True
                     if watch is not None and late:
-                        oversights.note_late(event, number, prefix, watch.monitors.engines[0].latest)
+                        data_warnings.note_late(event, number, prefix, watch.monitors.engines[0].latest)
                     elif sight.looked_at or type(event) is not dict:
-                        oversights.see(event, number, prefix, sight)
+                        data_warnings.see(event, number, prefix, sight)
                     if statistics is not None:
                         if late or (sight.plain and sight.noted is statistics):
                             statistics.events += 1
@@ -635,8 +185,8 @@ class TraceRun:
                     if watch is None:
                         continue
                     watch.events += 1
-                    if hindsight is not None and not late and (sight.entries or sight.decided.open):
-                        hindsight.keep(id(watch), number, event)
+                    if semantics_hint is not None and not late and (sight.entries or sight.decided.open):
+                        semantics_hint.keep(id(watch), number, event)
                     if relevant or not (skips or (unfit and not sight.ignored and not sight.decided.open)):
                         monitors = watch.monitors
                         changed = monitors.step(event, number, sight)
@@ -691,7 +241,7 @@ class TraceRun:
         counts = list[tuple[Sight, tuple[str, ...] | None, int]]()
         for sight, group in groups:
             calm = set[bool | None]()
-            parts = sight.parted(group) if totals.oversights.are_good(group, sight) else None
+            parts = sight.parted(group) if totals.data_warnings.are_good(group, sight) else None
             for names, some in parts or ():
                 if sight.constant != ():
                     counts.append((sight, names, len(some.events)))
@@ -725,10 +275,12 @@ class TraceRun:
                 totals.statistics.add(event, number, self.prefix)
         for watch, number in watches:
             watch.events += number
-        if totals.hindsight is not None and not all(totals.hindsight.is_full(id(watch)) for watch, _ in watches):
+        if totals.semantics_hint is not None and not all(
+            totals.semantics_hint.is_full(id(watch)) for watch, _ in watches
+        ):
             for number, event in numbered(entries):
                 own = self._passed[event[keyed_by],] if keyed_by else self.watch
-                totals.hindsight.keep(id(own), number, event)
+                totals.semantics_hint.keep(id(own), number, event)
         if self.clock is not None and concerned:
             told = bodies if len(concerned) == len(groups) else [event for _, event in numbered(concerned)]
             self.clock.see_all(told, (number for number, _ in numbered(concerned)))
@@ -761,13 +313,13 @@ class TraceRun:
             if by_blocks and ordering is None:
                 quick, found = _batched(found), ()
         elif isinstance(source, IOBase):
-            if quickly and plan.fast_reader is not None:
+            if quickly and plan.block_reader is not None:
                 how: dict[str, Any] = {"reached": source.reach} if isinstance(source, LinesRead) else {}
                 given, found = cast("BufferedIOBase", source), ()
                 if jobs > 1:
-                    quick = read_in_processes(plan.fast_reader, given, name, jobs=jobs, line=line, **how)
+                    quick = read_in_processes(plan.block_reader, given, name, jobs=jobs, line=line, **how)
                 else:
-                    quick = plan.fast_reader.read(given, name, line=line, live=live, **how)
+                    quick = plan.block_reader.read(given, name, line=line, live=live, **how)
             else:
                 found = read(cast("BinaryIO", source), name=name, reads=plan.reads, line=line, strict=plan.strict_json)
         try:
@@ -897,13 +449,16 @@ class TraceRun:
     def state(self) -> Any:
         """What `restore` needs to go on from here, in classes that hold data only."""
         watches = [(watch.key, watch.monitors.snapshot, watch.events) for watch in self.watches]
-        without, totals = (self._without_key, self._first_without_key), (self.totals.statistics, self.totals.oversights)
+        without, totals = (
+            (self._without_key, self._first_without_key),
+            (self.totals.statistics, self.totals.data_warnings),
+        )
         return watches, without, self.buffer.known, self.clock, self.ordering, totals
 
     def restore(self, state: Any, number: int) -> None:
         """Go on from a state after the event of that number."""
-        watches, without, known, self.clock, self.ordering, (statistics, self.totals.oversights) = state
-        self.totals.oversights.attach(self.plan.monitors.types)
+        watches, without, known, self.clock, self.ordering, (statistics, self.totals.data_warnings) = state
+        self.totals.data_warnings.attach(self.plan.monitors.types)
         self.number = number
         self._without_key, self._first_without_key = without
         if statistics is not None:
@@ -923,8 +478,8 @@ class TraceRun:
         for watch in self.watches:
             for listener in self.listeners:
                 listener.end(watch)
-            if self.totals.hindsight is not None and watch.monitors.verdicts[0] is Verdict.FALSE:
-                self.totals.hindsight.look(id(watch), self.prefix)
+            if self.totals.semantics_hint is not None and watch.monitors.verdicts[0] is Verdict.FALSE:
+                self.totals.semantics_hint.look(id(watch), self.prefix)
 
     def stop(self) -> None:
         """The trace cannot be read further; where it never began, nobody is told."""

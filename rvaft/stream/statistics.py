@@ -30,7 +30,7 @@ LOOKED_AT: Final = 20
 MOST: Final = 10_000
 """How many different such strings are told apart; events with others are not looked at."""
 UNSEEN: Final[tuple[int, ...]] = (-1,)
-"""In place of letters where oversights did not look yet, or where the shape does not say which there are."""
+"""In place of letters where data_warnings did not look yet, or where the shape does not say which there are."""
 
 Path = tuple[str, ...]
 
@@ -40,7 +40,7 @@ class Sight:
 
     All such events are relevant of the `constant` types unless they are ignored, or, where that is None, this has to be asked of each; with `plain`
     whatever else they hold. `noted` are the statistics that know these types as seen, `monitored` is what the shape says to each monitor, `looked_at`
-    the letters of which oversights ask something, and `good` what they know to be well: who knows it, since when, of which fields, and the types there.
+    the letters of which data_warnings ask something, and `good` what they know to be well: who knows it, since when, of which fields, and the types there.
     """
 
     __slots__ = (

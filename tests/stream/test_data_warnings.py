@@ -11,18 +11,18 @@ from hypothesis import strategies as st
 from rvaft import loads
 from rvaft.model.guards import value, variables
 from rvaft.model.values import is_number
-from rvaft.monitoring import hindsight
-from rvaft.monitoring.hindsight import Hindsight
-from rvaft.monitoring.near_misses import EventTypeIndex
-from rvaft.monitoring.oversights import MOST, Oversights
+from rvaft.stream import semantics_hint
+from rvaft.stream.data_warnings import MOST, DataWarnings
+from rvaft.stream.semantics_hint import SemanticsHint
+from rvaft.stream.statistics import EventTypeIndex
 
 EVENTS = "event e(v) = { e: v }; event f(v) = { f: v }; event d(v) = { d: { v: v } };"
 """Two types that the shape of an event decides, and one that it does not."""
 
 
-def seen(tree: str, events: Sequence[dict[str, Any]]) -> Oversights:
+def seen(tree: str, events: Sequence[dict[str, Any]]) -> DataWarnings:
     types = EventTypeIndex(loads(tree))
-    found = Oversights(types)
+    found = DataWarnings(types)
     for number, event in enumerate(events, 1):
         found.see(event, number, "", types.of(event))
     return found
@@ -85,7 +85,7 @@ def test_an_ignored_event_needs_no_time_and_a_guard_of_an_ignore_counts() -> Non
 def test_counts_are_pickled_and_added() -> None:
     tree = f"{EVENTS} top or a b; a on e(X) when X > 1; b;"
     one, other = seen(tree, [{"e": "a"}]), seen(tree, [{"e": 2}, {"e": "b"}, {"e": "c"}])
-    again: Oversights = pickle.loads(pickle.dumps(one))
+    again: DataWarnings = pickle.loads(pickle.dumps(one))
     again.attach(EventTypeIndex(loads(tree)))
     again.merge(other)
     assert [*again.lines] == ['undefined guard in 3 events: X > 1 of a, where X is a string ("a") (first: event 1)']
@@ -95,8 +95,8 @@ def test_counts_are_pickled_and_added() -> None:
     ("name", "bound", "said"), [("ROOM", 3, "event 4"), ("LIMIT", 1, "event 1"), ("SECONDS", -1.0, "event 1")]
 )
 def test_looking_back_is_bounded(name: str, bound: float, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hindsight, name, bound)
-    found = Hindsight(loads("event e(v) = { e: v }; top sand a b; a on e(X); b on e(Y) when Y == X - 5;"))
+    monkeypatch.setattr(semantics_hint, name, bound)
+    found = SemanticsHint(loads("event e(v) = { e: v }; top sand a b; a on e(X); b on e(Y) when Y == X - 5;"))
     for number in range(1, 9):
         found.keep(1, number, {"e": number})
     found.look(1, "")

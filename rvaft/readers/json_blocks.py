@@ -96,7 +96,7 @@ def _blocks(
 
 
 def plain_fields(reads: TreeReads, also: Iterable[str] = ()) -> Sequence[str]:
-    """The fields that a `FastReader` decodes, those to keep `also`; none for a tree whose logs are left to `rvaft.readers.json_lines`.
+    """The fields that a `JsonBlockReader` decodes, those to keep `also`; none for a tree whose logs are left to `rvaft.readers.json_lines`.
 
     Such a tree tells no events apart by strings, wants more than fields, or fields whose names a line could write in more ways
     than one, escapes of ASCII by their number aside.
@@ -113,7 +113,7 @@ def exact_time(tree: RVAFT) -> str | None:
     return time.field[0] if time is not None and time.format.value in UNITS and len(time.field) == 1 else None
 
 
-class FastReader:
+class JsonBlockReader:
     """Reads logs for one tree; `possible` says whether events with given values in the discriminating fields are of interest.
 
     Of events it decodes only these `fields`, in that of the `time` numbers as exactly as they are written. The values of one

@@ -22,25 +22,17 @@ from rvaft.errors import OptionError, TooLarge
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
-from rvaft.monitoring import fast_reader, run
-from rvaft.monitoring.monitor_set import MonitorSet, Per, columns
-from rvaft.monitoring.near_misses import Statistics
-from rvaft.monitoring.oversights import Oversights, Reason
-from rvaft.monitoring.run import (
-    Backwards,
-    EventBuffer,
-    Field,
-    Key,
-    Listener,
-    MonitoredTrace,
-    MonitoringPlan,
-    OrderedField,
-    Ordering,
-    Totals,
-    TraceRun,
-    VerdictChange,
-)
+from rvaft.readers import json_blocks
 from rvaft.readers.json_lines import LinesRead, read
+from rvaft.stream import run
+from rvaft.stream.data_warnings import DataWarnings, Reason
+from rvaft.stream.keys import Field, Key
+from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, VerdictChange
+from rvaft.stream.monitor_set import MonitorSet, Per, columns
+from rvaft.stream.order import Backwards, OrderedField, Ordering
+from rvaft.stream.plan import MonitoringPlan, Totals
+from rvaft.stream.run import TraceRun
+from rvaft.stream.statistics import Statistics
 from tests.benchmarks.logs import ignoring_tree, inspections
 from tests.cli.runs import lines
 from tests.trees import shipped
@@ -169,7 +161,7 @@ def test_a_file_is_numbered_as_it_is_read(seed: int, suffix: str, tmp_path: Path
 
 
 def test_what_is_forgotten_is_looked_up_in_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rvaft.monitoring.run.BOUND", 3)
+    monkeypatch.setattr("rvaft.stream.listeners.BOUND", 3)
     log, packed = tmp_path / "log.jsonl", tmp_path / "log.gz"
     stream, file = EventBuffer(), EventBuffer(log)
     assert file.events([1]) == {}
@@ -220,7 +212,7 @@ def plan_of(
 
 
 def run_of(plan: MonitoringPlan, told: Told) -> TraceRun:
-    totals = Totals(Statistics(plan.monitors.types), Oversights(plan.monitors.types))
+    totals = Totals(Statistics(plan.monitors.types), DataWarnings(plan.monitors.types))
     return TraceRun(plan, "log", [told], totals, buffer=EventBuffer(reads=plan.reads))
 
 
@@ -237,7 +229,7 @@ def outcome(plan: MonitoringPlan, data: bytes) -> Any:
         statistics = run.totals.statistics
         assert statistics is not None
         counted: Any = statistics.events, statistics.relevant, statistics.never_seen, statistics.near_misses
-        monitors, missed = run.watch.monitors, run.totals.oversights.found
+        monitors, missed = run.watch.monitors, run.totals.data_warnings.found
         keys = [(repr(watch.key), watch.monitors.verdicts, watch.events) for watch in run.watches]
         watched = monitors.verdicts, monitors.found, missed, keys, run.number
         if error is not None and "different values" in error:  # it is read on before that is known
@@ -251,7 +243,7 @@ def outcome(plan: MonitoringPlan, data: bytes) -> Any:
 
 @pytest.fixture(autouse=True)
 def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fast_reader, "SIZE", 300)
+    monkeypatch.setattr(json_blocks, "SIZE", 300)
 
 
 def log_of(trace: Sequence[Json], random: Random) -> bytes:
@@ -292,7 +284,7 @@ def test_times_late_events_and_oversights_are_the_same_however_they_are_read(lat
         plan_of(loads(TIMED.replace("LATE", late)), semantics),
         set[Reason](),
     )
-    assert plan.fast_reader is not None
+    assert plan.block_reader is not None
     for _ in range(20):
         events: list[dict[str, Any]] = [
             {"topic": random.choice("tuvw"), "value": random.choice(VALUES), "at": random.choice(TIMES), "x": math.nan}
@@ -349,7 +341,7 @@ def test_keys_and_orders_are_the_same_however_they_are_read(keys: str, order: st
         )
         repeat = random.random() < 0.5
         plan = plan_of(TREE, semantics, repeat=repeat, key=key, order_by=order, window=window, max_keys=most)
-        assert (plan.fast_reader is None) is (key is not None and semantics is Semantics.STRICT)
+        assert (plan.block_reader is None) is (key is not None and semantics is Semantics.STRICT)
         outcome(plan, data)
 
 
@@ -423,9 +415,9 @@ def test_a_pause_is_at_the_end_of_lines_that_were_read(order: str | None, end: s
 
 
 def test_what_has_to_see_every_event_as_it_stands() -> None:
-    assert plan_of(TREE).fast_reader is not None
-    assert plan_of(TREE, key=Key.parse(["robot.id"])).fast_reader is None
-    assert plan_of(TREE, order_by="header.stamp").fast_reader is None
+    assert plan_of(TREE).block_reader is not None
+    assert plan_of(TREE, key=Key.parse(["robot.id"])).block_reader is None
+    assert plan_of(TREE, order_by="header.stamp").block_reader is None
     every = Told(every=True)
     every.whole = True
     list(run_of(plan_of(TREE), every).read(io.BytesIO(b'{"event": 1}'), "log", by_blocks=True))
@@ -524,7 +516,7 @@ def test_events_that_change_nothing_are_taken_at_once(
         )
         odd[number] = json.dumps(json.loads(odd[number]) | change)
     log.write_text("\n".join(odd), encoding="utf-8")
-    monkeypatch.setattr(fast_reader, "SIZE", 4000)
+    monkeypatch.setattr(json_blocks, "SIZE", 4000)
     arguments = ["monitor", str(tree), str(log), *options, *(["--semantics", semantics] if semantics else [])]
     told = []
     for few in (4, 10**9):

@@ -11,17 +11,16 @@ comparison with a string, and one of two variables by `!=`, become event types o
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from decimal import Decimal
-from itertools import combinations
+from itertools import combinations, product
 from math import comb, prod
 from typing import ClassVar, Final, assert_never
 
 from backends.rml import RmlBackend
 from backends.rml.writer.terms import LARGEST, RmlNames, applied, quoted, spellings
-from rvaft.analysis.normal_form import Body, Op, body
 from rvaft.capabilities import Capability, Feature
-from rvaft.core.branches import Branch, branches, or_gates
 from rvaft.core.passes import Pass
 from rvaft.core.property import EndInOrder, Property, Times, Within
 from rvaft.errors import NotExpressible, TooLarge
@@ -35,9 +34,10 @@ from rvaft.model.guards import (
     Operator,
     conjuncts,
     holds,
+    time_points,
 )
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import Causality
+from rvaft.model.nodes import Causality, Gate, Node
 from rvaft.model.patterns import (
     Anything,
     ListPattern,
@@ -49,7 +49,7 @@ from rvaft.model.patterns import (
     substitute,
     variables,
 )
-from rvaft.model.tree import RVAFT
+from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.verdict import Semantics
 
 SYMBOLS: Final = 10
@@ -58,6 +58,7 @@ CHARACTERS: Final = 100
 """How many characters of one term the limit allows for each term."""
 _AROUND: Final = 4
 """The symbols of an option `(a T_bc) \\/` beside those of its child."""
+_UNSAID: Final = "the paper does not say how"
 _AND, _OR = " /\\ ", " \\/ "
 _SIGNS: Final = {op: facts.sign for op, facts in OPERATORS.items()} | {Operator.AND: "&&", Operator.OR: "||"}
 _TOKEN: Final = re.compile(r"\w+|/\\|\\/|>>|[^\s\w]")
@@ -65,6 +66,45 @@ _TOKEN: Final = re.compile(r"\w+|/\\|\\/|>>|[^\s\w]")
 
 def _refusal(reason: str, semantics: Semantics, node: str) -> NotExpressible:
     return NotExpressible(reason, backend="rml-paper", semantics=semantics, nodes=[node])
+
+
+@dataclass(frozen=True, slots=True)
+class PaperBranch:
+    """A branch of a tree by its number; `choices` has the child that each of its `or` gates keeps."""
+
+    tree: RVAFT
+    number: int
+    choices: Mapping[str, str]
+
+    def children(self, name: str) -> tuple[str, ...]:
+        """The children of a node that the branch keeps."""
+        return (self.choices[name],) if name in self.choices else self.tree.nodes[name].children
+
+
+def or_gates(tree: RVAFT) -> list[str]:
+    """The reachable `or` gates, breadth first."""
+    order = dict.fromkeys([tree.root])
+    todo = [tree.root]
+    for name in todo:
+        todo.extend(child for child in tree.nodes[name].children if child not in order)
+        order.update(dict.fromkeys(tree.nodes[name].children))
+    return [name for name in order if tree.nodes[name].gate is Gate.OR]
+
+
+def paper_branches(tree: RVAFT) -> Iterator[PaperBranch]:
+    """All branches in the order of their numbers, by the definition.
+
+    A branch is a choice for each `or` gate, where the first gate varies fastest; a gate that it does not reach keeps its
+    first child.
+    """
+    gates, number = or_gates(tree), 0
+    for digits in product(*(range(len(tree.nodes[name].children)) for name in reversed(gates))):
+        chosen = dict(zip(gates, reversed(digits), strict=True))
+        branch = PaperBranch(tree, 0, {name: tree.nodes[name].children[digit] for name, digit in chosen.items()})
+        reached = set(reachable(tree.root, branch.children))
+        if all(name in reached for name, digit in chosen.items() if digit):
+            number += 1
+            yield PaperBranch(tree, number, {name: kept for name, kept in branch.choices.items() if name in reached})
 
 
 class PaperTypes:
@@ -185,14 +225,13 @@ class PaperTerms:
         if self._symbols > SYMBOLS * self._limit:
             raise TooLarge(f"symbols of the paper's VOT, {SYMBOLS} allowed for each term", limit=self._limit)
 
-    def term(self, branch: Branch, events: Mapping[str, str]) -> str:
+    def term(self, branch: PaperBranch, events: Mapping[str, str]) -> str:
         """The term of a branch, of the events of its nodes; the empty text for one without occurrences."""
         done: dict[str, str] = {}
         for node in branch.tree.bottom_up():
             self._count(1)
-            joined = body(node)
-            children = (branch.choices[node.name],) if node.name in branch.choices else joined.children
-            below = self._joined(joined, [done[c] for c in children if done[c]], f"V{branch.number}_{len(done)}")
+            children = branch.children(node.name)
+            below = self._joined(node, [done[c] for c in children if done[c]], f"V{branch.number}_{len(done)}")
             parts = [events.get(node.name, ""), below]
             in_order = parts if branch.tree.causality is Causality.TOP_DOWN else parts[::-1]
             done[node.name] = term = _sequence(part for part in in_order if part)
@@ -200,21 +239,23 @@ class PaperTerms:
                 raise TooLarge(f"characters of the paper's terms, {CHARACTERS} allowed for each", limit=self._limit)
         return done[branch.tree.root]
 
-    def _joined(self, joined: Body, parts: list[str], name: str) -> str:
-        match joined.op:
-            case Op.AT_LEAST:
-                missing = len(joined.children) - len(parts)  # children without occurrences count as observed
-                return self._unrolled(parts, max(joined.need - missing, 0), name)
-            case Op.ALL if len(parts) > 1:
+    def _joined(self, node: Node, parts: list[str], name: str) -> str:
+        match node.gate:
+            case Gate.VOT:
+                assert node.threshold is not None
+                missing = len(node.children) - len(parts)  # children without occurrences count as observed
+                return self._unrolled(parts, max(node.threshold - missing, 0), name)
+            case Gate.AND if len(parts) > 1:
                 return f"({' | '.join(parts)})"
-            case Op.SEQUENCE:
-                return _sequence(parts) if len(parts) > 1 else "".join(parts)
-            case Op.ONE | Op.ALL:
+            case Gate.SAND | Gate.SAND_RL:
+                ordered = parts if node.gate is Gate.SAND else parts[::-1]
+                return _sequence(ordered) if len(parts) > 1 else "".join(parts)
+            case None | Gate.OR | Gate.AND:
                 return _OR.join(parts)
-            case Op.EVENT | Op.CONDITION:
-                raise AssertionError(joined)
-            case never:
-                assert_never(never)
+            case Gate.PAND:
+                raise AssertionError("the paper has no pand")
+            case _:
+                assert_never(node.gate)
 
     def _unrolled(self, parts: list[str], k: int, name: str) -> str:
         """The hierarchy of terms that counts down from k: an equation for each set of children that is left, larger sets first."""
@@ -246,7 +287,7 @@ def _sequence(parts: Iterable[str]) -> str:
     return written
 
 
-def _folded(branch: Branch) -> dict[str, list[Guard]] | None:
+def _folded(branch: PaperBranch) -> dict[str, list[Guard]] | None:
     """For each occurrence of a branch the guards it checks: those whose last variable, in writing, it binds.
 
     None where the branch has no feasible scenario: a guard without variables does not hold, or nothing binds a variable of one.
@@ -260,7 +301,8 @@ def _folded(branch: Branch) -> dict[str, list[Guard]] | None:
             for variable in rigid_variables(pattern):
                 binder.setdefault(variable, name)
     place = {name: index for index, name in enumerate(guards)}
-    for guard in (guard for name in branch.nodes if (guard := tree.nodes[name].when) is not None):
+    kept = set(reachable(tree.root, branch.children))
+    for guard in (guard for name in tree.order if name in kept and (guard := tree.nodes[name].when) is not None):
         names = guard_variables(guard)
         if (not names and not holds(guard, {})) or any(name not in binder for name in names):
             return None
@@ -269,7 +311,7 @@ def _folded(branch: Branch) -> dict[str, list[Guard]] | None:
     return guards
 
 
-def _reading_order(branch: Branch) -> list[str]:
+def _reading_order(branch: PaperBranch) -> list[str]:
     """The nodes of a branch in the order in which its term is written, a shared one where it is written last.
 
     Found from the end of the term, where what comes first is the last.
@@ -285,18 +327,20 @@ def _reading_order(branch: Branch) -> list[str]:
         else:
             todo.append((name, True))
         if not closing:
-            kept = branch.choices.get(name)
-            todo.extend((child, False) for child in ((kept,) if kept else body(branch.tree.nodes[name]).children))
+            reverse = branch.tree.nodes[name].gate is Gate.SAND_RL
+            todo.extend((child, False) for child in branch.children(name)[:: -1 if reverse else 1])
     return list(order)[::-1]
 
 
 def specification(tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, int, int]:
     """The whole text, the number of tokens of its equations, and how many these are."""
+    for node in tree.top_down():  # a part that is impossible may have what the check of capabilities does not see
+        if node.gate is Gate.PAND or node.times > 1 or node.within is not None or time_points(node.when):
+            raise _refusal(_UNSAID, semantics, node.name)
     types, writer, terms = PaperTypes(semantics), PaperTerms(limit), list[str]()
-    ways = prod(len(tree.nodes[name].children) for name in or_gates(tree))
-    for branch in branches(tree):
-        if branch.number > limit:
-            break
+    if prod(len(tree.nodes[name].children) for name in or_gates(tree)) > limit:
+        raise TooLarge("branches of the paper's translation", limit=limit)
+    for branch in paper_branches(tree):
         guards = _folded(branch)
         if guards is not None:
             events = {
@@ -305,8 +349,6 @@ def specification(tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, i
                 if (pattern := tree.pattern(name)) is not None
             }
             terms.append(writer.term(branch, events))
-    if ways > limit:
-        raise TooLarge("branches of the paper's translation", limit=limit)
     terms = [term for term in terms if term]
     if not terms:
         reason = "as the paper unrolls the gates, every branch has a guard that never holds"
@@ -360,8 +402,8 @@ class RmlPaperBackend(RmlBackend):
     passes: ClassVar[tuple[Pass, ...]] = ()
     reasons: ClassVar[Mapping[Capability, str]] = {
         **RmlBackend.reasons,
-        **dict.fromkeys((Semantics, Times, EndInOrder, Within, Feature.TIME_POINTS), "the paper does not say how"),
+        **dict.fromkeys((Semantics, Times, EndInOrder, Within, Feature.TIME_POINTS), _UNSAID),
     }
 
     def _translated(self, prop: Property, semantics: Semantics, limit: int) -> tuple[str, int, int]:
-        return specification(self.plain(prop), semantics, limit)
+        return specification(prop.asked or prop.tree, semantics, limit)

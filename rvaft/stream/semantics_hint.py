@@ -27,7 +27,7 @@ _MEANING: Final = (
 )
 
 
-class Hindsight:
+class SemanticsHint:
     """Reads the traces, or keys, that ended in ⊥ again, unless that is not to be `tried`; `line` sums up what came of it."""
 
     def __init__(self, tree: RVAFT, *, tried: bool = True) -> None:
@@ -82,7 +82,7 @@ class Hindsight:
         self._room = ROOM if self._tried else 0
         self._kept: dict[int, list[tuple[int, Json]]] = {}
 
-    def merge(self, other: "Hindsight") -> None:
+    def merge(self, other: "SemanticsHint") -> None:
         """Add what came of other traces."""
         self.ended += other.ended
         self.detecting += other.detecting

@@ -1,0 +1,3 @@
+a(position: int)
+b(position: int)
+c(position: int)

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from tests.contributing.copies import ROOT, Edit, Recipe
+from tests.contributing.copies import Edit, Recipe
 
 OPERATOR: Final[Recipe] = {
     "member": [Edit("rvaft/model/guards.py", '    MAX = "max"\n', '    LENGTH = "length"\n')],
@@ -32,14 +32,6 @@ OPERATOR: Final[Recipe] = {
 }
 """The function `length(X)`: the number of characters of a text."""
 
-ANALYSIS: Final = Edit(
-    "rvaft/analysis/normal_form.py",
-    "            return Body(Op.SEQUENCE, node.children[::-1], len(node.children))\n",
-    "        case Gate.INHIBIT:\n"
-    "            return Body(Op.SEQUENCE, (node.children[-1], *node.children[:-1]), len(node.children))\n",
-)
-"""The gate `inhibit` for the modules that still follow the nodes of a tree."""
-
 _TABLES: Final = {
     "rvaft/export/layout.py": '    Gate.INHIBIT: ("INHIBIT", "all, from left to right, but the last one first"),\n',
     "rvaft/export/dot.py": '    Gate.INHIBIT: "shape=house, orientation=180, height=0.22",\n',
@@ -62,7 +54,6 @@ GATE: Final[Recipe] = {
             "            return EndInOrder(source, parts)\n",
             "        case Gate.INHIBIT:\n            return Sequence(source, (parts[-1], *parts[:-1]))\n",
         ),
-        *([ANALYSIS] if (ROOT / ANALYSIS.file).exists() else []),
     ],
     "drawings": [
         *(Edit(file, _LAST[file], text) for file, text in _TABLES.items()),

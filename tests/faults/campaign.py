@@ -46,7 +46,7 @@ BACKENDS: Final = ("automaton", "ltlf", "rml")
 ROOMS: Final[dict[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {
     ENGINE: (("rvaft/engine",), (ENGINE,)),
     **{name: ((f"backends/{name}",), (name,)) for name in BACKENDS},
-    "shared": (("rvaft", "rvaft/support", "rvaft/model", "rvaft/analysis"), (ENGINE, *BACKENDS)),
+    "shared": (("rvaft", "rvaft/support", "rvaft/model", "rvaft/core"), (ENGINE, *BACKENDS)),
 }
 """The folders of each, and who is wrong where they are. The reference has no part in them."""
 EFFORT: Final = Effort(words=60, traces=16)

@@ -1,1 +1,0 @@
-"""What is asked of trees, patterns and guards before any event comes."""

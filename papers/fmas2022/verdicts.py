@@ -13,8 +13,8 @@ from cross_check.comparison import Roster
 from cross_check.participants import ENGINE, Absent, Outside, Participant, faithful_backends
 from cross_check.results import Job
 from papers.fmas2022 import printed
+from rvaft.api import branches
 from rvaft.backend import backend
-from rvaft.core.branches import branches
 from rvaft.errors import RvaftError
 from rvaft.export.property_text import property_sign
 from rvaft.model.tree import RVAFT

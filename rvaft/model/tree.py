@@ -4,7 +4,7 @@ The constructor checks what makes a structure a tree at all; the rules about sce
 """
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, partial
 from heapq import heappop, heappush
 from types import MappingProxyType
@@ -32,15 +32,13 @@ class Whole:
     tree: "RVAFT"
     branch: int | None = None
     kind: Kind | None = None
-    origins: Mapping[str, str] = field(default_factory=dict, hash=False)
 
 
 class RVAFT:
     """An attack-fault tree with runtime events.
 
-    `nodes` keeps the order of declaration. `alphabet` is what decides relevance under `projected`.
-    A tree restricted to some branches of another one is `part_of` it: it keeps the alphabet of the
-    whole, and `origins` maps its nodes to the whole's.
+    `nodes` keeps the order of declaration. `alphabet` decides relevance under `projected`. A tree that is
+    restricted to some branches of another tree is `part_of` it and keeps the alphabet of the whole.
 
     `topics` says where events come from in ROS, by absolute name (`/command`), `time` where an
     event has its time, `semantics` which one its author means; either may be None.
@@ -165,7 +163,7 @@ class RVAFT:
     def _patterns(self) -> Mapping[str, Pattern | None]:
         found: dict[str, Pattern | None] = {}
         for name, node in self.nodes.items():
-            default = ObjectPattern((("event", Literal(self.origins.get(name, name))),)) if node.has_event else None
+            default = ObjectPattern((("event", Literal(name)),)) if node.has_event else None
             found[name] = default if node.on is None else self.instantiate(node.on)
         return found
 
@@ -191,11 +189,6 @@ class RVAFT:
     def restricted(self) -> bool:
         """Whether the tree is a part of another one and keeps the alphabet of that."""
         return self.part_of is not None
-
-    @property
-    def origins(self) -> Mapping[str, str]:
-        """Of a restricted tree: the name that each copied node has in the whole."""
-        return {} if self.part_of is None else self.part_of.origins
 
     @cached_property
     def alphabet(self) -> tuple[Relevant, ...]:

@@ -143,8 +143,7 @@ def observe(tree: RVAFT, node: Node, event: Any, binding: Binding) -> Binding | 
     Clause: a leaf with neither event nor guard observes the default event `{"event": "<its name>"}`.
     """
     if node.on is None:
-        name = tree.origins.get(node.name, node.name)
-        return binding if isinstance(event, dict) and "event" in event and same(event["event"], name) else None
+        return binding if isinstance(event, dict) and "event" in event and same(event["event"], node.name) else None
     found = matches(tree.events[node.on.event].pattern, event, binding, arguments(tree, node.on))
     return None if found is None else {name: value for name, value in found.items() if not name.startswith("_")}
 

@@ -197,7 +197,7 @@ def relevance(whole: Callable[[RVAFT], RVAFT]) -> Mistake:
         other = whole(tree if tree.part_of is None else tree.part_of.tree)
         if other.alphabet == tree.alphabet:
             return tree
-        return rebuilt(tree, part_of=Whole(other, origins=tree.origins))
+        return rebuilt(tree, part_of=Whole(other))
 
     return wrong
 

@@ -27,11 +27,11 @@ from rvaft.readers.log import InputOptions, LogReader, expanded, required_stream
 from rvaft.rules.rule import listing
 from rvaft.stream.checkpoint import EVERY, CheckpointFile
 from rvaft.stream.detection import Hooks
-from rvaft.stream.keys import Field, Key
+from rvaft.stream.keys import MAX_KEYS, Field, Key
 from rvaft.stream.listeners import publisher_class
 from rvaft.stream.monitor_set import MonitorSet, Per, columns
 from rvaft.stream.order import DEFAULT_WINDOW
-from rvaft.stream.plan import MAX_KEYS, MonitoringPlan
+from rvaft.stream.plan import MonitoringPlan
 
 TERMINAL: Final = "-"
 """In place of a file: draw among the text."""

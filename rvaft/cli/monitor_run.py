@@ -9,7 +9,7 @@ from functools import partial
 from io import BytesIO
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
-from typing import Any, BinaryIO, Final, NamedTuple, cast
+from typing import BinaryIO, Final, NamedTuple, cast
 
 import click
 
@@ -20,14 +20,14 @@ from rvaft.export import PICTURES, fired_dot, fired_text, picture
 from rvaft.model.values import Json
 from rvaft.readers.json_lines import LinesRead
 from rvaft.readers.log import Live, Log, LogReader, LogSource, open_log, source_of, suffix
-from rvaft.readers.parallel_blocks import STRETCH
+from rvaft.stream import bulk
 from rvaft.stream.checkpoint import open_at
 from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.detection import detection
 from rvaft.stream.follow import FollowedFile, stopping
 from rvaft.stream.listeners import EventBuffer, Listener, VerdictChange
 from rvaft.stream.plan import MonitoringPlan, Totals
-from rvaft.stream.run import TraceRun
+from rvaft.stream.run import Source, TraceRun
 from rvaft.stream.semantics_hint import SemanticsHint
 from rvaft.stream.statistics import Statistics
 from rvaft.support.files import SUFFIXES as COMPRESSED
@@ -239,7 +239,7 @@ class _Run(Listener):
 
     def _readers(self, trace: TraceSource) -> int:
         """How many processes read a trace. What is not printed when they begin would be printed by each."""
-        if not trace.is_plain or trace.size <= STRETCH:
+        if not trace.is_plain or trace.size <= bulk.STRETCH:
             return 1
         self.sink.flush()
         return self.jobs
@@ -297,8 +297,10 @@ class _Run(Listener):
             self._log = trace.log(stream or source, self.settings.plan, line + 1, live, sink if follow else None)
             seldom = not follow and (kept is None or kept.every >= _OFTEN)
             by_blocks = seldom if self._log is None else not (at_once or stream)
-            how: dict[str, Any] = {"by_blocks": by_blocks, "live": at_once, "jobs": self._readers(trace)}
-            for going_on in run.read(cast("BinaryIO", self._log or stream or source), trace.name, line=line + 1, **how):
+            given, jobs = cast("Source", self._log or stream or source), self._readers(trace)
+            for going_on in bulk.read(
+                run, given, trace.name, line=line + 1, by_blocks=by_blocks, live=at_once, jobs=jobs
+            ):
                 if at_once:
                     sink.flush()
                 keep(ended=not going_on)

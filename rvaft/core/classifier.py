@@ -6,21 +6,24 @@ patterns: those that ask for literals and for the presence of fields. The others
 one fits has to be asked of the event itself.
 """
 
-from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
+import sys
+from bisect import bisect_left, bisect_right
+from collections import Counter
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field
-from operator import itemgetter
+from functools import cached_property
 from typing import Final, Generic, NamedTuple, TypeAlias, TypeVar
 
-from rvaft.model.guards import Alike, Guard, H, Outcomes, Predicate, by_outcome, predicate, renamed
+from rvaft.model.guards import OPERATORS, ORDERINGS, Guard, Operation, Predicate, predicate, renamed
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match, rigid
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json, key
+from rvaft.model.values import Json, is_finite, is_number, key
 
 T = TypeVar("T")
+H_co = TypeVar("H_co", covariant=True)
 
 MEMORY: Final = 4096
 """How many shapes are remembered; then the memory starts afresh."""
@@ -52,7 +55,7 @@ class Flat(NamedTuple):
 
     def fits(self, event: Mapping[str, Json]) -> bool:
         """Whether an event matches the pattern."""
-        return all(_key(event, field) == value for field, value in self.literals.items()) and all(
+        return all(key_at(event, field) == value for field, value in self.literals.items()) and all(
             field in event for field in self.variables
         )
 
@@ -80,7 +83,7 @@ class FirstLiterals:
         found = list(self.rest)
         if isinstance(event, Mapping):
             for field, table in self.by_field.items():
-                found.extend(table.get(_key(event, field), ()))
+                found.extend(table.get(key_at(event, field), ()))
             found.sort()
         return found
 
@@ -106,15 +109,17 @@ class PatternIndex(Generic[T]):
             asked.setdefault(field, set()).add(type(value))
         texts = tuple(field for field, types in asked.items() if types == {str})
         self._shape = _shape_by(texts, names=any(one.variables for one in self._flat.values()))
-        self._texts, self._groups = texts, _groups_by(texts)
-        self._others = tuple(field for field, types in asked.items() if types != {str})
+        self.texts = texts
+        """The fields where every literal of a pattern is a string."""
+        self.others = tuple(field for field, types in asked.items() if types != {str})
+        """The other fields where patterns have literals."""
 
     def of(self, event: Mapping[str, Json]) -> T:
         """What was derived for the shape of an event."""
         # Python takes 1 and True for equal. Where only strings are asked for, neither is one; else their keys differ.
         shape = self._shape(event)
-        if self._others:
-            shape = (*shape, *[_key(event, field) for field in self._others])
+        if self.others:
+            shape = (*shape, *[key_at(event, field) for field in self.others])
         try:
             return self._memory[shape]
         except KeyError:
@@ -126,19 +131,6 @@ class PatternIndex(Generic[T]):
                 self._memory.clear()
             self._memory[shape] = found
         return found
-
-    def groups(self, events: Sequence[Mapping[str, Json]]) -> list[tuple[T, Alike]] | None:
-        """The events of each shape, in order, with what was derived for it; None where some cannot be told apart."""
-        try:
-            groups = self._groups(events)
-            if self._others or not all(map(_have_the_same_fields, groups)):
-                by_shape = defaultdict[Hashable, list[Mapping[str, Json]]](list)
-                for event in events:
-                    by_shape[*event, *[_key(event, field) for field in (*self._texts, *self._others)]].append(event)
-                groups = by_shape.values()
-        except TypeError:  # a list or an object where patterns have strings
-            return None
-        return [(self.of(group[0]), Alike(group)) for group in groups]
 
     def _decide(self, event: Mapping[str, Json]) -> Decided:
         candidates = self._filed.candidates(event)
@@ -173,41 +165,6 @@ def _shape_by(fields: tuple[str, ...], *, names: bool) -> Callable[[Mapping[str,
             return lambda event: (*event, *map(event.get, fields))
 
 
-_Groups: TypeAlias = Collection[Sequence[Mapping[str, Json]]]
-
-
-def _groups_by(fields: tuple[str, ...]) -> Callable[[Sequence[Mapping[str, Json]]], _Groups]:
-    """Events apart by how many fields they have, and by what they have in these; without a call for each event."""
-
-    def groups(events: Sequence[Mapping[str, Json]]) -> _Groups:
-        found = defaultdict[Hashable, list[Mapping[str, Json]]](list)
-        match fields:
-            case (one,):
-                for event in events:
-                    found[len(event), event.get(one)].append(event)
-            case (one, two):
-                for event in events:
-                    found[len(event), event.get(one), event.get(two)].append(event)
-            case (one, two, three):
-                for event in events:
-                    found[len(event), event.get(one), event.get(two), event.get(three)].append(event)
-            case _:
-                for event in events:
-                    found[len(event), *map(event.get, fields)].append(event)
-        return found.values()
-
-    return groups
-
-
-def _have_the_same_fields(events: Sequence[Mapping[str, Json]]) -> bool:
-    """Whether events with equally many fields have the same ones."""
-    try:
-        deque(map(itemgetter(*events[0]), events) if events[0] else (), maxlen=0)
-    except KeyError:
-        return False
-    return True
-
-
 def flat(pattern: Pattern) -> Flat | None:
     """A pattern as a shape decides it, or None where it does not."""
     if not isinstance(pattern, ObjectPattern):
@@ -232,7 +189,8 @@ def literals_of(pattern: Pattern) -> dict[str, Hashable]:
     return {field: key(part.value) for field, part in fields if isinstance(part, Literal)}
 
 
-def _key(event: Mapping[str, Json], field: str) -> Hashable:
+def key_at(event: Mapping[str, Json], field: str) -> Hashable:
+    """The key of the value in a field; one key for all objects and lists, and for an absent field."""
     value: Hashable = event.get(field, _NOT_THERE)
     if type(value) in _PLAIN:
         return value
@@ -442,11 +400,108 @@ def _values(fields: tuple[tuple[str, str], ...]) -> Values:
             return lambda event: {name: event[field] for name, field in fields}
 
 
-def outcomes(asked: Sequence[Guard | None], derive: Callable[[Callable[[int], bool]], H]) -> Outcomes[H]:
-    """What is derived of which of some guards hold of an event, those that are None always.
+_LARGEST: Final = sys.float_info.max
 
-    `derive` asks by their places.
+
+@dataclass(frozen=True, eq=False)
+class GuardTable(Generic[H_co]):
+    """From an event to what follows from which of some guards hold of it; derived once for each set of guards that comes.
+
+    `of` reads the table, and `held` gives the guards that hold as bits.
+    """
+
+    guards: tuple[Guard, ...]
+    of: Callable[[Mapping[str, Json]], H_co]
+    held: Callable[[Mapping[str, Json]], int]
+
+    @cached_property
+    def field(self) -> str | None:
+        """The one field that all guards ask for, if there is one."""
+        names = {name for guard in self.guards for name in guard_variables(guard)}
+        return names.pop() if len(names) == 1 else None
+
+    @cached_property
+    def ordered(self) -> bool:
+        """Whether each guard holds from some number on, or up to one."""
+        orders = all(isinstance(guard, Operation) and guard.operator in ORDERINGS for guard in self.guards)
+        return orders and compared_numbers(self.guards) is not None
+
+
+def guard_table(asked: Sequence[Guard | None], derive: Callable[[Callable[[int], bool]], H_co]) -> GuardTable[H_co]:
+    """The table over these guards, of which those that are None always hold; `derive` asks by their numbers which hold.
+
+    >>> past = lambda number: Operation(Operator.GT, (Variable("X"), Literal(number)))
+    >>> table = guard_table([past(1), None, past(5)], lambda holds: [number for number in range(3) if holds(number)])
+    >>> table.of({"X": 0}), table.of({"X": 3}), table.of({"X": 9}), table.of({"X": "a"})
+    ([1], [0, 1], [0, 1, 2], [1])
     """
     places: dict[Guard, int] = {}
     bit = [0 if guard is None else 1 << places.setdefault(guard, len(places)) for guard in asked]
-    return by_outcome([*places], lambda held: derive(lambda place: held & bit[place] == bit[place]))
+    return _table_by_bits(tuple(places), lambda held: derive(lambda place: held & bit[place] == bit[place]))
+
+
+def _table_by_bits(guards: tuple[Guard, ...], derive: Callable[[int], H_co]) -> GuardTable[H_co]:
+    """The table of what is derived from the guards that hold, as bits.
+
+    If all guards compare one variable with numbers, an entry is found by the place of its value among these numbers.
+    """
+    memory: dict[int, H_co] = {}
+    asked = [(1 << place, predicate(guard)) for place, guard in enumerate(guards)]
+
+    def derived(event: Mapping[str, Json]) -> H_co:
+        return derived_of(held(event))
+
+    def held(event: Mapping[str, Json]) -> int:
+        return sum([bit for bit, holds in asked if holds(event)])
+
+    def derived_of(bits: int) -> H_co:
+        try:
+            return memory[bits]
+        except KeyError:
+            found = memory[bits] = derive(bits)
+        if len(memory) > MEMORY:
+            memory.clear()
+        return found
+
+    if not guards:
+        always = derive(0)
+        return GuardTable((), lambda _: always, lambda _: 0)
+    compared = compared_numbers(guards)
+    if compared is None:
+        if len(guards) == 1:
+            ((_, holds_alone),) = asked
+            return GuardTable(guards, lambda event: derived_of(1 if holds_alone(event) else 0), held)
+        return GuardTable(guards, derived, held)
+    name, points = compared
+    by_place: dict[int, H_co] = {}
+    """By the place of the value: before the first of the numbers, at it, between it and the second, and so on."""
+
+    def placed(event: Mapping[str, Json]) -> H_co:
+        value = event[name]
+        if type(value) is not int and not (type(value) is float and -_LARGEST <= value <= _LARGEST):
+            return derived(event)
+        place = bisect_left(points, value) + bisect_right(points, value)
+        try:
+            return by_place[place]
+        except KeyError:
+            found = by_place[place] = derived(event)
+        if len(by_place) > MEMORY:
+            by_place.clear()
+        return found
+
+    return GuardTable(guards, placed, held)
+
+
+def compared_numbers(guards: Iterable[Guard]) -> tuple[str, list[int | float]] | None:
+    """The one variable that all guards compare with numbers, and these numbers in order; None if there is no such variable."""
+    names, points = set[str](), set[int | float]()
+    for guard in guards:
+        match guard:
+            case Operation(operator, (Variable(name), Literal(number))) if OPERATORS[operator].compare:
+                if not isinstance(number, (int, float)) or not is_number(number) or not is_finite(number):
+                    return None
+                names.add(name)
+                points.add(number)
+            case _:
+                return None
+    return (names.pop(), sorted(points)) if len(names) == 1 else None

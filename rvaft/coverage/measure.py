@@ -1,6 +1,6 @@
 """Coverage of the branches of a tree by several logs."""
 
-from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
 from io import BufferedIOBase, IOBase
@@ -31,8 +31,8 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Awaited
-from rvaft.readers.json_blocks import JsonBlockReader, exact_time, plain_fields
 from rvaft.readers.json_lines import read
+from rvaft.stream import bulk
 from rvaft.stream.data_warnings import DataWarning, DataWarnings
 from rvaft.stream.statistics import EventTypeIndex, Sight
 from rvaft.support.bits import bits
@@ -470,40 +470,27 @@ class Coverage:
 
     def _numbered(
         self, log: str, stream: BufferedIOBase, strict_json: bool, data_warnings: DataWarnings
-    ) -> Iterator[tuple[int, Json]]:
+    ) -> Iterable[tuple[int, Json]]:
         """The events of a log with their numbers; those that concern nothing are left out where that can be.
 
-        Of many events in which there is nothing to see the last stands for all.
+        Of a block of events that concern nothing the last stands for all.
         """
-        reads, time = TreeReads(self.tree), self.tree.time
-        fields = () if self.semantics is Semantics.STRICT else plain_fields(reads, time.field[:1] if time else ())
-        if not fields:
-            yield from enumerate(read(cast("BinaryIO", stream), name=log, reads=reads, strict=strict_json), 1)
-            return
-        every = time is not None and time.late is not None  # then the time of each event counts
-        before = 0
-        reader = JsonBlockReader(
-            reads,
-            (lambda _: True) if every else self._types.possible,
-            fields,
-            time=exact_time(self.tree),
-            strict=strict_json,
-        )
-        for batch in reader.read(stream, log):
-            calm = not every and self._are_calm([event for _, event in batch.events], data_warnings)
-            yield from ((before + place + 1, found) for place, found in batch.events[-1 if calm else 0 :])
-            before += batch.total
-
-    def _are_calm(self, events: Sequence[Json], data_warnings: DataWarnings) -> bool:
-        """Whether no event may be a node's or has something to be noted, as is easily seen of all."""
-        groups = self._types.groups(events) if set(map(type, events)) == {dict} else None
-        for sight, group in groups or ():
-            told = self._sketch(group.events[0], sight).told
-            if told is None or not data_warnings.are_good(group, sight):
-                return False
-            if any(one.relevant if self.semantics.projects else one.serving for one, _ in told.parted(group)):
-                return False
-        return bool(groups)
+        reads = TreeReads(self.tree)
+        found = None
+        if self.semantics is not Semantics.STRICT:
+            found = bulk.events_of_concern(
+                reads,
+                self._types,
+                stream,
+                log,
+                strict_json=strict_json,
+                warnings=data_warnings,
+                table=lambda event, sight: self._sketch(event, sight).told,
+                concerns=lambda told: told.relevant if self.semantics.projects else bool(told.serving),
+            )
+        if found is None:
+            found = enumerate(read(cast("BinaryIO", stream), name=log, reads=reads, strict=strict_json), 1)
+        return found
 
     def report(self) -> CoverageReport:
         """What the logs so far covered."""

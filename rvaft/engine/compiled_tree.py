@@ -21,10 +21,10 @@ from functools import cached_property
 from typing import Any, Final, NamedTuple, TypeAlias, assert_never
 
 from rvaft.core import property as core
-from rvaft.core.classifier import Decided, Letter, PatternIndex, Reader, outcomes, reader
+from rvaft.core.classifier import Decided, GuardTable, Letter, PatternIndex, Reader, guard_table, reader
 from rvaft.core.property import Part, Property, Source, fewest
 from rvaft.core.times import TimeDifference, differences
-from rvaft.model.guards import Guard, Outcomes, Predicate, TimePoint, conjuncts, predicate, time_points
+from rvaft.model.guards import Guard, Predicate, TimePoint, conjuncts, predicate, time_points
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import rigid_variables
 from rvaft.model.values import Json
@@ -319,8 +319,8 @@ class Sketch:
     letters: tuple[Admission, ...]
     serving: tuple[Admission, ...]
     ignored: tuple[Reader, ...]
-    told: "Outcomes[Told] | None" = None
-    followed: Any = None
+    told: "GuardTable[Told] | None" = None
+    followed: "GuardTable[FollowedLetters] | None" = None
     """What a strategy makes of it."""
 
 
@@ -332,7 +332,36 @@ class Told:
     serving: tuple[Admission, ...]
 
 
-def _told(sketch: Sketch) -> Outcomes[Told]:
+class Followed(NamedTuple):
+    """A letter that an event is, the nodes whose event that is, and what follows from its fields alone."""
+
+    letter: int
+    nodes: tuple[int, ...]
+    held: int
+    """The guards that hold, of those that the event alone decides."""
+    fields: Mapping[str, str]
+    """The fields that hold its variables."""
+    values: Callable[[Mapping[str, Json]], dict[str, Json] | None]
+
+
+@dataclass(slots=True, eq=False)
+class FollowedLetters:
+    """The letters that an event is, as far as they serve nodes."""
+
+    letters: tuple[Followed, ...]
+
+
+class Effect(NamedTuple):
+    """What events of one kind can do to a monitor now: whether they fit a node, and the letters that may change something.
+
+    Each letter has the fields that matter. It changes nothing if it is `inert` with the values there.
+    """
+
+    fits: bool
+    letters: Sequence[tuple[int, tuple[str, ...]]]
+
+
+def _told(sketch: Sketch) -> GuardTable[Told]:
     letters = len(sketch.letters)
 
     def derive(holds: Callable[[int], bool]) -> Told:
@@ -341,7 +370,7 @@ def _told(sketch: Sketch) -> Outcomes[Told]:
         relevant = not ignored and any(one.relevant for one in own)
         return Told(relevant, tuple(one for one in own if one.nodes))
 
-    return outcomes([one.asked for one in (*(one.reader for one in sketch.letters), *sketch.ignored)], derive)
+    return guard_table([one.asked for one in (*(one.reader for one in sketch.letters), *sketch.ignored)], derive)
 
 
 class TreeLetters:

@@ -3,16 +3,25 @@
 from collections.abc import Callable, Hashable, Mapping
 from typing import Any, ClassVar, Final, Self
 
+from rvaft.core.classifier import GuardTable
 from rvaft.core.passes import property_of, reduced
 from rvaft.core.property import All, Property
 from rvaft.engine.alternatives import Alternatives
-from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, Sketch, TreeLetters
+from rvaft.engine.compiled_tree import (
+    NOTHING,
+    CompiledTree,
+    Effect,
+    FollowedLetters,
+    Reading,
+    Sketch,
+    Told,
+    TreeLetters,
+)
 from rvaft.engine.explanation import explain, pending, together
 from rvaft.engine.partial_matches import Contiguous, Following
 from rvaft.engine.scattered_general import ScatteredMatches
 from rvaft.engine.scattered_linear import Earliest, linear_starts
 from rvaft.engine.settled_choices import SettledChoices
-from rvaft.model.guards import Alike
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
@@ -95,17 +104,32 @@ class Engine(Monitor):
             return self._strategy.read(event, sketch).relevant
         return sketch.told.of(event).relevant
 
-    def calm(self, events: Alike, sketch: Sketch) -> bool | None:
-        """Whether events of one shape, none of which can change anything, are relevant or fit a node; None where that is not seen of all together.
+    def kinds(self, sketch: Sketch) -> GuardTable[Told | FollowedLetters] | None:
+        """From an event of a shape to its kind, for `effect`; None where events have to be read one by one."""
+        match self._strategy:
+            case Earliest() | ScatteredMatches():
+                return self._strategy.kinds(sketch)
+            case Alternatives():
+                return None
+            case _:
+                return None if self._verdict is _UNKNOWN else sketch.told
 
-        Where a semantics leaves out what is not relevant, it is asked only after the verdict.
-        """
-        if isinstance(self._strategy, Earliest | ScatteredMatches):
-            return self._strategy.calm(events, sketch)
-        if sketch.told is None or isinstance(self._strategy, Alternatives) or self._verdict is _UNKNOWN:
-            return None
-        relevant = {told.relevant for told, _ in sketch.told.parted(events)}
-        return relevant.pop() if len(relevant) == 1 else None
+    def effect(self, kind: Told | FollowedLetters) -> Effect:
+        """What events of a kind can do now."""
+        match self._strategy, kind:
+            case Earliest(), Told():
+                return self._strategy.effect(kind)
+            case ScatteredMatches(), FollowedLetters():
+                return self._strategy.effect(kind)
+            case _, Told():
+                return Effect(kind.relevant, ())
+            case _:
+                raise TypeError(kind)
+
+    @property
+    def inert(self) -> set[Hashable] | frozenset[Hashable]:
+        """Letters with the values of their fields that are known to change nothing."""
+        return self._strategy.inert if isinstance(self._strategy, ScatteredMatches) else frozenset()
 
     @property
     def noted(self) -> bool:

@@ -16,9 +16,19 @@ from functools import partial
 from itertools import chain, islice, product
 from typing import Any, Final, NamedTuple
 
-from rvaft.core.classifier import outcomes
+from rvaft.core.classifier import GuardTable, guard_table
 from rvaft.core.times import Extreme, TimeDifference
-from rvaft.engine.compiled_tree import NOTHING, QUIET, CompiledTree, Reading, Sketch, TreeLetters
+from rvaft.engine.compiled_tree import (
+    NOTHING,
+    QUIET,
+    CompiledTree,
+    Effect,
+    Followed,
+    FollowedLetters,
+    Reading,
+    Sketch,
+    TreeLetters,
+)
 from rvaft.engine.configuration import SURE, Configuration, Witness, history
 from rvaft.engine.independent_parts import IndependentPart, independent_parts
 from rvaft.engine.partial_matches import Following, Matching
@@ -30,11 +40,9 @@ from rvaft.model.guards import (
     OPERATORS,
     ORDERINGS,
     UNDEFINED,
-    Alike,
     Guard,
     Operation,
     Operator,
-    Outcomes,
     Predicate,
     predicate,
     renamed,
@@ -47,8 +55,6 @@ from rvaft.support.bits import bits, mask_of, union
 
 MEMORY: Final = 500_000
 """How much is remembered of stages: each with the nodes that it knows flags of."""
-_OWN_KEYS: Final = frozenset({str, int})
-"""Types of values that stand for themselves among those that came to nothing."""
 REMEMBERED: Final = 20_000
 """How many values are remembered that change nothing, and of how many kinds of events what they may change."""
 FEW: Final = 1_000
@@ -328,18 +334,6 @@ class NewMatch(NamedTuple):
     rank: Rank
 
 
-class Followed(NamedTuple):
-    """A letter that an event is, the nodes whose event that is, and what follows from its fields alone."""
-
-    letter: int
-    nodes: tuple[int, ...]
-    held: int
-    """The guards that hold, of those that the event alone decides."""
-    fields: Mapping[str, str]
-    """The fields that hold its variables."""
-    values: Callable[[Mapping[str, Json]], dict[str, Json] | None]
-
-
 class Hopeful(NamedTuple):
     """A letter of which something may come, as long as its values were not there before; these are the fields that matter."""
 
@@ -348,13 +342,6 @@ class Hopeful(NamedTuple):
     held: int
     fields: tuple[str, ...]
     values: Callable[[Mapping[str, Json]], dict[str, Json] | None]
-
-
-@dataclass(slots=True, eq=False)
-class FollowedLetters:
-    """The letters that an event is, as far as they serve nodes."""
-
-    letters: tuple[Followed, ...]
 
 
 class ScatteredMatches(Following):
@@ -487,24 +474,24 @@ class ScatteredMatches(Following):
                         loud.append(LoudHit(values, watch, held, name))
         return Reading(False, loud) if loud else QUIET if fits else NOTHING
 
-    def calm(self, events: Alike, sketch: Sketch) -> bool | None:
-        """Whether events of one shape, none of which can change anything, fit a node; None where that is not seen of all together."""
-        if not sketch.serving or sketch.told is None:
-            return None if sketch.serving else False
+    def kinds(self, sketch: Sketch) -> GuardTable[FollowedLetters] | None:
+        """From an event of a shape to its kind, for `effect`; None where the kind has to be asked of each event."""
+        if sketch.told is None:
+            return None
         if sketch.followed is None:
             sketch.followed = self._followed(sketch)
-        fits = set[bool]()
-        for found, some in sketch.followed.parted(events):
-            fits.add(bool(found.letters))
-            hopes = self._hopeful.get(found)
-            for number, _, _, fields, _ in self._hope(found) if hopes is None else hopes:
-                plain = [
-                    some.values(field) if some.types(field) <= _OWN_KEYS else [*map(exact, some.values(field))]
-                    for field in fields
-                ]
-                if not self._quiet.issuperset(zip([number] * len(some.events), *plain, strict=True)):
-                    return None
-        return fits.pop() if len(fits) == 1 else None
+        return sketch.followed
+
+    def effect(self, kind: FollowedLetters) -> Effect:
+        """What events of a kind can do as long as nothing else is read."""
+        hopes = self._hopeful.get(kind)
+        found = self._hope(kind) if hopes is None else hopes
+        return Effect(bool(kind.letters), [(one.letter, one.fields) for one in found])
+
+    @property
+    def inert(self) -> set[Hashable] | frozenset[Hashable]:
+        """Letters with the values of their fields that are known to change nothing."""
+        return self._quiet
 
     def _alone(self, nodes: Iterable[int]) -> dict[int, Guard]:
         """The guards, each as a set of one, that the values of an event decide that is these nodes' own."""
@@ -517,7 +504,7 @@ class ScatteredMatches(Following):
                     found[1 << waiting] = guard
         return found
 
-    def _followed(self, sketch: Sketch) -> Outcomes[FollowedLetters]:
+    def _followed(self, sketch: Sketch) -> GuardTable[FollowedLetters]:
         """From an event of a shape to the letters that it is."""
         serving = sketch.serving
         alone = [[*self._alone(one.nodes).items()] for one in serving]
@@ -534,7 +521,7 @@ class ScatteredMatches(Following):
                     found.append(Followed(one.letter, one.nodes, held, dict(one.reader.fields), one.values))
             return FollowedLetters(tuple(found))
 
-        return outcomes(asked, derive)
+        return guard_table(asked, derive)
 
     def _hope(self, found: FollowedLetters) -> tuple[Hopeful, ...]:
         """Of the letters that an event is those of which something may come."""

@@ -15,12 +15,14 @@ from copy import copy
 from itertools import chain, combinations, product
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
+from rvaft.core.classifier import GuardTable
 from rvaft.core.patterns import Overlaps
 from rvaft.engine.compiled_tree import (
     NOTHING,
     QUIET,
     Admission,
     CompiledTree,
+    Effect,
     Hit,
     Op,
     Reading,
@@ -29,7 +31,6 @@ from rvaft.engine.compiled_tree import (
     TreeLetters,
 )
 from rvaft.errors import TooLarge
-from rvaft.model.guards import Alike
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.support.bits import union
@@ -424,13 +425,15 @@ class Earliest:
                     hits.append(Hit(letter, nodes, values))
         return Reading(False, hits) if hits else NOTHING
 
-    def calm(self, events: Alike, sketch: Sketch) -> bool | None:
-        """Whether events of one shape, none of which can change anything, fit a node; None where that is not seen of all together."""
-        if not sketch.serving or sketch.told is None:
-            return None if sketch.serving else False
-        kinds = [told for told, _ in sketch.told.parted(events)]
-        fits = {bool(told.serving) and self.useful is not None for told in kinds}
-        return None if len(fits) > 1 or any(map(self._mattering, kinds)) else fits.pop()
+    def kinds(self, sketch: Sketch) -> GuardTable[Told] | None:
+        """From an event of a shape to its kind, for `effect`; None where the kind has to be asked of each event."""
+        return sketch.told
+
+    def effect(self, kind: Told) -> Effect:
+        """What events of a kind can do as long as nothing has changed."""
+        return Effect(
+            bool(kind.serving) and self.useful is not None, tuple((one.letter, ()) for one in self._mattering(kind))
+        )
 
     def _mattering(self, told: Told) -> tuple[Admission, ...]:
         """Of the letters that an event is those that may change something."""

@@ -10,12 +10,11 @@ import json
 import operator as python
 import re
 import sys
-from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum, StrEnum, auto
 from functools import lru_cache
-from typing import Any, Final, Generic, NamedTuple, TypeAlias, TypeVar
+from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 
 from rvaft.model.patterns import Binding, Literal, Variable
 from rvaft.model.values import NUMBER, Json, equal, is_finite, is_number
@@ -456,144 +455,3 @@ def predicate(guard: Guard) -> Predicate:
             return with_text if type(constant) is str else with_number
         case _:
             return lambda binding: holds(guard, binding)
-
-
-@dataclass(frozen=True, slots=True)
-class Outcomes(Generic[H]):
-    """What is derived `of` a binding from the guards that hold of it, which `held` gives as bits.
-
-    They may ask for one `field` alone.
-
-    With `ordered` each compares it with a number, and so holds from some value on or up to one.
-    Without `held` there are no guards.
-    """
-
-    of: Callable[[Mapping[str, Json]], H]
-    held: Callable[[Mapping[str, Json]], int] | None = None
-    field: str | None = None
-    ordered: bool = False
-
-    def parted(self, alike: "Alike") -> list[tuple[H, "Alike"]]:
-        """Events with what is derived of them, those of which it is the same together: mostly all,
-        which few values say.
-        """
-        if self._are_alike(alike):
-            return [(self.of(alike.events[0]), alike)]
-        found: dict[H, list[Mapping[str, Json]]] = {}
-        for event in alike.events:
-            found.setdefault(self.of(event), []).append(event)
-        return [(one, Alike(events)) for one, events in found.items()]
-
-    def _are_alike(self, alike: "Alike") -> bool:
-        """Whether the same guards are easily seen to hold of all."""
-        if self.held is None or self.field is None:
-            return self.held is None
-        few: Collection[Json] = ()
-        if self.ordered:
-            few = alike.ends(self.field)
-        if not few and alike.types(self.field) in ({str}, {int}):
-            few = set(alike.values(self.field))
-        return 0 < len(few) <= FEW and len({self.held({self.field: value}) for value in few}) == 1
-
-
-class Alike:
-    """Some events, one at least, that have the same fields, with what stands there, each field looked up once."""
-
-    __slots__ = ("_ends", "_types", "_values", "events")
-
-    def __init__(self, events: Sequence[Mapping[str, Json]]) -> None:
-        self.events = events
-        self._values: dict[str, list[Any]] = {}
-        self._types: dict[str, set[type]] = {}
-        self._ends: dict[str, Sequence[Json]] = {}
-
-    def values(self, field: str) -> list[Any]:
-        """The value of each."""
-        found = self._values.get(field)
-        if found is None:
-            found = self._values[field] = [event[field] for event in self.events]
-        return found
-
-    def types(self, field: str) -> set[type]:
-        """The types of these values."""
-        found = self._types.get(field)
-        if found is None:
-            found = self._types[field] = set(map(type, self.values(field)))
-        return found
-
-    def ends(self, field: str) -> Sequence[Json]:
-        """The least and the greatest value, where all are finite numbers, else none."""
-        found = self._ends.get(field)
-        if found is None:
-            values, types, found = self.values(field), self.types(field), ()
-            if types == {int} or (types <= _NUMBER_TYPES and all(map(python.eq, values, values))):  # NaN has no place
-                least, most = min(values), max(values)
-                found = (least, most) if least >= -_LARGEST and most <= _LARGEST else ()
-            self._ends[field] = found
-        return found
-
-
-def by_outcome(guards: Sequence[Guard], derive: Callable[[int], H]) -> Outcomes[H]:
-    """What is derived of the guards that hold of a binding, as bits; made once for each set of them that comes.
-
-    Where all compare one variable with numbers, it is found by the place of its value among these.
-
-    >>> past = lambda number: Operation(Operator.GT, (Variable("X"), Literal(number)))
-    >>> held = by_outcome([past(1), past(5)], bin)
-    >>> held.of({"X": 0}), held.of({"X": 3}), held.of({"X": 9}), held.of({"X": "a"})
-    ('0b0', '0b1', '0b11', '0b0')
-    """
-    memory: dict[int, H] = {}
-    asked = [(1 << place, predicate(guard)) for place, guard in enumerate(guards)]
-    names = {name for guard in guards for name in variables(guard)}
-    alone = names.pop() if len(names) == 1 else None
-
-    def derived(binding: Mapping[str, Json]) -> H:
-        return derived_of(held(binding))
-
-    def held(binding: Mapping[str, Json]) -> int:
-        return sum([bit for bit, holds in asked if holds(binding)])
-
-    def derived_of(bits: int) -> H:
-        try:
-            return memory[bits]
-        except KeyError:
-            found = memory[bits] = derive(bits)
-        if len(memory) > MEMORY:
-            memory.clear()
-        return found
-
-    compared: list[tuple[str, Any]] = [
-        (guard.operands[0].name, guard.operands[1].value)
-        for guard in guards
-        if isinstance(guard, Operation) and OPERATORS[guard.operator].compare
-        if isinstance(guard.operands[0], Variable) and isinstance(guard.operands[1], Literal)
-        if is_number(guard.operands[1].value) and is_finite(guard.operands[1].value)
-    ]
-    if not guards:
-        always = derive(0)
-        return Outcomes(lambda _: always)
-    if len(guards) == 1 and not compared:
-        ((_, holds_alone),) = asked
-        return Outcomes(lambda binding: derived_of(1 if holds_alone(binding) else 0), held, alone)
-    if len(compared) < len(guards) or alone is None:
-        return Outcomes(derived, held, alone)
-    name, points = compared[0][0], sorted({number for _, number in compared})
-    by_place: dict[int, H] = {}
-    """By the place of the value: before the first of the numbers, at it, between it and the second, and so on."""
-
-    def placed(binding: Mapping[str, Json]) -> H:
-        value = binding[name]
-        if type(value) is not int and not (type(value) is float and -_LARGEST <= value <= _LARGEST):
-            return derived(binding)
-        place = bisect_left(points, value) + bisect_right(points, value)
-        try:
-            return by_place[place]
-        except KeyError:
-            found = by_place[place] = derived(binding)
-        if len(by_place) > MEMORY:
-            by_place.clear()
-        return found
-
-    ordered = all(isinstance(guard, Operation) and guard.operator in ORDERINGS for guard in guards)
-    return Outcomes(placed, held, name, ordered)

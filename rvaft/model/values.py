@@ -13,6 +13,8 @@ from typing import Any, Final, TypeAlias
 NUMBER: Final = re.compile(r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?", re.ASCII)
 """How JSON writes a number."""
 Json: TypeAlias = Any
+JsonObject: TypeAlias = Mapping[str, Json]
+"""A JSON object, as every event is one."""
 Scalar: TypeAlias = str | int | float | bool | None
 _LONG: Final = 16
 """A decimal of fewer characters is the shortest that denotes its double."""

@@ -17,7 +17,7 @@ from rvaft.errors import TraceError
 from rvaft.model.event_time import UNITS
 from rvaft.model.patterns import ObjectPattern
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json, Scalar, decimal
+from rvaft.model.values import Json, JsonObject, Scalar, decimal
 from rvaft.readers.json_lines import MAX_DEPTH, decode, event_on
 from rvaft.readers.log import BOM, MAX_DIGITS, MAX_LINE, failures_of, unreadable
 from rvaft.support.files import SUFFIXES
@@ -42,7 +42,7 @@ _DOUBT: Final = ("doubt",)
 """In place of the values on a line that `rvaft.readers.json_lines` has to read."""
 
 
-class Batch(NamedTuple):
+class EventBlock(NamedTuple):
     """Events that follow each other: how many, and those of them that may concern the tree, each with its place among all, from 0.
 
     Where a reader keeps fields of all events, `passed` are the places of the others, and `kept` what these have in the fields, for each a value, or
@@ -50,7 +50,7 @@ class Batch(NamedTuple):
     """
 
     total: int
-    events: Sequence[tuple[int, dict[str, Json]]]
+    events: Sequence[tuple[int, JsonObject]]
     passed: Sequence[int] = ()
     kept: Sequence[Any] = ()
 
@@ -174,7 +174,7 @@ class JsonBlockReader:
         line: int = 1,
         live: bool = False,
         reached: Callable[[int, int], None] = lambda _size, _lines: None,
-    ) -> Iterator[Batch]:
+    ) -> Iterator[EventBlock]:
         """All events of a stream in batches; raises `TraceError` after the events before it.
 
         `line` is the number of the first line; a stream that is `live` is read as it comes. With each batch `reached` is told of so many bytes and lines more.
@@ -201,7 +201,7 @@ class JsonBlockReader:
             if sound is not None:
                 reached(size, len(lines) - (not text.endswith(b"\n")))
                 events = [(place, sound[place]) for place in places] if dead else list(enumerate(sound))
-                yield Batch(len(found), events, passed, kept)
+                yield EventBlock(len(found), events, passed, kept)
                 continue
             events = []
             blank: list[int] = []
@@ -222,14 +222,14 @@ class JsonBlockReader:
                     except TraceError:
                         before = bisect_left(passed, place)
                         reached(size - len(text) + sum(map(len, lines[:place])) + place, place)
-                        yield Batch(place - len(blank), events, _without(blank, passed[:before]), kept[:before])
+                        yield EventBlock(place - len(blank), events, _without(blank, passed[:before]), kept[:before])
                         raise
                 if event is None:
                     blank.append(place)
                 else:
                     events.append((place - len(blank), event))
             reached(size, len(lines) - (not text.endswith(b"\n")))
-            yield Batch(len(found) - len(blank), events, _without(blank, passed), kept)
+            yield EventBlock(len(found) - len(blank), events, _without(blank, passed), kept)
 
     def _sound(self, text: bytes, lines: list[bytes]) -> list[Any] | None:
         """The events of a block in which nothing can be wrong that the decoder does not see, or None where some may.

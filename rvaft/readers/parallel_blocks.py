@@ -13,7 +13,7 @@ from io import BufferedIOBase
 from typing import Final
 
 from rvaft.errors import TraceError
-from rvaft.readers.json_blocks import Batch, JsonBlockReader
+from rvaft.readers.json_blocks import EventBlock, JsonBlockReader
 from rvaft.readers.json_lines import MAX_DEPTH
 from rvaft.support.processes import Killed, in_processes
 
@@ -65,7 +65,7 @@ def read_in_processes(
     jobs: int,
     line: int = 1,
     reached: Callable[[int, int], None] = lambda _size, _lines: None,
-) -> Iterator[Batch]:
+) -> Iterator[EventBlock]:
     """What `reader.read` gives of a regular file, from the place on where the source is, which is the start of a line; raises what it raises."""
     handle, begin = source.fileno(), source.tell()
     starts = range(begin, max(os.fstat(handle).st_size, begin + 1), STRETCH)
@@ -101,7 +101,7 @@ def read_in_processes(
                 raise TraceError(message, file=file, line=None if place is None else before + place)
 
 
-def _packed(batch: Batch) -> bytes:
+def _packed(batch: EventBlock) -> bytes:
     """A batch as bytes: fast where its values are plain, and else whatever they are."""
     found = tuple(map(list, batch[1:]))
     try:
@@ -115,6 +115,6 @@ def _packed(batch: Batch) -> bytes:
             sys.setrecursionlimit(limit)
 
 
-def _unpacked(data: bytes) -> Batch:
+def _unpacked(data: bytes) -> EventBlock:
     found = memoryview(data)[1:]
-    return Batch(*(marshal.loads(found) if data.startswith(b"m") else pickle.loads(found)))  # noqa: S301, S302 (of our own)
+    return EventBlock(*(marshal.loads(found) if data.startswith(b"m") else pickle.loads(found)))  # noqa: S301, S302 (of our own)

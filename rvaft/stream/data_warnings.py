@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 from rvaft.core.classifier import Reader, flat
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import guard_text
-from rvaft.model.guards import Alike, Guard, Operation, Operator, time_points, value, variables, walk
+from rvaft.model.guards import Guard, Operation, Operator, time_points, value, variables, walk
 from rvaft.model.patterns import match, rigid
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.values import Json, at
@@ -105,7 +105,7 @@ class DataWarnings:
 
     def attach(self, types: EventTypeIndex) -> None:
         """Know the tree again, after a pickle."""
-        self._types, self._time, self._version = types, types.tree.time, 0
+        self._types, self.time, self.version = types, types.tree.time, 0
         self._asked = dict(_asked(types))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -117,10 +117,10 @@ class DataWarnings:
         good = sight.good
         if (
             good is not None
-            and self._time is None
+            and self.time is None
             and type(event) is dict
             and good[0] is self
-            and good[1] == self._version
+            and good[1] == self.version
         ):
             fields = good[2]  # mostly; asked of every event
             if fields is not None and len(fields) == 1 and (type(event[fields[0]]),) in good[3]:
@@ -130,34 +130,21 @@ class DataWarnings:
             sight.looked_at = tuple(number for number in sight.decided.fits if number in self._asked)
         if isinstance(event, NonFiniteEvent):
             place = f"{prefix}event {number}"
-            if sight.looked_at or self._time is None or event.field.split(".")[0] != self._time.field[0]:
+            if sight.looked_at or self.time is None or event.field.split(".")[0] != self.time.field[0]:
                 self.note(Reason.NUMBER, "", place, f"{event.field} is {event.number}")
             return
         of, version, fields, known = good or (None, -1, None, ())
-        if of is not self or version != self._version:
+        if of is not self or version != self.version:
             fields, known = self._good(sight)
         kinds = None if fields is None else tuple([type(event[field]) for field in fields])
         if kinds is None or kinds not in known:
             self._look(event, f"{prefix}event {number}", sight, kinds)
-        if self._time is None or not sight.entries or self._time.read(event) is not None:
+        if self.time is None or not sight.entries or self.time.read(event) is not None:
             return
         if not any(admits(event) for admits in sight.ignored):
-            name, found = ".".join(self._time.field), at(event, self._time.field, UNSEEN)
-            wrong = "" if found is UNSEEN else f"{name} is {described(found)}, not {self._time.format}"
+            name, found = ".".join(self.time.field), at(event, self.time.field, UNSEEN)
+            wrong = "" if found is UNSEEN else f"{name} is {described(found)}, not {self.time.format}"
             self.note(Reason.TIME, "", f"{prefix}event {number}", wrong or f"the field {name} is missing")
-
-    def are_good(self, events: Alike, sight: Sight) -> bool:
-        """Whether there is nothing to note of events of one shape, as far as that is known."""
-        if sight.looked_at == ():
-            return True
-        if sight.good is None or sight.good[:2] != (self, self._version) or (self._time is not None and sight.entries):
-            return False
-        _, _, fields, known = sight.good
-        if not fields:
-            return fields is not None and () in known
-        if len(fields) == 1:
-            return all((kind,) in known for kind in events.types(fields[0]))
-        return known.issuperset(zip(*(map(type, events.values(field)) for field in fields), strict=True))
 
     def _good(self, sight: Sight) -> tuple[Sequence[str] | None, set[tuple[type, ...]]]:
         """The fields that are asked of events of a shape, None where more than the types there decides, and types that are known to be good now."""
@@ -165,25 +152,25 @@ class DataWarnings:
         known = [fields for fields in asked if fields is not None]
         fields = tuple(dict.fromkeys(chain(*known))) if len(known) == len(asked) else None
         good = set[tuple[type, ...]]()
-        sight.good = self, self._version, fields, good
+        sight.good = self, self.version, fields, good
         return fields, good
 
     def _look(self, event: Mapping[str, Json], place: str, sight: Sight, kinds: tuple[type, ...] | None) -> None:
         """Ask what is to be asked of an event, and note whether none of it need be asked of others with values of these types."""
-        version, good = self._version, True
+        version, good = self.version, True
         for letter in sight.looked_at:
             one = self._asked[letter]
             types = None if one.fields is None else tuple([type(event[field]) for field in one.fields])
             if types is None or one.version != version or types not in one.good:
                 self._ask(one, event, types, place)
                 good = good and types in one.good
-        if good and kinds is not None and version == self._version and sight.good is not None:
+        if good and kinds is not None and version == self.version and sight.good is not None:
             sight.good[3].add(kinds)
 
     def over(self, events: Iterable[tuple[int, Json]], prefix: str) -> Iterator[tuple[int, Json, Sight | None]]:
         """The events of a trace, which have numbers, and what they are, nothing for one that is late, each after it was looked at."""
         latest, look_up = None, self._types.of
-        time = self._time if self._time is not None and self._time.late is not None else None
+        time = self.time if self.time is not None and self.time.late is not None else None
         for number, event in events:
             late = False
             if time is not None:
@@ -203,12 +190,12 @@ class DataWarnings:
 
     def note_late(self, event: Json, number: int, prefix: str, latest: int | None) -> None:
         """Count an event that is late, after one of the time `latest`."""
-        assert self._time is not None, "only where times are declared are events late"
-        time, written = self._time.read(event) or 0, self._time.written(event)
+        assert self.time is not None, "only where times are declared are events late"
+        time, written = self.time.read(event) or 0, self.time.written(event)
         shown = f"{Decimal(time).scaleb(-9).normalize():f} s" if isinstance(written, Mapping) else json.dumps(written)
         behind = f"{duration_text((latest or 0) - time)} behind the latest"
-        said = f"{'.'.join(self._time.field)} is {shown}, {behind}"
-        self.note(Reason.LATE, duration_text(self._time.late or 0), f"{prefix}event {number}", said)
+        said = f"{'.'.join(self.time.field)} is {shown}, {behind}"
+        self.note(Reason.LATE, duration_text(self.time.late or 0), f"{prefix}event {number}", said)
 
     def merge(self, other: "DataWarnings") -> None:
         """Add the counts of a later trace."""
@@ -241,10 +228,10 @@ class DataWarnings:
             return
         for name in {name for part in asked.parts for name in part.names if name in values}:
             if type(self._last.get(name, self)) is not type(values[name]):
-                self._version += 1
+                self.version += 1
             self._last[name] = values[name]
-        if asked.version != self._version:
-            asked.version = self._version
+        if asked.version != self.version:
+            asked.version = self.version
             asked.good.clear()
         if types is not None:
             asked.good.add(types)

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -10,7 +10,7 @@ from importlib.metadata import entry_points
 from itertools import chain, islice
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 from rvaft.core.classifier import Scope
 from rvaft.errors import RvaftError, ToolFailed, ToolMissing
@@ -125,18 +125,18 @@ class VerdictChange:
 
 
 class Listener:
-    """Told of what happens in a run; does nothing with it.
+    """Is notified of what happens in a run; this one does nothing.
 
-    With `every` it is told of every event, with `concerned` of those that concern the tree while a verdict may still change, else only of those that
-    change one; with `whole` it has to see all of an event. Otherwise events may be read quickly, and where one trace is watched who is told of
-    every one is told of many `events` at once.
+    With `every` a listener is notified of every event, with `concerned` of those that concern the tree while a verdict may still
+    change, else only of events that change a verdict. With `whole` it sees all fields of an event. Without `whole`, and with a single
+    trace, `events` reports events in a row instead of `event` each.
     """
 
     every = False
     concerned = False
     whole = False
     told_before = 0
-    """The number of the last event of which an earlier run told what it detected."""
+    """The number of the last event whose detections an earlier run reported."""
 
     def begin(self, watch: MonitoredTrace) -> None:
         """A trace begins, or the first event of a key came."""
@@ -145,7 +145,7 @@ class Listener:
         """The event of that number was read and changed no verdict; only with `every` or `concerned`."""
 
     def events(self, watch: MonitoredTrace, first: int, last: int, verdicts: Sequence[Verdict]) -> None:
-        """The events with these numbers, and those between, were read and did not change these verdicts; only with `every`."""
+        """The events from `first` to `last` were read and did not change these verdicts; only with `every`."""
 
     def change(self, change: VerdictChange) -> None:
         """An event changed verdicts."""
@@ -155,6 +155,23 @@ class Listener:
 
     def stop(self, watch: MonitoredTrace) -> None:
         """The trace was malformed, or could not be read further: no event and no end comes any more."""
+
+
+class Audience(NamedTuple):
+    """The listeners that are notified of events without a change: of `each` event, of events in a row, or of those of concern."""
+
+    each: Sequence[Listener]
+    in_rows: Sequence[Listener]
+    of_concern: Sequence[Listener]
+
+    @classmethod
+    def of(cls, listeners: Iterable[Listener], *, one_by_one: bool) -> "Audience":
+        """The audience among listeners; `one_by_one` says that events in a row cannot be reported together."""
+        found = list(listeners)
+        every = [listener for listener in found if listener.every]
+        each = [listener for listener in every if listener.whole or one_by_one]
+        in_rows = [listener for listener in every if listener not in each]
+        return cls(each, in_rows, [one for one in found if one.concerned and not one.every])
 
 
 class Publisher(Listener):

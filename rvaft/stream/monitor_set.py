@@ -8,14 +8,13 @@ from copy import copy
 from dataclasses import KW_ONLY, InitVar, dataclass, replace
 from enum import StrEnum
 from itertools import islice
-from typing import Any, Final, Self, cast
+from typing import Final, Self, TypeAlias, cast
 
 from rvaft.api import narrowed
 from rvaft.core.branches import branches
 from rvaft.engine.compiled_tree import NOTHING, QUIET, Sketch
 from rvaft.engine.monitor import Engine
 from rvaft.errors import OptionError, TooLarge, TreeError
-from rvaft.model.guards import Alike
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -111,6 +110,10 @@ class DetectionCount:
         return {"detection": self.told, **({"suppressed": self.between} if self.between else {})}
 
 
+Snapshots: TypeAlias = tuple[list[dict[str, Json]], dict[int, int], list[DetectionCount]]
+"""The snapshots of the engines, the numbers of the events that made verdicts final, and the counts of detections."""
+
+
 @dataclass(eq=False)
 class MonitorSet:
     """One monitor for each column; the first is that of the whole.
@@ -189,11 +192,11 @@ class MonitorSet:
         return one
 
     @property
-    def snapshot(self) -> Any:
+    def snapshot(self) -> Snapshots:
         """What `resumed` needs to go on from here; for engines alone."""
         return [engine.snapshot() for engine in self.engines], self.since, self.found
 
-    def resumed(self, snapshot: Any) -> Self:
+    def resumed(self, snapshot: Snapshots) -> Self:
         """A copy of these monitors, which have read nothing, that goes on from a snapshot."""
         twin = self.fork()
         states, twin.since, twin.found = snapshot
@@ -236,7 +239,7 @@ class MonitorSet:
                 return self._changed(number, event)
         if sight is None:
             sight = self.types.of(event)
-        sketches = sight.monitored or self._sketches(event, sight)
+        sketches = sight.monitored or self.sketches(event, sight)
         if not self._live and self._projected:
             self.concerned = engines[0].is_relevant(event, sketches[0])
             return ()
@@ -256,22 +259,10 @@ class MonitorSet:
         self.serves = serves and bool(reading.hits)
         return self._changed(number, event) if final else ()
 
-    def _sketches(self, event: Mapping[str, Json], sight: Sight) -> tuple[Sketch, ...]:
+    def sketches(self, event: Mapping[str, Json], sight: Sight) -> tuple[Sketch, ...]:
+        """What the shape of an event says to each engine."""
         found = sight.monitored = tuple([engine.letters.sketch(event) for engine in self.engines])
         return found
-
-    def passes(self, sight: Sight, *, relevant: bool) -> bool:
-        """Whether events of a shape, relevant or not, change nothing and need not be read."""
-        skips = self._projected or (self.semantics is Semantics.SCATTERED and self.finds_no_more and not sight.ignored)
-        return bool(self.engines) and skips and not relevant
-
-    def calm(self, events: Alike, sight: Sight) -> bool | None:
-        """Whether events of one shape are of concern, none of which can change anything; None where that is not seen of all together."""
-        if self.counts_all or self.may_be_late or self._resting:
-            return None
-        if self._live and (self._projected or self._live != (0,)):
-            return None
-        return self.engines[0].calm(events, (sight.monitored or self._sketches(events.events[0], sight))[0])
 
     def repeat_step(self, event: Json, first: int, last: int) -> tuple[int, Sequence[int]]:
         """Read one event under each of these numbers, until a verdict changes: the number of the last, and the columns."""
@@ -285,6 +276,16 @@ class MonitorSet:
             if step(event) is not _UNKNOWN:
                 return number, self._changed(number, event)
         return last, ()
+
+    @property
+    def live_columns(self) -> tuple[int, ...]:
+        """The columns whose verdict may still change."""
+        return self._live
+
+    @property
+    def rests(self) -> bool:
+        """Whether monitors begin afresh with the next event."""
+        return bool(self._resting)
 
     def _changed(self, number: int, event: Json) -> Sequence[int]:
         """The columns that detected with the event of that number, or whose verdict it made final."""

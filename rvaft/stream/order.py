@@ -1,20 +1,21 @@
 """Time order: a window puts events in order by a field, and counts late ones; a clock counts times that go back."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from heapq import heappush, heappushpop
-from itertools import chain, count, islice
 from math import inf
-from operator import gt, le, lt
-from typing import Any, Final
+from operator import itemgetter
+from typing import Final, Generic, TypeAlias, TypeVar
 
 from rvaft.model.event_time import EventTime, TimeFormat
-from rvaft.model.values import Json, is_number
-from rvaft.readers.json_blocks import Batch
+from rvaft.model.values import Json, JsonObject, is_number
+from rvaft.stream.detection import counted
 from rvaft.stream.keys import Field
 
+E = TypeVar("E")
+"""What is put in order: events, or what stands for them."""
+Place: TypeAlias = int | float
 DEFAULT_WINDOW: Final = 1_000
 """How many events are held back unless told otherwise."""
-_NUMBERS: Final = frozenset({int, float})
 _ISO: Final = EventTime((), TimeFormat.ISO8601)
 """Reads a value that is a time itself."""
 
@@ -28,43 +29,30 @@ class OrderedField:
     def __init__(self, field: str, time: EventTime | None = None) -> None:
         self.time = time if time is not None and ".".join(time.field) == field else None
         self.field = Field.parse(field) if self.time is None else Field(field, self.time.field)
-        self._holds: bool | None = None
+        self.holds_times: bool | None = None
         """Whether times of ISO 8601 stand there."""
 
-    def place(self, event: Json) -> int | float | None:
+    def place(self, event: Json) -> Place | None:
         """The number or time that an event has there; a boolean is none, nor is what is not finite."""
         if self.time is not None:
             return self.time.read(event)
         plain = type(event) is dict and self.field.text in event  # mostly; asked of every event
         value = event[self.field.text] if plain else (self.field.of(event) or (None,))[0]
-        if type(value) is float and self._holds is False and value - value == 0:
+        if type(value) is float and self.holds_times is False and value - value == 0:
             return value
         is_time = isinstance(value, str)
-        place: int | float | None = _ISO.read(value) if is_time else value if is_number(value) else None
-        if place is None or place - place != 0 or self._holds is (not is_time):
+        place: Place | None = _ISO.read(value) if is_time else value if is_number(value) else None
+        if place is None or place - place != 0 or self.holds_times is (not is_time):
             return None
-        self._holds = is_time
+        self.holds_times = is_time
         return place
 
 
-def _in_places(batch: Batch, others: Sequence[Any], own: Sequence[Any]) -> list[Any]:
-    """What stands for each event of a batch: one of its `own`, or for those that concern nothing one of the others."""
-    if len(own) < len(others):
-        found = list(others)
-        for (place, _), one in zip(batch.events, own, strict=True):
-            found.insert(place, one)
-        return found
-    found = [None] * batch.total
-    for place, one in zip(chain(batch.passed, (place for place, _ in batch.events)), chain(others, own), strict=True):
-        found[place] = one
-    return found
+class Ordering(OrderedField, Generic[E]):
+    """Holds back up to `window` events and returns the one with the smallest place first; events with equal places keep their order.
 
-
-class Ordering(OrderedField):
-    """Holds back up to `window` events and gives the one with the smallest place first, events with equal ones as they came.
-
-    The order is right wherever no event stands more than `window` places behind its own. An event that comes later than that
-    is given at once, and counted as `late`. An event without a place stays behind the one before it, and is counted in `without`.
+    The order is right as long as no event stands more than `window` places behind its own. An event that comes later than that is
+    returned at once, and counted as `late`. An event without a place stays behind the one before it, and is counted in `without`.
     Can be pickled with the events that it holds.
 
     >>> ordering = Ordering("time", window=1)
@@ -78,108 +66,79 @@ class Ordering(OrderedField):
         self.late = self.without = 0
         self.first_late = self.first_without = 0
         """The numbers of the first such events, as read."""
-        self._came = 0
-        self._held: list[tuple[int | float, int, Any]] = []
-        """Events with the number in the field and that in the trace."""
-        self._as_they_came = False
-        """Whether those that are held are in the order of their places and of their numbers alike."""
-        self._before: int | float = -inf
-        self._given: int | float = -inf
+        self.came = 0
+        """The number of events added."""
+        self.held: list[tuple[Place, int, E]] = []
+        """A heap of the events that are held back, each with its place and its number."""
+        self.before: Place = -inf
+        """The place of the last event added."""
+        self.latest: Place = -inf
+        """The greatest place of an event returned."""
 
-    def add(self, event: dict[str, Json]) -> dict[str, Json] | None:
-        """Take the next event of the trace; the event whose turn it is then, if the window is full."""
-        given: dict[str, Json] | None = self._add(self.place(event), event)
-        return given
+    def add(self, event: E) -> E | None:
+        """Add the next event; return the event whose turn it is then, or None while the window is not full."""
+        return self.put(self.place(event), event)
 
-    def add_all(self, batch: Batch, values: Sequence[Any], others: Sequence[Any]) -> list[Any]:
-        """Take the next events of the trace; those whose turn it is then.
-
-        Those of the batch that concern nothing have these `values` in the field, and what stands for them among the events are the `others`.
-        """
-        came = _in_places(batch, others, [event for _, event in batch.events])
-        places: list[int | float | None]
-        if self.time is None and self._holds is False and _NUMBERS.issuperset(map(type, values)):
-            places = _in_places(batch, values, [self.place(event) for _, event in batch.events])
-        else:  # the first of all says what the field holds
-            known, name = dict(zip(batch.passed, values, strict=True)), self.field.text
-            told = ({name: known[place]} if place in known else event for place, event in enumerate(came))
-            places = list(map(self.place, told))
-        if None not in places and (given := self._add_sorted(places, came)) is not None:
-            return given
-        return [event for event in map(self._add, places, came) if event is not None]
-
-    def _add_sorted(self, places: Sequence[Any], events: Sequence[Any]) -> list[Any] | None:
-        """Take events all at once, and give those whose turn it is; None, and nothing is taken, where one of them is too late."""
-        known = [*self._held, *zip(places, count(self._came + 1), events)]
-        turns = max(0, len(known) - self.window)
-        last = self._held[-1][0] if self._held else self._given
-        if not (self._as_they_came and places and last <= places[0] and all(map(le, places, islice(places, 1, None)))):
-            known.sort()  # by place and number, which differ
-            numbers = [number for _, number, _ in known]
-            self._as_they_came = all(map(lt, numbers, islice(numbers, 1, None)))
-            # Each has to be there when its turn comes: with the first event that has no room in the window, the second, and so on.
-            full = self._came + 1 + self.window - len(self._held)
-            if turns and (known[0][0] < self._given or any(map(gt, numbers[:turns], count(full)))):
-                self._as_they_came = False
-                return None
-        due = known[:turns]
-        self._came += len(events)
-        self._held = known[turns:]
-        if places:
-            self._before = places[-1]
-        if due:
-            self._given = due[-1][0]
-        return [event for _, _, event in due]
-
-    def _add(self, place: int | float | None, event: Any) -> Any:
-        self._came += 1
-        self._as_they_came = False
+    def put(self, place: Place | None, event: E) -> E | None:
+        """The same for an event whose place is known."""
+        self.came += 1
         if place is None:
-            place = self._before
+            place = self.before
             self.without += 1
-            self.first_without = self.first_without or self._came
-        elif place < self._given:
+            self.first_without = self.first_without or self.came
+        elif place < self.latest:
             self.late += 1
-            self.first_late = self.first_late or self._came
-        self._before = place
-        entry = (place, self._came, event)
-        if len(self._held) < self.window:
-            heappush(self._held, entry)
+            self.first_late = self.first_late or self.came
+        self.before = place
+        entry = (place, self.came, event)
+        if len(self.held) < self.window:
+            heappush(self.held, entry)
             return None
-        # Once something was given the window stays full, so what is late is the smallest here and comes straight back.
-        given = heappushpop(self._held, entry)
-        self._given = max(self._given, given[0])
-        return given[2]
+        # Once an event was returned the window stays full, so a late one is the smallest here and comes straight back.
+        first = heappushpop(self.held, entry)
+        self.latest = max(self.latest, first[0])
+        return first[2]
 
-    def rest(self) -> Iterator[dict[str, Json]]:
-        """The events still held, in order: the trace has ended."""
-        rest, self._held = sorted(self._held), []
+    def rest(self) -> Iterator[E]:
+        """Return the events that are still held, in order: the trace has ended."""
+        rest, self.held = sorted(self.held, key=itemgetter(0, 1)), []
         yield from (event for _, _, event in rest)
+
+    @property
+    def warnings(self) -> Iterator[str]:
+        """What was odd about the order, each as a line."""
+        name = self.field.text
+        if self.late:
+            more = f"too late for a window of {self.window}: they stay where they stand"
+            yield f"{counted(self.late)} by the field {name} {more} (first: event {self.first_late} as read)"
+        if self.without:
+            what = "a number or a time of ISO 8601"
+            remedy = f"; `time {name} as FORMAT;` in the tree says how others are read"
+            if self.time is not None:
+                what, remedy = f"a time as {self.time.format}", ""
+            lacking = f"{counted(self.without)} without {what} in the field {name} stay behind the event before"
+            yield f"{lacking} (first: event {self.first_without} as read){remedy}"
 
 
 class Backwards(OrderedField):
     """Counts how often a place is before the last one, and at which event first; can be pickled."""
 
     count = first = 0
-    _last: int | float = -inf
+    last: Place = -inf
 
-    def see_all(self, events: Sequence[Json], numbers: Iterable[int]) -> None:
-        """Look at the next events; they have these numbers."""
-        if self.time is None and self._holds is False and len(self.field.path) == 1:
-            name = self.field.text
-            places: list[Any] = [event.get(name) for event in events]
-            rises = _NUMBERS.issuperset(map(type, places)) and all(map(le, chain((self._last,), places), places))
-            if rises and places and places[-1] < inf:  # nor is any before it infinite, or not a number
-                self._last = places[-1]
-                return
-        for number, event in zip(numbers, events, strict=True):
-            self.see(number, event)
-
-    def see(self, number: int, event: Json) -> None:
+    def see(self, number: int, event: JsonObject) -> None:
         """Look at the next event; one without a place is passed over."""
         place = self.place(event)
         if place is not None:
-            if place < self._last:
+            if place < self.last:
                 self.count += 1
                 self.first = self.first or number
-            self._last = place
+            self.last = place
+
+    @property
+    def warnings(self) -> Iterator[str]:
+        """The warning about times that go back, if there are any."""
+        if self.count:
+            name = self.field.text
+            goes = f"the field {name} goes back at {counted(self.count)} (first: event {self.first})"
+            yield f"{goes}; put them in order with --order-by {name}"

@@ -10,16 +10,17 @@ from rvaft.core.branches import whole
 from rvaft.core.classifier import (
     Decided,
     Discriminators,
+    GuardTable,
     Letter,
     PatternIndex,
     Reader,
     TreeReads,
+    guard_table,
     literals_of,
-    outcomes,
     reader,
 )
 from rvaft.model.expressions import pattern_text
-from rvaft.model.guards import Alike, Outcomes, Predicate
+from rvaft.model.guards import Predicate
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern, match
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, at
@@ -71,12 +72,12 @@ class Sight:
         asked = any(one.holds is not None for _, one in self.entries)
         self.constant = None if asked else tuple(dict.fromkeys(name for name, _ in self.entries))
         self.plain = bool(self.constant) and not self.ignored and not decided.open
-        self.counted: Outcomes[tuple[str, ...] | None] | None = None
+        self.counted: GuardTable[tuple[str, ...] | None] | None = None
         """Where the fields of an event say it, from it to the types of which it is relevant, and None where it is ignored."""
         ignored = [one for kind, _, one in letters if kind == "ignored"]
         readers = [one for _, one in self.entries] + ignored
         if (asked or ignored) and not decided.open and all(one.plain for one in readers):
-            self.counted = outcomes([one.asked for one in readers], self._types)
+            self.counted = guard_table([one.asked for one in readers], self._types)
         self.noted: object = None
         self.monitored: tuple[Any, ...] | None = None
         self.looked_at = UNSEEN
@@ -87,12 +88,6 @@ class Sight:
         if any(holds(len(self.entries) + place) for place in range(len(self.ignored))):
             return None
         return tuple(dict.fromkeys(name for place, (name, _) in enumerate(self.entries) if holds(place)))
-
-    def parted(self, events: Alike) -> Sequence[tuple[tuple[str, ...] | None, Alike]] | None:
-        """Events of this shape by the types of which they are relevant, None where they are ignored; None where that has to be asked of each."""
-        if self.decided.open or (self.counted is None and (self.constant is None or self.ignored)):
-            return None
-        return self.counted.parted(events) if self.counted is not None else [(self.constant, events)]
 
     def relevant(self, event: Mapping[str, Json]) -> tuple[str, ...]:
         """The types of which an event that is not ignored is relevant."""
@@ -129,7 +124,7 @@ class EventTypeIndex:
         self.letters = [(kind, name, reader(number, one)) for number, (kind, name, one) in enumerate(letters)]
         self.guards = {number: one.when for number, (_, _, one) in enumerate(letters)}
         index = PatternIndex((letter.pattern for _, _, letter in letters), self._sight)
-        self.of, self.groups = index.of, index.groups
+        self.index, self.of = index, index.of
         reads = TreeReads(tree)
         self.discriminators: Discriminators = reads.discriminators
         self._patterns = reads.patterns
@@ -232,7 +227,7 @@ class Statistics:
         self.tally[names] += 1
         return bool(names)
 
-    def add_all(self, sight: Sight, types: tuple[str, ...] | None, count: int) -> None:
+    def add_many(self, sight: Sight, types: tuple[str, ...] | None, count: int) -> None:
         """Count so many events of one shape, some type's own, that are relevant of these types, None where they are ignored."""
         self.events += count
         self.seen |= sight.types

@@ -18,7 +18,7 @@ from rvaft import RVAFT, TraceError, loads
 from rvaft.core.classifier import LONGEST, PatternIndex, TreeReads
 from rvaft.model.patterns import ObjectPattern, match
 from rvaft.readers import json_blocks, json_lines
-from rvaft.readers.json_blocks import Batch, JsonBlockReader, plain_fields
+from rvaft.readers.json_blocks import EventBlock, JsonBlockReader, plain_fields
 from rvaft.readers.json_lines import read
 from rvaft.stream.statistics import EventTypeIndex, Statistics
 from rvaft.support.files import opened
@@ -48,7 +48,7 @@ def fast(tree: RVAFT, *, dense: bool = False, strict: bool = False) -> JsonBlock
     return found
 
 
-def one_by_one(batches: Iterable[Batch]) -> Iterator[Event | None]:
+def one_by_one(batches: Iterable[EventBlock]) -> Iterator[Event | None]:
     for batch in batches:
         given = dict(batch.events)
         assert len(given) == len(batch.events)
@@ -188,10 +188,10 @@ def test_one_line_among_many(row: list[Any]) -> None:
 def test_statistics_are_the_same(name: str, some: list[dict[str, Any]]) -> None:
     tree = TREES[name]
     data = b"".join(json.dumps(event).encode() + b"\n" for event in some)
-    some = list(read(io.BytesIO(data), reads=TreeReads(tree)))
+    parsed = list(read(io.BytesIO(data), reads=TreeReads(tree)))
     types = EventTypeIndex(tree)
     slow, quick = Statistics(types), Statistics(types)
-    for number, event in enumerate(some, 1):
+    for number, event in enumerate(parsed, 1):
         slow.add(event, number)
     reader = fast(tree)
     with small(100):

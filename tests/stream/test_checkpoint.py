@@ -82,7 +82,7 @@ def test_all_is_kept(tmp_path: Path, trace: Path) -> None:
     event = decode(
         b'{"event": "x", "time": 3, "n": {"k": 1, "k": 2}, "l": [null, true, 1e3, "\\u00e9"]}', reads=TreeReads(TREE)
     )
-    ordering = Ordering("time", window=4)
+    ordering: Ordering[Any] = Ordering("time", window=4)
     ordering.add(event)
     save(path, trace, (monitor.snapshot(), ordering), events=7)
     found, (snapshot, held) = loaded(path, trace)

@@ -24,7 +24,7 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.readers import json_blocks
 from rvaft.readers.json_lines import LinesRead, read
-from rvaft.stream import run
+from rvaft.stream import bulk
 from rvaft.stream.data_warnings import DataWarnings, Reason
 from rvaft.stream.keys import Field, Key
 from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, VerdictChange
@@ -65,8 +65,8 @@ def events(times: Sequence[Any]) -> list[dict[str, Any]]:
     return [{"n": n} if time is None else {"n": n, "time": time} for n, time in enumerate(times, 1)]
 
 
-def in_order(times: Sequence[Any], window: int) -> tuple[list[int], Ordering]:
-    ordering = Ordering("time", window=window)
+def in_order(times: Sequence[Any], window: int) -> tuple[list[int], Ordering[Any]]:
+    ordering: Ordering[Any] = Ordering("time", window=window)
     given = [event for one in events(times) if (event := ordering.add(one)) is not None]
     return [event["n"] for event in (*given, *ordering.rest())], ordering
 
@@ -223,7 +223,7 @@ def outcome(plan: MonitoringPlan, data: bytes) -> Any:
         told, error = Told(), None
         run = run_of(plan, told)
         try:
-            list(run.read(io.BytesIO(data), "log", by_blocks=by_blocks))
+            list(bulk.read(run, io.BytesIO(data), "log", by_blocks=by_blocks))
         except (TraceError, TooLarge) as failure:
             error = str(failure)
         statistics = run.totals.statistics
@@ -284,7 +284,7 @@ def test_times_late_events_and_oversights_are_the_same_however_they_are_read(lat
         plan_of(loads(TIMED.replace("LATE", late)), semantics),
         set[Reason](),
     )
-    assert plan.block_reader is not None
+    assert bulk.block_reader(plan) is not None
     for _ in range(20):
         events: list[dict[str, Any]] = [
             {"topic": random.choice("tuvw"), "value": random.choice(VALUES), "at": random.choice(TIMES), "x": math.nan}
@@ -341,7 +341,7 @@ def test_keys_and_orders_are_the_same_however_they_are_read(keys: str, order: st
         )
         repeat = random.random() < 0.5
         plan = plan_of(TREE, semantics, repeat=repeat, key=key, order_by=order, window=window, max_keys=most)
-        assert (plan.block_reader is None) is (key is not None and semantics is Semantics.STRICT)
+        assert (bulk.block_reader(plan) is None) is (key is not None and semantics is Semantics.STRICT)
         outcome(plan, data)
 
 
@@ -374,7 +374,7 @@ def test_every_event_is_told_once_and_in_order(keys: str, order: str | None, sem
         said = []
         for by_blocks in (False, True):
             run = TraceRun(plan, "log", [listener := Counting()], run_of(plan, Told()).totals, buffer=EventBuffer())
-            list(run.read(io.BytesIO(lines(events).encode()), "log", by_blocks=by_blocks))
+            list(bulk.read(run, io.BytesIO(lines(events).encode()), "log", by_blocks=by_blocks))
             said.append(listener.said)
         assert said[0] == said[1]
         assert [number for _, number, _ in said[0]] == [*range(1, 41)]
@@ -393,9 +393,7 @@ def test_a_pause_is_at_the_end_of_lines_that_were_read(order: str | None, end: s
 
     def rest(run: TraceRun, stream: LinesRead) -> Any:
         try:
-            going_on = (
-                one for one in run.read(stream, "log", line=stream.line + 1, by_blocks=True) if one and not run.ended
-            )
+            going_on = (one for one in bulk.read(run, stream, "log", line=stream.line + 1) if one and not run.ended)
             pauses.extend((stream.offset, stream.line, pickle.dumps((run.state, run.number))) for _ in going_on)
         except TraceError as error:
             return run.number, run.watch.monitors.verdicts, run.watch.monitors.since, str(error)
@@ -415,12 +413,12 @@ def test_a_pause_is_at_the_end_of_lines_that_were_read(order: str | None, end: s
 
 
 def test_what_has_to_see_every_event_as_it_stands() -> None:
-    assert plan_of(TREE).block_reader is not None
-    assert plan_of(TREE, key=Key.parse(["robot.id"])).block_reader is None
-    assert plan_of(TREE, order_by="header.stamp").block_reader is None
+    assert bulk.block_reader(plan_of(TREE)) is not None
+    assert bulk.block_reader(plan_of(TREE, key=Key.parse(["robot.id"]))) is None
+    assert bulk.block_reader(plan_of(TREE, order_by="header.stamp")) is None
     every = Told(every=True)
     every.whole = True
-    list(run_of(plan_of(TREE), every).read(io.BytesIO(b'{"event": 1}'), "log", by_blocks=True))
+    list(bulk.read(run_of(plan_of(TREE), every), io.BytesIO(b'{"event": 1}'), "log"))
     assert every.said == [(1, {"event": 1})]
 
 
@@ -429,7 +427,7 @@ def test_what_comes_is_read_when_it_comes() -> None:
     with os.fdopen(read_end, "rb") as stream, os.fdopen(write_end, "wb", buffering=0) as given:
         run = run_of(plan_of(TREE), Told())
         given.write(b'{"kind": "k", "value": 1}\n{"kind"')
-        reading = run.read(stream, "log", by_blocks=True, live=True)
+        reading = bulk.read(run, stream, "log", live=True)
         assert (next(reading), run.number) == (True, 1)
         given.write(b': "k", "value": 2}\n')
         assert (next(reading), run.watch.monitors.verdicts) == (True, (Verdict.TRUE,))
@@ -520,7 +518,7 @@ def test_events_that_change_nothing_are_taken_at_once(
     arguments = ["monitor", str(tree), str(log), *options, *(["--semantics", semantics] if semantics else [])]
     told = []
     for few in (4, 10**9):
-        monkeypatch.setattr(run, "FEW", few)
+        monkeypatch.setattr(bulk, "FEW", few)
         status = main(arguments, standalone_mode=False)
         told.append((status, capsys.readouterr()))
     assert told[0] == told[1]

@@ -1,0 +1,662 @@
+"""Many events at once: the only module that knows batches. Without it monitoring is slower, and all answers are the same.
+
+A log that nobody has to see event by event is read in blocks of lines, or of other events. Of the events that cannot concern the tree
+only a count is kept, with their key and their place in the order. The others are sorted into groups of events of one class. If no group
+can change anything, their number is added to the counts; otherwise the run takes them one by one.
+"""
+
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from io import BufferedIOBase, IOBase
+from itertools import chain, count, islice
+from math import inf
+from operator import eq, gt, itemgetter, le, lt
+from sys import float_info
+from typing import Final, TypeAlias, TypeVar, cast
+
+import msgspec
+
+from rvaft.core.classifier import GuardTable, PatternIndex, TreeReads, key_at
+from rvaft.errors import RvaftError, TooLarge
+from rvaft.model.values import Json, JsonObject, exact
+from rvaft.model.verdict import Semantics
+from rvaft.readers import parallel_blocks
+from rvaft.readers.json_blocks import EventBlock, JsonBlockReader, exact_time, plain_fields
+from rvaft.readers.json_lines import LinesRead
+from rvaft.readers.log import ALL, Interest, Log
+from rvaft.stream.data_warnings import DataWarnings
+from rvaft.stream.detection import told_fields
+from rvaft.stream.listeners import MonitoredTrace, VerdictChange
+from rvaft.stream.monitor_set import MonitorSet
+from rvaft.stream.order import Backwards, Ordering, Place
+from rvaft.stream.plan import TIME, MonitoringPlan
+from rvaft.stream.run import Source, TraceRun
+from rvaft.stream.statistics import EventTypeIndex, Sight
+
+ENABLED: Final = True
+"""Whether events are read in bulk; without it all are read one by one."""
+STRETCH: Final = parallel_blocks.STRETCH
+"""Bytes that a process reads at a time; a shorter file is read by one process."""
+FEW: Final = 32
+"""Smaller blocks are taken event by event; after a failure at most so many blocks are, too."""
+BLOCK: Final = 500
+"""Events of a log in another format than JSON Lines that are looked at together."""
+FEW_VALUES: Final = 16
+"""How many different values of a field are tried in place of all events."""
+_NO_EVENT: Final[JsonObject] = {}
+"""Stands for any event that fits no pattern: where there are such, no pattern is without a literal."""
+_NUMBERS: Final = frozenset({int, float})
+_OWN_KEYS: Final = frozenset({str, int})
+"""Types of values that stand for themselves among those that change nothing."""
+_LARGEST: Final = float_info.max
+_END: Final = EventBlock(0, ())
+T = TypeVar("T")
+H = TypeVar("H")
+KeyValues: TypeAlias = tuple[Json, ...]
+"""Stands for an event that cannot concern the tree: its values in the fields of the key, none where it lacks one."""
+Turn: TypeAlias = JsonObject | KeyValues
+
+
+def read(
+    run: TraceRun,
+    source: Source,
+    name: str,
+    *,
+    line: int = 1,
+    by_blocks: bool = True,
+    live: bool = False,
+    jobs: int = 1,
+) -> Iterator[bool]:
+    """Read all events of a source as `run.read` does, and pause after each block of them.
+
+    Without `by_blocks` every event is read by itself. A source that is `live` is read as it comes, and a regular file by so many
+    processes. Raises what `run.read` raises.
+    """
+    if ENABLED and by_blocks:
+        reading = BulkReading(run)
+        blocks = reading.blocks(source, name, line, live=live, jobs=jobs)
+        if blocks is not None:
+            return reading.read(blocks)
+    return run.read(source, name, line=line)
+
+
+# -- what has to be read ------------------------------------------------------------------------------------------------
+
+
+def _times_count(monitors: MonitorSet) -> bool:
+    """Whether the time of each event counts; a text of a backend does not say what it makes of times."""
+    return monitors.may_be_late if monitors.engines else monitors.time is not None
+
+
+@lru_cache(maxsize=16)
+def interest(plan: MonitoringPlan) -> Interest:
+    """What of an event is read where no listener wants to see all of it."""
+    types = plan.monitors.types
+    also = (name for one in plan.fields for name in (one.text, one.path[0]))
+    found = Interest.of(plan.reads, (TIME, *told_fields(types.tree), *also))
+    # Of an event that cannot concern the tree its key, its place in the order and its time may count.
+    counted_only = plan.plain and not _times_count(plan.monitors) and found.fields is not None
+    return replace(found, may_be=types.may_be) if counted_only else found
+
+
+@lru_cache(maxsize=16)
+def block_reader(plan: MonitoringPlan) -> JsonBlockReader | None:
+    """The reader of JSON Lines in blocks, or None where every event has to be seen as it stands."""
+    # Where every event counts, those that cannot concern the tree would have to be given to the monitors of their keys.
+    each = plan.key is not None and plan.monitors.counts_all
+    if each or any(len(field.path) > 1 for field in plan.fields):
+        return None
+    types, names = plan.monitors.types, [field.text for field in plan.fields]
+    possible = (lambda _: True) if _times_count(plan.monitors) else types.possible
+    fields, time = plain_fields(plan.reads, (TIME, *told_fields(types.tree), *names)), exact_time(types.tree)
+    if not fields or time in names:
+        return None
+    return JsonBlockReader(plan.reads, possible, fields, time=time, strict=plan.strict_json, kept=names)
+
+
+def _blocks_of(events: Iterable[JsonObject | None]) -> Iterator[EventBlock]:
+    """Events in blocks, those of no interest only counted; where the log cannot be read on, those before it come first."""
+    total, held = 0, list[tuple[int, JsonObject]]()
+    try:
+        for event in events:
+            if event is not None:
+                held.append((total, event))
+            total += 1
+            if total == BLOCK:
+                yield EventBlock(total, held)
+                total, held = 0, []
+    except RvaftError:
+        yield EventBlock(total, held)
+        raise
+    yield EventBlock(total, held)
+
+
+def _block_of(turns: Sequence[Turn]) -> EventBlock:
+    """A block of events in their order, and of what stands for others."""
+    found = [(place, event) for place, event in enumerate(turns) if type(event) is not tuple]
+    if not found:
+        return EventBlock(len(turns), (), range(len(turns)), turns)
+    passed = [place for place, event in enumerate(turns) if type(event) is tuple]
+    return EventBlock(
+        len(turns), cast("list[tuple[int, JsonObject]]", found), passed, [turns[place] for place in passed]
+    )
+
+
+# -- groups of events ---------------------------------------------------------------------------------------------------
+
+
+class EventGroup:
+    """Some events, one at least, that have the same fields, with the values there, each field looked up once."""
+
+    __slots__ = ("_ends", "_types", "_values", "events")
+
+    def __init__(self, events: Sequence[JsonObject]) -> None:
+        self.events = events
+        self._values: dict[str, list[Json]] = {}
+        self._types: dict[str, set[type]] = {}
+        self._ends: dict[str, Sequence[Json]] = {}
+
+    def values(self, field: str) -> list[Json]:
+        """The value of each event in a field."""
+        found = self._values.get(field)
+        if found is None:
+            found = self._values[field] = [event[field] for event in self.events]
+        return found
+
+    def types(self, field: str) -> set[type]:
+        """The types of these values."""
+        found = self._types.get(field)
+        if found is None:
+            found = self._types[field] = set(map(type, self.values(field)))
+        return found
+
+    def ends(self, field: str) -> Sequence[Json]:
+        """The least and the greatest value, if all are finite numbers; else nothing."""
+        found = self._ends.get(field)
+        if found is None:
+            values, types, found = self.values(field), self.types(field), ()
+            if types == {int} or (types <= _NUMBERS and all(map(eq, values, values))):  # NaN has no place
+                least, most = min(values), max(values)
+                found = (least, most) if least >= -_LARGEST and most <= _LARGEST else ()
+            self._ends[field] = found
+        return found
+
+
+def groups(index: PatternIndex[T], events: Sequence[JsonObject]) -> list[tuple[T, EventGroup]] | None:
+    """The events of each shape, in order, with what the index derives for it; None if some cannot be told apart."""
+    try:
+        found = _by_shape(index.texts, events)
+        if index.others or not all(map(_have_the_same_fields, found)):
+            by_shape = defaultdict[Hashable, list[JsonObject]](list)
+            for event in events:
+                by_shape[*event, *[key_at(event, field) for field in (*index.texts, *index.others)]].append(event)
+            found = by_shape.values()
+    except TypeError:  # a list or an object where patterns have strings
+        return None
+    return [(index.of(group[0]), EventGroup(group)) for group in found]
+
+
+def _by_shape(fields: tuple[str, ...], events: Sequence[JsonObject]) -> Collection[Sequence[JsonObject]]:
+    """Events by how many fields they have, and by their values in these; without a call for each event."""
+    found = defaultdict[Hashable, list[JsonObject]](list)
+    match fields:
+        case (one,):
+            for event in events:
+                found[len(event), event.get(one)].append(event)
+        case (one, two):
+            for event in events:
+                found[len(event), event.get(one), event.get(two)].append(event)
+        case (one, two, three):
+            for event in events:
+                found[len(event), event.get(one), event.get(two), event.get(three)].append(event)
+        case _:
+            for event in events:
+                found[len(event), *map(event.get, fields)].append(event)
+    return found.values()
+
+
+def _have_the_same_fields(events: Sequence[JsonObject]) -> bool:
+    """Whether events with equally many fields have the same ones."""
+    try:
+        deque(map(itemgetter(*events[0]), events) if events[0] else (), maxlen=0)
+    except KeyError:
+        return False
+    return True
+
+
+def split(table: GuardTable[H], group: EventGroup) -> list[tuple[H, EventGroup]]:
+    """The events of a group by their entry in a table: mostly one for all, which few values show."""
+    if _has_one_entry(table, group):
+        return [(table.of(group.events[0]), group)]
+    found: dict[H, list[JsonObject]] = {}
+    for event in group.events:
+        found.setdefault(table.of(event), []).append(event)
+    return [(entry, EventGroup(events)) for entry, events in found.items()]
+
+
+def _has_one_entry(table: GuardTable[H], group: EventGroup) -> bool:
+    """Whether it is easily seen that the same guards hold of all events."""
+    if not table.guards:
+        return True
+    if table.field is None:
+        return False
+    few: Collection[Json] = ()
+    if table.ordered:
+        few = group.ends(table.field)
+    if not few and group.types(table.field) in ({str}, {int}):
+        few = set(group.values(table.field))
+    return 0 < len(few) <= FEW_VALUES and len({table.held({table.field: value}) for value in few}) == 1
+
+
+def by_types(sight: Sight, group: EventGroup) -> Sequence[tuple[tuple[str, ...] | None, EventGroup]] | None:
+    """The events of a group by the types of which they are relevant, None if ignored; None if that is asked of each event."""
+    if sight.decided.open or (sight.counted is None and (sight.constant is None or sight.ignored)):
+        return None
+    return split(sight.counted, group) if sight.counted is not None else [(sight.constant, group)]
+
+
+def needs_no_warning(warnings: DataWarnings, group: EventGroup, sight: Sight) -> bool:
+    """Whether it is known that there is nothing to warn of in events of one shape."""
+    if sight.looked_at == ():
+        return True
+    if sight.good is None or sight.good[:2] != (warnings, warnings.version):
+        return False
+    if warnings.time is not None and sight.entries:
+        return False
+    _, _, fields, known = sight.good
+    if not fields:
+        return fields is not None and () in known
+    if len(fields) == 1:
+        return all((kind,) in known for kind in group.types(fields[0]))
+    return known.issuperset(zip(*(map(type, group.values(field)) for field in fields), strict=True))
+
+
+def can_be_skipped(monitors: MonitorSet, sight: Sight, *, relevant: bool) -> bool:
+    """Whether events of a shape, relevant or not, change nothing and need not be read by the monitors."""
+    skips = monitors.semantics.projects or (
+        monitors.semantics is Semantics.SCATTERED and monitors.finds_no_more and not sight.ignored
+    )
+    return bool(monitors.engines) and skips and not relevant
+
+
+def changes_nothing(monitors: MonitorSet, group: EventGroup, sight: Sight) -> bool | None:
+    """For events of one shape, none of which changes anything: whether they fit the tree. None if some event may change something."""
+    if monitors.counts_all or monitors.may_be_late or monitors.rests:
+        return None
+    if monitors.live and (monitors.semantics.projects or monitors.live_columns != (0,)):
+        return None
+    engine, sketch = monitors.engines[0], (sight.monitored or monitors.sketches(group.events[0], sight))[0]
+    if monitors.semantics is Semantics.SCATTERED and not sketch.serving:
+        return False
+    table = engine.kinds(sketch)
+    if table is None:
+        return None
+    fits = set[bool]()
+    for kind, some in split(table, group):
+        effect = engine.effect(kind)
+        fits.add(effect.fits)
+        for letter, fields in effect.letters:
+            values = [
+                some.values(field) if some.types(field) <= _OWN_KEYS else [*map(exact, some.values(field))]
+                for field in fields
+            ]
+            if not engine.inert.issuperset(zip([letter] * len(some.events), *values, strict=True)):
+                return None
+    return fits.pop() if len(fits) == 1 else None
+
+
+def events_of_concern(
+    reads: TreeReads,
+    types: EventTypeIndex,
+    stream: BufferedIOBase,
+    log: str,
+    *,
+    strict_json: bool,
+    warnings: DataWarnings,
+    table: Callable[[JsonObject, Sight], GuardTable[H] | None],
+    concerns: Callable[[H], bool],
+) -> Iterator[tuple[int, JsonObject]] | None:
+    """The events of JSON Lines that may concern a tree, with their numbers; None if all events have to be read one by one.
+
+    `table` has the kind of an event, and `concerns` says whether events of a kind matter. Of a block in which none matters, and
+    nothing is to be warned of, the last event stands for all.
+    """
+    time = types.tree.time
+    fields = plain_fields(reads, time.field[:1] if time else ()) if ENABLED else ()
+    if not fields:
+        return None
+    times_count = time is not None and time.late is not None
+
+    def is_quiet(events: Sequence[JsonObject]) -> bool:
+        found = groups(types.index, events) if set(map(type, events)) == {dict} else None
+        for sight, group in found or ():
+            kinds = table(group.events[0], sight)
+            if kinds is None or not needs_no_warning(warnings, group, sight):
+                return False
+            if any(concerns(kind) for kind, _ in split(kinds, group)):
+                return False
+        return bool(found)
+
+    def numbered(reader: JsonBlockReader) -> Iterator[tuple[int, JsonObject]]:
+        before = 0
+        for block in reader.read(stream, log):
+            quiet = not times_count and is_quiet([event for _, event in block.events])
+            yield from ((before + place + 1, found) for place, found in block.events[-1 if quiet else 0 :])
+            before += block.total
+
+    possible = (lambda _: True) if times_count else types.possible
+    return numbered(JsonBlockReader(reads, possible, fields, time=exact_time(types.tree), strict=strict_json))
+
+
+# -- order and clock ----------------------------------------------------------------------------------------------------
+
+
+class BulkOrdering:
+    """Adds many events to an `Ordering` at once."""
+
+    def __init__(self, ordering: Ordering[Turn]) -> None:
+        self._ordering = ordering
+        self._as_they_came = False
+        """Whether the events that are held are in the order of their places and of their numbers alike."""
+
+    def add(self, block: EventBlock, values: Sequence[Json], others: Sequence[Turn]) -> list[Turn]:
+        """Add the events of a block and return those whose turn it is.
+
+        Those that cannot concern the tree have these `values` in the field, and the `others` stand for them.
+        """
+        ordering = self._ordering
+        came = _in_places(block, others, [event for _, event in block.events])
+        places: list[Place | None]
+        if ordering.time is None and ordering.holds_times is False and _NUMBERS.issuperset(map(type, values)):
+            places = _in_places(block, values, [ordering.place(event) for _, event in block.events])
+        else:  # the first of all says what the field holds
+            known, name = dict(zip(block.passed, values, strict=True)), ordering.field.text
+            told = ({name: known[place]} if place in known else event for place, event in enumerate(came))
+            places = list(map(ordering.place, told))
+        if None not in places and (found := self._add_sorted(cast("list[Place]", places), came)) is not None:
+            return found
+        self._as_they_came = False
+        return [event for event in map(ordering.put, places, came) if event is not None]
+
+    def _add_sorted(self, places: Sequence[Place], events: Sequence[Turn]) -> list[Turn] | None:
+        """Add events all at once, and return those whose turn it is; None, and nothing is added, if one of them is late."""
+        ordering = self._ordering
+        held = ordering.held
+        known = [*held, *zip(places, count(ordering.came + 1), events)]
+        turns = max(0, len(known) - ordering.window)
+        last = held[-1][0] if held else ordering.latest
+        if not (self._as_they_came and places and last <= places[0] and all(map(le, places, islice(places, 1, None)))):
+            known.sort(key=itemgetter(0, 1))
+            numbers = [number for _, number, _ in known]
+            self._as_they_came = all(map(lt, numbers, islice(numbers, 1, None)))
+            # Each has to be there when its turn comes: with the first event that has no room in the window, the second, and so on.
+            full = ordering.came + 1 + ordering.window - len(held)
+            if turns and (known[0][0] < ordering.latest or any(map(gt, numbers[:turns], count(full)))):
+                return None
+        due = known[:turns]
+        ordering.came += len(events)
+        ordering.held = known[turns:]
+        if places:
+            ordering.before = places[-1]
+        if due:
+            ordering.latest = due[-1][0]
+        return [event for _, _, event in due]
+
+
+def _in_places(block: EventBlock, others: Sequence[T], own: Sequence[T]) -> list[T]:
+    """For each event of a block, one of its `own`, or one of the others for an event that cannot concern the tree."""
+    if len(own) < len(others):
+        found = list(others)
+        for (place, _), one in zip(block.events, own, strict=True):
+            found.insert(place, one)
+        return found
+    places = chain(block.passed, (place for place, _ in block.events))
+    return [one for _, one in sorted(zip(places, chain(others, own), strict=True), key=itemgetter(0))]
+
+
+def see_all(clock: Backwards, events: Sequence[JsonObject], numbers: Iterable[int]) -> None:
+    """Let a clock see events with these numbers."""
+    if clock.time is None and clock.holds_times is False and len(clock.field.path) == 1:
+        name = clock.field.text
+        places: list[Json] = [event.get(name) for event in events]
+        rises = _NUMBERS.issuperset(map(type, places)) and all(map(le, chain((clock.last,), places), places))
+        if rises and places and places[-1] < inf:  # nor is any before it infinite, or not a number
+            clock.last = places[-1]
+            return
+    for number, event in zip(numbers, events, strict=True):
+        clock.see(number, event)
+
+
+# -- the run ------------------------------------------------------------------------------------------------------------
+
+
+class BulkReading:
+    """Reads the events of a trace in blocks, for a run."""
+
+    def __init__(self, run: TraceRun) -> None:
+        self.run = run
+        self._tries = self._pause = 0
+        self._ordering = None
+        if run.ordering is not None:
+            self._ordering = BulkOrdering(cast("Ordering[Turn]", run.ordering))
+
+    def blocks(self, source: Source, name: str, line: int, *, live: bool, jobs: int) -> Iterator[EventBlock] | None:
+        """The events of a source in blocks, or None if they have to be read one by one."""
+        run, plan = self.run, self.run.plan
+        quickly = not any(one.whole or (one.every and run.one_by_one) for one in run.listeners)
+        if isinstance(source, Log):
+            if run.ordering is not None:
+                return None
+            source.interest = interest(plan) if quickly else ALL
+            return _blocks_of(source.events())
+        reader = block_reader(plan) if quickly and isinstance(source, IOBase) else None
+        if reader is None:
+            return None
+        stream = cast("BufferedIOBase", source)
+        reached: Callable[[int, int], None] = (
+            source.reach if isinstance(source, LinesRead) else lambda _size, _lines: None
+        )
+        if jobs > 1:
+            return parallel_blocks.read_in_processes(reader, stream, name, jobs=jobs, line=line, reached=reached)
+        return reader.read(stream, name, line=line, live=live, reached=reached)
+
+    def read(self, blocks: Iterable[EventBlock]) -> Iterator[bool]:
+        """Give the run the events of blocks, and pause after each; False once where the trace has ended."""
+        self.run.prepare()
+        for block in self._in_turn(blocks):
+            self._process(block)
+            self.run.notify_unchanged(self.run.number)
+            yield block is not _END
+
+    def _in_turn(self, blocks: Iterable[EventBlock]) -> Iterator[EventBlock]:
+        """Blocks of events in time order; an error of the source comes after the events before it."""
+        run, failure = self.run, None
+        try:
+            for block in blocks:
+                yield block if run.plan.plain else self._turns(block)
+        except (RvaftError, OSError) as error:
+            failure = error
+        else:
+            yield _END
+        run.ended = True
+        if run.ordering is not None and (rest := list(run.ordering.rest())):
+            yield _block_of(rest)
+        if failure is not None:
+            raise failure
+
+    def _turns(self, block: EventBlock) -> EventBlock:
+        """The events whose turn it is after those of a block; of those that cannot concern the tree only the key is kept."""
+        key = self.run.plan.key
+        places: Sequence[Json] = block.kept
+        keys: Sequence[KeyValues] = [()] * len(places)
+        if key is not None:
+            found = block.kept
+            if self._ordering is not None:
+                places, found = [values[0] for values in found], [values[1:] for values in found]
+            elif len(key.fields) == 1:
+                found = [(value,) for value in found]
+            keys = [() if msgspec.UNSET in values else values for values in found]
+        if self._ordering is None:
+            return block._replace(kept=keys)
+        return _block_of(self._ordering.add(block, places, keys))
+
+    def _process(self, block: EventBlock) -> None:
+        """Give a block to the run: together where it can change nothing, else event by event."""
+        run, before = self.run, self.run.number
+        events = block.events if run.keys is None or not block.passed else self._with_new_keys(block)
+        monitors = run.plan.monitors
+        together = not (run.audience.each or monitors.counts_all or monitors.may_be_late)
+        if together and self._process_in_bulk(events, before):
+            run.number = before + events[-1][0] + 1
+        else:
+            try:
+                run.take(events, before, self._fill if monitors.counts_all else None)
+            except TooLarge:
+                if run.keys is None:
+                    run.watch.events = run.number
+                else:
+                    self._count_passed(block, events, run.number - before - 1)
+                raise
+        if len(events) < block.total:
+            self._pass_over(block, events, before + block.total)
+
+    def _process_in_bulk(self, events: Sequence[tuple[int, JsonObject]], before: int) -> bool:
+        """Process events all at once; False, and nothing is done, unless it is seen that all change nothing but counts.
+
+        They have places after the event of the number `before`. After a failure as many of the next blocks are not tried.
+        """
+        run = self.run
+        self._tries -= 1
+        keyed_by = "" if run.keys is None or len(run.keys.names) != 1 else run.keys.names[0]
+        if len(events) < FEW or self._tries > 0 or (run.keys is not None and not keyed_by):
+            return False
+        self._pause = self._tries = min(2 * self._pause + 1, FEW)
+        bodies = [event for _, event in events]
+        watches = self._watches_of(bodies, keyed_by)
+        totals, monitors = run.totals, run.watch.monitors
+        if watches is None or set(map(type, bodies)) != {dict}:
+            return False
+        found = groups(run.plan.monitors.types.index, bodies)
+        if found is None:
+            return False
+        strange, concerned, entries = list[EventGroup](), list[EventGroup](), list[EventGroup]()
+        counts = list[tuple[Sight, tuple[str, ...] | None, int]]()
+        for sight, group in found:
+            fits = set[bool | None]()
+            parts = by_types(sight, group) if needs_no_warning(totals.data_warnings, group, sight) else None
+            for names, some in parts or ():
+                if sight.constant != ():
+                    counts.append((sight, names, len(some.events)))
+                if can_be_skipped(monitors, sight, relevant=bool(names)):
+                    fits.add(False)
+                else:
+                    fits.add(None if keyed_by else changes_nothing(monitors, some, sight))
+            if fits not in ({True}, {False}):
+                return False
+            for belongs, those in (
+                (True in fits, concerned),
+                (sight.constant == (), strange),
+                (sight.entries, entries),
+            ):
+                if belongs:
+                    those.append(group)
+        if concerned and run.audience.of_concern and monitors.live:
+            return False
+        self._pause = self._tries = 0
+
+        def numbered(some: Sequence[EventGroup]) -> Iterable[tuple[int, JsonObject]]:
+            if len(some) in (0, len(found)):
+                return ((before + place + 1, event) for place, event in events if some)
+            own = {id(event) for one in some for event in one.events}
+            return ((before + place + 1, event) for place, event in events if id(event) in own)
+
+        if totals.statistics is not None:
+            for sight, names, number in counts:
+                totals.statistics.add_many(sight, names, number)
+            for number, event in numbered(strange):
+                totals.statistics.add(event, number, run.prefix)
+        for watch, number in watches:
+            watch.events += number
+        hint = totals.semantics_hint
+        if hint is not None and not all(hint.is_full(id(watch)) for watch, _ in watches):
+            for number, event in numbered(entries):
+                own = run.watch if run.keys is None else run.keys.known[event[keyed_by],]
+                hint.keep(id(own), number, event)
+        if run.clock is not None and concerned:
+            told = bodies if len(concerned) == len(found) else [event for _, event in numbered(concerned)]
+            see_all(run.clock, told, (number for number, _ in numbered(concerned)))
+        return True
+
+    def _watches_of(self, events: Sequence[JsonObject], keyed_by: str) -> Sequence[tuple[MonitoredTrace, int]] | None:
+        """The monitored traces of events, and how many events each has; None if that has to be asked of each event."""
+        keys = self.run.keys
+        if keys is None:
+            return [(self.run.watch, len(events))]
+        values = [event.get(keyed_by) if type(event) is dict else None for event in events]
+        if set(map(type, values)) != {str}:
+            return None
+        found = [(keys.known.get((value,)), number) for value, number in Counter(values).items()]
+        known = [(watch, number) for watch, number in found if watch is not None]
+        return known if len(known) == len(found) else None
+
+    # Events that cannot concern the tree.
+
+    def _with_new_keys(self, block: EventBlock) -> Sequence[tuple[int, JsonObject]]:
+        """The events of a block, and of those that cannot concern the tree the first of each key, with the key alone."""
+        keys = self.run.keys
+        assert keys is not None, "only events with keys are kept by them"
+        new = [values for values in dict.fromkeys(block.kept) if not self._is_known(values)]
+        if not new:
+            return block.events
+        names = [field.text for field in keys.key.fields]
+        also = [(block.passed[block.kept.index(values)], dict(zip(names, values, strict=False))) for values in new]
+        return sorted([*block.events, *also], key=itemgetter(0))
+
+    def _is_known(self, values: KeyValues) -> bool:
+        """Whether an event with these in the fields of the key, or nothing if it lacks one of them, would not be the first."""
+        keys = self.run.keys
+        assert keys is not None, "only events with keys are kept by them"
+        if values not in keys.known:
+            watch = keys.find(values)
+            if watch is None and (values or not keys.lacking):
+                return False
+            keys.known[values] = watch
+        return True
+
+    def _count_passed(self, block: EventBlock, events: Sequence[tuple[int, JsonObject]], end: int) -> None:
+        """Count for their keys the events of a block, before that place, that were not looked at."""
+        keys = self.run.keys
+        assert keys is not None, "only events with keys are kept by them"
+        looked_at = {place for place, _ in events}
+        passed = zip(block.passed, block.kept, strict=True)
+        for values, number in Counter(key for place, key in passed if place < end and place not in looked_at).items():
+            if not self._is_known(values):
+                continue
+            watch = keys.known[values]
+            if watch is None:
+                keys.lacking += number
+            else:
+                watch.events += number
+
+    def _pass_over(self, block: EventBlock, events: Sequence[tuple[int, JsonObject]], last: int) -> None:
+        """Count the events of a block that were not looked at; `last` is the number of its last event."""
+        run, passed = self.run, block.total - len(events)
+        if run.plan.monitors.counts_all:
+            self._fill(last + 1)
+        if run.totals.statistics is not None:
+            run.totals.statistics.events += passed
+        run.number = last
+        if run.keys is None:
+            run.watch.events += passed
+        else:
+            self._count_passed(block, events, block.total)
+
+    def _fill(self, number: int) -> None:
+        """Read events before that number that fit no pattern: under `strict` they end a match, and a text says itself."""
+        run, monitors = self.run, self.run.watch.monitors
+        while monitors.live and run.number + 1 < number:
+            run.number, changed = monitors.repeat_step(_NO_EVENT, run.number + 1, number - 1)
+            if changed:
+                run.tell(VerdictChange(run.watch, run.number, _NO_EVENT, changed))

@@ -197,8 +197,8 @@ def test_statistics_are_the_same(name: str, some: list[dict[str, Any]]) -> None:
     with small(100):
         number = 0
         for batch in reader.read(io.BytesIO(data), "log"):
-            for place, event in batch.events:
-                quick.add(event, number + place + 1)
+            for place, decoded in batch.events:
+                quick.add(decoded, number + place + 1)
             quick.events += batch.total - len(batch.events)
             number += batch.total
     assert (slow.events, slow.relevant, slow.never_seen) == (quick.events, quick.relevant, quick.never_seen)

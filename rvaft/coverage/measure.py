@@ -18,12 +18,12 @@ from rvaft.core.property import All, Event, Property, Source, Times
 from rvaft.core.scenarios import is_empty, transitive
 from rvaft.engine import Engine
 from rvaft.engine.alternatives import Alternatives
-from rvaft.engine.compiled_tree import CompiledTree, Op, Reading, Sketch, TreeLetters
+from rvaft.engine.compiled_tree import CompiledTree, EventClass, Op, Reading, TreeLetters
 from rvaft.engine.configuration import Configuration, Witness, history
 from rvaft.engine.explanation import awaited
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.engine.partial_matches import Following
-from rvaft.engine.scattered_linear import Earliest, EarliestRun
+from rvaft.engine.scattered_linear import LinearMonitor, LinearRun
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.guards import holds
 from rvaft.model.nodes import Kind
@@ -34,7 +34,7 @@ from rvaft.monitors import Awaited
 from rvaft.readers.json_lines import read
 from rvaft.stream import bulk
 from rvaft.stream.data_warnings import DataWarning, DataWarnings
-from rvaft.stream.statistics import EventTypeIndex, Sight
+from rvaft.stream.statistics import EventKind, EventTypeIndex
 from rvaft.support.bits import bits
 
 DEFAULT_BRANCHES: Final = 1_000
@@ -219,10 +219,10 @@ class AlternativeFollower(Engine):
             return Reach(0, self._position, ())
         strategy, waiting = self._strategy, set[str]()
         assert not isinstance(strategy, Alternatives), "an alternative has no others beside it"
-        if isinstance(strategy, Earliest):  # the best match may do without some of what fired: played again alone
+        if isinstance(strategy, LinearMonitor):  # the best match may do without some of what fired: played again alone
             fired = {node: position for node, (position, _) in strategy.run.fired.items()}
             lacking, nodes = self._shortest.fewest(fired, exact=False)
-            run, last = EarliestRun(strategy.compiled, strategy.starts), 0
+            run, last = LinearRun(strategy.compiled, strategy.starts), 0
             for node, (position, values) in strategy.run.fired.items():
                 if node in nodes:
                     run.fire([(node, values)], position)
@@ -388,7 +388,7 @@ class Coverage:
             prop.with_root(All(None, tuple(Event(Source(entry.node, 1), entry.pattern) for entry in tree.alphabet)))
         )
         self._letters = TreeLetters(self._compiled)
-        self._types = EventTypeIndex(tree, (letter.pattern for letter in self._letters.letters))
+        self._types = EventTypeIndex(tree, self._letters.patterns)
         self._warnings = DataWarnings(self._types)
         chosen = [numbered(tree, branch)] if branch is not None else list(islice(branches(tree), limit + 1))
         if branch is None and len(chosen) > limit:
@@ -423,8 +423,8 @@ class Coverage:
         strict, scattered = (self.semantics is one for one in (Semantics.STRICT, Semantics.SCATTERED))
         projects = self.semantics.projects
         try:
-            for number, event, sight in data_warnings.over(numbered, f"{log}: "):
-                hit = set[str]() if sight is None else self._hit(event, sight, projects=projects)
+            for number, event, event_kind in data_warnings.over(numbered, f"{log}: "):
+                hit = set[str]() if event_kind is None else self._hit(event, event_kind, projects=projects)
                 seen |= hit
                 if hit or strict:
                     for follower, nodes in live:
@@ -448,21 +448,17 @@ class Coverage:
                 best = replace(best, reached=came, log=log, event=reach.event, awaited=reach.awaited)
             self._best[place] = best
 
-    def _sketch(self, event: Json, sight: Sight) -> Sketch:
-        if sight.monitored is None:
-            sight.monitored = (self._letters.sketch(event),)
-        sketch: Sketch = sight.monitored[0]
-        return sketch
+    def _class_of(self, event_kind: EventKind) -> EventClass:
+        if event_kind.classes is None:
+            event_kind.classes = (self._letters.class_of(self._types.possible_patterns(event_kind)),)
+        return event_kind.classes[0]
 
-    def _hit(self, event: Json, sight: Sight, *, projects: bool) -> set[str]:
-        """The nodes that an event may be, where it counts.
-
-        By the pattern and by the guard that the event alone decides.
-        """
-        sketch = self._sketch(event, sight)
-        if projects and any(one.admits(event) for one in sketch.ignored):
+    def _hit(self, event: Json, event_kind: EventKind, *, projects: bool) -> set[str]:
+        """The nodes that an event may be, where it counts: by the pattern and by the guard that the event alone decides."""
+        event_class = self._class_of(event_kind)
+        if projects and any(one.admits(event) for one in event_class.ignored):
             return set()
-        reading = self._letters.read(event, sketch)
+        reading = self._letters.read(event, event_class)
         if projects and not reading.relevant:
             return set()
         found = ((self._compiled.names[node], hit.values) for hit in reading.hits for node in hit.nodes)
@@ -485,8 +481,8 @@ class Coverage:
                 log,
                 strict_json=strict_json,
                 warnings=data_warnings,
-                table=lambda event, sight: self._sketch(event, sight).told,
-                concerns=lambda told: told.relevant if self.semantics.projects else bool(told.serving),
+                table=lambda event_kind: self._class_of(event_kind).refined,
+                concerns=lambda one: one.relevant if self.semantics.projects else bool(one.serving),
             )
         if found is None:
             found = enumerate(read(cast("BinaryIO", stream), name=log, reads=reads, strict=strict_json), 1)

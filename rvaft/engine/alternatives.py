@@ -4,10 +4,10 @@ from collections.abc import Hashable, Mapping, Sequence
 from copy import copy
 from typing import Any, Self
 
-from rvaft.engine.compiled_tree import NOTHING, Reading, Sketch, TreeLetters
+from rvaft.engine.compiled_tree import NOTHING, EventClass, Reading, TreeLetters
 from rvaft.engine.explanation import explain, pending, together
 from rvaft.engine.partial_matches import Following
-from rvaft.engine.scattered_linear import Earliest
+from rvaft.engine.scattered_linear import LinearMonitor
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Explanation, Pending
@@ -19,7 +19,7 @@ class Alternatives:
     `letters` are those of all alternatives together, which say of an event whether it can concern any.
     """
 
-    def __init__(self, letters: TreeLetters, parts: Sequence[Following | Earliest]) -> None:
+    def __init__(self, letters: TreeLetters, parts: Sequence[Following | LinearMonitor]) -> None:
         self.letters = letters
         self.parts = tuple(parts)
         self.verdicts = [Verdict.UNKNOWN] * len(self.parts)
@@ -30,9 +30,9 @@ class Alternatives:
         """Whether the last event may be part of a match."""
         return any(strategy.noted for strategy in self.parts)
 
-    def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
+    def read(self, event: Mapping[str, Json], event_class: EventClass | None = None) -> Reading:
         """What an event means to each."""
-        if not (self.letters.sketch(event) if sketch is None else sketch).letters:
+        if not (self.letters.classify(event) if event_class is None else event_class).letters:
             return NOTHING
         readings = [strategy.read(event) for strategy in self.parts]
         return Reading(any(one.relevant for one in readings), readings if any(one.hits for one in readings) else ())

@@ -14,19 +14,19 @@ configuration has to remember, and the guards that wait for them.
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 from functools import cached_property
 from typing import Any, Final, NamedTuple, TypeAlias, assert_never
 
 from rvaft.core import property as core
-from rvaft.core.classifier import Decided, GuardTable, Letter, PatternIndex, Reader, guard_table, reader
+from rvaft.core.classifier import GuardTable, Letter, PatternIndex, Reader, guard_table, reader
 from rvaft.core.property import Part, Property, Source, fewest
 from rvaft.core.times import TimeDifference, differences
 from rvaft.model.guards import Guard, Predicate, TimePoint, conjuncts, predicate, time_points
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.patterns import rigid_variables
+from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.model.values import Json
 from rvaft.support.bits import mask_of
 
@@ -310,45 +310,25 @@ class Admission(NamedTuple):
 
 
 @dataclass(slots=True, eq=False)
-class Sketch:
-    """What events of one shape may be: the letters, those of them that serve a node, and those that are ignored.
+class EventClass:
+    """Events that are alike to a tree: they have the same shape or, in a *refined* class, the same guards hold of them, too.
 
-    Where the fields of an event say the rest, `told` gives what they say, by a table over the guards that hold.
+    A class by shape has the letters that its events may be. If the fields of an event say the rest, `refined` gives its refined
+    class, and `followed` the one that also says which guards of nodes the event alone decides. A refined class has the letters
+    that its events are.
     """
 
     letters: tuple[Admission, ...]
     serving: tuple[Admission, ...]
-    ignored: tuple[Reader, ...]
-    told: "GuardTable[Told] | None" = None
-    followed: "GuardTable[FollowedLetters] | None" = None
-    """What a strategy makes of it."""
-
-
-@dataclass(slots=True, eq=False)
-class Told:
-    """What the fields of an event say: whether it is relevant, and the letters that it is and that serve a node."""
-
-    relevant: bool
-    serving: tuple[Admission, ...]
-
-
-class Followed(NamedTuple):
-    """A letter that an event is, the nodes whose event that is, and what follows from its fields alone."""
-
-    letter: int
-    nodes: tuple[int, ...]
-    held: int
-    """The guards that hold, of those that the event alone decides."""
-    fields: Mapping[str, str]
-    """The fields that hold its variables."""
-    values: Callable[[Mapping[str, Json]], dict[str, Json] | None]
-
-
-@dataclass(slots=True, eq=False)
-class FollowedLetters:
-    """The letters that an event is, as far as they serve nodes."""
-
-    letters: tuple[Followed, ...]
+    """The letters that serve a node."""
+    ignored: tuple[Reader, ...] = ()
+    """The declarations by which events may be ignored."""
+    relevant: bool = False
+    """Whether all events of a refined class are relevant."""
+    held: tuple[int, ...] = ()
+    """In a class that is followed, for each letter that serves a node the guards that hold, as bits."""
+    refined: "GuardTable[EventClass] | None" = None
+    followed: "GuardTable[EventClass] | None" = None
 
 
 class Effect(NamedTuple):
@@ -361,16 +341,17 @@ class Effect(NamedTuple):
     letters: Sequence[tuple[int, tuple[str, ...]]]
 
 
-def _told(sketch: Sketch) -> GuardTable[Told]:
-    letters = len(sketch.letters)
+def _refined(found: EventClass) -> GuardTable[EventClass]:
+    """From an event of a class by shape to its refined class."""
+    letters = len(found.letters)
 
-    def derive(holds: Callable[[int], bool]) -> Told:
-        own = [one for place, one in enumerate(sketch.letters) if holds(place)]
-        ignored = any(holds(letters + place) for place in range(len(sketch.ignored)))
+    def derive(holds: Callable[[int], bool]) -> EventClass:
+        own = tuple(one for place, one in enumerate(found.letters) if holds(place))
+        ignored = any(holds(letters + place) for place in range(len(found.ignored)))
         relevant = not ignored and any(one.relevant for one in own)
-        return Told(relevant, tuple(one for one in own if one.nodes))
+        return EventClass(own, tuple(one for one in own if one.nodes), relevant=relevant)
 
-    return guard_table([one.asked for one in (*(one.reader for one in sketch.letters), *sketch.ignored)], derive)
+    return guard_table([one.asked for one in (*(one.reader for one in found.letters), *found.ignored)], derive)
 
 
 class TreeLetters:
@@ -413,46 +394,53 @@ class TreeLetters:
         """The values and the time in the last event that was a letter."""
         values = [values_of(readers[number], time) for number, (_, time) in enumerate(told)]
 
-        def sketch(decided: Decided) -> Sketch:
-            possible = [readers[number] for number in sorted((*decided.fits, *decided.open))]
-            letters = []
-            for one in possible:
-                if one.number < len(self.letters):
-                    test, relevant = one.holds if one.plain else None, told[one.number] in alphabet
-                    time = told[one.number][1] is not None and event_time is not None
-                    nodes = self.serves[one.number]
-                    letters.append(Admission(one.number, nodes, relevant, test, values[one.number], one, time))
-            serving = tuple(one for one in letters if one.nodes)
-            found = Sketch(tuple(letters), serving, tuple(possible[len(letters) :]))
-            if all(one.plain for one in possible) and not any(one.timed for one in letters):
-                found.told = _told(found)
-            return found
+        self._admissions: list[Admission] = []
+        for one in readers[: len(self.letters)]:
+            test, relevant = one.holds if one.plain else None, told[one.number] in alphabet
+            time = told[one.number][1] is not None and event_time is not None
+            nodes = self.serves[one.number]
+            self._admissions.append(Admission(one.number, nodes, relevant, test, values[one.number], one, time))
+        self._ignored = readers[len(self.letters) :]
+        self.patterns = tuple(one.pattern for one in readers)
+        """The patterns of the letters, and of what is ignored."""
+        self.classify = PatternIndex(self.patterns, lambda decided: self._class({*decided.fits, *decided.open})).of
+        """The class of an event by its shape."""
 
-        self.sketch = PatternIndex((one.pattern for one in readers), sketch).of
-        """What the shape of an event says: for who reads many events of few shapes."""
+    def class_of(self, possible: Collection[Pattern]) -> EventClass:
+        """The class by shape of events that can match these patterns, of all the `patterns`."""
+        return self._class({number for number, pattern in enumerate(self.patterns) if pattern in possible})
 
-    def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
-        """What an event means; `sketch` is what its shape says, where that is known."""
-        if sketch is None:
-            sketch = self.sketch(event)
-        if not sketch.letters:
+    def _class(self, numbers: Collection[int]) -> EventClass:
+        letters = tuple(one for one in self._admissions if one.letter in numbers)
+        serving = tuple(one for one in letters if one.nodes)
+        found = EventClass(letters, serving, tuple(one for one in self._ignored if one.number in numbers))
+        plain = all(one.reader.plain for one in letters) and all(one.plain for one in found.ignored)
+        if plain and not any(one.timed for one in letters):
+            found.refined = _refined(found)
+        return found
+
+    def read(self, event: Mapping[str, Json], event_class: EventClass | None = None) -> Reading:
+        """What an event means; `event_class` is what its shape says, where that is known."""
+        if event_class is None:
+            event_class = self.classify(event)
+        if not event_class.letters:
             return NOTHING
         hits: list[Hit] = []
-        if sketch.told is not None:
-            told = sketch.told.of(event)
+        if event_class.refined is not None:
+            told = event_class.refined.of(event)
             for number, nodes, _, _, values_of, _, _ in told.serving:
                 values = values_of(event)
                 if values is not None:
                     hits.append(_new(Hit, (number, nodes, values)))
             return _new(Reading, (told.relevant, hits))
         relevant = False
-        for number, nodes, matters, test, values_of, _, _ in sketch.letters:
+        for number, nodes, matters, test, values_of, _, _ in event_class.letters:
             if test is None or test(event):
                 values = values_of(event)
                 if values is not None:
                     relevant = relevant or matters
                     if nodes:
                         hits.append(_new(Hit, (number, nodes, values)))
-        if relevant and sketch.ignored:
-            relevant = not any(one.admits(event) for one in sketch.ignored)
+        if relevant and event_class.ignored:
+            relevant = not any(one.admits(event) for one in event_class.ignored)
         return _new(Reading, (relevant, hits))

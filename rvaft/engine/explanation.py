@@ -22,7 +22,7 @@ from rvaft.core.property import One, Property, Source
 from rvaft.engine.compiled_tree import CompiledTree, Op
 from rvaft.engine.configuration import SURE, TOUCHED, Configuration, Witness, history
 from rvaft.engine.partial_matches import Following, Matching
-from rvaft.engine.scattered_linear import Earliest, EarliestRun, possible_nodes
+from rvaft.engine.scattered_linear import LinearMonitor, LinearRun, possible_nodes
 from rvaft.errors import TooLarge
 from rvaft.model.expressions import event_text
 from rvaft.model.tree import RVAFT, reachable
@@ -73,7 +73,7 @@ def made_choices(prop: Property) -> dict[str, str]:
 class MatchFinder:
     """What the monitor of a property knows of matches under choices."""
 
-    def __init__(self, strategy: Following | Earliest) -> None:
+    def __init__(self, strategy: Following | LinearMonitor) -> None:
         self.strategy = strategy
         self.compiled = strategy.compiled
         self.prop = strategy.compiled.prop
@@ -81,7 +81,7 @@ class MatchFinder:
     def find(self, choices: Choices) -> FoundMatch | None:
         """A match of a scenario in which each of these choices keeps the child chosen."""
         strategy = self.strategy
-        if isinstance(strategy, Earliest):
+        if isinstance(strategy, LinearMonitor):
             run = self._run(strategy, choices)
             if not run.detected:
                 return None
@@ -99,7 +99,7 @@ class MatchFinder:
         self, choices: Choices | None, histories: Iterable[list[Witness]]
     ) -> Iterator[tuple[set[str], Mapping[str, Json]]]:
         """The nodes whose events matches with these steps still lack under choices, by the values they remember."""
-        if isinstance(self.strategy, Earliest):
+        if isinstance(self.strategy, LinearMonitor):
             yield {self.compiled.names[node] for node in self._run(self.strategy, choices or {}).awaited()}, {}
             return
         found: dict[Hashable, tuple[set[str], Mapping[str, Json]]] = {}
@@ -117,7 +117,7 @@ class MatchFinder:
             found.setdefault(fingerprint(match.binding), (set(), dict(match.binding)))[0].update(known[place])
         yield from found.values()
 
-    def _run(self, strategy: Earliest, choices: Choices) -> EarliestRun:
+    def _run(self, strategy: LinearMonitor, choices: Choices) -> LinearRun:
         """The run under choices; -1 where a gate does not have the child."""
         compiled = self.compiled
         made = {gate: child for gate, child in choices.items() if gate in compiled.choices}
@@ -155,7 +155,7 @@ class MatchFinder:
     def _limits(self) -> tuple[set[int], set[int]]:
         """The nodes that some choices may make complete, given what came; and those without which the root is not."""
         strategy, compiled = self.strategy, self.compiled
-        if isinstance(strategy, Earliest):
+        if isinstance(strategy, LinearMonitor):
             came = {node for node in range(len(compiled.names)) if strategy.came(node)}
         else:
             taken = mask_of(step.node for match in strategy.matches for step in history(match.witness))
@@ -209,7 +209,7 @@ def _scenario(matching: Matching, match: Configuration) -> dict[int, tuple[int, 
     return kept
 
 
-def explain(strategy: Following | Earliest) -> Explanation:
+def explain(strategy: Following | LinearMonitor) -> Explanation:
     """The explanation after detection; its branch is None where there are too many to find the lowest."""
     finder = MatchFinder(strategy)
     prop, tree = finder.prop, finder.prop.tree
@@ -262,7 +262,7 @@ def _lowest(tree: RVAFT, finder: MatchFinder, found: FoundMatch) -> tuple[FoundM
     return found, number_of(tree, {name: found.kept[name][0] for name in order if name in found.kept})
 
 
-def pending(strategy: Following | Earliest, *, limit: int, before: int | None = None) -> tuple[Pending, ...]:
+def pending(strategy: Following | LinearMonitor, *, limit: int, before: int | None = None) -> tuple[Pending, ...]:
     """What each live branch waits for; with `before`, waited for when the event of that number ended the last hope.
 
     Beyond `limit` branches all are taken together, without a number. Raises `TooLarge` as the monitor does.

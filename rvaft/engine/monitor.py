@@ -11,16 +11,14 @@ from rvaft.engine.compiled_tree import (
     NOTHING,
     CompiledTree,
     Effect,
-    FollowedLetters,
+    EventClass,
     Reading,
-    Sketch,
-    Told,
     TreeLetters,
 )
 from rvaft.engine.explanation import explain, pending, together
 from rvaft.engine.partial_matches import Contiguous, Following
 from rvaft.engine.scattered_general import ScatteredMatches
-from rvaft.engine.scattered_linear import Earliest, linear_starts
+from rvaft.engine.scattered_linear import LinearMonitor, linear_starts
 from rvaft.engine.settled_choices import SettledChoices
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -59,7 +57,7 @@ class Engine(Monitor):
         self._may_be_late = tree.time is not None and tree.time.late is not None
         prop = self._property()
         found = [_strategy(one, self.semantics, limit, apart=self._apart) for one in prop.alternatives]
-        self._strategy: Following | Earliest | Alternatives
+        self._strategy: Following | LinearMonitor | Alternatives
         if len(found) == 1:
             self._strategy = found[0]
         else:
@@ -98,33 +96,27 @@ class Engine(Monitor):
         """What an event means, for `take`; a second argument is what its shape says, where that is known."""
         return self._strategy.read
 
-    def is_relevant(self, event: Mapping[str, Json], sketch: Sketch) -> bool:
+    def is_relevant(self, event: Mapping[str, Json], event_class: EventClass) -> bool:
         """Whether an event of a shape is relevant, for semantics that leave out what is not."""
-        if sketch.told is None or isinstance(self._strategy, Alternatives):
-            return self._strategy.read(event, sketch).relevant
-        return sketch.told.of(event).relevant
+        if event_class.refined is None or isinstance(self._strategy, Alternatives):
+            return self._strategy.read(event, event_class).relevant
+        return event_class.refined.of(event).relevant
 
-    def kinds(self, sketch: Sketch) -> GuardTable[Told | FollowedLetters] | None:
+    def kinds(self, event_class: EventClass) -> GuardTable[EventClass] | None:
         """From an event of a shape to its kind, for `effect`; None where events have to be read one by one."""
         match self._strategy:
-            case Earliest() | ScatteredMatches():
-                return self._strategy.kinds(sketch)
+            case LinearMonitor() | ScatteredMatches():
+                return self._strategy.kinds(event_class)
             case Alternatives():
                 return None
             case _:
-                return None if self._verdict is _UNKNOWN else sketch.told
+                return None if self._verdict is _UNKNOWN else event_class.refined
 
-    def effect(self, kind: Told | FollowedLetters) -> Effect:
-        """What events of a kind can do now."""
-        match self._strategy, kind:
-            case Earliest(), Told():
-                return self._strategy.effect(kind)
-            case ScatteredMatches(), FollowedLetters():
-                return self._strategy.effect(kind)
-            case _, Told():
-                return Effect(kind.relevant, ())
-            case _:
-                raise TypeError(kind)
+    def effect(self, event_class: EventClass) -> Effect:
+        """What events of a refined class can do now."""
+        if isinstance(self._strategy, LinearMonitor | ScatteredMatches):
+            return self._strategy.effect(event_class)
+        return Effect(event_class.relevant, ())
 
     @property
     def inert(self) -> set[Hashable] | frozenset[Hashable]:
@@ -239,12 +231,12 @@ class Engine(Monitor):
         return self._ended
 
 
-def _strategy(prop: Property, semantics: Semantics, limit: int, *, apart: bool) -> Following | Earliest:
+def _strategy(prop: Property, semantics: Semantics, limit: int, *, apart: bool) -> Following | LinearMonitor:
     compiled = CompiledTree(prop)
     letters = TreeLetters(compiled)
     if semantics is not Semantics.SCATTERED:
         return Contiguous(compiled, letters, semantics, limit=limit)
     starts = linear_starts(compiled, letters)
     if starts is not None:
-        return Earliest(compiled, letters, starts, limit=limit)
+        return LinearMonitor(compiled, letters, starts, limit=limit)
     return ScatteredMatches(compiled, letters, SettledChoices(compiled), limit=limit, apart=apart)

@@ -6,7 +6,7 @@ from copy import copy
 from typing import Any, ClassVar, Self
 
 from rvaft.core.times import TimeDifference
-from rvaft.engine.compiled_tree import NOTHING, CompiledTree, Reading, Sketch, TreeLetters
+from rvaft.engine.compiled_tree import NOTHING, CompiledTree, EventClass, Reading, TreeLetters
 from rvaft.engine.configuration import MORE, SURE, Configuration, PartProgress, Snapshot, Witness
 from rvaft.engine.shared_nodes import SharedNodes
 from rvaft.errors import TooLarge
@@ -192,9 +192,9 @@ class Following(ABC):
         """The same, each with all that belongs to it."""
         return self.partial
 
-    def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
-        """What an event means; `sketch` is what its shape says, where that is known."""
-        return self.letters.read(event, sketch)
+    def read(self, event: Mapping[str, Json], event_class: EventClass | None = None) -> Reading:
+        """What an event means; `event_class` is what its shape says, where that is known."""
+        return self.letters.read(event, event_class)
 
     @abstractmethod
     def advance(self, reading: Reading, position: int) -> Verdict:
@@ -252,13 +252,13 @@ class Contiguous(Following):
         """The partial matches that are followed."""
         return self._configurations
 
-    def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
+    def read(self, event: Mapping[str, Json], event_class: EventClass | None = None) -> Reading:
         """What an event means; unless all events count, what is not relevant means nothing."""
-        if sketch is None:
-            sketch = self.letters.sketch(event)
-        if self._projected and sketch.told is not None and not sketch.told.of(event).relevant:
+        if event_class is None:
+            event_class = self.letters.classify(event)
+        if self._projected and event_class.refined is not None and not event_class.refined.of(event).relevant:
             return NOTHING
-        return self.letters.read(event, sketch)
+        return self.letters.read(event, event_class)
 
     def advance(self, reading: Reading, position: int) -> Verdict:
         """The verdict after one more event."""

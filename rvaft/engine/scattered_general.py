@@ -21,12 +21,11 @@ from rvaft.core.times import Extreme, TimeDifference
 from rvaft.engine.compiled_tree import (
     NOTHING,
     QUIET,
+    Admission,
     CompiledTree,
     Effect,
-    Followed,
-    FollowedLetters,
+    EventClass,
     Reading,
-    Sketch,
     TreeLetters,
 )
 from rvaft.engine.configuration import SURE, Configuration, Witness, history
@@ -298,7 +297,7 @@ def _bound(part: Operation, name: str, sign: int) -> Bound:
 
 
 @dataclass(slots=True)
-class LetterWatch:
+class LetterMoves:
     """What an event of one letter may do to the partial matches."""
 
     alone: tuple[tuple[int, Predicate], ...]
@@ -313,11 +312,11 @@ class LetterWatch:
     """For the guards that hold whether anything may come of it."""
 
 
-class LoudHit(NamedTuple):
+class RelevantHit(NamedTuple):
     """A letter that may change something: its values, the guards decided by them that hold, and what stands for both."""
 
     values: Mapping[str, Json]
-    watch: LetterWatch
+    watch: LetterMoves
     held: int
     name: Hashable
 
@@ -334,11 +333,11 @@ class NewMatch(NamedTuple):
     rank: Rank
 
 
-class Hopeful(NamedTuple):
+class CandidateMove(NamedTuple):
     """A letter of which something may come, as long as its values were not there before; these are the fields that matter."""
 
     letter: int
-    watch: LetterWatch
+    watch: LetterMoves
     held: int
     fields: tuple[str, ...]
     values: Callable[[Mapping[str, Json]], dict[str, Json] | None]
@@ -365,10 +364,10 @@ class ScatteredMatches(Following):
         if self._stages.size > MEMORY:
             self._stages = Stages(self.matching, self._stages.choices)  # else the same for all copies
         self._groups: dict[Stage, StageGroup] = {}
-        self._watches: dict[int, LetterWatch] = {}
+        self._watches: dict[int, LetterMoves] = {}
         self._quiet: set[Hashable] = set()
         """Letters with values that are known to change nothing as long as the partial matches are the same."""
-        self._hopeful: dict[FollowedLetters, tuple[Hopeful, ...]] = {}
+        self._hopeful: dict[EventClass, tuple[CandidateMove, ...]] = {}
         """Of the letters that an event is those of which something may come, as long as there are the same groups."""
         self._added = 0
         self._whole = 0
@@ -427,17 +426,17 @@ class ScatteredMatches(Following):
         matches, self._begun = snapshot
         super().restore(matches)
 
-    def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
+    def read(self, event: Mapping[str, Json], event_class: EventClass | None = None) -> Reading:
         """What an event means: of its letters those that may change something as long as nothing else is read."""
-        if sketch is None:
-            sketch = self.letters.sketch(event)
-        if not sketch.serving:
+        if event_class is None:
+            event_class = self.letters.classify(event)
+        if not event_class.serving:
             return NOTHING
-        fits, loud, watches, groups = False, list[LoudHit](), self._watches, len(self._groups)
-        if sketch.told is not None:
-            if sketch.followed is None:
-                sketch.followed = self._followed(sketch)
-            found = sketch.followed.of(event)
+        fits, loud, watches, groups = False, list[RelevantHit](), self._watches, len(self._groups)
+        if event_class.refined is not None:
+            if event_class.followed is None:
+                event_class.followed = self._followed(event_class)
+            found = event_class.followed.of(event)
             hopes = self._hopeful.get(found)
             for number, one, held, fields, own_values in self._hope(found) if hopes is None else hopes:
                 if len(fields) == 1:
@@ -447,9 +446,9 @@ class ScatteredMatches(Following):
                     plain = [v if type(v := event[field]) is str or type(v) is int else exact(v) for field in fields]
                     place = (number, *plain)
                 if place not in self._quiet:
-                    loud.append(LoudHit(own_values(event) or {}, one, held, place))
+                    loud.append(RelevantHit(own_values(event) or {}, one, held, place))
             return Reading(False, loud) if loud else QUIET if found.letters else NOTHING
-        for letter, nodes, _, test, values_of, _, _ in sketch.serving:
+        for letter, nodes, _, test, values_of, _, _ in event_class.serving:
             if (test is None or test(event)) and (values := values_of(event)) is not None:
                 fits = True
                 watch = watches.get(letter)
@@ -471,18 +470,18 @@ class ScatteredMatches(Following):
                         *[v if type(v := values[n]) is str or type(v) is int else exact(v) for n in watch.names],
                     )
                     if name not in self._quiet:
-                        loud.append(LoudHit(values, watch, held, name))
+                        loud.append(RelevantHit(values, watch, held, name))
         return Reading(False, loud) if loud else QUIET if fits else NOTHING
 
-    def kinds(self, sketch: Sketch) -> GuardTable[FollowedLetters] | None:
+    def kinds(self, event_class: EventClass) -> GuardTable[EventClass] | None:
         """From an event of a shape to its kind, for `effect`; None where the kind has to be asked of each event."""
-        if sketch.told is None:
+        if event_class.refined is None:
             return None
-        if sketch.followed is None:
-            sketch.followed = self._followed(sketch)
-        return sketch.followed
+        if event_class.followed is None:
+            event_class.followed = self._followed(event_class)
+        return event_class.followed
 
-    def effect(self, kind: FollowedLetters) -> Effect:
+    def effect(self, kind: EventClass) -> Effect:
         """What events of a kind can do as long as nothing else is read."""
         hopes = self._hopeful.get(kind)
         found = self._hope(kind) if hopes is None else hopes
@@ -504,46 +503,50 @@ class ScatteredMatches(Following):
                     found[1 << waiting] = guard
         return found
 
-    def _followed(self, sketch: Sketch) -> GuardTable[FollowedLetters]:
+    def _followed(self, event_class: EventClass) -> GuardTable[EventClass]:
         """From an event of a shape to the letters that it is."""
-        serving = sketch.serving
+        serving = event_class.serving
         alone = [[*self._alone(one.nodes).items()] for one in serving]
         asked = [one.reader.asked for one in serving]
         for one, guards in zip(serving, alone, strict=True):
             asked += [renamed(guard, dict(one.reader.fields)) for _, guard in guards]
 
-        def derive(holds: Callable[[int], bool]) -> FollowedLetters:
-            found, place = [], len(serving)
+        def derive(holds: Callable[[int], bool]) -> EventClass:
+            found, held, place = list[Admission](), list[int](), len(serving)
             for number, one in enumerate(serving):
-                held = sum(bit for at, (bit, _) in enumerate(alone[number], place) if holds(at))
+                bits_held = sum(bit for at, (bit, _) in enumerate(alone[number], place) if holds(at))
                 place += len(alone[number])
                 if holds(number):
-                    found.append(Followed(one.letter, one.nodes, held, dict(one.reader.fields), one.values))
-            return FollowedLetters(tuple(found))
+                    found.append(one)
+                    held.append(bits_held)
+            return EventClass(tuple(found), tuple(found), held=tuple(held))
 
         return guard_table(asked, derive)
 
-    def _hope(self, found: FollowedLetters) -> tuple[Hopeful, ...]:
+    def _hope(self, found: EventClass) -> tuple[CandidateMove, ...]:
         """Of the letters that an event is those of which something may come."""
         hopes, groups = [], len(self._groups)
-        for letter, nodes, held, fields, values in found.letters:
+        for one, held in zip(found.serving, found.held, strict=True):
+            letter, nodes, fields = one.letter, one.nodes, dict(one.reader.fields)
             watch = self._watches.get(letter)
             if watch is None or watch.groups != groups:
                 watch = self._watch(letter, nodes)
             if any(self._stages.is_hopeful(move, held) for _, move, _ in watch.moves):
-                hopes.append(Hopeful(letter, watch, held, tuple(fields[name] for name in watch.names), values))
+                hopes.append(
+                    CandidateMove(letter, watch, held, tuple(fields[name] for name in watch.names), one.values)
+                )
         if len(self._hopeful) >= REMEMBERED:
             self._hopeful.clear()
         self._hopeful[found] = tuple(hopes)
         return self._hopeful[found]
 
-    def _watch(self, letter: int, nodes: tuple[int, ...]) -> LetterWatch:
+    def _watch(self, letter: int, nodes: tuple[int, ...]) -> LetterMoves:
         """What is known of a letter, up to date."""
         watch = self._watches.get(letter)
         if watch is None:
             alone = tuple((bit, predicate(guard)) for bit, guard in self._alone(nodes).items())
             exported = dict.fromkeys(name for node in nodes for name in self.compiled.exported[node])
-            watch = self._watches[letter] = LetterWatch(alone, tuple(exported))
+            watch = self._watches[letter] = LetterMoves(alone, tuple(exported))
         for stage, group in islice(self._groups.items(), watch.groups, None):
             for place, node in enumerate(nodes):
                 move = self._stages.move(stage, node) if self._may_take(stage, node) else None

@@ -23,11 +23,10 @@ from rvaft.engine.compiled_tree import (
     Admission,
     CompiledTree,
     Effect,
+    EventClass,
     Hit,
     Op,
     Reading,
-    Sketch,
-    Told,
     TreeLetters,
 )
 from rvaft.errors import TooLarge
@@ -49,7 +48,7 @@ Before: TypeAlias = tuple[int, int]
 has come)."""
 
 
-class Starts(NamedTuple):
+class StartConditions(NamedTuple):
     """When each node may start.
 
     A node starts with its parents, except a later child of a sequence (when those before it are complete) and a child of a
@@ -61,7 +60,7 @@ class Starts(NamedTuple):
     """All that has to have come before a node starts, but for what precedes that."""
 
 
-def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> Starts | None:
+def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> StartConditions | None:
     """The one start of each node where no variable ties events together and nothing competes for an event, else None.
 
     What a shared node waits for through one parent it must wait for in every scenario, which it does where that parent is in all
@@ -69,7 +68,7 @@ def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> Starts | None
     """
     if any(compiled.exported):
         return None
-    found = Starts([[] for _ in compiled.names], [frozenset()] * len(compiled.names))
+    found = StartConditions([[] for _ in compiled.names], [frozenset()] * len(compiled.names))
     silent, implied = _may_be_silent(compiled), list[int]()
     ways: list[list[frozenset[Before]]] = [[] for _ in compiled.names]
     for node, children in enumerate(compiled.children):  # parents come first
@@ -155,7 +154,7 @@ class UsefulEvents:
     the tree, not on the length of the trace.
     """
 
-    def __init__(self, compiled: CompiledTree, starts: Starts) -> None:
+    def __init__(self, compiled: CompiledTree, starts: StartConditions) -> None:
         self.compiled = compiled
         self.starts = starts
         self.entries: list[tuple[int, Served]] = []
@@ -209,10 +208,12 @@ class UsefulEvents:
         return False
 
 
-class EarliestRun:
+class LinearRun:
     """One evaluation; with `choices` a choice of one child is complete only when the child chosen for it is."""
 
-    def __init__(self, compiled: CompiledTree, starts: Starts, choices: Mapping[int, int] | None = None) -> None:
+    def __init__(
+        self, compiled: CompiledTree, starts: StartConditions, choices: Mapping[int, int] | None = None
+    ) -> None:
         self.compiled = compiled
         self.starts = starts
         self.choices = choices or {}
@@ -355,23 +356,23 @@ def possible_nodes(
     return able
 
 
-class Earliest:
+class LinearMonitor:
     """The strategy: one run over everything, and the events from which the match of each branch can be found.
 
     Raises `TooLarge` where these are more than `limit`.
     """
 
-    def __init__(self, compiled: CompiledTree, letters: TreeLetters, starts: Starts, *, limit: int) -> None:
+    def __init__(self, compiled: CompiledTree, letters: TreeLetters, starts: StartConditions, *, limit: int) -> None:
         self.compiled = compiled
         self.letters = letters
         self.limit = limit
         self.starts = starts
-        self.run = EarliestRun(compiled, starts)
+        self.run = LinearRun(compiled, starts)
         self.useful = UsefulEvents(compiled, starts) if Op.ONE in compiled.ops else None
         """Where no branch chooses, no event matters but to those that listen."""
         self.noted = True
         """Whether the last event may be part of a match."""
-        self._matter: dict[Told, tuple[Admission, ...]] = {}
+        self._matter: dict[EventClass, tuple[Admission, ...]] = {}
         """Of the letters that an event is those that may change something, as long as nothing has changed."""
 
     def forget(self, floor: int) -> None:
@@ -402,16 +403,16 @@ class Earliest:
         if self.useful is not None:
             vars(self.useful).update(useful, useless=set())
 
-    def read(self, event: Mapping[str, Json], sketch: Sketch | None = None) -> Reading:
+    def read(self, event: Mapping[str, Json], event_class: EventClass | None = None) -> Reading:
         """What an event means, as far as that matters now: letters that nobody waits for are not tried."""
-        if sketch is None:
-            sketch = self.letters.sketch(event)
-        if not sketch.serving:
+        if event_class is None:
+            event_class = self.letters.classify(event)
+        if not event_class.serving:
             return NOTHING
-        if sketch.told is None:
-            asked, sure = sketch.serving, False
+        if event_class.refined is None:
+            asked, sure = event_class.serving, False
         else:
-            told = sketch.told.of(event)
+            told = event_class.refined.of(event)
             found = self._matter.get(told)
             asked, sure = self._mattering(told) if found is None else found, True
             if not asked:
@@ -425,17 +426,17 @@ class Earliest:
                     hits.append(Hit(letter, nodes, values))
         return Reading(False, hits) if hits else NOTHING
 
-    def kinds(self, sketch: Sketch) -> GuardTable[Told] | None:
+    def kinds(self, event_class: EventClass) -> GuardTable[EventClass] | None:
         """From an event of a shape to its kind, for `effect`; None where the kind has to be asked of each event."""
-        return sketch.told
+        return event_class.refined
 
-    def effect(self, kind: Told) -> Effect:
+    def effect(self, kind: EventClass) -> Effect:
         """What events of a kind can do as long as nothing has changed."""
         return Effect(
             bool(kind.serving) and self.useful is not None, tuple((one.letter, ()) for one in self._mattering(kind))
         )
 
-    def _mattering(self, told: Told) -> tuple[Admission, ...]:
+    def _mattering(self, told: EventClass) -> tuple[Admission, ...]:
         """Of the letters that an event is those that may change something."""
         deaf, useful = self.run.listening.isdisjoint, self.useful
         found = tuple(
@@ -468,11 +469,11 @@ class Earliest:
         """Whether a node's own event, where it has one, came at any time."""
         return self.useful is None or not self.compiled.own[node] or node in self.useful.own
 
-    def run_under(self, choices: Mapping[int, int]) -> EarliestRun:
+    def run_under(self, choices: Mapping[int, int]) -> LinearRun:
         """The run in which each choice of one child keeps the child chosen for it."""
         if self.useful is None or not choices:
             return self.run
-        run = EarliestRun(self.compiled, self.starts, choices)
+        run = LinearRun(self.compiled, self.starts, choices)
         for position, served in self.useful.entries:
             run.fire(served, position)
         return run

@@ -23,7 +23,7 @@ from time import monotonic, process_time
 from typing import Any, Final
 
 from rvaft.core.branches import branches, whole
-from rvaft.core.classifier import Decided, Letter, PatternIndex, Reader, reader
+from rvaft.core.classifier import Letter
 from rvaft.errors import TooLarge
 from rvaft.export.svg import svg_text
 from rvaft.model.event_time import UNITS
@@ -82,11 +82,9 @@ class LogReport(Listener):
         self.grows = grows
         self.unit = unit or ("log" if plan.key is None else "key")
         self.number = {name: place for place, name in enumerate(tree.order)}
-        letters = [(self.number[one.node], Letter(one.pattern, one.when)) for one in tree.alphabet]
-        readers = [(node, reader(place, letter)) for place, (node, letter) in enumerate(letters)]
-        self._nodes: PatternIndex[list[tuple[int, Reader]]] = PatternIndex(
-            (letter.pattern for _, letter in letters), lambda decided: _readers(decided, readers)
-        )
+        self._nodes = nodes = dict[Letter, list[int]]()
+        for one in tree.alphabet:
+            nodes.setdefault(Letter(one.pattern, one.when), []).append(self.number[one.node])
         self._watches: list[MonitoredTrace] = []
         self._own: dict[int, int] = {}
         self._latest: dict[int, int] = {}
@@ -371,7 +369,9 @@ class LogReport(Listener):
 
     def _fitting(self, event: Json) -> tuple[int, ...]:
         """The nodes whose event it may be."""
-        return tuple(dict.fromkeys(node for node, one in self._nodes.of(event) if one.admits(event)))
+        types = self.plan.monitors.types
+        found = types.entries_of(types.of(event), event)
+        return tuple(sorted({node for letter in found for node in self._nodes[letter]}))
 
     def _note(self, watch: MonitoredTrace, number: int, event: Json, nodes: tuple[int, ...]) -> None:
         lists = self._lists
@@ -516,11 +516,6 @@ def policy(*, live: bool = False) -> str:
     fixed = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:"
     asking = "; connect-src 'self'" if live else ""
     return f"{fixed}; style-src {style}; script-src {script}{asking}"
-
-
-def _readers(decided: Decided, readers: Sequence[tuple[int, Reader]]) -> list[tuple[int, Reader]]:
-    """The nodes whose patterns some events of a shape fit, with what is still asked of the event itself."""
-    return [readers[place] for place in sorted((*decided.fits, *decided.open))]
 
 
 def _text(value: Json) -> str:

@@ -33,7 +33,7 @@ from rvaft.stream.monitor_set import MonitorSet
 from rvaft.stream.order import Backwards, Ordering, Place
 from rvaft.stream.plan import TIME, MonitoringPlan
 from rvaft.stream.run import Source, TraceRun
-from rvaft.stream.statistics import EventTypeIndex, Sight
+from rvaft.stream.statistics import EventKind, EventTypeIndex
 
 ENABLED: Final = True
 """Whether events are read in bulk; without it all are read one by one."""
@@ -250,22 +250,22 @@ def _has_one_entry(table: GuardTable[H], group: EventGroup) -> bool:
     return 0 < len(few) <= FEW_VALUES and len({table.held({table.field: value}) for value in few}) == 1
 
 
-def by_types(sight: Sight, group: EventGroup) -> Sequence[tuple[tuple[str, ...] | None, EventGroup]] | None:
+def by_types(event_kind: EventKind, group: EventGroup) -> Sequence[tuple[tuple[str, ...] | None, EventGroup]] | None:
     """The events of a group by the types of which they are relevant, None if ignored; None if that is asked of each event."""
-    if sight.decided.open or (sight.counted is None and (sight.constant is None or sight.ignored)):
+    if event_kind.decided.open or (event_kind.counted is None and (event_kind.constant is None or event_kind.ignored)):
         return None
-    return split(sight.counted, group) if sight.counted is not None else [(sight.constant, group)]
+    return split(event_kind.counted, group) if event_kind.counted is not None else [(event_kind.constant, group)]
 
 
-def needs_no_warning(warnings: DataWarnings, group: EventGroup, sight: Sight) -> bool:
+def needs_no_warning(warnings: DataWarnings, group: EventGroup, event_kind: EventKind) -> bool:
     """Whether it is known that there is nothing to warn of in events of one shape."""
-    if sight.looked_at == ():
+    if event_kind.looked_at == ():
         return True
-    if sight.good is None or sight.good[:2] != (warnings, warnings.version):
+    if event_kind.good is None or event_kind.good[:2] != (warnings, warnings.version):
         return False
-    if warnings.time is not None and sight.entries:
+    if warnings.time is not None and event_kind.entries:
         return False
-    _, _, fields, known = sight.good
+    _, _, fields, known = event_kind.good
     if not fields:
         return fields is not None and () in known
     if len(fields) == 1:
@@ -273,24 +273,24 @@ def needs_no_warning(warnings: DataWarnings, group: EventGroup, sight: Sight) ->
     return known.issuperset(zip(*(map(type, group.values(field)) for field in fields), strict=True))
 
 
-def can_be_skipped(monitors: MonitorSet, sight: Sight, *, relevant: bool) -> bool:
+def can_be_skipped(monitors: MonitorSet, event_kind: EventKind, *, relevant: bool) -> bool:
     """Whether events of a shape, relevant or not, change nothing and need not be read by the monitors."""
     skips = monitors.semantics.projects or (
-        monitors.semantics is Semantics.SCATTERED and monitors.finds_no_more and not sight.ignored
+        monitors.semantics is Semantics.SCATTERED and monitors.finds_no_more and not event_kind.ignored
     )
     return bool(monitors.engines) and skips and not relevant
 
 
-def changes_nothing(monitors: MonitorSet, group: EventGroup, sight: Sight) -> bool | None:
+def changes_nothing(monitors: MonitorSet, group: EventGroup, event_kind: EventKind) -> bool | None:
     """For events of one shape, none of which changes anything: whether they fit the tree. None if some event may change something."""
     if monitors.counts_all or monitors.may_be_late or monitors.rests:
         return None
     if monitors.live and (monitors.semantics.projects or monitors.live_columns != (0,)):
         return None
-    engine, sketch = monitors.engines[0], (sight.monitored or monitors.sketches(group.events[0], sight))[0]
-    if monitors.semantics is Semantics.SCATTERED and not sketch.serving:
+    engine, event_class = monitors.engines[0], (event_kind.classes or monitors.classes(event_kind))[0]
+    if monitors.semantics is Semantics.SCATTERED and not event_class.serving:
         return False
-    table = engine.kinds(sketch)
+    table = engine.kinds(event_class)
     if table is None:
         return None
     fits = set[bool]()
@@ -315,12 +315,12 @@ def events_of_concern(
     *,
     strict_json: bool,
     warnings: DataWarnings,
-    table: Callable[[JsonObject, Sight], GuardTable[H] | None],
+    table: Callable[[EventKind], GuardTable[H] | None],
     concerns: Callable[[H], bool],
 ) -> Iterator[tuple[int, JsonObject]] | None:
     """The events of JSON Lines that may concern a tree, with their numbers; None if all events have to be read one by one.
 
-    `table` has the kind of an event, and `concerns` says whether events of a kind matter. Of a block in which none matters, and
+    `table` refines the kind of an event, and `concerns` says whether such events matter. Of a block in which none matters, and
     nothing is to be warned of, the last event stands for all.
     """
     time = types.tree.time
@@ -331,9 +331,9 @@ def events_of_concern(
 
     def is_quiet(events: Sequence[JsonObject]) -> bool:
         found = groups(types.index, events) if set(map(type, events)) == {dict} else None
-        for sight, group in found or ():
-            kinds = table(group.events[0], sight)
-            if kinds is None or not needs_no_warning(warnings, group, sight):
+        for event_kind, group in found or ():
+            kinds = table(event_kind)
+            if kinds is None or not needs_no_warning(warnings, group, event_kind):
                 return False
             if any(concerns(kind) for kind, _ in split(kinds, group)):
                 return False
@@ -542,23 +542,23 @@ class BulkReading:
         if found is None:
             return False
         strange, concerned, entries = list[EventGroup](), list[EventGroup](), list[EventGroup]()
-        counts = list[tuple[Sight, tuple[str, ...] | None, int]]()
-        for sight, group in found:
+        counts = list[tuple[EventKind, tuple[str, ...] | None, int]]()
+        for event_kind, group in found:
             fits = set[bool | None]()
-            parts = by_types(sight, group) if needs_no_warning(totals.data_warnings, group, sight) else None
+            parts = by_types(event_kind, group) if needs_no_warning(totals.data_warnings, group, event_kind) else None
             for names, some in parts or ():
-                if sight.constant != ():
-                    counts.append((sight, names, len(some.events)))
-                if can_be_skipped(monitors, sight, relevant=bool(names)):
+                if event_kind.constant != ():
+                    counts.append((event_kind, names, len(some.events)))
+                if can_be_skipped(monitors, event_kind, relevant=bool(names)):
                     fits.add(False)
                 else:
-                    fits.add(None if keyed_by else changes_nothing(monitors, some, sight))
+                    fits.add(None if keyed_by else changes_nothing(monitors, some, event_kind))
             if fits not in ({True}, {False}):
                 return False
             for belongs, those in (
                 (True in fits, concerned),
-                (sight.constant == (), strange),
-                (sight.entries, entries),
+                (event_kind.constant == (), strange),
+                (event_kind.entries, entries),
             ):
                 if belongs:
                     those.append(group)
@@ -573,8 +573,8 @@ class BulkReading:
             return ((before + place + 1, event) for place, event in events if id(event) in own)
 
         if totals.statistics is not None:
-            for sight, names, number in counts:
-                totals.statistics.add_many(sight, names, number)
+            for event_kind, names, number in counts:
+                totals.statistics.add_many(event_kind, names, number)
             for number, event in numbered(strange):
                 totals.statistics.add(event, number, run.prefix)
         for watch, number in watches:

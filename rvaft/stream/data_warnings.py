@@ -23,7 +23,7 @@ from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.values import Json, at
 from rvaft.readers.json_lines import NonFiniteEvent, described
 from rvaft.stream.detection import counted
-from rvaft.stream.statistics import UNSEEN, EventTypeIndex, Sight
+from rvaft.stream.statistics import UNSEEN, EventKind, EventTypeIndex
 
 MOST: Final = 20
 """Guards that are told one by one."""
@@ -112,9 +112,9 @@ class DataWarnings:
         """The counts, without what the tree says."""
         return {"found": self.found, "_last": self._last}
 
-    def see(self, event: Mapping[str, Json], number: int, prefix: str, sight: Sight) -> None:
+    def see(self, event: Mapping[str, Json], number: int, prefix: str, event_kind: EventKind) -> None:
         """Look at an event of which something is asked, or that is a `NonFiniteEvent`."""
-        good = sight.good
+        good = event_kind.good
         if (
             good is not None
             and self.time is None
@@ -125,49 +125,51 @@ class DataWarnings:
             fields = good[2]  # mostly; asked of every event
             if fields is not None and len(fields) == 1 and (type(event[fields[0]]),) in good[3]:
                 return
-        if sight.looked_at == UNSEEN:
-            sight = self._types.decided(sight, event) if sight.decided.open else sight
-            sight.looked_at = tuple(number for number in sight.decided.fits if number in self._asked)
+        if event_kind.looked_at == UNSEEN:
+            event_kind = self._types.decided(event_kind, event) if event_kind.decided.open else event_kind
+            event_kind.looked_at = tuple(number for number in event_kind.decided.fits if number in self._asked)
         if isinstance(event, NonFiniteEvent):
             place = f"{prefix}event {number}"
-            if sight.looked_at or self.time is None or event.field.split(".")[0] != self.time.field[0]:
+            if event_kind.looked_at or self.time is None or event.field.split(".")[0] != self.time.field[0]:
                 self.note(Reason.NUMBER, "", place, f"{event.field} is {event.number}")
             return
         of, version, fields, known = good or (None, -1, None, ())
         if of is not self or version != self.version:
-            fields, known = self._good(sight)
+            fields, known = self._good(event_kind)
         kinds = None if fields is None else tuple([type(event[field]) for field in fields])
         if kinds is None or kinds not in known:
-            self._look(event, f"{prefix}event {number}", sight, kinds)
-        if self.time is None or not sight.entries or self.time.read(event) is not None:
+            self._look(event, f"{prefix}event {number}", event_kind, kinds)
+        if self.time is None or not event_kind.entries or self.time.read(event) is not None:
             return
-        if not any(admits(event) for admits in sight.ignored):
+        if not any(admits(event) for admits in event_kind.ignored):
             name, found = ".".join(self.time.field), at(event, self.time.field, UNSEEN)
             wrong = "" if found is UNSEEN else f"{name} is {described(found)}, not {self.time.format}"
             self.note(Reason.TIME, "", f"{prefix}event {number}", wrong or f"the field {name} is missing")
 
-    def _good(self, sight: Sight) -> tuple[Sequence[str] | None, set[tuple[type, ...]]]:
+    def _good(self, event_kind: EventKind) -> tuple[Sequence[str] | None, set[tuple[type, ...]]]:
         """The fields that are asked of events of a shape, None where more than the types there decides, and types that are known to be good now."""
-        asked = [self._asked[letter].fields for letter in sight.looked_at]
+        asked = [self._asked[letter].fields for letter in event_kind.looked_at]
         known = [fields for fields in asked if fields is not None]
         fields = tuple(dict.fromkeys(chain(*known))) if len(known) == len(asked) else None
         good = set[tuple[type, ...]]()
-        sight.good = self, self.version, fields, good
+        event_kind.good = self, self.version, fields, good
         return fields, good
 
-    def _look(self, event: Mapping[str, Json], place: str, sight: Sight, kinds: tuple[type, ...] | None) -> None:
+    def _look(
+        self, event: Mapping[str, Json], place: str, event_kind: EventKind, kinds: tuple[type, ...] | None
+    ) -> None:
         """Ask what is to be asked of an event, and note whether none of it need be asked of others with values of these types."""
         version, good = self.version, True
-        for letter in sight.looked_at:
+        for letter in event_kind.looked_at:
             one = self._asked[letter]
             types = None if one.fields is None else tuple([type(event[field]) for field in one.fields])
             if types is None or one.version != version or types not in one.good:
                 self._ask(one, event, types, place)
                 good = good and types in one.good
-        if good and kinds is not None and version == self.version and sight.good is not None:
-            sight.good[3].add(kinds)
+        if good and kinds is not None and version == self.version and event_kind.good is not None:
+            event_kind.good[3].add(kinds)
 
-    def over(self, events: Iterable[tuple[int, Json]], prefix: str) -> Iterator[tuple[int, Json, Sight | None]]:
+    def over(self, events: Iterable[tuple[int, Json]], prefix: str) -> Iterator[tuple[int, Json, EventKind | None]]:
         """The events of a trace, which have numbers, and what they are, nothing for one that is late, each after it was looked at."""
         latest, look_up = None, self._types.of
         time = self.time if self.time is not None and self.time.late is not None else None
@@ -179,10 +181,10 @@ class DataWarnings:
                 self.note_late(event, number, prefix, latest)
                 yield number, event, None
                 continue
-            sight = look_up(event)
-            if sight.looked_at or type(event) is not dict:
-                self.see(event, number, prefix, sight)
-            yield number, event, sight
+            event_kind = look_up(event)
+            if event_kind.looked_at or type(event) is not dict:
+                self.see(event, number, prefix, event_kind)
+            yield number, event, event_kind
 
     def note(self, reason: Reason, about: str, place: str, example: str) -> None:
         """Count one event."""

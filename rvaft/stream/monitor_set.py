@@ -3,7 +3,7 @@
 These are the options (a), (b) and (c) of the paper, section 4.3, with the names that its Tables 2 and 3 give to the monitors.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import KW_ONLY, InitVar, dataclass, replace
 from enum import StrEnum
@@ -12,7 +12,7 @@ from typing import Final, Self, TypeAlias, cast
 
 from rvaft.api import narrowed
 from rvaft.core.branches import branches
-from rvaft.engine.compiled_tree import NOTHING, QUIET, Sketch
+from rvaft.engine.compiled_tree import NOTHING, QUIET, EventClass
 from rvaft.engine.monitor import Engine
 from rvaft.errors import OptionError, TooLarge, TreeError
 from rvaft.model.nodes import Kind
@@ -20,7 +20,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Ended, Explanation, Monitor, Repetition
-from rvaft.stream.statistics import EventTypeIndex, Sight
+from rvaft.stream.statistics import EventKind, EventTypeIndex
 
 MOST: Final = 1_000
 """How many branches are monitored one by one."""
@@ -145,8 +145,8 @@ class MonitorSet:
         self._strict = self.semantics is Semantics.STRICT
         made = [make(column.part) for column in self.columns]
         self._take_over(tuple(map(Repetition, made)) if self.repeat else tuple(made))
-        letters = (letter.pattern for engine in self.engines for letter in engine.letters.letters)
-        self.types = EventTypeIndex(self.columns[0].part, letters)
+        patterns = (pattern for engine in self.engines for pattern in engine.letters.patterns)
+        self.types = EventTypeIndex(self.columns[0].part, patterns)
         told = (zip(engine.letters.letters, engine.letters.serves, strict=True) for engine in self.engines)
         self.finds_no_more = bool(self.engines) and self.types.entries.issuperset(
             letter for letters in told for letter, nodes in letters if nodes
@@ -214,8 +214,8 @@ class MonitorSet:
             self._resting = ()
             self._take_over(self.monitors)
 
-    def step(self, event: Json, number: int, sight: Sight | None = None) -> Sequence[int]:
-        """Read one event and return the columns whose verdict it changed; `sight` is what `types` says of it."""
+    def step(self, event: Json, number: int, event_kind: EventKind | None = None) -> Sequence[int]:
+        """Read one event and return the columns whose verdict it changed; `event_kind` is what `types` says of it."""
         self.serves = False
         if self._resting:
             self.begin_again()
@@ -237,13 +237,13 @@ class MonitorSet:
                 for column in self._live:
                     engines[column].take(NOTHING, number)
                 return self._changed(number, event)
-        if sight is None:
-            sight = self.types.of(event)
-        sketches = sight.monitored or self.sketches(event, sight)
+        if event_kind is None:
+            event_kind = self.types.of(event)
+        classes = event_kind.classes or self.classes(event_kind)
         if not self._live and self._projected:
-            self.concerned = engines[0].is_relevant(event, sketches[0])
+            self.concerned = engines[0].is_relevant(event, classes[0])
             return ()
-        reading = self._read(event, sketches[0])
+        reading = self._read(event, classes[0])
         if reading is QUIET and (not self._live or self._live[-1] == 0):
             self.concerned = True
             return ()
@@ -253,15 +253,16 @@ class MonitorSet:
         final = serves = False
         for column in self._live:
             engine = engines[column]
-            verdict = engine.take(engine.read(event, sketches[column]) if column else reading, number)
+            verdict = engine.take(engine.read(event, classes[column]) if column else reading, number)
             final = final or verdict is not _UNKNOWN
             serves = serves or engine.noted
         self.serves = serves and bool(reading.hits)
         return self._changed(number, event) if final else ()
 
-    def sketches(self, event: Mapping[str, Json], sight: Sight) -> tuple[Sketch, ...]:
-        """What the shape of an event says to each engine."""
-        found = sight.monitored = tuple([engine.letters.sketch(event) for engine in self.engines])
+    def classes(self, event_kind: EventKind) -> tuple[EventClass, ...]:
+        """What the kind of an event is to each engine."""
+        possible = self.types.possible_patterns(event_kind)
+        found = event_kind.classes = tuple([engine.letters.class_of(possible) for engine in self.engines])
         return found
 
     def repeat_step(self, event: Json, first: int, last: int) -> tuple[int, Sequence[int]]:

@@ -158,7 +158,7 @@ class TraceRun:
                 if arrives is not None:
                     arrives(number)
                 self.number = number
-                sight = look_up(event)
+                event_kind = look_up(event)
                 if keys is not None:
                     value = event.get(keyed_by) if keyed_by else None
                     watch = known.get((value,)) if type(value) is str else None
@@ -167,24 +167,24 @@ class TraceRun:
                 relevant = True
                 if watch is not None and late:
                     data_warnings.note_late(event, number, prefix, watch.monitors.engines[0].latest)
-                elif sight.looked_at or type(event) is not dict:
-                    data_warnings.see(event, number, prefix, sight)
+                elif event_kind.looked_at or type(event) is not dict:
+                    data_warnings.see(event, number, prefix, event_kind)
                 if statistics is not None:
-                    if late or (sight.plain and sight.noted is statistics):
+                    if late or (event_kind.plain and event_kind.noted is statistics):
                         statistics.events += 1
-                        statistics.tally[() if late else sight.constant] += 1  # type: ignore[index] # plain says so
+                        statistics.tally[() if late else event_kind.constant] += 1  # type: ignore[index] # plain says so
                     else:
-                        relevant = statistics.add(event, number, prefix, sight)
-                elif skips and sight.ignored and not (late or sight.decided.open):
-                    relevant = not any(admits(event) for admits in sight.ignored)
+                        relevant = statistics.add(event, number, prefix, event_kind)
+                elif skips and event_kind.ignored and not (late or event_kind.decided.open):
+                    relevant = not any(admits(event) for admits in event_kind.ignored)
                 if watch is None:
                     continue
                 watch.events += 1
-                if semantics_hint is not None and not late and (sight.entries or sight.decided.open):
+                if semantics_hint is not None and not late and (event_kind.entries or event_kind.decided.open):
                     semantics_hint.keep(id(watch), number, event)
-                if relevant or not (skips or (unfit and not sight.ignored and not sight.decided.open)):
+                if relevant or not (skips or (unfit and not event_kind.ignored and not event_kind.decided.open)):
                     monitors = watch.monitors
-                    changed = monitors.step(event, number, sight)
+                    changed = monitors.step(event, number, event_kind)
                     if clock is not None and monitors.concerned:
                         clock.see(number, event)
                     if monitors.serves:

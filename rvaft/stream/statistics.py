@@ -19,11 +19,12 @@ from rvaft.core.classifier import (
     literals_of,
     reader,
 )
+from rvaft.engine.compiled_tree import EventClass
 from rvaft.model.expressions import pattern_text
 from rvaft.model.guards import Predicate
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern, match
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json, at
+from rvaft.model.values import Json, JsonObject, at
 from rvaft.support.terminal import cut
 
 LOOKED_AT: Final = 20
@@ -36,7 +37,7 @@ UNSEEN: Final[tuple[int, ...]] = (-1,)
 Path = tuple[str, ...]
 
 
-class Sight:
+class EventKind:
     """What events of one shape are: the types they have, the entries of the alphabet and the ignored letters that they fit.
 
     All such events are relevant of the `constant` types unless they are ignored, or, where that is None, this has to be asked of each; with `plain`
@@ -46,6 +47,7 @@ class Sight:
 
     __slots__ = (
         "_asked",
+        "classes",
         "constant",
         "counted",
         "decided",
@@ -53,7 +55,6 @@ class Sight:
         "good",
         "ignored",
         "looked_at",
-        "monitored",
         "noted",
         "plain",
         "types",
@@ -79,7 +80,7 @@ class Sight:
         if (asked or ignored) and not decided.open and all(one.plain for one in readers):
             self.counted = guard_table([one.asked for one in readers], self._types)
         self.noted: object = None
-        self.monitored: tuple[Any, ...] | None = None
+        self.classes: tuple[EventClass, ...] | None = None
         self.looked_at = UNSEEN
         self.good: tuple[object, int, Sequence[str] | None, set[tuple[type, ...]]] | None = None
 
@@ -155,14 +156,25 @@ class EventTypeIndex:
         known = self._texts[field]
         return known is None or _spelling(text) in known
 
-    def decided(self, sight: Sight, event: Mapping[str, Json]) -> Sight:
+    def entries_of(self, event_kind: EventKind, event: JsonObject) -> list[Letter]:
+        """The entries of the alphabet that an event of a kind is, ignored or not."""
+        numbers = (number for number in (*event_kind.decided.fits, *event_kind.decided.open))
+        letters = ((self.letters[number], self.guards[number]) for number in numbers)
+        return [Letter(one.pattern, when) for (kind, _, one), when in letters if kind == "entry" and one.admits(event)]
+
+    def possible_patterns(self, event_kind: EventKind) -> frozenset[Pattern]:
+        """The patterns that events of a kind match, or may match."""
+        fits, open_ = event_kind.decided
+        return frozenset(self.letters[number][2].pattern for number in (*fits, *open_))
+
+    def decided(self, event_kind: EventKind, event: Mapping[str, Json]) -> EventKind:
         """What the event itself decides beside its shape. Here only patterns count: guards are asked afterwards."""
-        fits, open_ = sight.decided
+        fits, open_ = event_kind.decided
         found = (number for number in open_ if match(self.letters[number][2].pattern, event, {}) is not None)
         return self._sight(Decided((*fits, *found), ()))
 
-    def _sight(self, decided: Decided) -> Sight:
-        return Sight(decided, [self.letters[number] for number in decided.fits])
+    def _sight(self, decided: Decided) -> EventKind:
+        return EventKind(decided, [self.letters[number] for number in decided.fits])
 
 
 @dataclass(slots=True)
@@ -202,35 +214,37 @@ class Statistics:
         """The counts, without what the tree says."""
         return {name: value for name, value in vars(self).items() if name != "types"}
 
-    def add(self, event: Mapping[str, Json], number: int, prefix: str = "", sight: Sight | None = None) -> bool:
+    def add(
+        self, event: Mapping[str, Json], number: int, prefix: str = "", event_kind: EventKind | None = None
+    ) -> bool:
         """Count one event and say whether it is relevant to the tree; `number`, with a prefix, is its place."""
         self.events += 1
-        sight = sight or self.types.of(event)
-        if sight.decided.open:
-            sight = self.types.decided(sight, event)
-        if sight.noted is not self:
-            self.seen |= sight.types
-            if sight.constant == ():
+        event_kind = event_kind or self.types.of(event)
+        if event_kind.decided.open:
+            event_kind = self.types.decided(event_kind, event)
+        if event_kind.noted is not self:
+            self.seen |= event_kind.types
+            if event_kind.constant == ():
                 self._look_at(event, f"{prefix}event {number}")
                 return False
-            sight.noted = self
-        if sight.counted is not None:
-            found = sight.counted.of(event)
+            event_kind.noted = self
+        if event_kind.counted is not None:
+            found = event_kind.counted.of(event)
             if found is None:
                 return False
             self.tally[found] += 1
             return bool(found)
-        for admits in sight.ignored:
+        for admits in event_kind.ignored:
             if admits(event):
                 return False
-        names = sight.constant or sight.relevant(event)
+        names = event_kind.constant or event_kind.relevant(event)
         self.tally[names] += 1
         return bool(names)
 
-    def add_many(self, sight: Sight, types: tuple[str, ...] | None, count: int) -> None:
+    def add_many(self, event_kind: EventKind, types: tuple[str, ...] | None, count: int) -> None:
         """Count so many events of one shape, some type's own, that are relevant of these types, None where they are ignored."""
         self.events += count
-        self.seen |= sight.types
+        self.seen |= event_kind.types
         if types is not None:
             self.tally[types] += count
 

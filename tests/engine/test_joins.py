@@ -8,7 +8,7 @@ import pytest
 
 from rvaft import loads, monitor
 from rvaft.engine import Engine
-from rvaft.engine.scattered_linear import Earliest
+from rvaft.engine.scattered_linear import LinearMonitor
 from rvaft.errors import TooLarge
 from rvaft.language.parser import parse
 from rvaft.model.tree import RVAFT
@@ -128,7 +128,7 @@ def test_nested_orders_do_not_multiply(last: str) -> None:
     for number in range(12):
         monitor.step({"event": f"l{number}"})
         parts = getattr(monitor._strategy, "parts", [monitor._strategy])
-        assert all(isinstance(strategy, Earliest) or len(strategy.partial) == 1 for strategy in parts)
+        assert all(isinstance(strategy, LinearMonitor) or len(strategy.partial) == 1 for strategy in parts)
     assert monitor.step({"event": "x"}) is Verdict.TRUE
 
 

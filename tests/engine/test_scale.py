@@ -9,7 +9,7 @@ import pytest
 
 import rvaft
 from rvaft.engine import Engine
-from rvaft.engine.scattered_linear import Earliest
+from rvaft.engine.scattered_linear import LinearMonitor
 from rvaft.errors import TooLarge
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.tree import RVAFT
@@ -67,7 +67,7 @@ def test_a_scattered_log_does_not_grow() -> None:
     for _ in range(2):
         for _ in range(1_000):
             monitor.step({"event": random.choice("abcda")})
-        assert isinstance(monitor._strategy, Earliest)
+        assert isinstance(monitor._strategy, LinearMonitor)
         assert monitor._strategy.useful is not None
         sizes.append(len(monitor._strategy.useful.entries))
     assert sizes[0] == sizes[1] < 50

@@ -1,4 +1,5 @@
-"""The functions of `import rvaft`: load, check, draw, translate and monitor a tree; and the types that they take and return.
+"""The functions of `import rvaft`: load, check, draw, translate and monitor a tree; and the types
+that they take and return.
 
 `branch` and `kind` narrow a tree to one branch, or to the branches that have a kind.
 """
@@ -99,10 +100,13 @@ def translate(
     limit: int | None = None,
     mapping: Mapping[str, Any] | None = None,
 ) -> Specification:
-    r"""The tree as a specification; `language` names a backend. A `mapping` says how a language that takes one calls the fields of events.
+    r"""The tree as a specification; `language` names a backend.
 
-    Raises `UnknownBackend`, `OptionError`, `TreeError` for a tree that breaks a rule or has no such branch or kind,
-    `NotExpressible` where the language cannot say it, `TooLarge` beyond the limit (None is the backend's own), and `WrongType`.
+    A `mapping` says how a language that takes one calls the fields of events.
+
+    Raises `UnknownBackend`, `OptionError`, `TreeError` for a tree that breaks a rule or has no such
+    branch or kind, `NotExpressible` where the language cannot say it, `TooLarge` beyond the limit
+    (None is the backend's own), and `WrongType`.
 
     >>> print(translate(loads("top or a b;"), "rml", semantics="strict").text.splitlines()[-1])
     Main = (a \/ b) all;
@@ -125,12 +129,14 @@ def monitor(
     limit: int = DEFAULT_LIMIT,
     repeat: bool = False,
 ) -> Monitor:
-    """A fresh monitor of the tree; `limit` bounds the partial matches that it follows. `semantics` is as for `translate`.
+    """A fresh monitor of the tree; `limit` bounds the partial matches that it follows.
+
+    `semantics` is as for `translate`.
 
     With `repeat` it is a `Repetition`, which begins afresh with the event after each detection.
 
-    Raises `OptionError`, `TreeError` for a tree that breaks a rule or has no such branch or kind, `WrongType`, and, when it
-    reads events too, `TooLarge`.
+    Raises `OptionError`, `TreeError` for a tree that breaks a rule or has no such branch or kind,
+    `WrongType`, and, when it reads events too, `TooLarge`.
 
     >>> watching = monitor(loads("top 2of3 a b c;"), semantics="scattered")
     >>> [watching.step({"event": name}).symbol for name in "cxa"]
@@ -147,7 +153,8 @@ def monitor(
 def check(tree: RVAFT) -> list[Finding]:
     """What the rules of `rvaft check` find in a tree, errors and warnings, in the order of their places.
 
-    >>> for finding in check(loads("top or a b; a; b when 1 > 2;")): print(finding.code, finding.severity, *finding.nodes)
+    >>> for finding in check(loads("top or a b; a; b when 1 > 2;")):
+    ...     print(finding.code, finding.severity, *finding.nodes)
     infeasible-scenario warning b
     """
     expect("tree", tree, RVAFT, _TREE)
@@ -254,8 +261,9 @@ def loads(text: str, file: str = "<text>", *, strict_galileo: bool = False, conf
 
     With `confine_imports`, those of files outside that folder are refused.
 
-    Raises `LanguageError` for what is not in the language and `TreeError` for the first rule that the tree breaks. Galileo's dynamic
-    gates are read with the meaning that observed failures have, or, with `strict_galileo`, refused.
+    Raises `LanguageError` for what is not in the language and `TreeError` for the first rule that
+    the tree breaks. Galileo's dynamic gates are read with the meaning that observed failures have,
+    or, with `strict_galileo`, refused.
 
     >>> loads("top sand a b;")
     <RVAFT top: 3 nodes>

@@ -11,7 +11,8 @@ from typing import Any, Final
 import pytest
 from hypothesis import HealthCheck, settings
 
-# Other examples in each run; always the same ones; many, for changes of what it tests: pytest --hypothesis-profile thorough PATH.
+# Other examples in each run; always the same ones; many, for changes of what it tests: pytest
+# --hypothesis-profile thorough PATH.
 # How long an example takes is a matter of what else the machine does.
 unhurried = settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("fast", unhurried)
@@ -25,7 +26,9 @@ if threading.current_thread() is threading.main_thread() and signal.getsignal(si
 
 
 def pytest_collection_finish() -> None:
-    """What was imported and collected is never looked through for what nobody needs, and the rest less often: a tenth of the time."""
+    """What was imported and collected is never looked through for what nobody needs, and the rest
+    less often: a tenth of the time.
+    """
     gc.freeze()
     gc.set_threshold(20_000)
 

@@ -12,6 +12,8 @@ def rows(test: str, name: str) -> list[Any]:
 
 
 def spelled(text: str | list[str | list[Any]]) -> bytes:
-    """The bytes of a text, each a character: a list holds its pieces, and pairs of a piece and how often it stands there."""
+    """The bytes of a text, each a character: a list holds its pieces, and pairs of a piece and how
+    often it stands there.
+    """
     pieces = [text] if isinstance(text, str) else [one if isinstance(one, str) else one[0] * one[1] for one in text]
     return "".join(pieces).encode("latin-1")

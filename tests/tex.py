@@ -20,7 +20,8 @@ ENVIRONMENT: Final = re.compile(r"\\(?:begin|end)\{[a-z]+\*?\}")
 
 
 def unsound(text: str, *, allowed: str = "") -> str | None:
-    r"""What is wrong with the LaTeX of a formula: a special character that stands there raw, or brackets that do not balance.
+    r"""What is wrong with the LaTeX of a formula: a special character that stands there raw, or
+    brackets that do not balance.
 
     Whole lines of comments and `\begin{…}` are left out; `allowed` are special characters that may stand there.
     """

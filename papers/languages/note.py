@@ -14,17 +14,38 @@ from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
 
 FOLDER: Final = Path(__file__).parent
-TREES: Final = ("order", "votes", "shared", "nested", "overlap", "guard", "null", "tied", "tied_some", "compared", "product", "window", "inner_window", "apart", "late")  # fmt: skip
-"""What a language may be able to say, from the simple to the demanding: files in `trees/`, whose first lines say what it is."""
+TREES: Final = (
+    "order",
+    "votes",
+    "shared",
+    "nested",
+    "overlap",
+    "guard",
+    "null",
+    "tied",
+    "tied_some",
+    "compared",
+    "product",
+    "window",
+    "inner_window",
+    "apart",
+    "late",
+)
+"""What a language may be able to say, from the simple to the demanding: files in `trees/`, whose
+first lines say what it is.
+"""
 SHORT: Final = (2, 3, 4, 6, 8)
 """The numbers of children in the short table; VOT with half of them."""
 FEW: Final = 5
-"""The number of children in the tables of sizes and times: the most that each language says of every gate, within its limit."""
+"""The number of children in the tables of sizes and times: the most that each language says of every
+gate, within its limit.
+"""
 
 _HEAD: Final = """\
 # Specification languages compared
 
-One tree in {languages} languages: which of them can say it, how large, how fast. `python -m papers.languages` measures all of it anew and writes this page and, beside it,
+One tree in {languages} languages: which of them can say it, how large, how fast. `python -m
+papers.languages` measures all of it anew and writes this page and, beside it,
 
 | file | what is in it |
 | --- | --- |
@@ -34,44 +55,54 @@ One tree in {languages} languages: which of them can say it, how large, how fast
 | `languages.tex`, `short.tex` | LaTeX tables of all, and of a selection of gates |
 | `figures/` | plots: `gates-MEASURE-SEMANTICS`, each as PDF and PNG |
 
-It takes some minutes; `--resume` goes on after an interruption. Sizes are the same in every run, times are those of the machine that wrote this page,
+It takes some minutes; `--resume` goes on after an interruption. Sizes are the same in every run,
+times are those of the machine that wrote this page,
 and of what else it did then: `--resume` keeps the times of earlier runs.
 
-Where a text that people write in one of these languages says something else than the tree, without a word, is on the page of [findings](../../docs/findings.md).
+Where a text that people write in one of these languages says something else than the tree, without
+a word, is on the page of [findings](../../docs/findings.md).
 
 ## Which can say what
 
-A number is the reason why not, below the table. All trees are under `scattered`; the last rows say of how many of these {trees} trees a language can say what they mean under each semantics.
+A number is the reason why not, below the table. All trees are under `scattered`; the last rows say
+of how many of these {trees} trees a language can say what they mean under each semantics.
 
 """
 _CAPABILITIES: Final = """
 ## What each backend lists
 
-A backend refuses every tree that has something which the backend does not list. The table is made from the lists of the backends
+A backend refuses every tree that has something which the backend does not list. The table is made
+from the lists of the backends
 (`rvaft backends --capabilities`). A "yes" means that the backend writes it for some trees.
 
 """
 _MEASURED: Final = """
 ## What was measured
 
-Every gate with 1 to {most} children, VOT with every threshold, and the trees above, under each semantics, in each language: {count} measurements, {outcomes}. Automata are made up to {limit:,} states, all else as far as `rvaft emit` goes.
+Every gate with 1 to {most} children, VOT with every threshold, and the trees above, under each
+semantics, in each language: {count} measurements, {outcomes}. Automata are made up to {limit:,}
+states, all else as far as `rvaft emit` goes.
 """
 _SEEN: Final = """
 ## What is seen in the sizes
 
-Each sentence is held against every cell that it is about. n is the number of children, k how many are needed; C(n,k) is a binomial.
+Each sentence is held against every cell that it is about. n is the number of children, k how many
+are needed; C(n,k) is a binomial.
 """
 _TABLES: Final = """
 ## Sizes and times at {few} children
 
-`scattered`, which all but the paper's translation can say. Languages with * tell detections alone: their programs look at whole traces, and are asked for the first detection in each. {emitted} are only emitted: there is nothing to read or run.
+`scattered`, which all but the paper's translation can say. Languages with * tell detections alone:
+their programs look at whole traces, and are asked for the first detection in each. {emitted} are
+only emitted: there is nothing to read or run.
 """
 _LEGEND: Final[Mapping[str, Callable[[Measurement], str]]] = {
     "Symbols": lambda row: "-" if row.symbols is None else f"{row.symbols:,}",
     "Milliseconds to translate": lambda row: _milliseconds(row.seconds),
     "Milliseconds to read a text": lambda row: _milliseconds(row.read_seconds),
     "Thousands of events per second, by a reader that has met nothing": lambda row: _thousands(row.events_per_second),
-    "Thousands of events per second, by a reader that has met these traces, or (*) is asked about all of them at once": (
+    "Thousands of events per second, by a reader that has met these traces, or (*) is asked about all "
+    "of them at once": (
         lambda row: _thousands(row.again_per_second)
     ),
 }  # fmt: skip
@@ -117,11 +148,13 @@ def _lines(lines: Iterator[str]) -> str:
     return "".join(f"{line}\n" for line in lines)
 
 
-# -- which can say what -------------------------------------------------------------------------------------------------
+# -- which can say what --------------------------------------------------------------------------------------
 
 
 def expressible(rows: Sequence[Measurement]) -> tuple[list[list[str]], list[str]]:
-    """A table, its heading first, of what each language says of each of the trees; and the reasons to which its numbers refer."""
+    """A table, its heading first, of what each language says of each of the trees; and the reasons
+    to which its numbers refer.
+    """
     names = languages(rows)
     cells = {(Path(row.tree).stem, row.semantics, row.language): row for row in rows if row.gate is None}
     reasons: dict[str, int] = {}
@@ -198,14 +231,19 @@ def expressible_tex(cells: Sequence[Sequence[str]], reasons: Sequence[str]) -> s
     r"""The same for LaTeX, to be read by `\input`; the reasons stand below the table."""
     heading, *others = ([escaped(cell) for cell in line] for line in cells)
     turned = " & ".join(rf"\rotatebox{{90}}{{{name}}}" for name in heading[1:])
-    lines = [" & ".join(rf"\rotatebox{{90}}{{{cell}}}" if cell in ("emitted", "detections only", "verdicts") else cell for cell in line) + r" \\" for line in others]  # fmt: skip
+    told = ("emitted", "detections only", "verdicts")
+    rotated = ([rf"\rotatebox{{90}}{{{cell}}}" if cell in told else cell for cell in line] for line in others)
+    lines = [" & ".join(line) + r" \\" for line in rotated]
     below = " ".join(f"({number}) {escaped(reason.replace('`', ''))}." for number, reason in enumerate(reasons, 1))
     return "\n".join(
         [
             "% Needs \\usepackage[T1]{fontenc} and \\usepackage{booktabs,graphicx,textcomp}.",
             r"\begin{table*}[htbp]",
             r"\centering",
-            r"\caption{Which language can say which tree under scattered, and why not; below it, how many of the trees under each semantics.}",
+            (
+                r"\caption{Which language can say which tree under scattered, and why not; "
+                r"below it, how many of the trees under each semantics.}"
+            ),
             r"\label{tab:languages-expressible}",
             r"\footnotesize\setlength{\tabcolsep}{3.5pt}",
             rf"\begin{{tabular}}{{l{'c' * (len(heading) - 1)}}}",
@@ -225,7 +263,7 @@ def expressible_tex(cells: Sequence[Sequence[str]], reasons: Sequence[str]) -> s
     )
 
 
-# -- sizes and times ----------------------------------------------------------------------------------------------------
+# -- sizes and times -----------------------------------------------------------------------------------------
 
 
 def _finding(finding: Finding, rows: Sequence[Measurement]) -> str:
@@ -246,7 +284,8 @@ def _large(rows: Sequence[Measurement]) -> Iterator[str]:
         least = {gate: min(row.children or 0 for row in met if row.gate is gate) for gate in {row.gate for row in met}}
         first = [row.tree for row in met if row.children == least[row.gate]]
         why = met[0].reason or met[0].run_reason
-        yield f"- {outcome} in `{language}` under `{semantics}`: {len(met)} gates, the smallest {', '.join(first)} ({why.strip()})."
+        smallest = f"the smallest {', '.join(first)} ({why.strip()})"
+        yield f"- {outcome} in `{language}` under `{semantics}`: {len(met)} gates, {smallest}."
 
 
 def _sizes_and_times(rows: Sequence[Measurement]) -> Iterator[str]:

@@ -1,9 +1,10 @@
 """Branches of a tree, their numbers, and trees restricted to a branch or a kind (semantics, section 2).
 
-A branch resolves the `or` gates and keeps `KofN`. Branches are enumerated lazily, in the order of their numbers: the digits of
-a branch are the choices of the `or` gates in breadth-first order from the root, the first varying fastest; a gate that
-the branch does not reach has digit 0. The search goes from the slowest digit to the fastest and carries the choices that
-digits above 0 force upon the gates nearer the root, so it never enters a dead end.
+A branch resolves the `or` gates and keeps `KofN`. Branches are enumerated lazily, in the order of
+their numbers: the digits of a branch are the choices of the `or` gates in breadth-first order from
+the root, the first varying fastest; a gate that the branch does not reach has digit 0. The search
+goes from the slowest digit to the fastest and carries the choices that digits above 0 force upon
+the gates nearer the root, so it never enters a dead end.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -89,9 +90,10 @@ def number_of(
 ) -> int | None:
     """The lowest number of a branch that makes these choices (and has that kind); None where finding it takes too long.
 
-    Where a kind is asked for, `limit` branches are looked at. Otherwise they are counted: the number is one more than, summed
-    over the gates from the last to the first, the count of branches that agree on the gates after it and have a smaller digit
-    there. Such a count is a product over gates, a sum over the choices of an `or`; where a node is shared it goes from the root down.
+    Where a kind is asked for, `limit` branches are looked at. Otherwise they are counted: the
+    number is one more than, summed over the gates from the last to the first, the count of branches
+    that agree on the gates after it and have a smaller digit there. Such a count is a product over
+    gates, a sum over the choices of an `or`; where a node is shared it goes from the root down.
     """
     if tree.shared and kind is None:
         with suppress(TooLarge):
@@ -169,8 +171,8 @@ def _or_gates(tree: RVAFT) -> tuple[str, ...]:
 def _number_among_shared(tree: RVAFT, choices: Mapping[str, str]) -> int | None:
     """The same where nodes are shared; raises `TooLarge`.
 
-    The gates are resolved parents first. What a branch has resolved so far matters only in which of the others it reaches: branches that
-    reach the same are counted together.
+    The gates are resolved parents first. What a branch has resolved so far matters only in which of
+    the others it reaches: branches that reach the same are counted together.
     """
     gates = or_gates(tree)
     place = {name: number for number, name in enumerate(_depth_first(tree, gates))}
@@ -250,8 +252,8 @@ class _Digits(NamedTuple):
 class _Search:
     """The enumeration of the digits of all branches of one tree.
 
-    A *way* is the digits of the gates on a path from the root to a node, or on one path to each gate whose digit is above 0:
-    a gate with a digit there is reached.
+    A *way* is the digits of the gates on a path from the root to a node, or on one path to each
+    gate whose digit is above 0: a gate with a digit there is reached.
     """
 
     def __init__(self, tree: RVAFT) -> None:
@@ -278,7 +280,8 @@ class _Search:
 
     def branches(self) -> Iterator[int]:
         """The digits of all branches in the order of their numbers: the last gate's varies slowest."""
-        # One level per gate, slowest first: its digits that are left, each with the digits so far and the ways they need.
+        # One level per gate, slowest first: its digits that are left, each with the digits so far
+        # and the ways they need.
         levels = [iter([(_Digits(), [_Digits()])])]
         while levels:
             option = next(levels[-1], None)
@@ -343,10 +346,11 @@ def _shortest(ways: Iterable[_Digits], name: str) -> list[_Digits]:
 
 # The part of a tree that a monitor for one branch or one kind looks at (semantics, sections 2 and 3).
 #
-# The result is a tree again, with the alphabet of the whole tree and a note of the restriction (`part_of`). A branch is a
-# sub-DAG. The branches of a kind are a union of sub-DAGs, each given by the children that some `or` gates may keep; the nodes
-# and edges of the restricted tree are those of all of them, so it may have more branches than the kind. The property of the
-# restricted tree (`rvaft.core.passes.property_of`) has those of the kind alone.
+# The result is a tree again, with the alphabet of the whole tree and a note of the restriction
+# (`part_of`). A branch is a sub-DAG. The branches of a kind are a union of sub-DAGs, each given by
+# the children that some `or` gates may keep; the nodes and edges of the restricted tree are those
+# of all of them, so it may have more branches than the kind. The property of the restricted tree
+# (`rvaft.core.passes.property_of`) has those of the kind alone.
 
 COPIES: Final = 1_000
 """The most sub-DAGs that a kind may need."""

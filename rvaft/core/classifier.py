@@ -405,7 +405,8 @@ _LARGEST: Final = sys.float_info.max
 
 @dataclass(frozen=True, eq=False)
 class GuardTable(Generic[H_co]):
-    """From an event to what follows from which of some guards hold of it; derived once for each set of guards that comes.
+    """From an event to what follows from which of some guards hold of it; derived once for each set
+    of guards that comes.
 
     `of` reads the table, and `held` gives the guards that hold as bits.
     """
@@ -493,7 +494,9 @@ def _table_by_bits(guards: tuple[Guard, ...], derive: Callable[[int], H_co]) -> 
 
 
 def compared_numbers(guards: Iterable[Guard]) -> tuple[str, list[int | float]] | None:
-    """The one variable that all guards compare with numbers, and these numbers in order; None if there is no such variable."""
+    """The one variable that all guards compare with numbers, and these numbers in order; None if
+    there is no such variable.
+    """
     names, points = set[str](), set[int | float]()
     for guard in guards:
         match guard:

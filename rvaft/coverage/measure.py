@@ -454,7 +454,9 @@ class Coverage:
         return event_kind.classes[0]
 
     def _hit(self, event: Json, event_kind: EventKind, *, projects: bool) -> set[str]:
-        """The nodes that an event may be, where it counts: by the pattern and by the guard that the event alone decides."""
+        """The nodes that an event may be, where it counts: by the pattern and by the guard that the
+        event alone decides.
+        """
         event_class = self._class_of(event_kind)
         if projects and any(one.admits(event) for one in event_class.ignored):
             return set()

@@ -1,16 +1,17 @@
 """A property compiled to numbers: what the engine looks up while events come in.
 
-Nodes are numbered in the order of the tree, parents before children; sets of nodes are bit masks. The children of a sequence
-stand in the order of time. Where no node is shared the tree is one *part*. Otherwise the ancestors of shared nodes (and the
-shared nodes) form the *core*, and every other child of a core node roots a part: a read-once tree that only the core relates to
-the rest.
+Nodes are numbered in the order of the tree, parents before children; sets of nodes are bit masks.
+The children of a sequence stand in the order of time. Where no node is shared the tree is one
+*part*. Otherwise the ancestors of shared nodes (and the shared nodes) form the *core*, and every
+other child of a core node roots a part: a read-once tree that only the core relates to the rest.
 
-A node of the engine is a part of the property, together with a condition on it and with the event right before it (or right
-after it), where nothing else refers to these.
+A node of the engine is a part of the property, together with a condition on it and with the event
+right before it (or right after it), where nothing else refers to these.
 
-A variable that only one node's event and that node's own guard mention is no variable of the tree at all: whether the event fits
-can be said from the event. The guard then is a *filter* of the event; what remains are the *exported* variables, which a
-configuration has to remember, and the guards that wait for them.
+A variable that only one node's event and that node's own guard mention is no variable of the tree
+at all: whether the event fits can be said from the event. The guard then is a *filter* of the
+event; what remains are the *exported* variables, which a configuration has to remember, and the
+guards that wait for them.
 """
 
 from collections import Counter
@@ -41,7 +42,9 @@ class Op(Enum):
 
 
 class _Node(NamedTuple):
-    """A node of the engine: its part, an event of its own with whether that comes first, its guard, and what is below."""
+    """A node of the engine: its part, an event of its own with whether that comes first, its guard,
+    and what is below.
+    """
 
     part: Part
     event: core.Event | None
@@ -240,8 +243,10 @@ class CompiledTree:
         self.core, self.members = tuple(sorted(core)), frozenset(core)
         self.parent, self.slot, self.part_of = [-1] * size, [-1] * size, list(range(size))
         self.freezer = [-1] * size
-        """The nearest of a node and its ancestors in its part that something later can end, or -1: a child of a sequence that is
-        not the last, or of a gate whose own event comes after its children."""
+        """The nearest of a node and its ancestors in its part that something later can end, or -1:
+        a child of a sequence that is not the last, or of a gate whose own event comes after its
+        children.
+        """
         for node, children in enumerate(self.children):
             ends = self.own[node] and not self.top_down
             for slot, child in enumerate(children if node not in core else ()):
@@ -276,7 +281,9 @@ class Hit(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """What one event means to a tree; `hits` is what a strategy makes of the letters, empty where the event fits no node."""
+    """What one event means to a tree; `hits` is what a strategy makes of the letters, empty where
+    the event fits no node.
+    """
 
     relevant: bool
     hits: Sequence[Any]
@@ -293,7 +300,8 @@ _Values: TypeAlias = Callable[[Mapping[str, Json]], dict[str, Json] | None]
 
 
 class Admission(NamedTuple):
-    """How an event that may be some letter becomes a hit: what is asked of it beside its shape, and what gives the values.
+    """How an event that may be some letter becomes a hit: what is asked of it beside its shape, and
+    what gives the values.
 
     The values are None where the event is not this letter after all.
     """
@@ -311,11 +319,12 @@ class Admission(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class EventClass:
-    """Events that are alike to a tree: they have the same shape or, in a *refined* class, the same guards hold of them, too.
+    """Events that are alike to a tree: they have the same shape or, in a *refined* class, the same
+    guards hold of them, too.
 
-    A class by shape has the letters that its events may be. If the fields of an event say the rest, `refined` gives its refined
-    class, and `followed` the one that also says which guards of nodes the event alone decides. A refined class has the letters
-    that its events are.
+    A class by shape has the letters that its events may be. If the fields of an event say the rest,
+    `refined` gives its refined class, and `followed` the one that also says which guards of nodes
+    the event alone decides. A refined class has the letters that its events are.
     """
 
     letters: tuple[Admission, ...]
@@ -332,7 +341,8 @@ class EventClass:
 
 
 class Effect(NamedTuple):
-    """What events of one kind can do to a monitor now: whether they fit a node, and the letters that may change something.
+    """What events of one kind can do to a monitor now: whether they fit a node, and the letters
+    that may change something.
 
     Each letter has the fields that matter. It changes nothing if it is `inert` with the values there.
     """
@@ -355,9 +365,11 @@ def _refined(found: EventClass) -> GuardTable[EventClass]:
 
 
 class TreeLetters:
-    """The letters of a tree, equal patterns with equal guards: those of its occurrences, its alphabet, and what it ignores.
+    """The letters of a tree, equal patterns with equal guards: those of its occurrences, its
+    alphabet, and what it ignores.
 
-    What the shape of an event decides is worked out once for each shape, so an event that concerns nothing costs one look-up.
+    What the shape of an event decides is worked out once for each shape, so an event that concerns
+    nothing costs one look-up.
     """
 
     def __init__(self, compiled: CompiledTree) -> None:
@@ -383,7 +395,9 @@ class TreeLetters:
             last, read = shared.setdefault(self.letters[one.number], [None, None]), event_time.read
 
             def timed(event: Mapping[str, Json]) -> dict[str, Json] | None:
-                if first:  # of letters that are alike but for the variable of the time the first is read, and the others at once after it
+                # of letters that are alike but for the variable of the time the first is read, and
+                # the others at once after it
+                if first:
                     last[0] = values(event)
                     last[1] = None if last[0] is None else read(event)
                 return None if last[0] is None else {**last[0], time: last[1]}

@@ -1,16 +1,17 @@
 """A partial match, and how far the nodes of each read-once part have come in it.
 
-What a node's event changes is brought up to date along the path from the node to its part's root. Each node has four flags, all
-about the ways to resolve the choices below it (without a node whose guard failed) in which the occurrences taken so far are
-downward closed:
+What a node's event changes is brought up to date along the path from the node to its part's root.
+Each node has four flags, all about the ways to resolve the choices below it (without a node whose
+guard failed) in which the occurrences taken so far are downward closed:
 
 - TOUCHED: an occurrence of it or below it has been taken;
 - DONE: in some way the occurrences taken are all there are;
 - MORE: in some way others remain;
 - SURE: in some way they are all there are, and no guard of that way is still open.
 
-A touched node that is neither DONE nor MORE is in no scenario, and neither is anything above it. What a gate needs to know
-of its children are numbers of flags, so one event costs a few additions per node on its path, however wide the gates are.
+A touched node that is neither DONE nor MORE is in no scenario, and neither is anything above it.
+What a gate needs to know of its children are numbers of flags, so one event costs a few additions
+per node on its path, however wide the gates are.
 """
 
 from collections.abc import Hashable, Iterator, Mapping
@@ -35,9 +36,9 @@ class Witness(NamedTuple):
 Tally: TypeAlias = tuple[int, ...]
 """What a gate knows of its children.
 
-Of a sequence: the last child touched (or -1); how many before it are not done; how many of all are done, and sure; and how many
-from it on are possible, and have more. Of another gate: how many are touched, possible, done, have more, are sure; and how many of
-those touched are the same.
+Of a sequence: the last child touched (or -1); how many before it are not done; how many of all are
+done, and sure; and how many from it on are possible, and have more. Of another gate: how many are
+touched, possible, done, have more, are sure; and how many of those touched are the same.
 """
 
 
@@ -45,11 +46,12 @@ those touched are the same.
 class Configuration:
     """One partial match.
 
-    `taken` are the occurrences that have their event. `dead` are the nodes whose guard does not hold, `closed` those whose guard
-    waits for nothing. `binding` keeps the variables that still matter. `inversions` says which orders between two shared elements of
-    the tree the match has broken: harmless while some scenario does not demand them (always empty where no node is shared).
-    `flags` and `tallies` are what `PartProgress` knows, where it differs from the start; both follow from the rest. `witness` is how
-    the match came about and no part of the state.
+    `taken` are the occurrences that have their event. `dead` are the nodes whose guard does not
+    hold, `closed` those whose guard waits for nothing. `binding` keeps the variables that still
+    matter. `inversions` says which orders between two shared elements of the tree the match has
+    broken: harmless while some scenario does not demand them (always empty where no node is
+    shared). `flags` and `tallies` are what `PartProgress` knows, where it differs from the start;
+    both follow from the rest. `witness` is how the match came about and no part of the state.
     """
 
     dead: int
@@ -82,10 +84,12 @@ def history(last: Witness | None) -> list[Witness]:
 
 
 class Snapshot(NamedTuple):
-    """Groups of configurations in a form to be pickled: flat, since the chain of a long match is deeper than Python can recurse.
+    """Groups of configurations in a form to be pickled: flat, since the chain of a long match is
+    deeper than Python can recurse.
 
-    A step that several matches share is written once: the number of the one before (-1 for none), node, position, values. Each
-    configuration stands without its witness, with the number of its last step.
+    A step that several matches share is written once: the number of the one before (-1 for none),
+    node, position, values. Each configuration stands without its witness, with the number of its
+    last step.
     """
 
     steps: list[tuple[int, int, int, Mapping[str, Json]]]

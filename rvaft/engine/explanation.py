@@ -1,11 +1,13 @@
 """What the events so far mean for the branches of a tree (semantics, sections 2 and 4).
 
-After detection: one match of the lowest-numbered branch that has one, with its scenario. Before: what the branches that are still
-alive wait for. A node is pending in a branch if some partial match of the branch has all that precedes the node's event, but not that
-event. As for the verdict, whether the variables and guards can ever agree is not looked at. Under `scattered` only those partial
-matches count that the engine follows: one that another can replace waits for nothing that matters. Under `consecutive`
-and `scattered` neither does one that the times of its events rule out, which the engine drops at once: there is no ⊥ that
-it could delay, and a log with a long `times N` leaf would otherwise keep N partial matches for each event.
+After detection: one match of the lowest-numbered branch that has one, with its scenario. Before:
+what the branches that are still alive wait for. A node is pending in a branch if some partial match
+of the branch has all that precedes the node's event, but not that event. As for the verdict,
+whether the variables and guards can ever agree is not looked at. Under `scattered` only those
+partial matches count that the engine follows: one that another can replace waits for nothing that
+matters. Under `consecutive` and `scattered` neither does one that the times of its events rule out,
+which the engine drops at once: there is no ⊥ that it could delay, and a log with a long `times N`
+leaf would otherwise keep N partial matches for each event.
 
 All of this is found when it is asked for, from how the partial matches came about; monitoring does nothing for it.
 """
@@ -144,7 +146,9 @@ class MatchFinder:
                     yield matching, match
 
     def is_possible(self, gate: str, child: str) -> bool:
-        """False only where certainly no match keeps this child of a choice (or, if it is the first, does without the choice)."""
+        """False only where certainly no match keeps this child of a choice (or, if it is the first,
+        does without the choice).
+        """
         if gate not in self.compiled.choices:
             return False
         able, unavoidable = self._limits
@@ -240,8 +244,8 @@ def explain(strategy: Following | LinearMonitor) -> Explanation:
 def _lowest(tree: RVAFT, finder: MatchFinder, found: FoundMatch) -> tuple[FoundMatch, int | None]:
     """The match whose branch has the lowest number, and that number where it is certain.
 
-    The digit that counts most is made as small as it can be, then the next. A choice that the best match so far does not reach has
-    digit 0 in its branch already.
+    The digit that counts most is made as small as it can be, then the next. A choice that the best
+    match so far does not reach has digit 0 in its branch already.
     """
     fixed: dict[str, str] = {}
     effort = 0

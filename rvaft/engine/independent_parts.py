@@ -1,8 +1,10 @@
-"""The parts of an AND, also through ANDs below it, that nothing ties together: no variable, no guard, and no event that may serve two of them.
+"""The parts of an AND, also through ANDs below it, that nothing ties together: no variable, no
+guard, and no event that may serve two of them.
 
-Their partial matches are followed side by side, so that their numbers add up where they would multiply. Together the parts have what they need when
-each has: any match of the one goes with any match of the other. Those that leave choices are one part, for the branch of a match depends
-on all choices.
+Their partial matches are followed side by side, so that their numbers add up where they would
+multiply. Together the parts have what they need when each has: any match of the one goes with any
+match of the other. Those that leave choices are one part, for the branch of a match depends on all
+choices.
 """
 
 from collections.abc import Sequence

@@ -32,9 +32,10 @@ _UNKNOWN: Final = Verdict.UNKNOWN  # looked up for every event
 class Engine(Monitor):
     """The monitor of a tree; for one branch or one kind give it the restricted tree.
 
-    The tree has to keep the rules of `rvaft check`. Raises `TooLarge`, from `step` too, where there are more than `limit` partial
-    matches to follow, or events to keep for the explanation, or where resolving the choices that share nodes takes more than
-    `limit` steps; it names the variables or the nodes that are the cause.
+    The tree has to keep the rules of `rvaft check`. Raises `TooLarge`, from `step` too, where there
+    are more than `limit` partial matches to follow, or events to keep for the explanation, or where
+    resolving the choices that share nodes takes more than `limit` steps; it names the variables or
+    the nodes that are the cause.
 
     >>> import rvaft
     >>> monitor = Engine(rvaft.loads("top sand a b;"))
@@ -129,7 +130,9 @@ class Engine(Monitor):
         return self._strategy.noted
 
     def take(self, reading: Reading, position: int | None = None) -> Verdict:
-        """As `step`, for an event that was read already; `position` is its number where events in between were left out."""
+        """As `step`, for an event that was read already; `position` is its number where events in
+        between were left out.
+        """
         self._read += 1
         if self._verdict is _UNKNOWN:
             self._position = self._position + 1 if position is None else position
@@ -162,7 +165,8 @@ class Engine(Monitor):
         self.pass_time(earlier._latest)
 
     def is_late(self, event: Json) -> bool:
-        """Whether an event is late (semantics, section 1.1), which no match may use; asked once of each event, in their order.
+        """Whether an event is late (semantics, section 1.1), which no match may use; asked once of
+        each event, in their order.
 
         Who reads events for `take` asks this first, and gives late ones to `skip`.
         """

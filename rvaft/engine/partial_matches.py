@@ -1,4 +1,6 @@
-"""From one partial match to the next; and the strategy of `strict` and `projected`, where every event that counts is used up."""
+"""From one partial match to the next; and the strategy of `strict` and `projected`, where every
+event that counts is used up.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Iterator, Mapping
@@ -26,7 +28,9 @@ class Matching:
         self.progress = PartProgress(compiled)
         self.shared = SharedNodes(compiled, self.progress, limit=limit)
         self.asked: dict[int, tuple[TimeDifference, ...]] = {}
-        """For the nodes with guards over times what these guards ask for, as far as that is known before all times are."""
+        """For the nodes with guards over times what these guards ask for, as far as that is known
+        before all times are.
+        """
         for node, parts in enumerate(compiled.conditions if early else ()):
             if found := tuple(one for part in parts for one in part.differences or ()):
                 self.asked[node] = found
@@ -54,8 +58,9 @@ class Matching:
     ) -> Configuration | None:
         """The configuration after a node's event, or None where it is then neither a match nor a partial match.
 
-        `values` are those that the event gives to the variables of its pattern. With `reuse` the configuration itself changes. Where
-        the guards are `judged` already, that is believed of those that can now be decided.
+        `values` are those that the event gives to the variables of its pattern. With `reuse` the
+        configuration itself changes. Where the guards are `judged` already, that is believed of
+        those that can now be decided.
         """
         compiled, bound = self.compiled, configuration.binding
         names = compiled.exported[node]
@@ -104,7 +109,9 @@ class Matching:
         return new if in_core or self.progress.refresh(new, node) else None
 
     def replayed(self, steps: Iterable[tuple[int, Mapping[str, Json], int]]) -> Configuration | None:
-        """The configuration after these nodes took their events, each with values and position, or None where none is left."""
+        """The configuration after these nodes took their events, each with values and position, or
+        None where none is left.
+        """
         configuration: Configuration | None = self.start()
         for node, values, position in steps:
             if configuration is not None:
@@ -131,7 +138,9 @@ class Matching:
                 yield node
 
     def narrowed(self, configuration: Configuration, names: Iterable[str]) -> Iterator[int]:
-        """The nodes whose guard waits for more than these variables, which are bound now, and may have become hopeless."""
+        """The nodes whose guard waits for more than these variables, which are bound now, and may
+        have become hopeless.
+        """
         if self.asked:
             binding = configuration.binding
             for node in dict.fromkeys(node for name in names for node in self.compiled.guarded_by.get(name, ())):
@@ -221,7 +230,9 @@ class Following(ABC):
         self.follow(partial)
 
     def _bound(self, count: int) -> None:
-        """Refuse to follow that many, with the variables, or without any the nodes, that the partial matches differ in."""
+        """Refuse to follow that many, with the variables, or without any the nodes, that the
+        partial matches differ in.
+        """
         if count <= self.limit:
             return
         bound = {name for configuration in self.partial for name in configuration.binding}
@@ -235,7 +246,9 @@ class Following(ABC):
 
 
 class Contiguous(Following):
-    """Under `strict` and `projected` all partial matches have used up the same events, under `consecutive` those since each began."""
+    """Under `strict` and `projected` all partial matches have used up the same events, under
+    `consecutive` those since each began.
+    """
 
     def __init__(self, compiled: CompiledTree, letters: TreeLetters, semantics: Semantics, *, limit: int) -> None:
         super().__init__(compiled, letters, limit=limit, early=semantics is Semantics.CONSECUTIVE)

@@ -1,12 +1,15 @@
-"""`scattered` in general: a partial match may pass over any event, so that the ones before an event stay beside the ones after it.
+"""`scattered` in general: a partial match may pass over any event, so that the ones before an event
+stay beside the ones after it.
 
-How far a match has come does not depend on the values it saw, but for whether the guards held that were decided. So what taking an event
-does to the structure is worked out once for a *stage*, a node and the outcomes of the guards decided there; for each partial match
-there remain those guards, and the values to remember.
+How far a match has come does not depend on the values it saw, but for whether the guards held that
+were decided. So what taking an event does to the structure is worked out once for a *stage*, a node
+and the outcomes of the guards decided there; for each partial match there remain those guards, and
+the values to remember.
 
-Most events of a long trace change nothing. So it is kept what is known to change nothing as long as the partial matches are the same:
-letters that none of them can take, outcomes of guards that the event alone decides with which none can, values that were there
-before. Where an event may do something, the partial matches that it concerns are found by their stages and by the values that it
+Most events of a long trace change nothing. So it is kept what is known to change nothing as long as
+the partial matches are the same: letters that none of them can take, outcomes of guards that the
+event alone decides with which none can, values that were there before. Where an event may do
+something, the partial matches that it concerns are found by their stages and by the values that it
 must repeat. A partial match is dropped where another can do all that it can (see `subsumption`).
 """
 
@@ -83,7 +86,9 @@ class Stage:
 
 
 class Scan(NamedTuple):
-    """How the partial matches are found that an event may extend: all others could not hold the guards that have to hold."""
+    """How the partial matches are found that an event may extend: all others could not hold the
+    guards that have to hold.
+    """
 
     names: tuple[str, ...]
     """The variables remembered whose values must equal those of `terms`, which are over the values of the event."""
@@ -93,7 +98,9 @@ class Scan(NamedTuple):
 
 
 class Order(NamedTuple):
-    """An order of partial matches, what an event asks of it, and when those that follow can do no more than one that was found."""
+    """An order of partial matches, what an event asks of it, and when those that follow can do no
+    more than one that was found.
+    """
 
     term: Term | None
     """What orders them; None for the order in which they came."""
@@ -105,7 +112,9 @@ class Order(NamedTuple):
 
     @classmethod
     def of(cls, term: Term, bounds: Iterable[Bound], target: Stage | None, told: Collection[str]) -> "Order":
-        """The order by a term; `target` is where all that move come to, `told` are the variables that are the same for all."""
+        """The order by a term; `target` is where all that move come to, `told` are the variables
+        that are the same for all.
+        """
         if target is None or not {*told}.issuperset((*target.ranking.exact, *target.ranking.excluded)):
             return cls(term, tuple(bounds), False, None)
         last_first, ordered, others = True, False, list[Term]()
@@ -198,7 +207,9 @@ class Stages:
         return stage.moves[node]
 
     def outcome(self, move: StageMove, held: int, outcomes: tuple[bool, ...]) -> tuple[Stage, bool] | None:
-        """Where a move leads if, of the guards that its event decides, these hold, and the others have these outcomes."""
+        """Where a move leads if, of the guards that its event decides, these hold, and the others
+        have these outcomes.
+        """
         place = (held & move.alone, outcomes)
         if place not in move.outcomes:
             self.size += 1
@@ -313,7 +324,9 @@ class LetterMoves:
 
 
 class RelevantHit(NamedTuple):
-    """A letter that may change something: its values, the guards decided by them that hold, and what stands for both."""
+    """A letter that may change something: its values, the guards decided by them that hold, and
+    what stands for both.
+    """
 
     values: Mapping[str, Json]
     watch: LetterMoves
@@ -334,7 +347,9 @@ class NewMatch(NamedTuple):
 
 
 class CandidateMove(NamedTuple):
-    """A letter of which something may come, as long as its values were not there before; these are the fields that matter."""
+    """A letter of which something may come, as long as its values were not there before; these are
+    the fields that matter.
+    """
 
     letter: int
     watch: LetterMoves
@@ -616,7 +631,9 @@ class ScatteredMatches(Following):
     def _concerned(
         self, group: StageGroup, scan: Scan, values: Mapping[str, Json]
     ) -> Sequence[tuple[Iterable[Member], tuple[Term, ...] | None]]:
-        """The members of a group that may make a move, in parts; each perhaps with what shows that the rest of it makes nothing better."""
+        """The members of a group that may make a move, in parts; each perhaps with what shows that
+        the rest of it makes nothing better.
+        """
         asked = [values[one.name] if type(one) is Variable else value(one, values) for one in scan.terms]
         if UNDEFINED in asked:
             return ()

@@ -1,12 +1,14 @@
 """`scattered` in linear time: every node starts once and is complete once, as early as can be.
 
-Where no variable ties events together and no event can serve two occurrences that stand side by side, nothing is gained by passing
-over an event, and what a node can do depends on nothing but when it starts. So each node is told to start when what precedes it is
-complete, listens for its event, and tells its parents when it is complete; a sequence starts its children in turn. Each
-node starts and completes at most once, so the total work is linear in the tree, beside the look-up per event.
+Where no variable ties events together and no event can serve two occurrences that stand side by
+side, nothing is gained by passing over an event, and what a node can do depends on nothing but when
+it starts. So each node is told to start when what precedes it is complete, listens for its event,
+and tells its parents when it is complete; a sequence starts its children in turn. Each node starts
+and completes at most once, so the total work is linear in the tree, beside the look-up per event.
 
-A shared node starts when all is complete that precedes it through any of its parents, and the first of its choices that is complete is the
-choice for all of them: nothing of the choices is followed but which nodes are complete. `linear_starts` says where this holds.
+A shared node starts when all is complete that precedes it through any of its parents, and the first
+of its choices that is complete is the choice for all of them: nothing of the choices is followed
+but which nodes are complete. `linear_starts` says where this holds.
 """
 
 from collections import Counter
@@ -44,15 +46,17 @@ Served: TypeAlias = Sequence[tuple[int, Mapping[str, Json]]]
 
 
 Before: TypeAlias = tuple[int, int]
-"""What a start waits for: a node and -1, that it is complete; a gate and a number, that so many of its children are (0: that its own event
-has come)."""
+"""What a start waits for: a node and -1, that it is complete; a gate and a number, that so many of
+its children are (0: that its own event has come).
+"""
 
 
 class StartConditions(NamedTuple):
     """When each node may start.
 
-    A node starts with its parents, except a later child of a sequence (when those before it are complete) and a child of a
-    gate whose own event comes first (when that has come). Whatever precedes a node's event is found along its starts.
+    A node starts with its parents, except a later child of a sequence (when those before it are
+    complete) and a child of a gate whose own event comes first (when that has come). Whatever
+    precedes a node's event is found along its starts.
     """
 
     parents: list[list[int]]
@@ -63,8 +67,9 @@ class StartConditions(NamedTuple):
 def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> StartConditions | None:
     """The one start of each node where no variable ties events together and nothing competes for an event, else None.
 
-    What a shared node waits for through one parent it must wait for in every scenario, which it does where that parent is in all
-    scenarios that have the node. A part that may be without events orders nothing, so it must wait for the same through all parents.
+    What a shared node waits for through one parent it must wait for in every scenario, which it
+    does where that parent is in all scenarios that have the node. A part that may be without events
+    orders nothing, so it must wait for the same through all parents.
     """
     if any(compiled.exported):
         return None
@@ -128,8 +133,8 @@ def _implied(compiled: CompiledTree) -> list[int]:
 def _beside(compiled: CompiledTree, one: int, other: int) -> tuple[bool, int]:
     """Whether two nodes may stand side by side in a scenario, and the steps it took to say so.
 
-    They do not if one is above the other, or their lowest common gate orders or separates them. Between nodes that sharing relates, the
-    answer is always yes.
+    They do not if one is above the other, or their lowest common gate orders or separates them.
+    Between nodes that sharing relates, the answer is always yes.
     """
     if not compiled.members.isdisjoint((one, other)) or compiled.part_of[one] != compiled.part_of[other]:
         return True, 1
@@ -148,10 +153,11 @@ def _beside(compiled: CompiledTree, one: int, other: int) -> tuple[bool, int]:
 class UsefulEvents:
     """The events worth keeping, so that the match of every branch can still be found at detection.
 
-    What one branch can match depends on when each of its nodes starts, and that differs between branches. An event is worth keeping for
-    an occurrence only if, since the last one kept for it, something was kept that may precede it: the earliest match of
-    any branch takes, for each occurrence, the first event after those of its predecessors. So the number of events kept depends on
-    the tree, not on the length of the trace.
+    What one branch can match depends on when each of its nodes starts, and that differs between
+    branches. An event is worth keeping for an occurrence only if, since the last one kept for it,
+    something was kept that may precede it: the earliest match of any branch takes, for each
+    occurrence, the first event after those of its predecessors. So the number of events kept
+    depends on the tree, not on the length of the trace.
     """
 
     def __init__(self, compiled: CompiledTree, starts: StartConditions) -> None:
@@ -198,7 +204,8 @@ class UsefulEvents:
         while agenda:
             for one, count in self.starts.before[agenda.pop()]:
                 elders = (one,) if count < 0 else compiled.children[one][:count]
-                # a later child of a sequence comes after the gate's own event too, whatever stands between: it may be silent
+                # a later child of a sequence comes after the gate's own event too, whatever stands
+                # between: it may be silent
                 if any(latest.get(elder, 0) >= last for elder in elders) or (
                     compiled.top_down and self.own.get(one, 0) >= last
                 ):
@@ -251,7 +258,9 @@ class LinearRun:
         self._settle()
 
     def awaited(self) -> list[int]:
-        """The listening nodes whose event brings something above them nearer to being complete; none if the root cannot be."""
+        """The listening nodes whose event brings something above them nearer to being complete;
+        none if the root cannot be.
+        """
         able = possible_nodes(self.compiled, self._kept)
         found: list[int] = []
         agenda, seen = [self.compiled.root], {self.compiled.root}

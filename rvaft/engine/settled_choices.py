@@ -1,9 +1,12 @@
-"""Choices of which nothing is left but which child they kept: partial matches that differ in these alone come to the same.
+"""Choices of which nothing is left but which child they kept: partial matches that differ in these
+alone come to the same.
 
-Where a gate of the core (see `compiled_tree`) keeps one child, and that child is a part with all its events, nothing in this part and none of the other
-parts that the gate could have kept will have an event any more, whichever of them it is: they stand at the same place in the tree. So one of
-the partial matches is enough, and it is the one with the lower branch: all choices to come are open to both. What it has chosen is one number, in which
-the digit of a gate counts as it does in the number of a branch.
+Where a gate of the core (see `compiled_tree`) keeps one child, and that child is a part with all
+its events, nothing in this part and none of the other parts that the gate could have kept will have
+an event any more, whichever of them it is: they stand at the same place in the tree. So one of the
+partial matches is enough, and it is the one with the lower branch: all choices to come are open to
+both. What it has chosen is one number, in which the digit of a gate counts as it does in the number
+of a branch.
 """
 
 from collections.abc import Hashable
@@ -15,7 +18,9 @@ from rvaft.support.bits import mask_of
 
 
 class SettledChoices:
-    """The choices of a tree that may be settled; of a part of a tree with some kind none, for its branches depend on more."""
+    """The choices of a tree that may be settled; of a part of a tree with some kind none, for its
+    branches depend on more.
+    """
 
     def __init__(self, compiled: CompiledTree) -> None:
         self.compiled = compiled
@@ -68,7 +73,9 @@ class SettledChoices:
         return (taken, dead, closed, broken, names, mask_of(-1 - one for one in settled.values())), bool(settled)
 
     def number(self, last: Witness | None) -> int:
-        """What a partial match has chosen; of two that come to the same that with the lower number has the lower branch."""
+        """What a partial match has chosen; of two that come to the same that with the lower number
+        has the lower branch.
+        """
         parts = set[int]()
         while last is not None:
             parts.add(self.compiled.part_of[last.node])

@@ -1,13 +1,15 @@
 """Trees with shared nodes: what the core allows a configuration to be.
 
-The core (see `compiled_tree`) is what shared nodes tie together: a shared gate is resolved once, and whether one of its events precedes
-another depends on which gates above are in the scenario. Parts stand in it as single *elements*: whatever orders one event
-of a part against the rest of the tree orders all of them.
+The core (see `compiled_tree`) is what shared nodes tie together: a shared gate is resolved once,
+and whether one of its events precedes another depends on which gates above are in the scenario.
+Parts stand in it as single *elements*: whatever orders one event of a part against the rest of the
+tree orders all of them.
 
-The search for the resolutions that fit a configuration walks the core from the root and resolves only the choices it reaches. A
-resolution in the making is dropped as soon as what was taken cannot be reached any more, or breaks an order among the nodes it
-keeps: neither can be mended by choices to come. Of those that leave the same to choices to come only one is followed: they have
-reached the same nodes, and what they have resolved stands in the same order to these, as far as that matters.
+The search for the resolutions that fit a configuration walks the core from the root and resolves
+only the choices it reaches. A resolution in the making is dropped as soon as what was taken cannot
+be reached any more, or breaks an order among the nodes it keeps: neither can be mended by choices
+to come. Of those that leave the same to choices to come only one is followed: they have reached the
+same nodes, and what they have resolved stands in the same order to these, as far as that matters.
 """
 
 from collections.abc import Hashable, Iterator, Mapping
@@ -95,7 +97,8 @@ class SharedNodes:
         parts = [[child for child in children if child not in compiled.members] for children in choices]
         return {one: tuple(other for other in some if other != one) for some in parts for one in some}
 
-    # The elements: the events of the core, and its parts as wholes, with the precedence among them (semantics, section 2).
+    # The elements: the events of the core, and its parts as wholes, with the precedence among them
+    # (semantics, section 2).
 
     def _touched(self, configuration: Configuration) -> int:
         """The elements of which something is taken."""
@@ -103,7 +106,8 @@ class SharedNodes:
         return configuration.taken & self._mask | mask_of(parts)
 
     def _elements(self, configuration: Configuration, kept: Resolution) -> tuple[int, int]:
-        """The elements of a resolution that have events, and those of them that are finished; parts as finished as can be.
+        """The elements of a resolution that have events, and those of them that are finished; parts
+        as finished as can be.
 
         The resolution may be in the making: what it has reached but not resolved is looked at too.
         """
@@ -174,7 +178,8 @@ class SharedNodes:
             if not free:
                 return None
             left ^= free
-        # Of each node ahead: which others come before it, at once or in the end, and what must not or may not be in its part.
+        # Of each node ahead: which others come before it, at once or in the end, and what must not
+        # or may not be in its part.
         left = present & ~finished
         early, late = (mask_of(pair[end] for pair in configuration.inversions) for end in (0, 1))
         relations: list[Hashable] = [left > 0]

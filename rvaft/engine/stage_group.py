@@ -1,7 +1,8 @@
 """The partial matches that have come equally far, so kept that an event looks only at those that it can concern.
 
-They are found by the values that an event must repeat, and among those by the order of a value that the event bounds. Where some can do
-all that another one can, it is not kept (see `subsumption`): of those in one place the first that nothing surpasses.
+They are found by the values that an event must repeat, and among those by the order of a value that
+the event bounds. Where some can do all that another one can, it is not kept (see `subsumption`): of
+those in one place the first that nothing surpasses.
 """
 
 from bisect import bisect_left, bisect_right, insort
@@ -48,7 +49,9 @@ LOOSE: Final = "loose"
 """Numbers so large that sums with them need not keep their order."""
 _Place: TypeAlias = Hashable
 _Lanes: TypeAlias = dict[tuple[Hashable, ...], list[LaneMember]]
-"""The members with equal values, apart where something can tell these apart, and by the type of the value that orders them."""
+"""The members with equal values, apart where something can tell these apart, and by the type of the
+value that orders them.
+"""
 
 
 def place_of(values: Iterable[Json]) -> _Place:
@@ -168,7 +171,9 @@ class StageGroup:
         bounds: Sequence[Bound],
         event: Mapping[str, Json],
     ) -> list[tuple[list[LaneMember], int, int]]:
-        """The members to which these variables have such values and whose term keeps all bounds: parts of lists, each in its order."""
+        """The members to which these variables have such values and whose term keeps all bounds:
+        parts of lists, each in its order.
+        """
         ordered = self._ordered.get((names, term))
         if ordered is None:
             ordered = self._ordered[names, term] = {}

@@ -1,17 +1,21 @@
 """Which partial matches another one makes superfluous.
 
-**Taken or passed over.** Under `scattered` a configuration may pass over every event. Passing over is of no use where the occurrence
-belongs to all that the configuration can still become and taking it costs nothing: no variable is bound by it, no choice made. Then
-whatever the configuration could do later, it can do with the event taken, within the same branch (so that the explanation still
-finds the lowest). The same goes for a choice that every scenario makes and that nothing has to come before, where the event is all of the child with the lowest branch.
+**Taken or passed over.** Under `scattered` a configuration may pass over every event. Passing over
+is of no use where the occurrence belongs to all that the configuration can still become and taking
+it costs nothing: no variable is bound by it, no choice made. Then whatever the configuration could
+do later, it can do with the event taken, within the same branch (so that the explanation still
+finds the lowest). The same goes for a choice that every scenario makes and that nothing has to come
+before, where the event is all of the child with the lowest branch.
 
-**Different values.** Take two partial matches that have come equally far (the same taken, decided with the same outcome, and broken)
-and whose bindings agree but for some variables that no occurrence to come mentions: these are of consequence through the guards still
-open alone. An open guard is *for greater values* of such a variable if, whatever the values of the others, it holds for y where it holds
-for x < y; and likewise for smaller values. If all open guards that mention the variable are for greater values of it, a completion of the
-match with x is one of the match with y > x: the same events for the same occurrences, the same scenario, of the same branches. With
-several such variables replace one after the other. So the match with the lesser value may be dropped as long as the other, or one that
-can do all that it can, is kept.
+**Different values.** Take two partial matches that have come equally far (the same taken, decided
+with the same outcome, and broken) and whose bindings agree but for some variables that no
+occurrence to come mentions: these are of consequence through the guards still open alone. An open
+guard is *for greater values* of such a variable if, whatever the values of the others, it holds for
+y where it holds for x < y; and likewise for smaller values. If all open guards that mention the
+variable are for greater values of it, a completion of the match with x is one of the match with y >
+x: the same events for the same occurrences, the same scenario, of the same branches. With several
+such variables replace one after the other. So the match with the lesser value may be dropped as
+long as the other, or one that can do all that it can, is kept.
 
 What makes a guard one for greater (smaller) values, as `rvaft.model.guards` evaluates it:
 
@@ -23,26 +27,34 @@ What makes a guard one for greater (smaller) values, as `rvaft.model.guards` eva
   the one and not for the other. Hence to a sum only constants are added, and of whole ones only those up to 2**53: of
   these, and of a number that is not whole and so less than 2**52, the sum is less than 2**54, where a whole number that
   is greater (or smaller) than a sum is not passed by rounding it.
-- Comparisons of numbers are exact, whatever their types. On texts they are those of code points; arithmetic on texts is undefined.
-- What is undefined does not hold, nor does its negation. So it must not depend on x whether a comparison is defined. Types decide it, and
-  being finite, and the conversion of a whole number to a double. Therefore values and constants beyond `MOST` are left out: added to a
-  finite double such values leave a finite double, since they are less than half of the last place of the largest. After the
-  one operand that is not a constant only whole constants are allowed, for a sum of whole numbers may be too large for a double.
-- So a comparison stays defined, or undefined, as the value changes: it is *steady*. Then its negation is for the other direction, and steady.
-- `and` holds where all its operands do: it is monotone if they are. But what it does not look at may be undefined, so that `and` may
-  turn from false to undefined where its first operand turns from false to true. So neither is it steady, nor is `or`, unless only
-  the last operand mentions the variable and is. `or` looks at an operand where those before are false, which for them must not turn
-  into undefined: it is monotone if its operands are, and those before the last are steady.
+- Comparisons of numbers are exact, whatever their types. On texts they are those of code points;
+  arithmetic on texts is undefined.
+- What is undefined does not hold, nor does its negation. So it must not depend on x whether a
+  comparison is defined. Types decide it, and being finite, and the conversion of a whole number to
+  a double. Therefore values and constants beyond `MOST` are left out: added to a finite double such
+  values leave a finite double, since they are less than half of the last place of the largest.
+  After the one operand that is not a constant only whole constants are allowed, for a sum of whole
+  numbers may be too large for a double.
+- So a comparison stays defined, or undefined, as the value changes: it is *steady*. Then its
+  negation is for the other direction, and steady.
+- `and` holds where all its operands do: it is monotone if they are. But what it does not look at
+  may be undefined, so that `and` may turn from false to undefined where its first operand turns
+  from false to true. So neither is it steady, nor is `or`, unless only the last operand mentions
+  the variable and is. `or` looks at an operand where those before are false, which for them must
+  not turn into undefined: it is monotone if its operands are, and those before the last are steady.
 
-**Values that others must differ from.** A variable that is mentioned only where it must differ (`!=`) from values to come is told apart by
-these alone: k of them exclude at most k values. So of matches that agree otherwise as many are kept as it takes for some to be left, whatever is excluded, if another one were: a match is not needed
-if each choice of values to come that excludes all that are kept excludes it too.
+**Values that others must differ from.** A variable that is mentioned only where it must differ
+(`!=`) from values to come is told apart by these alone: k of them exclude at most k values. So of
+matches that agree otherwise as many are kept as it takes for some to be left, whatever is excluded,
+if another one were: a match is not needed if each choice of values to come that excludes all that
+are kept excludes it too.
 
-**Times.** Of a difference of times (`core.times`) only the least and the greatest of the times known on either side matter, and whole
-numbers are exact. Where events with times before a floor no longer count, a greatest time below it is as good as any other.
+**Times.** Of a difference of times (`core.times`) only the least and the greatest of the times
+known on either side matter, and whole numbers are exact. Where events with times before a floor no
+longer count, a greatest time below it is as good as any other.
 
-Anything else is left alone: equality, products, a variable on both sides. What is not said to be comparable counts as equal only
-if nothing can tell the values apart (`fingerprint`).
+Anything else is left alone: equality, products, a variable on both sides. What is not said to be
+comparable counts as equal only if nothing can tell the values apart (`fingerprint`).
 """
 
 from collections.abc import Hashable, Mapping, Sequence
@@ -154,7 +166,9 @@ class Ranking(NamedTuple):
     differing: tuple[tuple[int, ...], ...] = ()
     """For each value yet to come: of which of these, by their places in the tuple, it must differ."""
     floored: bool = False
-    """Whether of the second of two terms, a greatest time, only matters how far it is above the times that are still to come."""
+    """Whether of the second of two terms, a greatest time, only matters how far it is above the
+    times that are still to come.
+    """
 
     def of(self, binding: Mapping[str, Json]) -> Rank:
         """The rank of a binding."""
@@ -183,7 +197,9 @@ class Ranking(NamedTuple):
         number: int,
         values: Mapping[int, Hashable],
     ) -> bool:
-        """Whether the values to come, some of which are these, can exclude all the rivals from a number on and not the one."""
+        """Whether the values to come, some of which are these, can exclude all the rivals from a
+        number on and not the one.
+        """
         while number < len(rivals) and any(
             rivals[number][place] == value for group, value in values.items() for place in self.differing[group]
         ):
@@ -272,7 +288,9 @@ def _beside(sides: Sequence[Guard], name: str) -> Guard | None:
 
 
 def tendency(guard: Guard, name: str) -> int | None:
-    """Whether a guard is for greater (1) or smaller (-1) values of a variable, does not mention it (0), or is neither (None)."""
+    """Whether a guard is for greater (1) or smaller (-1) values of a variable, does not mention it
+    (0), or is neither (None).
+    """
     if name not in variables(guard):
         return 0
     match guard:
@@ -343,7 +361,9 @@ def _moderate(value: Json) -> bool:
 
 
 def scale(value: Json) -> type | None:
-    """What two values have in common that can be compared (`int` if both are whole); None for a value that cannot be."""
+    """What two values have in common that can be compared (`int` if both are whole); None for a
+    value that cannot be.
+    """
     if type(value) is str or (type(value) is int and _moderate(value)):
         return type(value)
     if type(value) is float and _moderate(value):

@@ -76,8 +76,8 @@ assert set(_DRAWN) | set(_WRITTEN) | set(PICTURES) == set(Format), "every format
 def draw(tree: RVAFT, form: Format, look: Look | None = None) -> bytes:
     """The tree in that format, which for those that are no drawings is the whole tree under any look.
 
-    Without a look a terminal shows runtime events and guards, and pictures do not. Raises `ToolMissing` and `ToolFailed` for pictures,
-    `OptionError` for what cannot be written or shown.
+    Without a look a terminal shows runtime events and guards, and pictures do not. Raises
+    `ToolMissing` and `ToolFailed` for pictures, `OptionError` for what cannot be written or shown.
     """
     chosen = look if look is not None else TERMINAL if form is Format.TREE else PLAIN
     if form in PICTURES:
@@ -92,10 +92,12 @@ def format_of(file: str) -> Format | None:
 
 
 def fired_text(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json], *, colour: bool = False) -> str:
-    """A detection for the terminal: the nodes of its scenario after a dot, matched ones with their event; branch and variables below.
+    """A detection for the terminal: the nodes of its scenario after a dot, matched ones with their
+    event; branch and variables below.
 
-    `events` holds matched events by number, from 1; of one that is not there only the number is shown. With `colour` the text has
-    ANSI escapes: marked lines are bold, those of faults yellow and of attacks red, the others faint.
+    `events` holds matched events by number, from 1; of one that is not there only the number is
+    shown. With `colour` the text has ANSI escapes: marked lines are bold, those of faults yellow
+    and of attacks red, the others faint.
 
     >>> import rvaft
     >>> tree = rvaft.loads("top and a b;")

@@ -1,8 +1,10 @@
 r"""A tree as a graph for Graphviz, in the manner of fault trees: a box per node, below it the gate, then the children.
 
-Faults are orange and attacks red, as in the paper's figures, in tints that differ and carry black text when they are printed in grey;
-a condition (a guard without event) has a dashed frame. A gate has its own outline and its short form in it. Text is escaped so that no
-name or label can leave its place. In an SVG every box has the name of its node in `id`, its kind in `class`, and all of it in a tooltip.
+Faults are orange and attacks red, as in the paper's figures, in tints that differ and carry black
+text when they are printed in grey; a condition (a guard without event) has a dashed frame. A gate
+has its own outline and its short form in it. Text is escaped so that no name or label can leave its
+place. In an SVG every box has the name of its node in `id`, its kind in `class`, and all of it in a
+tooltip.
 """
 
 import re
@@ -34,7 +36,9 @@ from rvaft.model.tree import RVAFT
 from rvaft.support.terminal import visible
 
 _SPECIAL: Final = str.maketrans({"\\": "\\\\", "]": "&#93;"})
-"""Beside what is special in HTML: Graphviz replaces escapes, and holds back a text of nothing but `]` until it is misplaced."""
+"""Beside what is special in HTML: Graphviz replaces escapes, and holds back a text of nothing but
+`]` until it is misplaced.
+"""
 _TITLE: Final = str.maketrans({"&": "&amp;", "\\": "&#92;", '"': "&quot;"})
 """In titles and tooltips of an SVG, Graphviz takes entities as such, and shows an escape as it is written."""
 _SPACE: Final = "&#160;"
@@ -58,7 +62,9 @@ _OUTLINES: Final[Mapping[Gate, str]] = {
     Gate.PAND: 'shape=house, orientation=270, height=0.22, style="filled,rounded"',
     Gate.VOT: "shape=hexagon, height=0.28",
 }
-"""A pointed roof for a choice, a round one for all, a signpost in the direction of a SAND, a round one for a PAND, the hexagon of a vote."""
+"""A pointed roof for a choice, a round one for all, a signpost in the direction of a SAND, a round
+one for a PAND, the hexagon of a vote.
+"""
 _SAMPLES: Final[Mapping[Sign | Gate, str]] = {
     Sign.FAULT: f'fillcolor="{_FILL[Kind.FAULT]}"',
     Sign.ATTACK: f'fillcolor="{_FILL[Kind.ATTACK]}"',
@@ -82,7 +88,9 @@ def html_lines(lines: Iterable[str]) -> str:
 
 
 def table(rows: Iterable[str], *, space: int = 0, cell: str = "") -> str:
-    """Rows of escaped text, one below the other, as a table without lines, with `space` around each and attributes of all cells."""
+    """Rows of escaped text, one below the other, as a table without lines, with `space` around each
+    and attributes of all cells.
+    """
     cells = "".join(f"<tr><td {cell}>{row}</td></tr>" if cell else f"<tr><td>{row}</td></tr>" for row in rows)
     return f'<table border="0" cellborder="0" cellspacing="{space}" cellpadding="1">{cells}</table>'
 
@@ -124,7 +132,10 @@ def dot_text(tree: RVAFT, look: Look = PLAIN) -> str:
     number = {name: index for index, name in enumerate(tree.order)}
     lines = [
         'graph [margin=0, ordering=out, ranksep=0.25, nodesep=0.1, charset="UTF-8"];',
-        f'node [fontname="Helvetica", fontsize={SIZE}, shape=box, style=filled, margin="0.05,0.06", height=0.25, width=0.4];',
+        (
+            f'node [fontname="Helvetica", fontsize={SIZE}, shape=box, style=filled, margin="0.05,0.06", '
+            "height=0.25, width=0.4];"
+        ),
         f'edge [dir=none, color="#444444", fontname="Helvetica", fontsize={SIZE}];',
     ]
     for node in part.nodes:

@@ -54,7 +54,9 @@ class Join(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joined:
-    """Parts one after the other, in any order, at least `threshold` of them in any order, one of them, or each ending before the next."""
+    """Parts one after the other, in any order, at least `threshold` of them in any order, one of
+    them, or each ending before the next.
+    """
 
     join: Join
     parts: tuple["Formula", ...]
@@ -84,7 +86,8 @@ Formula: TypeAlias = Leaf | Joined | Window | Named
 class Notation:
     """How a formula is written: in which style its leaves, and what precedes k of n parts.
 
-    `number` is what stands behind an event that is counted, `window` around a part that has one, `label` behind the name of what guards ask for.
+    `number` is what stands behind an event that is counted, `window` around a part that has one,
+    `label` behind the name of what guards ask for.
     """
 
     style: Style
@@ -166,7 +169,9 @@ class _Writer:
         return Leaf(node, named=node.on is not None and used)
 
     def _guarded(self, inner: Part, condition: Condition) -> list[Formula]:
-        """What a node with a guard asks for, in sequence: its event, its guard, what is below it, or, bottom up, that first."""
+        """What a node with a guard asks for, in sequence: its event, its guard, what is below it,
+        or, bottom up, that first.
+        """
         parts = inner.parts if isinstance(inner, Sequence) and _is_own(inner) else (inner,)
         own: list[Formula] = [self.done[part] for part in parts if isinstance(part, Event | Times)]
         below = [one for part in parts if not isinstance(part, Event | Times) for one in self._in_sequence(inner, part)]
@@ -269,5 +274,7 @@ TEXT: Final = Notation(
     "^{}".format,
     ("(", ") within {}"),
 )
-"""Plain text: `a ; b` in sequence, `a & b` in any order, `a | b` one of them, `a pand b` ending in this order, `a^3` three times,
-conditions in brackets, `(a & b) within 5 min`, and `name: a` where a guard asks for its time."""
+"""Plain text: `a ; b` in sequence, `a & b` in any order, `a | b` one of them, `a pand b` ending in
+this order, `a^3` three times, conditions in brackets, `(a & b) within 5 min`, and `name: a` where a
+guard asks for its time.
+"""

@@ -2,9 +2,10 @@
 
 The schema of the JSON is in `docs/drawing.md`.
 
-Galileo has no SAND: it becomes the priority AND (`pand`), `sand_rl` with its children turned round. Over single events that means the
-same. Events, guards, times, kinds, labels and `ignore` have no form there; `losses` says what is lost, so that nobody takes the
-result for the tree. What is written is read back.
+Galileo has no SAND: it becomes the priority AND (`pand`), `sand_rl` with its children turned round.
+Over single events that means the same. Events, guards, times, kinds, labels and `ignore` have no
+form there; `losses` says what is lost, so that nobody takes the result for the tree. What is
+written is read back.
 """
 
 import json

@@ -1,8 +1,9 @@
 r"""Text of a tree in LaTeX: nothing in it keeps a special meaning, in text or in mathematics.
 
-Symbols and Greek letters are written as commands of the package `textcomp` and of mathematics, which every engine and font has. Other
-scripts than Latin pass as they are: LuaLaTeX and XeLaTeX print them in a font that has them. What stands in mathematics needs the
-package `amsmath`, for `\text`.
+Symbols and Greek letters are written as commands of the package `textcomp` and of mathematics,
+which every engine and font has. Other scripts than Latin pass as they are: LuaLaTeX and XeLaTeX
+print them in a font that has them. What stands in mathematics needs the package `amsmath`, for
+`\text`.
 """
 
 import re
@@ -61,7 +62,9 @@ def _symbol(character: str) -> str:
 
 
 def stem_and_index(text: str) -> tuple[str, str] | None:
-    """An identifier without the number that it ends with behind a letter, and that number; None for what is no identifier."""
+    """An identifier without the number that it ends with behind a letter, and that number; None for
+    what is no identifier.
+    """
     if not _IDENTIFIER.fullmatch(text):
         return None
     found = _NUMBERED.fullmatch(text)
@@ -69,7 +72,9 @@ def stem_and_index(text: str) -> tuple[str, str] | None:
 
 
 def name(text: str) -> str:
-    r"""A name in mathematics, slanted as one word: `ev1` is `\mathit{ev}_{1}`; what is no identifier is text in quotes."""
+    r"""A name in mathematics, slanted as one word: `ev1` is `\mathit{ev}_{1}`; what is no
+    identifier is text in quotes.
+    """
     parts = stem_and_index(text)
     if parts is None:
         return rf"\textit{{``{escaped(text)}''}}"
@@ -127,7 +132,8 @@ _OPEN: Final = "(*@"
 _CLOSE: Final = "@*)"
 _HARD: Final = re.compile(r"[^\n\t -~]|\\(?=end\{lstlisting\})|" + re.escape(_OPEN[0]) + f"(?={re.escape(_OPEN[1:])})")
 _OPTIONS: Final = (
-    r"basicstyle=\scriptsize\ttfamily, columns=fullflexible, keepspaces=true, showstringspaces=false, upquote=true, breaklines=true, "
+    r"basicstyle=\scriptsize\ttfamily, columns=fullflexible, keepspaces=true, showstringspaces=false, "
+    r"upquote=true, breaklines=true, "
     rf"breakatwhitespace=true, escapeinside={{{_OPEN}}}{{{_CLOSE}}}"
 )
 
@@ -135,8 +141,9 @@ _OPTIONS: Final = (
 def listing(text: str, highlighting: Highlighting | None) -> str:
     r"""The text in an `lstlisting` behind the definition of its language, which may move to the preamble.
 
-    It stands there as it is, so that what is printed can be copied and run. Only what the package `listings` cannot read, which is all
-    beyond ASCII, and what would end the listing early are escaped to LaTeX. Needs the packages `listings` and `textcomp`.
+    It stands there as it is, so that what is printed can be copied and run. Only what the package
+    `listings` cannot read, which is all beyond ASCII, and what would end the listing early are
+    escaped to LaTeX. Needs the packages `listings` and `textcomp`.
     """
     lines = [r"% Needs \usepackage{listings} and \usepackage{textcomp}."]
     lines += [] if highlighting is None else highlighting.definition.strip().splitlines()

@@ -1,4 +1,5 @@
-"""What a drawing shows of a tree, the same in every format: which nodes, what stands in the box of each, what is marked, what signs mean.
+"""What a drawing shows of a tree, the same in every format: which nodes, what stands in the box of
+each, what is marked, what signs mean.
 
 The renderers `text`, `dot` and `tikz` make it their own; no text here is escaped for any of them.
 """
@@ -59,7 +60,8 @@ def turn(node: Node, place: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """A match on a tree: the scenario's nodes with the children they keep, what stands at a node, and what below the tree.
+    """A match on a tree: the scenario's nodes with the children they keep, what stands at a node,
+    and what below the tree.
 
     `meaning` is what it means to be marked.
     """
@@ -96,7 +98,9 @@ def branch_marks(tree: RVAFT, number: int) -> Marks:
 
 
 def _note(number: int, event: Json, tree: RVAFT) -> Iterator[str]:
-    """What is shown of an event: its number, its time as it stands where the tree says or in the field `time`, and its topic."""
+    """What is shown of an event: its number, its time as it stands where the tree says or in the
+    field `time`, and its topic.
+    """
     yield f"event {number}"
     told = {field: event[field] for field in ("time", "topic") if isinstance(event, Mapping) and field in event}
     if tree.time is not None and (written := tree.time.written(event)) is not None:
@@ -119,10 +123,14 @@ def _written(value: Json) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How a tree is drawn. `collapse` names nodes, of which what is below is left out; `depth` counts levels below the root.
+    """How a tree is drawn.
 
-    `events` are runtime events and guards, `names` those of nodes that have a label as well; `wrap` is in columns of text.
-    With `stagger` every other child of a gate, where it is a leaf, stands one level lower: Graphviz then draws a narrower tree.
+    `collapse` names nodes, of which what is below is left out; `depth` counts levels below the
+    root.
+
+    `events` are runtime events and guards, `names` those of nodes that have a label as well; `wrap`
+    is in columns of text. With `stagger` every other child of a gate, where it is a leaf, stands
+    one level lower: Graphviz then draws a narrower tree.
     """
 
     events: bool = False
@@ -182,7 +190,8 @@ class View:
 
     @cached_property
     def numbered(self) -> frozenset[str]:
-        """The SAND and PAND gates below which something is shared: no layout can promise that their children stand in order.
+        """The SAND and PAND gates below which something is shared: no layout can promise that their
+        children stand in order.
 
         What is below them and shared may have to stand elsewhere, as other parents want it.
         """
@@ -195,9 +204,12 @@ class View:
 
 
 def view(tree: RVAFT, look: Look) -> View:
-    """The part that a look shows; raises `OptionError` for a node to collapse that the tree does not have, or a negative depth.
+    """The part that a look shows.
 
-    A node is as deep as its shortest path from the root. At the last level a node is folded if a child of it is left out.
+    Raises `OptionError` for a node to collapse that the tree does not have, or a negative depth.
+
+    A node is as deep as its shortest path from the root. At the last level a node is folded if a
+    child of it is left out.
     """
     for name in look.collapse:
         if name not in tree.order:
@@ -239,7 +251,8 @@ Role = Enum("Role", "PLAIN BOLD EVENT GUARD")
 def rows(node: Node, look: Look) -> Iterator[tuple[Role, list[str]]]:
     """The rows in the box of a node: name, label, event, number, guard, window and notes, as far as the look has them.
 
-    The first tells which node it is. The number of events and the window say how much there has to be, as gates do, and are always there.
+    The first tells which node it is. The number of events and the window say how much there has to
+    be, as gates do, and are always there.
     """
     width = look.wrap
     code_width = width + width // 4  # events and guards do not break as well as words
@@ -269,7 +282,10 @@ def _window(node: Node) -> str:
 
 
 def said(node: Node, *, events: bool = True) -> str:
-    """A node in one line: its gate, window, kind, event, number, guard and label. A default event says no more than the name."""
+    """A node in one line: its gate, window, kind, event, number, guard and label.
+
+    A default event says no more than the name.
+    """
     parts = [
         gate_text(node),
         _window(node),
@@ -297,7 +313,8 @@ class Sign(Enum):
 def legend(view: View, marks: Marks | None, *, graph: bool) -> Iterator[tuple[Sign | Gate, str, str]]:
     """Signs with their samples and meanings, for what a drawing has, in a fixed order.
 
-    A `graph` has a shared node once and numbers children that may stand out of order, other formats draw a tree and refer.
+    A `graph` has a shared node once and numbers children that may stand out of order, other formats
+    draw a tree and refer.
     """
     kinds = {node.kind for node in view.nodes}
     gates = {node.gate for node in view.nodes if view.children(node)}
@@ -322,7 +339,8 @@ def legend(view: View, marks: Marks | None, *, graph: bool) -> Iterator[tuple[Si
 _WORD: Final = re.compile(r"(\s*)(\S+)")
 _PART: Final = re.compile(r"[^/_.:,;\s-]*[/_.:,;\s-]+|[^/_.:,;\s-]+")
 _TOKEN: Final = re.compile(
-    r"""(\s*)(?=\S)(\[?not\s+\(+|[0-9][0-9.eE+-]*\ (?:ns|us|ms|s|min|h|d)\b\)*|(?:"(?:[^"\\]|\\.)*"?|[^\s"(]+)?[^\s"(]*\(*)"""
+    r"""(\s*)(?=\S)(\[?not\s+\(+|[0-9][0-9.eE+-]*\ (?:ns|us|ms|s|min|h|d)\b\)*"""
+    r"""|(?:"(?:[^"\\]|\\.)*"?|[^\s"(]+)?[^\s"(]*\(*)"""
 )
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"?')
 _INSIDE: Final = 3
@@ -348,8 +366,9 @@ def wrapped(text: str, width: int) -> list[str]:
 def wrapped_code(text: str, width: int) -> list[str]:
     """The lines of an event or a guard of at most `width` columns, not one blank of a string lost.
 
-    Broken is what stands in the fewest brackets, and there at `;`, `and` and `or`, then at commas, then behind `when`, then before
-    comparisons; a comparison that is a little wider, by half at most, is not broken.
+    Broken is what stands in the fewest brackets, and there at `;`, `and` and `or`, then at commas,
+    then behind `when`, then before comparisons; a comparison that is a little wider, by half at
+    most, is not broken.
 
     >>> wrapped_code("when A >= 1 and (B < 2 or C > 3)", 24)
     ['when A >= 1', 'and (B < 2 or C > 3)']
@@ -382,7 +401,9 @@ class _LineFiller:
         self._used = 0
 
     def add(self, blank: str, text: str, *, room: int) -> None:
-        """A piece; what is wider than `room` may be broken behind blanks and signs such as `/`, or anywhere where these are too far."""
+        """A piece; what is wider than `room` may be broken behind blanks and signs such as `/`, or
+        anywhere where these are too far.
+        """
         whole = text_columns(text) <= room
         for part in [text] if whole else [one for piece in _PART.findall(text) for one in self._cut(piece)]:
             columns = text_columns(part)
@@ -406,7 +427,9 @@ class _LineFiller:
 
 
 class _CodeToken(NamedTuple):
-    """What is not parted, the blanks before it, and how late a line is broken there: the brackets around, then the kind of place."""
+    """What is not parted, the blanks before it, and how late a line is broken there: the brackets
+    around, then the kind of place.
+    """
 
     blank: str
     text: str
@@ -431,7 +454,9 @@ def _tokens(text: str) -> Iterator[_CodeToken]:
 
 
 def _lay(tokens: Sequence[_CodeToken], lines: _LineFiller) -> None:
-    """Add tokens as one piece where a line has room for them, and otherwise in the parts that the earliest breaks make."""
+    """Add tokens as one piece where a line has room for them, and otherwise in the parts that the
+    earliest breaks make.
+    """
     if not tokens:
         return
     blank = tokens[0].blank

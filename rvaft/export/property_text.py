@@ -1,8 +1,9 @@
 """The property of a tree or of a branch as papers print it: in LaTeX's mathematics, or in Unicode.
 
-The signs are those of Cardoso, Ferrando and Fisher, Extending Attack-Fault Trees with Runtime Verification (FMAS 2022), with one
-difference, a sign of its own for one after the other; `docs/cli.md` has their table. For display only; nothing is run from it, and a
-node that several parents share stands wherever it is used.
+The signs are those of Cardoso, Ferrando and Fisher, Extending Attack-Fault Trees with Runtime
+Verification (FMAS 2022), with one difference, a sign of its own for one after the other;
+`docs/cli.md` has their table. For display only; nothing is run from it, and a node that several
+parents share stands wherever it is used.
 """
 
 import re
@@ -97,7 +98,10 @@ def _formula(part: RVAFT | Branch) -> Formula:
 
 
 def property_text(part: RVAFT | Branch, *, limit: int = DEFAULT_LIMIT) -> str:
-    """The property in plain text: `;` in sequence, `&` in any order, `|` one of them; raises `TooLarge` beyond `limit` pieces."""
+    """The property in plain text: `;` in sequence, `&` in any order, `|` one of them.
+
+    Raises `TooLarge` beyond `limit` pieces.
+    """
     return write(_formula(part), TEXT, limit=limit)
 
 
@@ -105,15 +109,19 @@ Branch.text = staticmethod(property_text)
 
 
 def property_unicode(part: RVAFT | Branch, *, limit: int = DEFAULT_LIMIT) -> str:
-    """The property on one line of Unicode: `move(Waypoint, _) · [T₂ ≥ T₁ + 10]`; raises `TooLarge` beyond `limit` pieces."""
+    """The property on one line of Unicode: `move(Waypoint, _) · [T₂ ≥ T₁ + 10]`.
+
+    Raises `TooLarge` beyond `limit` pieces.
+    """
     return visible(write(_formula(part), _UNICODE, limit=limit))
 
 
 def property_latex(part: RVAFT | Branch, *, width: int | None = None, limit: int = DEFAULT_LIMIT) -> str:
     r"""The property in LaTeX's mathematics, without dollar signs or an environment; needs the package `amsmath`.
 
-    With a `width`, in characters, a longer formula is broken for an environment in which `&` stands before it, such as `align*`: a
-    line ends with `\\`, and the next starts with `&\quad` and a sign. Raises `TooLarge` beyond `limit` pieces.
+    With a `width`, in characters, a longer formula is broken for an environment in which `&` stands
+    before it, such as `align*`: a line ends with `\\`, and the next starts with `&\quad` and a
+    sign. Raises `TooLarge` beyond `limit` pieces.
     """
     term = _formula(part)
     if width is None:
@@ -138,7 +146,9 @@ def equation_latex(part: RVAFT | Branch, *, width: int | None = WIDTH, limit: in
 
 
 def align_latex(parts: Iterable[RVAFT | Branch], *, width: int | None = WIDTH) -> Iterator[str]:
-    """The properties as one `align*` over any number of pages, line by line, each behind a comment that names its kinds."""
+    """The properties as one `align*` over any number of pages, line by line, each behind a comment
+    that names its kinds.
+    """
     yield r"% Needs \usepackage{amsmath} and \usepackage{textcomp}."
     yield r"\begingroup\allowdisplaybreaks"
     yield r"\begin{align*}"

@@ -1,8 +1,11 @@
-"""A tree as a picture for a page: laid out here, without Graphviz, with hooks for styles and scripts instead of colours.
+"""A tree as a picture for a page: laid out here, without Graphviz, with hooks for styles and
+scripts instead of colours.
 
-A node stands below all its parents, and above the middle of the children that are drawn from it alone; a shared node is drawn once, with a line
-from every parent. Each node is a group of the class `node` with its kind, and its number in top-down order in `data-node`; in it are a `box`, its
-text, its gate, and an empty text of the class `badge`. A line has the numbers of its ends in `data-line`. Text is escaped.
+A node stands below all its parents, and above the middle of the children that are drawn from it
+alone; a shared node is drawn once, with a line from every parent. Each node is a group of the class
+`node` with its kind, and its number in top-down order in `data-node`; in it are a `box`, its text,
+its gate, and an empty text of the class `badge`. A line has the numbers of its ends in `data-line`.
+Text is escaped.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,7 +33,9 @@ _CLASSES: Final[Mapping[Role, str]] = {Role.PLAIN: "", Role.BOLD: "name", Role.E
 
 @dataclass(slots=True)
 class SvgBox:
-    """A node on the picture: its lines of text with their classes, its size with the gate, its level and the place of its upper middle."""
+    """A node on the picture: its lines of text with their classes, its size with the gate, its
+    level and the place of its upper middle.
+    """
 
     node: Node
     lines: Sequence[tuple[str, str]]
@@ -88,7 +93,8 @@ def _place(part: View, look: Look, boxes: Mapping[str, SvgBox]) -> tuple[float, 
     own: dict[str, list[str]] = {node.name: [] for node in part.nodes}
     for node in part.nodes:
         own[node.name] = [child for child in dict.fromkeys(part.children(node)) if above[child] == node.name]
-    # From the leaves up, each subtree as close to that on its left as the outlines of both allow: what they reach on each level.
+    # From the leaves up, each subtree as close to that on its left as the outlines of both allow:
+    # what they reach on each level.
     shift: dict[str, float] = {}
     outlines: dict[str, dict[int, tuple[float, float]]] = {}
     for node in reversed(part.nodes):
@@ -152,7 +158,10 @@ def _drawn(box: SvgBox, number: int) -> Iterator[str]:
         text, top = gate_text(node), box.y + box.height
         wide = (text_columns(text) + 2) * _CHARACTER
         yield f'<path class="line stem" d="M{box.x:.1f} {top:.1f}v{_GATE}"/>'
-        yield f'<rect class="gate" x="{box.x - wide / 2:.1f}" y="{top + 4:.1f}" width="{wide:.1f}" height="{_GATE - 4}" rx="9"/>'
+        yield (
+            f'<rect class="gate" x="{box.x - wide / 2:.1f}" y="{top + 4:.1f}" width="{wide:.1f}" '
+            f'height="{_GATE - 4}" rx="9"/>'
+        )
         yield f'<text class="gate-text" x="{box.x:.1f}" y="{top + 17:.1f}">{escape(text)}</text>'
     yield f'<rect class="box" x="{left:.1f}" y="{box.y:.1f}" width="{box.width:.1f}" height="{box.height:.1f}" rx="5"/>'
     for place, (word, line) in enumerate(box.lines):

@@ -1,7 +1,8 @@
 """A tree as text for the terminal: one line per node, children in order.
 
-A shared node is drawn once in full and referred to after that. Indentation is bounded: what lies deeper goes on in a section of
-its own further down, so a chain of thousands of gates stays readable and linear in size.
+A shared node is drawn once in full and referred to after that. Indentation is bounded: what lies
+deeper goes on in a section of its own further down, so a chain of thousands of gates stays readable
+and linear in size.
 """
 
 from collections import deque
@@ -50,7 +51,9 @@ def tree_text(tree: RVAFT, look: Look = TERMINAL, *, colour: bool = False) -> st
 
 
 def _lines(tree: RVAFT, look: Look, part: View) -> Iterator[tuple[str, str, str | None, bool]]:
-    """Each line with its node, the parent from which it refers to one drawn elsewhere, and whether an event is named here."""
+    """Each line with its node, the parent from which it refers to one drawn elsewhere, and whether
+    an event is named here.
+    """
     sections = deque([tree.root])
     drawn: set[str] = set()
     while sections:

@@ -1,7 +1,8 @@
 """Recordings of ROS, read by `rosbags`: bags of ROS 1, folders and files of rosbag2, MCAP.
 
-An event is a message: its fields, `topic`, and `time`, the nanoseconds at which it was recorded, as a whole number. Times in messages are objects with
-`sec` and `nanosec`, in ROS 1 too. Types are as the recording defines them. Messages of which nothing is looked at are counted and not decoded, and
+An event is a message: its fields, `topic`, and `time`, the nanoseconds at which it was recorded, as
+a whole number. Times in messages are objects with `sec` and `nanosec`, in ROS 1 too. Types are as
+the recording defines them. Messages of which nothing is looked at are counted and not decoded, and
 of the others only what is looked at is made JSON.
 """
 
@@ -90,7 +91,9 @@ class _Unread(ValueError):
 
 
 class _Decoder:
-    """Makes events of the messages of one connection, with the fields that are looked at; it is `idle` where none is of interest."""
+    """Makes events of the messages of one connection, with the fields that are looked at; it is
+    `idle` where none is of interest.
+    """
 
     def __init__(
         self, connection: "Connection", types: "Typestore", deserialize: Callable[[bytes, str], object], log: Log
@@ -123,11 +126,15 @@ class _Decoder:
 
     def refusal(self, error: Exception) -> str:
         """What to say of a message that cannot be decoded."""
-        return f"no message of the type {self._type} on {self._topic}: {' '.join(str(error).split()) or type(error).__name__}"
+        return (
+            f"no message of the type {self._type} on {self._topic}: "
+            f"{' '.join(str(error).split()) or type(error).__name__}"
+        )
 
 
 def message_event(message: object, topic: str, time: int) -> dict[str, Json]:
-    """The event that a message of ROS is, as a recording of it has it: its fields, `topic`, and `time`, when it came, in nanoseconds.
+    """The event that a message of ROS is, as a recording of it has it: its fields, `topic`, and
+    `time`, when it came, in nanoseconds.
 
     The message is one of `rclpy` or of `rosbags`; raises `OptionError` for what is none.
 
@@ -187,7 +194,10 @@ def _json(value: Any) -> Json:
 
 
 def _parts(types: "Typestore", name: str, fields: Collection[str] | None = None) -> set[str]:
-    """The basic types of which messages of a type consist, or these fields of them; raises `KeyError` for a type that is not known."""
+    """The basic types of which messages of a type consist, or these fields of them.
+
+    Raises `KeyError` for a type that is not known.
+    """
     agenda: list[tuple[str, Collection[str] | None]] = [(name, fields)]
     found, seen = set[str](), {name}
     while agenda:

@@ -1,7 +1,8 @@
 """Tables of comma-separated values: the header names the fields, and each row is an event.
 
-What an empty cell says is that the event lacks the field. A cell that is a number by the grammar of JSON is that number, unless `types` says what its
-column holds. Rows that are longer or shorter than the header, that are not UTF-8 or that hold what their column should not are left out, and told.
+What an empty cell says is that the event lacks the field. A cell that is a number by the grammar of
+JSON is that number, unless `types` says what its column holds. Rows that are longer or shorter than
+the header, that are not UTF-8 or that hold what their column should not are left out, and told.
 """
 
 import csv

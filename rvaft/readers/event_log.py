@@ -12,7 +12,9 @@ from rvaft.readers.json_lines import MAX_DEPTH, settled
 from rvaft.readers.log import MAX_LINE, FieldType, Log, LogReader
 
 CASE: Final = "case"
-"""The field with the name of the case that an event belongs to; other attributes of the case stand behind this word and a colon."""
+"""The field with the name of the case that an event belongs to; other attributes of the case stand
+behind this word and a colon.
+"""
 _NAME: Final = "concept:name"
 _HOLDERS: Final = {"log": ("",), "trace": ("log",), "event": ("log", "trace")}
 """What these may stand in."""
@@ -27,7 +29,9 @@ class XesReader(LogReader):
     """Events of XES: their attributes are the fields, and those of their case, whose name is the field `case`.
 
     >>> import io
-    >>> text = '<log><trace><string key="concept:name" value="c7"/><event><string key="concept:name" value="pay"/></event></trace></log>'
+    >>> case = '<string key="concept:name" value="c7"/>'
+    >>> event = '<event><string key="concept:name" value="pay"/></event>'
+    >>> text = f"<log><trace>{case}{event}</trace></log>"
     >>> list(Log(XesReader(), io.BytesIO(text.encode()), "orders.xes").events())
     [{'case': 'c7', 'concept:name': 'pay'}]
     """
@@ -82,7 +86,9 @@ class XesReader(LogReader):
 
 
 class _XmlStream:
-    """A stream of XML without a document type, whose entities could expand without bounds or name other files; `pending` is what was read since an event."""
+    """A stream of XML without a document type, whose entities could expand without bounds or name
+    other files; `pending` is what was read since an event.
+    """
 
     def __init__(self, log: Log) -> None:
         self.pending = 0

@@ -1,4 +1,6 @@
-"""Logs read many lines at a time: what a tree reads of them is decoded by msgspec, and what msgspec does not check is looked for in the bytes."""
+"""Logs read many lines at a time: what a tree reads of them is decoded by msgspec, and what msgspec
+does not check is looked for in the bytes.
+"""
 
 import re
 from bisect import bisect_left
@@ -25,7 +27,9 @@ from rvaft.support.files import SUFFIXES
 SIZE: Final = 3 << 15
 """Bytes that are read at once: small enough for the caches of the machine."""
 MEMORY: Final = 10_000
-"""How many values of the discriminating fields, and how many skeletons of lines, are remembered; then the memory starts afresh."""
+"""How many values of the discriminating fields, and how many skeletons of lines, are remembered;
+then the memory starts afresh.
+"""
 FEW: Final = 16
 """One line in so many may have a skeleton that is new: such lines take long."""
 _REST: Final = 64
@@ -43,10 +47,12 @@ _DOUBT: Final = ("doubt",)
 
 
 class EventBlock(NamedTuple):
-    """Events that follow each other: how many, and those of them that may concern the tree, each with its place among all, from 0.
+    """Events that follow each other: how many, and those of them that may concern the tree, each
+    with its place among all, from 0.
 
-    Where a reader keeps fields of all events, `passed` are the places of the others, and `kept` what these have in the fields, for each a value, or
-    a tuple of several, `msgspec.UNSET` where there is none.
+    Where a reader keeps fields of all events, `passed` are the places of the others, and `kept`
+    what these have in the fields, for each a value, or a tuple of several, `msgspec.UNSET` where
+    there is none.
     """
 
     total: int
@@ -58,13 +64,16 @@ class EventBlock(NamedTuple):
 def _blocks(
     stream: BufferedIOBase, file: str, line: int, *, live: bool
 ) -> Iterator[tuple[int, bytes, list[bytes], int]]:
-    """Whole lines of a stream in turn, each block with the number of its first line, and its bytes; one longer than `MAX_LINE` is the last.
+    """Whole lines of a stream in turn, each block with the number of its first line, and its bytes;
+    one longer than `MAX_LINE` is the last.
 
-    A byte order mark counts among the bytes and is not given. What is `live` is given as it comes, not only when a block is full.
-    Raises `TraceError` where the file cannot be read, after the lines that end before.
+    A byte order mark counts among the bytes and is not given. What is `live` is given as it comes,
+    not only when a block is full. Raises `TraceError` where the file cannot be read, after the
+    lines that end before.
     """
     failures = failures_of(file)
-    # Damaged data is lost from the call on that meets it, so there no more is asked for at once than when it is read by lines.
+    # Damaged data is lost from the call on that meets it, so there no more is asked for at once
+    # than when it is read by lines.
     at_once = min(SIZE, DEFAULT_BUFFER_SIZE) if Path(file).suffix.lower() in SUFFIXES else SIZE
     held, mark = b"", BOM if line == 1 else b""
     failure: Exception | None = None
@@ -96,10 +105,11 @@ def _blocks(
 
 
 def plain_fields(reads: TreeReads, also: Iterable[str] = ()) -> Sequence[str]:
-    """The fields that a `JsonBlockReader` decodes, those to keep `also`; none for a tree whose logs are left to `rvaft.readers.json_lines`.
+    """The fields that a `JsonBlockReader` decodes, those to keep `also`; none for a tree whose logs
+    are left to `rvaft.readers.json_lines`.
 
-    Such a tree tells no events apart by strings, wants more than fields, or fields whose names a line could write in more ways
-    than one, escapes of ASCII by their number aside.
+    Such a tree tells no events apart by strings, wants more than fields, or fields whose names a
+    line could write in more ways than one, escapes of ASCII by their number aside.
     """
     patterns = [one for one in reads.patterns if isinstance(one, ObjectPattern)]
     fields = tuple(dict.fromkeys((*(name for one in patterns for name, _ in one.fields), *also)))
@@ -114,10 +124,12 @@ def exact_time(tree: RVAFT) -> str | None:
 
 
 class JsonBlockReader:
-    """Reads logs for one tree; `possible` says whether events with given values in the discriminating fields are of interest.
+    """Reads logs for one tree; `possible` says whether events with given values in the
+    discriminating fields are of interest.
 
-    Of events it decodes only these `fields`, in that of the `time` numbers as exactly as they are written. The values of one
-    discriminating field stand as they are, those of several as a tuple. Those that are `kept`, all of them among the `fields`, are told of every event.
+    Of events it decodes only these `fields`, in that of the `time` numbers as exactly as they are
+    written. The values of one discriminating field stand as they are, those of several as a tuple.
+    Those that are `kept`, all of them among the `fields`, are told of every event.
     """
 
     def __init__(
@@ -145,7 +157,8 @@ class JsonBlockReader:
         self._time = time
         told = tuple(dict.fromkeys((*self._asked, *kept)))
         names = {f"f{number}": field for number, field in enumerate(told)}
-        # Not to be looked at by the garbage collector: heads live for one block, and hold nothing that could refer to them.
+        # Not to be looked at by the garbage collector: heads live for one block, and hold nothing
+        # that could refer to them.
         head = msgspec.defstruct(
             "Head",
             [(name, types[field] | msgspec.UnsetType, msgspec.UNSET) for name, field in names.items()],
@@ -177,7 +190,8 @@ class JsonBlockReader:
     ) -> Iterator[EventBlock]:
         """All events of a stream in batches; raises `TraceError` after the events before it.
 
-        `line` is the number of the first line; a stream that is `live` is read as it comes. With each batch `reached` is told of so many bytes and lines more.
+        `line` is the number of the first line; a stream that is `live` is read as it comes. With
+        each batch `reached` is told of so many bytes and lines more.
         """
         for first, text, lines, size in _blocks(stream, file, line, live=live):
             dense = self._dense
@@ -234,10 +248,12 @@ class JsonBlockReader:
     def _sound(self, text: bytes, lines: list[bytes]) -> list[Any] | None:
         """The events of a block in which nothing can be wrong that the decoder does not see, or None where some may.
 
-        The *skeleton* of a line is what remains without the characters that numbers are written with. Two lines of the same skeleton have the same
-        strings, but for these characters, and the same brackets: such a character never stands behind the backslash of an escape, so what is
-        inside a string in one line is so in the other. Hence, where one line is an object in which no key is repeated, and the others are
-        JSON, they are objects in which no key is repeated. And where every line of a block holds an object, and the block holds as many
+        The *skeleton* of a line is what remains without the characters that numbers are written
+        with. Two lines of the same skeleton have the same strings, but for these characters, and
+        the same brackets: such a character never stands behind the backslash of an escape, so what
+        is inside a string in one line is so in the other. Hence, where one line is an object in
+        which no key is repeated, and the others are JSON, they are objects in which no key is
+        repeated. And where every line of a block holds an object, and the block holds as many
         values as it has lines, every line holds one value.
         """
         self._resting -= 1
@@ -270,7 +286,8 @@ class JsonBlockReader:
         return self._time is not None and type(event.get(self._time)) in (dict, list)
 
     def _heads(self, text: bytes, lines: list[bytes]) -> tuple[list[Any], list[Hashable], Sequence[Any] | None]:
-        """For each line what the decoder makes of it and its values in the discriminating fields, `_DOUBT` where it cannot be trusted.
+        """For each line what the decoder makes of it and its values in the discriminating fields,
+        `_DOUBT` where it cannot be trusted.
 
         Third what is kept of each, if that is known for all.
         """
@@ -341,8 +358,9 @@ def _without(blank: Sequence[int], places: Sequence[int]) -> Sequence[int]:
 def _doubtful(text: bytes, lines: list[bytes]) -> set[int]:
     """The places of lines with something about them that the decoder does not see.
 
-    It checks all of JSON's grammar but passes over strings and numbers that nobody reads: what is no UTF-8, what is nested too deeply, numbers
-    that are too long, keys that are written with escapes.
+    It checks all of JSON's grammar but passes over strings and numbers that nobody reads: what is
+    no UTF-8, what is nested too deeply, numbers that are too long, keys that are written with
+    escapes.
     """
     found: set[int] = set()
     if _is_odd(text):

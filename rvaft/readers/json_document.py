@@ -1,7 +1,8 @@
 """JSON documents: an array of events, or an object with such an array in it, read item by item and never as a whole.
 
-Items are decoded by the decoder of JSON Lines, as strictly, from a window of text that moves over the file. (The parsers that give a stream of tokens take
-lone surrogates for question marks, have no room for long integers and do not tell that a key is repeated.)
+Items are decoded by the decoder of JSON Lines, as strictly, from a window of text that moves over
+the file. (The parsers that give a stream of tokens take lone surrogates for question marks, have no
+room for long integers and do not tell that a key is repeated.)
 """
 
 import codecs
@@ -34,7 +35,8 @@ _WORD: Final = 12
 
 
 class JsonReader(LogReader):
-    """A JSON array of events, or an object that has one at the path `records`; a file named `.json` that begins otherwise is JSON Lines.
+    """A JSON array of events, or an object that has one at the path `records`; a file named `.json`
+    that begins otherwise is JSON Lines.
 
     >>> import io
     >>> list(Log(JsonReader(), io.BytesIO(b'{"Records": [{"event": "a"}, {"event": "b"}]}'), "trail.json").events())
@@ -81,7 +83,9 @@ class JsonReader(LogReader):
             raise window.wrong(f"there should be {kind} here{hint}" if begin else "the document ends too early")
 
     def _member(self, window: "_Window", log: Log, path: Sequence[str]) -> Iterator[tuple[int, dict[str, Json]]]:
-        """The events in one member of an object, the only one that is looked at; one whose own name has dots is found under the whole path."""
+        """The events in one member of an object, the only one that is looked at; one whose own name
+        has dots is found under the whole path.
+        """
         found = False
         for _ in window.parts("{", "}"):
             name, _ = window.value()
@@ -121,7 +125,9 @@ def _after(name: str, path: str) -> tuple[str, ...] | None:
 
 
 class _Window:
-    """The part of a document that is looked at: values are taken from its start, and more is read where one has no end yet."""
+    """The part of a document that is looked at: values are taken from its start, and more is read
+    where one has no end yet.
+    """
 
     def __init__(self, log: Log) -> None:
         self._log = log
@@ -151,7 +157,9 @@ class _Window:
         self._place += 1
 
     def parts(self, begin: str, end: str) -> Iterator[int]:
-        """Go through an array or an object, which begins here: the numbers of its parts, each of which is to be taken before the next."""
+        """Go through an array or an object, which begins here: the numbers of its parts, each of
+        which is to be taken before the next.
+        """
         self.expect(begin)
         for number in count(1) if self.next() != end else ():
             yield number

@@ -1,10 +1,12 @@
 """Reading traces: JSON Lines, one object per line by RFC 8259, line by line as they come.
 
-A byte order mark, CRLF, blank lines, a missing last newline and an empty trace are fine. Everything else that is not one
-object raises `TraceError` with file and line: what a lenient decoder would let pass (lone surrogates) and what would exhaust
-the machine (deep nesting, endless lines and numbers) too. A message never repeats the line. A key repeated in one object is malformed
-where it is read. NaN, infinities and numbers that overflow are not, though JSON has none: where one is read it is an undefined value and the
-event says so (`NonFiniteEvent`), elsewhere it is taken for null. `strict` refuses them: the words anywhere, other numbers where they are read.
+A byte order mark, CRLF, blank lines, a missing last newline and an empty trace are fine. Everything
+else that is not one object raises `TraceError` with file and line: what a lenient decoder would let
+pass (lone surrogates) and what would exhaust the machine (deep nesting, endless lines and numbers)
+too. A message never repeats the line. A key repeated in one object is malformed where it is read.
+NaN, infinities and numbers that overflow are not, though JSON has none: where one is read it is an
+undefined value and the event says so (`NonFiniteEvent`), elsewhere it is taken for null. `strict`
+refuses them: the words anywhere, other numbers where they are read.
 """
 
 import json
@@ -24,7 +26,9 @@ from rvaft.support.files import opened
 from rvaft.support.terminal import cut
 
 MAX_DEPTH: Final = 500
-"""The deepest nesting of objects and lists; below the limits of every JSON decoder, so that the answer is one everywhere."""
+"""The deepest nesting of objects and lists; below the limits of every JSON decoder, so that the
+answer is one everywhere.
+"""
 BLANK: Final = b" \t\r\n"
 """What a blank line may consist of."""
 
@@ -48,7 +52,8 @@ def read(
     A file named `.gz` or `.zst` is decompressed; for `.zst` without the package `zstandard` that is `ToolMissing`.
 
     `source` is a path or a binary stream; `name` stands for it in errors. Without `reads` a
-    repeated key is refused wherever it is. `line` is the number of the first line, where a stream begins later than its file.
+    repeated key is refused wherever it is. `line` is the number of the first line, where a stream
+    begins later than its file.
 
     >>> import io
     >>> list(read(io.BytesIO(b'{"event": "a"}')))
@@ -111,7 +116,8 @@ def decode(
 ) -> dict[str, Json]:
     """The event on one line; raises `ValueError` with a message that does not repeat the line.
 
-    What is `passed_on` keeps all numbers as they came, or, if `strict`, has to be JSON. What is `placed` becomes the event by that function.
+    What is `passed_on` keeps all numbers as they came, or, if `strict`, has to be JSON. What is
+    `placed` becomes the event by that function.
 
     >>> event = decode(b'{"v": NaN}')
     >>> event, event.field, event.number
@@ -155,7 +161,9 @@ def checked(
 
 
 class NonFiniteEvent(dict[str, Json]):
-    """An event with a number that is not finite in a `field` that is read, the first such; `number` is how JSON's readers write it."""
+    """An event with a number that is not finite in a `field` that is read, the first such; `number`
+    is how JSON's readers write it.
+    """
 
     __slots__ = ("field", "number")
     field: str
@@ -247,7 +255,9 @@ def _check_read(event: dict[str, Json], reads: Reads) -> None:
 
 
 def marked(event: dict[str, Json], reads: Scope | None, *, strict: bool = False, kept: bool = True) -> dict[str, Json]:
-    """The event with null in place of numbers that are not finite and not read, unless they are `kept`, and marked where one is read."""
+    """The event with null in place of numbers that are not finite and not read, unless they are
+    `kept`, and marked where one is read.
+    """
     first: tuple[str, float] | None = None
     read = Reads(whole=True) if reads is None else reads.of(event)
     agenda: list[tuple[Json, Reads | None, str]] = [(event, read, "")]
@@ -309,7 +319,9 @@ class LinesRead(BufferedIOBase):
 
 
 def settled(event: dict[str, Json], log: Log) -> dict[str, Json]:
-    """The event of a format that has numbers of its own, marked where one that is not finite is read; raises `ValueError` if the log is read strictly.
+    """The event of a format that has numbers of its own, marked where one that is not finite is read.
+
+    Raises `ValueError` if the log is read strictly.
 
     >>> from io import BytesIO
     >>> settled({"v": float("nan")}, Log(JsonLinesReader(), BytesIO(), "log")).number

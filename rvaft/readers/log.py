@@ -1,8 +1,11 @@
-"""The interface of the formats of logs: a reader gives the events of a log in turn, each with its place, and says what it left out.
+"""The interface of the formats of logs: a reader gives the events of a log in turn, each with its
+place, and says what it left out.
 
-Whatever a reader cannot make an event of is *rejected*: counted, told with the place and the reason of the first, and never an end in silence. Of text that
-was never meant to be all events (`lenient`) that is a warning, unless nothing at all fits; of every other format it is an error, after all the rest
-was read. What cannot be read on at all (a damaged file) is a `TraceError` after the events before it.
+Whatever a reader cannot make an event of is *rejected*: counted, told with the place and the reason
+of the first, and never an end in silence. Of text that was never meant to be all events (`lenient`)
+that is a warning, unless nothing at all fits; of every other format it is an error, after all the
+rest was read. What cannot be read on at all (a damaged file) is a `TraceError` after the events
+before it.
 """
 
 import errno
@@ -104,10 +107,11 @@ _BOOLEANS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class InputOptions:
-    """What is said of a log beside its format, each for the readers that take it; None, or no type, where nothing is said.
+    """What is said of a log beside its format, each for the readers that take it; None, or no type,
+    where nothing is said.
 
-    `records` is the dotted path to the list of events in a JSON document, `types` says what the text of fields stands for, `pattern` is a regular
-    expression with named groups.
+    `records` is the dotted path to the list of events in a JSON document, `types` says what the
+    text of fields stands for, `pattern` is a regular expression with named groups.
     """
 
     records: str | None = None
@@ -128,8 +132,8 @@ class InputOptions:
 class Interest:
     """What is looked at: these `fields` of an event, or all of it where None; so a reader may leave out the others.
 
-    `may_be(field, value)` says whether an event that has this text in this field may be of interest at all. One that cannot be is only counted, so a
-    reader may give None in its place.
+    `may_be(field, value)` says whether an event that has this text in this field may be of interest
+    at all. One that cannot be is only counted, so a reader may give None in its place.
     """
 
     fields: frozenset[str] | None = None
@@ -137,7 +141,8 @@ class Interest:
 
     @classmethod
     def of(cls, reads: Scope, also: Iterable[str]) -> Self:
-        """What a tree looks at, and fields that are told of its events; everything, where it is not only fields of objects.
+        """What a tree looks at, and fields that are told of its events; everything, where it is not
+        only fields of objects.
 
         >>> import rvaft
         >>> from rvaft.core.classifier import TreeReads
@@ -157,7 +162,9 @@ ALL: Final = Interest()
 
 @dataclass(frozen=True, slots=True)
 class Live:
-    """How events are waited for that come by themselves: until `stop` says so; `began` is told that they may come now, `warn` what may have been missed."""
+    """How events are waited for that come by themselves: until `stop` says so; `began` is told that
+    they may come now, `warn` what may have been missed.
+    """
 
     stop: Callable[[], bool] = lambda: False
     began: Callable[[], object] = lambda: None
@@ -168,8 +175,11 @@ class Live:
 class Log:
     r"""A log that is read: by which reader, from what, and what came of it so far.
 
-    `source` is a stream of bytes, or, for a reader that `needs_file`, the path of one, or, for one of URLs, the URL; `name` stands for it in messages. `line` is the number
-    of the first line, where a stream begins later than its file. Of each of the `needed` tuples one is a field that events must have. `reading` is the line that is looked at. `rejected` counts what was left out; `first` is the error for the first of it, which is `told` at once where somebody wants to know.
+    `source` is a stream of bytes, or, for a reader that `needs_file`, the path of one, or, for one
+    of URLs, the URL; `name` stands for it in messages. `line` is the number of the first line,
+    where a stream begins later than its file. Of each of the `needed` tuples one is a field that
+    events must have. `reading` is the line that is looked at. `rejected` counts what was left out;
+    `first` is the error for the first of it, which is `told` at once where somebody wants to know.
 
     >>> import io
     >>> from rvaft.readers.registry import reader
@@ -215,7 +225,10 @@ class Log:
         return self.source
 
     def events(self) -> Iterator[dict[str, Json] | None]:
-        """The events in turn, None for each that is of no interest; raises `TraceError` where the log cannot be read on, and `ToolMissing`."""
+        """The events in turn, None for each that is of no interest.
+
+        Raises `TraceError` where the log cannot be read on, and `ToolMissing`.
+        """
         failures = failures_of(self.name)
         try:
             for place, event in self.reader.events(self):
@@ -259,7 +272,9 @@ class Log:
         return TraceError(f"{self.first.message} ({left_out})", file=self.name, line=self.first.line)
 
     def is_malformed(self, events: int) -> bool:
-        """Whether what was left out is an error, of a log that has given so many events, and not what is to be expected."""
+        """Whether what was left out is an error, of a log that has given so many events, and not
+        what is to be expected.
+        """
         return self.rejected > 0 and not (self.reader.lenient and events)
 
 
@@ -303,9 +318,11 @@ class LogReader(ABC):
 
     @abstractmethod
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json] | None]]:
-        """The events of the log in turn, each with its place, and None in place of one that is of no interest to the log.
+        """The events of the log in turn, each with its place, and None in place of one that is of
+        no interest to the log.
 
-        What is no event goes to `log.reject`. Raises `TraceError` (`log.error_at` makes one) for a log that cannot be read on, and `ToolMissing`.
+        What is no event goes to `log.reject`. Raises `TraceError` (`log.error_at` makes one) for a
+        log that cannot be read on, and `ToolMissing`.
         """
 
 
@@ -389,7 +406,8 @@ def unreadable(error: Exception, file: str, line: int | None = None, where: str 
 def expanded(name: str) -> list[str]:
     """The files that a name stands for: itself, or, where there is no such file, those that match it as a pattern.
 
-    In a pattern `**` stands for any folders, none included. Raises `FileNotFoundError` where nothing matches. A URL stands for itself.
+    In a pattern `**` stands for any folders, none included. Raises `FileNotFoundError` where
+    nothing matches. A URL stands for itself.
     """
     if _WILD.isdisjoint(name) or scheme(name) or os.path.lexists(name):
         return [name]
@@ -411,7 +429,10 @@ BAG_METADATA: Final = "metadata.yaml"
 
 
 def open_log(name: str, usual: str = ".jsonl") -> AbstractContextManager[BinaryIO]:
-    """The bytes of a log, decompressed; raises `OSError` and `ToolMissing`. Of a folder it is said which logs are in it, or else that those with the `usual` suffix may be."""
+    """The bytes of a log, decompressed; raises `OSError` and `ToolMissing`.
+
+    Of a folder it is said which logs are in it, or else that those with the `usual` suffix may be.
+    """
     if Path(name).is_dir():
         suffixes = Counter(path.suffix for path in sorted(Path(name).iterdir()) if path.suffix and path.is_file())
         usual = suffixes.most_common(1)[0][0] if suffixes and usual == ".jsonl" not in suffixes else usual
@@ -422,7 +443,8 @@ def open_log(name: str, usual: str = ".jsonl") -> AbstractContextManager[BinaryI
 
 @contextmanager
 def source_of(reader: LogReader, name: str) -> Iterator[LogSource]:
-    """What a reader is to read of a file: its bytes, decompressed, or, if it needs one, a file with them; a URL as it is.
+    """What a reader is to read of a file: its bytes, decompressed, or, if it needs one, a file with
+    them; a URL as it is.
 
     Raises `OSError`, `ToolMissing`, and `TraceError` for a compressed file that is damaged.
     """

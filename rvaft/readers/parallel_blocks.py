@@ -1,6 +1,8 @@
-"""One file read by several processes: each takes stretches of it and makes batches of their lines, which are given in the order of the file.
+"""One file read by several processes: each takes stretches of it and makes batches of their lines,
+which are given in the order of the file.
 
-Only what a `JsonBlockReader` gives is sent, so little of what concerns nothing; the monitors stay in one process, and cannot tell who has read.
+Only what a `JsonBlockReader` gives is sent, so little of what concerns nothing; the monitors stay
+in one process, and cannot tell who has read.
 """
 
 import marshal
@@ -66,7 +68,10 @@ def read_in_processes(
     line: int = 1,
     reached: Callable[[int, int], None] = lambda _size, _lines: None,
 ) -> Iterator[EventBlock]:
-    """What `reader.read` gives of a regular file, from the place on where the source is, which is the start of a line; raises what it raises."""
+    """What `reader.read` gives of a regular file, from the place on where the source is, which is the start of a line.
+
+    Raises what it raises.
+    """
     handle, begin = source.fileno(), source.tell()
     starts = range(begin, max(os.fstat(handle).st_size, begin + 1), STRETCH)
 

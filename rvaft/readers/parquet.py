@@ -1,8 +1,9 @@
 """Tables in Parquet, read in batches of rows by `pyarrow`: the columns are the fields.
 
-Of the columns only those that are looked at are read. A null says that the event lacks the field. Times are texts of ISO 8601 with as many digits as
-the column has, those with a zone in UTC; durations are whole nanoseconds; decimals are numbers, and bytes are the text that they are in UTF-8, or else
-in base64.
+Of the columns only those that are looked at are read. A null says that the event lacks the field.
+Times are texts of ISO 8601 with as many digits as the column has, those with a zone in UTC;
+durations are whole nanoseconds; decimals are numbers, and bytes are the text that they are in
+UTF-8, or else in base64.
 """
 
 from base64 import b64encode

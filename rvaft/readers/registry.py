@@ -54,7 +54,10 @@ def all_readers() -> Mapping[str, EntryPoint]:
 
 
 def reader_class(name: str) -> type[LogReader]:
-    """The class of the reader of that name, imported now; raises `UnknownFormat`, and `ToolFailed` for one that cannot be loaded."""
+    """The class of the reader of that name, imported now.
+
+    Raises `UnknownFormat`, and `ToolFailed` for one that cannot be loaded.
+    """
     found = all_readers()
     if name not in found:
         raise UnknownFormat(name, tuple(found))
@@ -71,7 +74,8 @@ def reader_class(name: str) -> type[LogReader]:
 def reader(name: str, options: InputOptions = InputOptions()) -> LogReader:  # noqa: B008 (immutable)
     """The reader of the format of that name, imported now.
 
-    Raises `UnknownFormat`, `ToolFailed` for one that cannot be loaded, and `OptionError` for options that it does not take.
+    Raises `UnknownFormat`, `ToolFailed` for one that cannot be loaded, and `OptionError` for
+    options that it does not take.
 
     >>> reader("regex", InputOptions(records="Items"))
     Traceback (most recent call last):
@@ -100,7 +104,9 @@ def suffixes() -> frozenset[str]:
 
 
 def format_of(file: str, options: InputOptions = InputOptions()) -> str:  # noqa: B008 (immutable)
-    """The name of the format of a file or URL: that of a reader which it suits, or else JSON Lines; raises `OptionError` for a URL that none reads.
+    """The name of the format of a file or URL: that of a reader which it suits, or else JSON Lines.
+
+    Raises `OptionError` for a URL that none reads.
 
     >>> format_of("monday.csv.gz"), format_of("monday.log")
     ('csv', 'jsonl')
@@ -133,13 +139,15 @@ def read_log(
     reads: Scope | None = None,
     warn: Callable[[str], object] = warnings.warn,
 ) -> Iterator[dict[str, Json]]:
-    """The events of a log in turn: of a file by its name, compressed or not, or of a binary stream, which is JSON Lines unless `form` says else.
+    """The events of a log in turn: of a file by its name, compressed or not, or of a binary stream,
+    which is JSON Lines unless `form` says else.
 
     Of a URL they come by themselves, without end; `live_events` is for asynchronous code.
 
-    `form` names a format; `records`, `types` and `pattern` are as for `rvaft monitor`. What is no event is left out. After the last event
-    that is told: to `warn` for text of which not all need be events, or else as `TraceError`. Raises `TraceError` also for
-    what cannot be read on, `UnknownFormat`, `OptionError`, `ToolMissing`, and `OSError` for a file that cannot be opened.
+    `form` names a format; `records`, `types` and `pattern` are as for `rvaft monitor`. What is no
+    event is left out. After the last event that is told: to `warn` for text of which not all need
+    be events, or else as `TraceError`. Raises `TraceError` also for what cannot be read on,
+    `UnknownFormat`, `OptionError`, `ToolMissing`, and `OSError` for a file that cannot be opened.
 
     >>> import rvaft
     >>> for event in rvaft.read_log("docs/first/break_in.traces/monday.jsonl"):

@@ -1,6 +1,8 @@
-"""Logs of text, of which each line is read by a regular expression: syslog, and whatever an expression of yours describes.
+"""Logs of text, of which each line is read by a regular expression: syslog, and whatever an
+expression of yours describes.
 
-Not every line of such a log need be an event: how many are not, and the first of them, is told as a warning, unless no line is one.
+Not every line of such a log need be an event: how many are not, and the first of them, is told as a
+warning, unless no line is one.
 """
 
 import re
@@ -110,7 +112,8 @@ def _latest(month: int, day: int, last: date) -> date:
 
 
 class RegexReader(LineReader):
-    r"""Lines that a regular expression finds something in: its named groups are the fields, numbers by their content or by `types`.
+    r"""Lines that a regular expression finds something in: its named groups are the fields, numbers
+    by their content or by `types`.
 
     >>> import io
     >>> options = InputOptions(pattern=r"(?P<user>\w+) logs (?P<event>in|out)")
@@ -123,7 +126,9 @@ class RegexReader(LineReader):
     lenient: ClassVar[bool] = True
 
     def __init__(self, options: InputOptions = InputOptions()) -> None:  # noqa: B008 (immutable)
-        """Raises `OptionError` without an expression, for what is none, and for one without named groups or without one that has a type."""
+        """Raises `OptionError` without an expression, for what is none, and for one without named
+        groups or without one that has a type.
+        """
         super().__init__(options)
         if options.pattern is None:
             raise OptionError("the format regex needs a pattern with named groups: --pattern '(?P<user>...) ...'")

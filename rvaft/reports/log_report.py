@@ -1,10 +1,13 @@
-"""What a page says of monitored logs: every event that concerns the tree, what each changed, and what was waited for after it.
+"""What a page says of monitored logs: every event that concerns the tree, what each changed, and
+what was waited for after it.
 
-A listener notes it while the logs are read, compactly, since logs are long: lists with an entry for each place (an event that concerned the tree
-while a verdict could still change), which name by number what many places have in common. All values are texts, safe to show, or numbers.
+A listener notes it while the logs are read, compactly, since logs are long: lists with an entry for
+each place (an event that concerned the tree while a verdict could still change), which name by
+number what many places have in common. All values are texts, safe to show, or numbers.
 
-A page may be shown while its logs grow: whoever has it asks with a cursor for what is new. The lists only grow at their ends, until there are too many
-places: then the earlier ones go, all is numbered anew, and every cursor from before stands for nothing.
+A page may be shown while its logs grow: whoever has it asks with a cursor for what is new. The
+lists only grow at their ends, until there are too many places: then the earlier ones go, all is
+numbered anew, and every cursor from before stands for nothing.
 """
 
 import json
@@ -51,7 +54,9 @@ LONGEST: Final = 240
 ENDED: Final = 1_000
 """Traces and keys that have ended and are still on a page that grows."""
 SHARE: Final = 0.1
-"""How much of the time it may take, on a page that grows, to find out what is waited for, and again to look at every key."""
+"""How much of the time it may take, on a page that grows, to find out what is waited for, and again
+to look at every key.
+"""
 _CURSOR: Final = re.compile(r"([0-9a-f]{16}-[0-9]{1,9})((?:-[0-9]{1,9}){6})")
 _STYLE_AND_SCRIPT: Final = re.compile(r"<(?:style|script)>(.*?)</(?:style|script)>", re.DOTALL)
 Told = Mapping[str, Sequence[str]]
@@ -59,9 +64,11 @@ Told = Mapping[str, Sequence[str]]
 
 
 class LogReport(Listener):
-    """Notes what happens in logs for a page about a tree; `most` events have a place, and of others it is told that they have none.
+    """Notes what happens in logs for a page about a tree; `most` events have a place, and of others
+    it is told that they have none.
 
-    These are the first, or where it `grows` the latest: then a page can be kept up to date, and `unit` is what of several is watched there.
+    These are the first, or where it `grows` the latest: then a page can be kept up to date, and
+    `unit` is what of several is watched there.
 
     >>> import rvaft
     >>> from rvaft.stream.monitor_set import MonitorSet, columns
@@ -107,7 +114,9 @@ class LogReport(Listener):
         self._before: dict[int, _Seen] = {}
         """By the number of a watch what its places that went had shown."""
         self._ended: dict[int, list[Any]] = {}
-        """By its number what is said of a watch that has ended, on a page that grows; its monitors are not needed any more."""
+        """By its number what is said of a watch that has ended, on a page that grows; its monitors
+        are not needed any more.
+        """
         self._left_there = 0
         """How many of those that have ended were still listed when room was made last."""
         self._token, self._generation = token_hex(8), 0
@@ -201,7 +210,9 @@ class LogReport(Listener):
         return found
 
     def page(self, name: str, told: Told, *, live: bool = False) -> bytes:
-        """The page, one file that needs no other: `name` is that of the tree; one that is `live` asks where it comes from for what is new."""
+        """The page, one file that needs no other: `name` is that of the tree; one that is `live`
+        asks where it comes from for what is new.
+        """
         data = self._all(name, told)
         if live:
             data["cursor"] = self._cursor
@@ -216,7 +227,9 @@ class LogReport(Listener):
         return "".join(found).encode("utf-8", errors="replace")
 
     def since(self, cursor: str, name: str, told: Told) -> tuple[str, bytes]:
-        """A cursor, and as JSON what is new since another one: nothing where nothing is, and everything where that one stands for nothing."""
+        """A cursor, and as JSON what is new since another one: nothing where nothing is, and
+        everything where that one stands for nothing.
+        """
         self._revise(told)
         here = self._cursor
         if cursor == here:
@@ -391,7 +404,9 @@ class LogReport(Listener):
         return _text(time)
 
     def _waiting(self, watch: MonitoredTrace, limit: float = 0.0) -> int:
-        """What the monitor of the whole waits for, by its number; -1 where that is too much to find out in what is left of the time."""
+        """What the monitor of the whole waits for, by its number; -1 where that is too much to find
+        out in what is left of the time.
+        """
         if self.grows:
             now = monotonic()
             self._left = min(self._most_left, self._left + (now - self._refilled) * SHARE)
@@ -485,7 +500,9 @@ class LogReport(Listener):
 
 
 _Seen = tuple[dict[int, tuple[int, int]], str, bool]
-"""The nodes whose events were seen, with the number of the last and how many; the verdict; and whether the monitor then began afresh."""
+"""The nodes whose events were seen, with the number of the last and how many; the verdict; and
+whether the monitor then began afresh.
+"""
 
 
 def _after(
@@ -510,7 +527,9 @@ def _template() -> str:
 
 @cache
 def policy(*, live: bool = False) -> str:
-    """The Content-Security-Policy of the page: its own style and script alone, and where it is live it may ask where it comes from."""
+    """The Content-Security-Policy of the page: its own style and script alone, and where it is live
+    it may ask where it comes from.
+    """
     found = [b64encode(sha256(one.encode()).digest()).decode() for one in _STYLE_AND_SCRIPT.findall(_template())]
     style, script = (f"'sha256-{one}'" for one in found)
     fixed = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:"

@@ -83,7 +83,9 @@ _ORDER: Final = attrgetter("place", "severity", "code")
 
 
 def check(draft: Draft, *, limit: int = DEFAULT_LIMIT) -> list[Finding]:
-    """All findings on a draft, in the order of their places; the rules about scenarios are asked only where it is a tree."""
+    """All findings on a draft, in the order of their places; the rules about scenarios are asked
+    only where it is a tree.
+    """
     found = check_draft(draft)
     if not any(finding.severity is Severity.ERROR for finding in found):
         found = sorted(found + check_tree(draft.build(), limit=limit), key=_ORDER)
@@ -139,7 +141,8 @@ def _findings(rules: Iterable[Rule], subject: Any) -> list[Finding]:
 
 
 class CodeMeaning(NamedTuple):
-    """The words that explain a code: `bad` is a smallest text that breaks the rule and `mended` the same text put right.
+    """The words that explain a code: `bad` is a smallest text that breaks the rule and `mended` the
+    same text put right.
 
     With `python` both are code that builds a tree, since no text leads there.
     """
@@ -189,8 +192,10 @@ def explain(code: str) -> str:
 _PAGE: Final = """# What `rvaft check` looks for
 
 Every finding ends with the code of its rule, as in `robot.rvaft:7:6: error: unknown event type radiaton; did you mean
-radiation? [unknown-event]`. `rvaft explain CODE` prints what is written here. An error makes a tree unusable, a warning does not, and an information says how something was understood.
-The rules about scenarios are asked only where the structure has no error. None of them enumerates branches, save where the parts of a `pand` share nodes (`infeasible-scenario`).
+radiation? [unknown-event]`. `rvaft explain CODE` prints what is written here. An error makes a tree
+unusable, a warning does not, and an information says how something was understood.
+The rules about scenarios are asked only where the structure has no error. None of them enumerates
+branches, save where the parts of a `pand` share nodes (`infeasible-scenario`).
 
 | code | severity | finding |
 | --- | --- | --- |
@@ -218,7 +223,9 @@ But so:
 
 
 def page() -> str:
-    """The page in Markdown: a table of all rules, each with a tree that breaks it and the tree mended, then the other codes."""
+    """The page in Markdown: a table of all rules, each with a tree that breaks it and the tree
+    mended, then the other codes.
+    """
     table, sections = "", ""
     for code, (_, severity, _) in RULES.items():
         said = meanings()[code]

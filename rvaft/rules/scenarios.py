@@ -38,7 +38,9 @@ def no_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 
 def silent_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """Every feasible scenario must have an occurrence; one without is feasible when its guards are: it orders nothing."""
+    """Every feasible scenario must have an occurrence; one without is feasible when its guards are:
+    it orders nothing.
+    """
     tree = space.tree
     if all(node.name in space.leaf for node in tree.top_down() if node.leaf):
         return
@@ -166,7 +168,9 @@ def _by_event(tree: RVAFT, names: list[str]) -> dict[Pattern, list[str]]:
 
 
 def _forest(kept: Kept, marked: Container[Part]) -> tuple[dict[Part, Part], dict[Part, range]]:
-    """For each part inside exactly one other part that one, and for each part the numbers of the marked parts below it."""
+    """For each part inside exactly one other part that one, and for each part the numbers of the
+    marked parts below it.
+    """
     parents: dict[Part, list[Part]] = {}
     for part, inside in kept.items():
         for inner in inside:
@@ -268,10 +272,12 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 # Guards of one branch that cannot hold together.
 #
-# Only guards that share variables, directly or through others, can contradict each other. For such a group first look for one
-# assignment under which all hold: where there is one, no scenario is affected, and that is the whole work for ordinary trees.
-# Otherwise take a smallest part of the group without a witness. If a feasible scenario contains that part, it is reported; if none
-# does, mostly because two of its guards exclude each other, go on with the group without the one, and with what can be together with it.
+# Only guards that share variables, directly or through others, can contradict each other. For such
+# a group first look for one assignment under which all hold: where there is one, no scenario is
+# affected, and that is the whole work for ordinary trees. Otherwise take a smallest part of the
+# group without a witness. If a feasible scenario contains that part, it is reported; if none does,
+# mostly because two of its guards exclude each other, go on with the group without the one, and
+# with what can be together with it.
 
 _PAIRS = 400
 _COST = 1_000
@@ -388,7 +394,8 @@ def _core(names: Core, group: Group, budget: Budget, *, hopeful: bool) -> Core:
 def _smallest(names: Core, group: Group, budget: Budget, *, twice: bool = False) -> Core:
     """A smallest part without a witness: again and again the guard that takes the last witness from those before it.
 
-    Whether one is found depends on the order of the guards. Where the part has one in its own order, every part is asked in both.
+    Whether one is found depends on the order of the guards. Where the part has one in its own
+    order, every part is asked in both.
     """
 
     def hopeless(some: Core) -> bool:

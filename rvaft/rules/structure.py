@@ -211,7 +211,9 @@ def ignore_variable(tree: Draft | RVAFT) -> Iterator[RuleReport]:
 
 
 def variable_once(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """A variable written once says nothing, but at a leaf that counts, where all events share it; it is often misspelt."""
+    """A variable written once says nothing, but at a leaf that counts, where all events share it;
+    it is often misspelt.
+    """
     tree = space.tree
     uses: Counter[str] = Counter()
     where: dict[str, tuple[Place, str, tuple[str, ...]]] = {}
@@ -277,7 +279,9 @@ def unused_topic(space: ScenarioSpace) -> Iterator[RuleReport]:
 # Rules about what is written but does nothing, or does what was perhaps not meant.
 
 _GUESSES = 100
-"""Children for which a similar name is looked for: whoever leaves out many does so on purpose, and each takes its time."""
+"""Children for which a similar name is looked for: whoever leaves out many does so on purpose, and
+each takes its time.
+"""
 
 
 def undeclared(space: ScenarioSpace) -> Iterator[RuleReport]:

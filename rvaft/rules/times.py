@@ -1,4 +1,6 @@
-"""Rules about time: whether a tree says where its events have one, what time points are of, and whether conditions on time can hold together."""
+"""Rules about time: whether a tree says where its events have one, what time points are of, and
+whether conditions on time can hold together.
+"""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -20,7 +22,10 @@ def no_time(space: ScenarioSpace) -> Iterator[RuleReport]:
     """A tree with conditions on time says where an event has its time."""
     for node in space.tree.top_down() if space.tree.time is None else ():
         for part in dict.fromkeys(part for part, _ in _asked(node)):
-            said = f"the {_WORDS[part]} of {node.name} asks for times, and the tree does not say where an event has its time"
+            said = (
+                f"the {_WORDS[part]} of {node.name} asks for times, and the tree does not say where an "
+                "event has its time"
+            )
             yield RuleReport(node.place(part), f"{said}; write it, as in `time timestamp as iso8601;`", (node.name,))
 
 
@@ -34,7 +39,9 @@ def _asked(node: Node) -> list[tuple[str, TimePoint]]:
 
 
 def unbound_time(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """Every time point is of a node with events in every feasible scenario that contains the guard, `at` of one with one event."""
+    """Every time point is of a node with events in every feasible scenario that contains the guard,
+    `at` of one with one event.
+    """
     tree = space.tree
     nodes = [node for node in tree.top_down() if space.whole[node.name] in space.resolutions]
     asked = [(node, part, one) for node in nodes for part, one in _asked(node)]
@@ -133,7 +140,9 @@ def _conditions(node: Node) -> Iterator[TimeBound]:
 
 
 def _containments(space: ScenarioSpace) -> Iterator[TimeBound]:
-    """The bounds of every scenario: an event is between the start and the end of its node, a node between those of its parent."""
+    """The bounds of every scenario: an event is between the start and the end of its node, a node
+    between those of its parent.
+    """
     for part, inside in space.resolutions.union.items():
         at, start, end = (f"{point}({node_of(part)})" for point in POINTS)
         if isinstance(part, Event | Times):
@@ -173,7 +182,9 @@ def too_many_events(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 
 def unstated_semantics(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """A tree that waits for several events of one kind says whether others of that kind may come between and after them."""
+    """A tree that waits for several events of one kind says whether others of that kind may come
+    between and after them.
+    """
     tree = space.tree
     if tree.semantics is not None:
         return

@@ -34,7 +34,8 @@ class Partial(NamedTuple):
 class Reference(Monitor):
     """The verdict after each prefix, by following every partial match of every feasible scenario.
 
-    A restricted tree is the whole tree with the branch or kind that it is restricted to. Raises `TreeError` where the branch or kind does not exist, no scenario is left, or a guard is unbound.
+    A restricted tree is the whole tree with the branch or kind that it is restricted to. Raises
+    `TreeError` where the branch or kind does not exist, no scenario is left, or a guard is unbound.
     """
 
     def __init__(

@@ -1,8 +1,11 @@
-"""Many events at once: the only module that knows batches. Without it monitoring is slower, and all answers are the same.
+"""Many events at once: the only module that knows batches.
 
-A log that nobody has to see event by event is read in blocks of lines, or of other events. Of the events that cannot concern the tree
-only a count is kept, with their key and their place in the order. The others are sorted into groups of events of one class. If no group
-can change anything, their number is added to the counts; otherwise the run takes them one by one.
+Without it monitoring is slower, and all answers are the same.
+
+A log that nobody has to see event by event is read in blocks of lines, or of other events. Of the
+events that cannot concern the tree only a count is kept, with their key and their place in the
+order. The others are sorted into groups of events of one class. If no group can change anything,
+their number is added to the counts; otherwise the run takes them one by one.
 """
 
 from collections import Counter, defaultdict, deque
@@ -71,8 +74,8 @@ def read(
 ) -> Iterator[bool]:
     """Read all events of a source as `run.read` does, and pause after each block of them.
 
-    Without `by_blocks` every event is read by itself. A source that is `live` is read as it comes, and a regular file by so many
-    processes. Raises what `run.read` raises.
+    Without `by_blocks` every event is read by itself. A source that is `live` is read as it comes,
+    and a regular file by so many processes. Raises what `run.read` raises.
     """
     if ENABLED and by_blocks:
         reading = BulkReading(run)
@@ -82,7 +85,8 @@ def read(
     return run.read(source, name, line=line)
 
 
-# -- what has to be read ------------------------------------------------------------------------------------------------
+# -- what has to be read
+# ------------------------------------------------------------------------------------------------
 
 
 def _times_count(monitors: MonitorSet) -> bool:
@@ -117,7 +121,9 @@ def block_reader(plan: MonitoringPlan) -> JsonBlockReader | None:
 
 
 def _blocks_of(events: Iterable[JsonObject | None]) -> Iterator[EventBlock]:
-    """Events in blocks, those of no interest only counted; where the log cannot be read on, those before it come first."""
+    """Events in blocks, those of no interest only counted; where the log cannot be read on, those
+    before it come first.
+    """
     total, held = 0, list[tuple[int, JsonObject]]()
     try:
         for event in events:
@@ -144,7 +150,8 @@ def _block_of(turns: Sequence[Turn]) -> EventBlock:
     )
 
 
-# -- groups of events ---------------------------------------------------------------------------------------------------
+# -- groups of events
+# ---------------------------------------------------------------------------------------------------
 
 
 class EventGroup:
@@ -251,7 +258,9 @@ def _has_one_entry(table: GuardTable[H], group: EventGroup) -> bool:
 
 
 def by_types(event_kind: EventKind, group: EventGroup) -> Sequence[tuple[tuple[str, ...] | None, EventGroup]] | None:
-    """The events of a group by the types of which they are relevant, None if ignored; None if that is asked of each event."""
+    """The events of a group by the types of which they are relevant, None if ignored; None if that
+    is asked of each event.
+    """
     if event_kind.decided.open or (event_kind.counted is None and (event_kind.constant is None or event_kind.ignored)):
         return None
     return split(event_kind.counted, group) if event_kind.counted is not None else [(event_kind.constant, group)]
@@ -282,7 +291,10 @@ def can_be_skipped(monitors: MonitorSet, event_kind: EventKind, *, relevant: boo
 
 
 def changes_nothing(monitors: MonitorSet, group: EventGroup, event_kind: EventKind) -> bool | None:
-    """For events of one shape, none of which changes anything: whether they fit the tree. None if some event may change something."""
+    """For events of one shape, none of which changes anything: whether they fit the tree.
+
+    None if some event may change something.
+    """
     if monitors.counts_all or monitors.may_be_late or monitors.rests:
         return None
     if monitors.live and (monitors.semantics.projects or monitors.live_columns != (0,)):
@@ -318,10 +330,11 @@ def events_of_concern(
     table: Callable[[EventKind], GuardTable[H] | None],
     concerns: Callable[[H], bool],
 ) -> Iterator[tuple[int, JsonObject]] | None:
-    """The events of JSON Lines that may concern a tree, with their numbers; None if all events have to be read one by one.
+    """The events of JSON Lines that may concern a tree, with their numbers; None if all events have
+    to be read one by one.
 
-    `table` refines the kind of an event, and `concerns` says whether such events matter. Of a block in which none matters, and
-    nothing is to be warned of, the last event stands for all.
+    `table` refines the kind of an event, and `concerns` says whether such events matter. Of a block
+    in which none matters, and nothing is to be warned of, the last event stands for all.
     """
     time = types.tree.time
     fields = plain_fields(reads, time.field[:1] if time else ()) if ENABLED else ()
@@ -350,7 +363,8 @@ def events_of_concern(
     return numbered(JsonBlockReader(reads, possible, fields, time=exact_time(types.tree), strict=strict_json))
 
 
-# -- order and clock ----------------------------------------------------------------------------------------------------
+# -- order and clock
+# ----------------------------------------------------------------------------------------------------
 
 
 class BulkOrdering:
@@ -381,7 +395,9 @@ class BulkOrdering:
         return [event for event in map(ordering.put, places, came) if event is not None]
 
     def _add_sorted(self, places: Sequence[Place], events: Sequence[Turn]) -> list[Turn] | None:
-        """Add events all at once, and return those whose turn it is; None, and nothing is added, if one of them is late."""
+        """Add events all at once, and return those whose turn it is; None, and nothing is added, if
+        one of them is late.
+        """
         ordering = self._ordering
         held = ordering.held
         known = [*held, *zip(places, count(ordering.came + 1), events)]
@@ -391,7 +407,8 @@ class BulkOrdering:
             known.sort(key=itemgetter(0, 1))
             numbers = [number for _, number, _ in known]
             self._as_they_came = all(map(lt, numbers, islice(numbers, 1, None)))
-            # Each has to be there when its turn comes: with the first event that has no room in the window, the second, and so on.
+            # Each has to be there when its turn comes: with the first event that has no room in the
+            # window, the second, and so on.
             full = ordering.came + 1 + ordering.window - len(held)
             if turns and (known[0][0] < ordering.latest or any(map(gt, numbers[:turns], count(full)))):
                 return None
@@ -429,7 +446,8 @@ def see_all(clock: Backwards, events: Sequence[JsonObject], numbers: Iterable[in
         clock.see(number, event)
 
 
-# -- the run ------------------------------------------------------------------------------------------------------------
+# -- the run
+# ------------------------------------------------------------------------------------------------------------
 
 
 class BulkReading:
@@ -487,7 +505,9 @@ class BulkReading:
             raise failure
 
     def _turns(self, block: EventBlock) -> EventBlock:
-        """The events whose turn it is after those of a block; of those that cannot concern the tree only the key is kept."""
+        """The events whose turn it is after those of a block; of those that cannot concern the tree
+        only the key is kept.
+        """
         key = self.run.plan.key
         places: Sequence[Json] = block.kept
         keys: Sequence[KeyValues] = [()] * len(places)
@@ -525,7 +545,8 @@ class BulkReading:
     def _process_in_bulk(self, events: Sequence[tuple[int, JsonObject]], before: int) -> bool:
         """Process events all at once; False, and nothing is done, unless it is seen that all change nothing but counts.
 
-        They have places after the event of the number `before`. After a failure as many of the next blocks are not tried.
+        They have places after the event of the number `before`. After a failure as many of the next
+        blocks are not tried.
         """
         run = self.run
         self._tries -= 1
@@ -604,7 +625,9 @@ class BulkReading:
     # Events that cannot concern the tree.
 
     def _with_new_keys(self, block: EventBlock) -> Sequence[tuple[int, JsonObject]]:
-        """The events of a block, and of those that cannot concern the tree the first of each key, with the key alone."""
+        """The events of a block, and of those that cannot concern the tree the first of each key,
+        with the key alone.
+        """
         keys = self.run.keys
         assert keys is not None, "only events with keys are kept by them"
         new = [values for values in dict.fromkeys(block.kept) if not self._is_known(values)]
@@ -615,7 +638,9 @@ class BulkReading:
         return sorted([*block.events, *also], key=itemgetter(0))
 
     def _is_known(self, values: KeyValues) -> bool:
-        """Whether an event with these in the fields of the key, or nothing if it lacks one of them, would not be the first."""
+        """Whether an event with these in the fields of the key, or nothing if it lacks one of them,
+        would not be the first.
+        """
         keys = self.run.keys
         assert keys is not None, "only events with keys are kept by them"
         if values not in keys.known:
@@ -654,7 +679,9 @@ class BulkReading:
             self._count_passed(block, events, block.total)
 
     def _fill(self, number: int) -> None:
-        """Read events before that number that fit no pattern: under `strict` they end a match, and a text says itself."""
+        """Read events before that number that fit no pattern: under `strict` they end a match, and
+        a text says itself.
+        """
         run, monitors = self.run, self.run.watch.monitors
         while monitors.live and run.number + 1 < number:
             run.number, changed = monitors.repeat_step(_NO_EVENT, run.number + 1, number - 1)

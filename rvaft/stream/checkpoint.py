@@ -1,15 +1,19 @@
 """What a monitor knows in the middle of a trace, kept in a file, to go on from there after a crash.
 
-A checkpoint belongs to one tree, semantics and set of columns and settings, to one version of rvaft, and to a trace that begins with
-what was read of it; it is refused for any other. After a crash the events since the last checkpoint are read again: what they detect is told
-again, and marked so, and the verdicts are those of a run that never stopped. That a detection is told is noted before it is told: so none is
-told twice without a mark, and one that was only about to be told when the run was killed has the mark too. (A machine that loses power may
-lose the latest notes: they are not waited for.)
+A checkpoint belongs to one tree, semantics and set of columns and settings, to one version of
+rvaft, and to a trace that begins with what was read of it; it is refused for any other. After a
+crash the events since the last checkpoint are read again: what they detect is told again, and
+marked so, and the verdicts are those of a run that never stopped. That a detection is told is noted
+before it is told: so none is told twice without a mark, and one that was only about to be told when
+the run was killed has the mark too. (A machine that loses power may lose the latest notes: they are
+not waited for.)
 
-The file: a line that says what it is, a line with the digest of all that follows, a line of JSON, and a pickle. A pickle can
-be made to run code when it is read: only classes that hold data are let in, by their names, yet a checkpoint is as trustworthy as whoever
-could write to it, so keep it where only you can write. It is readable for its owner alone. Beside it stands, until the next checkpoint, a file
-`.NAME.told` with the number of the last event of which a detection was or was about to be told.
+The file: a line that says what it is, a line with the digest of all that follows, a line of JSON,
+and a pickle. A pickle can be made to run code when it is read: only classes that hold data are let
+in, by their names, yet a checkpoint is as trustworthy as whoever could write to it, so keep it
+where only you can write. It is readable for its owner alone. Beside it stands, until the next
+checkpoint, a file `.NAME.told` with the number of the last event of which a detection was or was
+about to be told.
 """
 
 import hashlib
@@ -73,8 +77,11 @@ _OF_MONITORS: Final = (
 _COUNTS: Final = (DetectionCount, NearMissCount, DataWarning, DataWarnings, Reason, Statistics)
 _ALL: Final = (*_BUILT_IN, *_OF_TREES, *_OF_MONITORS, *_COUNTS)
 _ADMITTED: Final = {(one.__module__, one.__qualname__): one for one in _ALL}
-"""The classes of which a checkpoint consists. None of them runs commands, writes files or listens, and none must: a pickle can set the
-attributes of a class that it can name."""
+"""The classes of which a checkpoint consists.
+
+None of them runs commands, writes files or listens, and none must: a pickle can set the attributes
+of a class that it can name.
+"""
 
 
 class _DataPickler(pickle.Pickler):
@@ -118,7 +125,8 @@ def unpacked(data: bytes | memoryview) -> Any:
 def open_at(trace: Path, *, offset: int = 0, line: int = 0) -> Iterator[LinesRead]:
     """The lines of a trace from an offset on, which counts bytes after decompression, and knows its place at any time.
 
-    Raises what `rvaft.support.files.opened` raises, and `TraceError` where a compressed file is damaged or ends before the offset.
+    Raises what `rvaft.support.files.opened` raises, and `TraceError` where a compressed file is
+    damaged or ends before the offset.
     """
     with opened(trace) as stream:
         left = offset if _is_compressed(trace) else 0
@@ -140,11 +148,14 @@ def _is_compressed(path: Path) -> bool:
 
 
 def identity(trace: Path | BinaryIO, offset: int) -> tuple[int, str]:
-    """By what a trace that was read up to this offset is known again: how many bytes count, and a digest of the first and the last of them.
+    """By what a trace that was read up to this offset is known again: how many bytes count, and a
+    digest of the first and the last of them.
 
-    Neither the path nor the inode counts: a log that was moved, restored or synchronised is the same trace as long as it begins with the
-    same bytes. Of a compressed file these are the compressed bytes, all there are; more may follow in each case. A stream is an uncompressed
-    file, and is moved. Raises `OSError` for what cannot be read, and `OptionError` for what is no regular file or ends before.
+    Neither the path nor the inode counts: a log that was moved, restored or synchronised is the
+    same trace as long as it begins with the same bytes. Of a compressed file these are the
+    compressed bytes, all there are; more may follow in each case. A stream is an uncompressed file,
+    and is moved. Raises `OSError` for what cannot be read, and `OptionError` for what is no regular
+    file or ends before.
     """
     if isinstance(trace, Path):
         size = trace.stat().st_size
@@ -166,7 +177,8 @@ def _sha(data: bytes | memoryview) -> str:
 
 
 class Checkpoint(msgspec.Struct, kw_only=True):
-    """What a checkpoint is of, and how far the trace was read: `events`, which end `offset` bytes (after decompression) and `line` lines into it.
+    """What a checkpoint is of, and how far the trace was read: `events`, which end `offset` bytes
+    (after decompression) and `line` lines into it.
 
     An earlier run may have read further: what events up to the one `noted` detect has been told.
     """
@@ -213,16 +225,19 @@ class CheckpointFile:
         self._told = target.with_name(f".{target.name[:100]}.told")
 
     def is_due(self, events: int, *, idle: bool = False) -> bool:
-        """Whether it is time for a checkpoint after so many events: unless all is idle saving takes no longer than the rest."""
+        """Whether it is time for a checkpoint after so many events: unless all is idle saving takes
+        no longer than the rest.
+        """
         if events // self.every == self._saved // self.every:
             return False
         return idle or 2 * self._spent <= monotonic() - self._begun + _GRACE
 
     def save(self, state: object, events: int, place: LinesRead | FollowedFile, trace: BinaryIO | None = None) -> None:
-        """Write a checkpoint so that there is always a whole one: the one before, until the new one is safe on the disk.
+        """Write a checkpoint so that there is always a whole one: the one before, until the new one
+        is safe on the disk.
 
-        `trace` is the file where its path may name another by now. Raises `OSError`, with the path, where the checkpoint cannot be written, and
-        `CheckpointError` for what cannot be kept.
+        `trace` is the file where its path may name another by now. Raises `OSError`, with the path,
+        where the checkpoint cannot be written, and `CheckpointError` for what cannot be kept.
         """
         begun = monotonic()
         try:

@@ -1,9 +1,12 @@
-"""What could have been part of a match and was not, for a reason that its author may not have meant: counts, each with the first example.
+"""What could have been part of a match and was not, for a reason that its author may not have
+meant: counts, each with the first example.
 
-Such are guards that are undefined, times that cannot be read, events that come too late, and numbers that are not finite.
+Such are guards that are undefined, times that cannot be read, events that come too late, and
+numbers that are not finite.
 
-Whether a guard is undefined is asked of events, not of partial matches, so it does not matter how these are followed: of every event that binds
-a variable of a comparison, together with the values that other events gave to the other variables last.
+Whether a guard is undefined is asked of events, not of partial matches, so it does not matter how
+these are followed: of every event that binds a variable of a comparison, together with the values
+that other events gave to the other variables last.
 """
 
 import json
@@ -53,7 +56,9 @@ _SAID: Final = {
 
 @dataclass(slots=True)
 class DataWarning:
-    """So many events, the first of them, and what was wrong with that; `about` is the guard, if it is one, or how late events may be."""
+    """So many events, the first of them, and what was wrong with that; `about` is the guard, if it
+    is one, or how late events may be.
+    """
 
     reason: Reason
     about: str
@@ -74,7 +79,9 @@ class _Comparison(NamedTuple):
 
 
 def _can_be_decided(guard: Guard, known: Mapping[str, Json]) -> bool:
-    """Whether some values of the other variables make it true or false; of very many of them that is taken for granted."""
+    """Whether some values of the other variables make it true or false; of very many of them that
+    is taken for granted.
+    """
     others = [name for name in variables(guard) if name not in known]
     chosen = product((*_ANY, *(known[name] for name in variables(guard) if name in known)), repeat=len(others))
     bindings = ({**known, **dict(zip(others, some, strict=True))} for some in chosen)
@@ -83,7 +90,8 @@ def _can_be_decided(guard: Guard, known: Mapping[str, Json]) -> bool:
 
 @dataclass(slots=True)
 class _Asked:
-    """What is asked of events of one letter, the `fields` with its variables, and the types of the values there that are known to be `good`.
+    """What is asked of events of one letter, the `fields` with its variables, and the types of the
+    values there that are known to be `good`.
 
     There are no fields where the pattern does not say where these stand, or where more than the types decides.
     """
@@ -96,7 +104,9 @@ class _Asked:
 
 
 class DataWarnings:
-    """Counts over the events of one trace or several; can be pickled, and added to those of other traces of the same tree."""
+    """Counts over the events of one trace or several; can be pickled, and added to those of other
+    traces of the same tree.
+    """
 
     def __init__(self, types: EventTypeIndex) -> None:
         self.found: dict[tuple[Reason, str], DataWarning] = {}
@@ -147,7 +157,9 @@ class DataWarnings:
             self.note(Reason.TIME, "", f"{prefix}event {number}", wrong or f"the field {name} is missing")
 
     def _good(self, event_kind: EventKind) -> tuple[Sequence[str] | None, set[tuple[type, ...]]]:
-        """The fields that are asked of events of a shape, None where more than the types there decides, and types that are known to be good now."""
+        """The fields that are asked of events of a shape, None where more than the types there
+        decides, and types that are known to be good now.
+        """
         asked = [self._asked[letter].fields for letter in event_kind.looked_at]
         known = [fields for fields in asked if fields is not None]
         fields = tuple(dict.fromkeys(chain(*known))) if len(known) == len(asked) else None
@@ -158,7 +170,9 @@ class DataWarnings:
     def _look(
         self, event: Mapping[str, Json], place: str, event_kind: EventKind, kinds: tuple[type, ...] | None
     ) -> None:
-        """Ask what is to be asked of an event, and note whether none of it need be asked of others with values of these types."""
+        """Ask what is to be asked of an event, and note whether none of it need be asked of others
+        with values of these types.
+        """
         version, good = self.version, True
         for letter in event_kind.looked_at:
             one = self._asked[letter]
@@ -170,7 +184,9 @@ class DataWarnings:
             event_kind.good[3].add(kinds)
 
     def over(self, events: Iterable[tuple[int, Json]], prefix: str) -> Iterator[tuple[int, Json, EventKind | None]]:
-        """The events of a trace, which have numbers, and what they are, nothing for one that is late, each after it was looked at."""
+        """The events of a trace, which have numbers, and what they are, nothing for one that is
+        late, each after it was looked at.
+        """
         latest, look_up = None, self._types.of
         time = self.time if self.time is not None and self.time.late is not None else None
         for number, event in events:

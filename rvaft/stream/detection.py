@@ -1,8 +1,10 @@
 """What is told of a detection: as JSON on standard output and by a server, and to the commands that are run on it.
 
-A command is a line for the shell, run as `sh -c COMMAND`: the way from a monitor to a recovery mechanism. It gets the detection as one
-JSON object on its standard input, and what it prints goes to the standard error of the monitor, whose standard output stays what it is. The
-monitor waits for it: end the line with `&` for what shall go on by itself. Whatever a command does, the monitor goes on; a failure is told.
+A command is a line for the shell, run as `sh -c COMMAND`: the way from a monitor to a recovery
+mechanism. It gets the detection as one JSON object on its standard input, and what it prints goes
+to the standard error of the monitor, whose standard output stays what it is. The monitor waits for
+it: end the line with `&` for what shall go on by itself. Whatever a command does, the monitor goes
+on; a failure is told.
 """
 
 import json
@@ -46,7 +48,8 @@ def matched_events(explanations: Collection[Explanation]) -> set[int]:
 
 
 def told_fields(tree: RVAFT) -> tuple[str, ...]:
-    """The fields that tell an event of a tree from others: time and topic, and those where its event types have different texts.
+    """The fields that tell an event of a tree from others: time and topic, and those where its
+    event types have different texts.
 
     >>> import rvaft
     >>> told_fields(rvaft.loads('event e(x) = { kind: "k", x: x }; top and a; a on e(1);'))
@@ -87,7 +90,9 @@ def other_fields(node: str, event: Json, tree: RVAFT, fields: Sequence[str]) -> 
 def explained(
     explanation: Explanation, tree: RVAFT, events: Mapping[int, Json], fields: Sequence[str]
 ) -> dict[str, Json]:
-    """Branch, kinds, which event was which node, and the variables; `events` are those that are known, by their numbers."""
+    """Branch, kinds, which event was which node, and the variables; `events` are those that are
+    known, by their numbers.
+    """
     matched = []
     for node, occurrence, number in explanation.matched:
         event = events.get(number)
@@ -127,8 +132,9 @@ def detection(
 ) -> dict[str, Json]:
     """What a command is told: one JSON object, which begins with what it is `about`.
 
-    From the explanation come `branch`, `kinds`, `matched` (nodes with the numbers of their events) and `variables`; without one, as from a
-    backend that does not explain, they are null or empty. `events` are those that were matched, by their numbers as text, as far as they are known.
+    From the explanation come `branch`, `kinds`, `matched` (nodes with the numbers of their events)
+    and `variables`; without one, as from a backend that does not explain, they are null or empty.
+    `events` are those that were matched, by their numbers as text, as far as they are known.
     """
     told, numbers = _UNEXPLAINED, set[int]()
     if explanation is not None:
@@ -148,9 +154,11 @@ class Hooks:
         return any(command is not None for command in (self.always, *self.on.values()))
 
     def run(self, detected: Mapping[str, Json], also: Collection[Kind] = ()) -> list[str]:
-        """Run the commands for a `detection`, one after the other (that for all, then for faults, then for attacks), and say what failed.
+        """Run the commands for a `detection`, one after the other (that for all, then for faults,
+        then for attacks), and say what failed.
 
-        `also` are kinds that were detected beside those of the match: a branch of a kind may be matched without a node of that kind.
+        `also` are kinds that were detected beside those of the match: a branch of a kind may be
+        matched without a node of that kind.
         """
         text = f"{json.dumps(detected)}\n".encode()
         wanted = (self.always, *(self.on.get(k) for k in Kind if k in also or k.value in detected["kinds"]))

@@ -1,9 +1,11 @@
 """A file that grows, read line by line: what is there, then what comes, until somebody asks for the end.
 
-The file is looked at now and then with `os.stat`, which works on every file system. Logs are rotated in two ways. Renaming:
-another file stands at the path; the old one is read to its end first, and its last line may lack a line end. Truncating, or writing
-the file anew: what was read last is no longer there; a line that was still unfinished is dropped. Either way the file
-is then read from its start, and that is told. Two rotations between two looks are one, and the file between them is not seen.
+The file is looked at now and then with `os.stat`, which works on every file system. Logs are
+rotated in two ways. Renaming: another file stands at the path; the old one is read to its end
+first, and its last line may lack a line end. Truncating, or writing the file anew: what was read
+last is no longer there; a line that was still unfinished is dropped. Either way the file is then
+read from its start, and that is told. Two rotations between two looks are one, and the file between
+them is not seen.
 """
 
 import io
@@ -33,14 +35,16 @@ _KEPT: Final = 256
 class FollowedFile(io.IOBase):
     """The lines of a file as it grows, to be closed after use; `rvaft.readers.json_lines.read` takes it for a trace.
 
-    It tells `changed`, in a sentence, when it goes over to another file and `idle` that nothing comes, and ends as soon as `stop` says so; a line
-    that is unfinished then is not given. `offset` is where to begin, at the start of a line, and `line` how many lines are before.
+    It tells `changed`, in a sentence, when it goes over to another file and `idle` that nothing
+    comes, and ends as soon as `stop` says so; a line that is unfinished then is not given. `offset`
+    is where to begin, at the start of a line, and `line` how many lines are before.
 
-    Raises `OSError` for a file that cannot be opened, also later for the one that replaces it, and `OptionError` for what is no
-    regular file, for a compressed one, and for one that ends before `offset`.
+    Raises `OSError` for a file that cannot be opened, also later for the one that replaces it, and
+    `OptionError` for what is no regular file, for a compressed one, and for one that ends before
+    `offset`.
 
-    The attributes `offset` and `line` say how many bytes and lines of the present file, `file`, have been given. Nothing moves `file` but this
-    object, which looks for its place every time.
+    The attributes `offset` and `line` say how many bytes and lines of the present file, `file`,
+    have been given. Nothing moves `file` but this object, which looks for its place every time.
     """
 
     def __init__(
@@ -67,7 +71,9 @@ class FollowedFile(io.IOBase):
         self._ending = False
         """Whether what is ready is the last line of the file."""
         self._marked = False
-        """Whether a byte order mark may come: at the start of each file but the first, where it is left to who reads the trace."""
+        """Whether a byte order mark may come: at the start of each file but the first, where it is
+        left to who reads the trace.
+        """
         self._ready = bytearray()
         self._searched = 0
         self._position = offset
@@ -96,7 +102,9 @@ class FollowedFile(io.IOBase):
         super().close()
 
     def readline(self, size: int | None = -1) -> bytes:
-        """The next line once it is whole, or the first `size` bytes of a longer one; nothing after the end was asked for."""
+        """The next line once it is whole, or the first `size` bytes of a longer one; nothing after
+        the end was asked for.
+        """
         most = sys.maxsize if size is None or size < 0 else size
         while True:
             end = self._ready.find(b"\n", self._searched) + 1
@@ -132,7 +140,10 @@ class FollowedFile(io.IOBase):
         return False
 
     def _fill(self) -> bool:
-        """Read on; whether there was something. What stands before is read again, to see whether it is still the same."""
+        """Read on; whether there was something.
+
+        What stands before is read again, to see whether it is still the same.
+        """
         self.file.seek(self._position - len(self._before))
         seen = self.file.read(len(self._before) + _BLOCK)
         if not seen.startswith(self._before):
@@ -167,8 +178,8 @@ class FollowedFile(io.IOBase):
 def stopping() -> Iterator[Callable[[], bool]]:
     """Within, Ctrl-C or SIGTERM asks for the end: gives the function that says whether one came.
 
-    After the first one the signals do what they did before, so that a second Ctrl-C interrupts at once. For the main thread alone,
-    as Python has it for signals.
+    After the first one the signals do what they did before, so that a second Ctrl-C interrupts at
+    once. For the main thread alone, as Python has it for signals.
     """
     asked = False
 

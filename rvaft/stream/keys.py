@@ -1,4 +1,6 @@
-"""Fields of events by their paths; keys, whose values say which of many an event is about; and the monitors of each key."""
+"""Fields of events by their paths; keys, whose values say which of many an event is about; and the
+monitors of each key.
+"""
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -75,8 +77,9 @@ class Key:
 class KeyedTraces:
     """The monitors of each value of a key.
 
-    `fork` makes the monitored trace of a new value and `begin` is called with it. An event that lacks a field of the key has no
-    monitors: `lacking` counts such events, and `first_lacking` is the number of the first.
+    `fork` makes the monitored trace of a new value and `begin` is called with it. An event that
+    lacks a field of the key has no monitors: `lacking` counts such events, and `first_lacking` is
+    the number of the first.
     """
 
     def __init__(
@@ -111,7 +114,10 @@ class KeyedTraces:
         return self._traces.get(tuple(map(value_key, values)))
 
     def of(self, event: JsonObject, number: int) -> MonitoredTrace | None:
-        """The trace that an event belongs to, or None if it lacks a field of the key; raises `TooLarge` for too many values."""
+        """The trace that an event belongs to, or None if it lacks a field of the key.
+
+        Raises `TooLarge` for too many values.
+        """
         plain: tuple[Json, ...] = ()
         if type(event) is dict and self.names:  # mostly; asked of every event
             plain = tuple([event.get(name) for name in self.names])

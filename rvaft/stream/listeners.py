@@ -33,8 +33,9 @@ BOUND: Final = 10_000
 class EventBuffer:
     """The events of one trace, by their numbers, that explanations may name.
 
-    The latest that may become part of a match are `known`. Others are looked up in a regular file, `path`, whose events are numbered as they
-    stand; in a stream they are gone. `reads` is what was read of them, by that `reader` if not by lines of JSON.
+    The latest that may become part of a match are `known`. Others are looked up in a regular file,
+    `path`, whose events are numbered as they stand; in a stream they are gone. `reads` is what was
+    read of them, by that `reader` if not by lines of JSON.
     """
 
     def __init__(
@@ -52,7 +53,9 @@ class EventBuffer:
         self.known[number] = event
 
     def events(self, numbers: Collection[int]) -> Mapping[int, Json]:
-        """The events with these numbers, as far as they are known; what has changed in the file since it was read is left out."""
+        """The events with these numbers, as far as they are known; what has changed in the file
+        since it was read is left out.
+        """
         known = {number: self.known[number] for number in numbers if number in self.known}
         missing = set(numbers) - set(known)
         if missing and self.path is not None and self.reader is not None:
@@ -83,7 +86,9 @@ class MonitoredTrace:
 
 
 class VerdictChange:
-    """What one event changed: the columns whose verdict is another, those of them that detect, and how that came about."""
+    """What one event changed: the columns whose verdict is another, those of them that detect, and
+    how that came about.
+    """
 
     def __init__(self, watch: MonitoredTrace, number: int, event: Json, columns: Sequence[int]) -> None:
         self.watch = watch
@@ -109,9 +114,11 @@ class VerdictChange:
 
     @cached_property
     def detections(self) -> Sequence[tuple[Explanation | None, frozenset[Kind], DetectionCount | None]]:
-        """What was detected, each match once, with the kinds whose monitors it detected; where these repeat, with the detections of the first.
+        """What was detected, each match once, with the kinds whose monitors it detected; where
+        these repeat, with the detections of the first.
 
-        By the monitors of branches or kinds where these are monitored, else by that of the tree. A backend does not explain.
+        By the monitors of branches or kinds where these are monitored, else by that of the tree. A
+        backend does not explain.
         """
         parts = [column for column in self.detected if column] or self.detected
         if parts and not self.explanations:
@@ -127,9 +134,10 @@ class VerdictChange:
 class Listener:
     """Is notified of what happens in a run; this one does nothing.
 
-    With `every` a listener is notified of every event, with `concerned` of those that concern the tree while a verdict may still
-    change, else only of events that change a verdict. With `whole` it sees all fields of an event. Without `whole`, and with a single
-    trace, `events` reports events in a row instead of `event` each.
+    With `every` a listener is notified of every event, with `concerned` of those that concern the
+    tree while a verdict may still change, else only of events that change a verdict. With `whole`
+    it sees all fields of an event. Without `whole`, and with a single trace, `events` reports
+    events in a row instead of `event` each.
     """
 
     every = False
@@ -158,7 +166,9 @@ class Listener:
 
 
 class Audience(NamedTuple):
-    """The listeners that are notified of events without a change: of `each` event, of events in a row, or of those of concern."""
+    """The listeners that are notified of events without a change: of `each` event, of events in a
+    row, or of those of concern.
+    """
 
     each: Sequence[Listener]
     in_rows: Sequence[Listener]
@@ -213,7 +223,10 @@ class Publisher(Listener):
 
 
 def publisher_class(name: str) -> type[Publisher]:
-    """Import the publisher of that name; raises `ToolMissing` where there is none, and `ToolFailed` where it is broken."""
+    """Import the publisher of that name.
+
+    Raises `ToolMissing` where there is none, and `ToolFailed` where it is broken.
+    """
     for entry in entry_points(group=GROUP, name=name):
         try:
             made: type[Publisher] = entry.load()

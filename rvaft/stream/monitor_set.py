@@ -1,6 +1,8 @@
-"""What has a verdict of its own, the tree and beside it each of its branches or kinds, and their monitors, which read the same events.
+"""What has a verdict of its own, the tree and beside it each of its branches or kinds, and their
+monitors, which read the same events.
 
-These are the options (a), (b) and (c) of the paper, section 4.3, with the names that its Tables 2 and 3 give to the monitors.
+These are the options (a), (b) and (c) of the paper, section 4.3, with the names that its Tables 2
+and 3 give to the monitors.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,7 +39,9 @@ class Per(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One monitor: `label` for programs (`tree`, the number of a branch, a kind), `title` for people, and what it monitors."""
+    """One monitor: `label` for programs (`tree`, the number of a branch, a kind), `title` for
+    people, and what it monitors.
+    """
 
     label: str
     title: str
@@ -45,10 +49,11 @@ class Column:
 
 
 def columns(tree: RVAFT, per: Per = Per.TREE) -> tuple[Column, ...]:
-    """The monitor of a tree (or of the part of one), and beside it those of its branches, from 1, or of the kinds that it has.
+    """The monitor of a tree (or of the part of one), and beside it those of its branches, from 1,
+    or of the kinds that it has.
 
-    A part without a feasible scenario, where nothing can ever be detected, has none. Raises `TreeError` for a tree that breaks a rule,
-    and `TooLarge` beyond `MOST` branches.
+    A part without a feasible scenario, where nothing can ever be detected, has none. Raises
+    `TreeError` for a tree that breaks a rule, and `TooLarge` beyond `MOST` branches.
 
     >>> import rvaft
     >>> [column.title for column in columns(rvaft.loads("top or a b; a; b;"), Per.BRANCH)]
@@ -76,9 +81,11 @@ def columns(tree: RVAFT, per: Per = Per.TREE) -> tuple[Column, ...]:
 
 @dataclass(slots=True)
 class DetectionCount:
-    """What one monitor has detected: how many detections were told, the event of the last, how it came about and when that was.
+    """What one monitor has detected: how many detections were told, the event of the last, how it
+    came about and when that was.
 
-    Others were `suppressed`: so many, the first of them at that event, and so many `between` the last two that were told.
+    Others were `suppressed`: so many, the first of them at that event, and so many `between` the
+    last two that were told.
     """
 
     told: int = 0
@@ -118,14 +125,17 @@ Snapshots: TypeAlias = tuple[list[dict[str, Json]], dict[int, int], list[Detecti
 class MonitorSet:
     """One monitor for each column; the first is that of the whole.
 
-    Events have the numbers that the caller gives them, which rise, and may leave some out: explanations name events by these numbers.
-    `types` says what events are to the tree: one look-up serves the counts and all monitors. `since` has, for each column whose verdict is final,
-    the number of the event that made it so. `concerned` says whether the last event was relevant to the tree, or may be part of a match all the
-    same, `serves` whether an explanation may name it, `late` whether it came too late for any. `found` counts the detections of each column.
+    Events have the numbers that the caller gives them, which rise, and may leave some out:
+    explanations name events by these numbers. `types` says what events are to the tree: one look-up
+    serves the counts and all monitors. `since` has, for each column whose verdict is final, the
+    number of the event that made it so. `concerned` says whether the last event was relevant to the
+    tree, or may be part of a match all the same, `serves` whether an explanation may name it,
+    `late` whether it came too late for any. `found` counts the detections of each column.
 
-    With `repeat` monitors begin afresh after each detection, and true is no final verdict; for `cooldown` nanoseconds after one that was told others of the
-    same column are suppressed: counted, and otherwise as if nothing had been detected. Raises `TooLarge` as its monitors do, and `OptionError` for
-    a cooldown of a tree without times.
+    With `repeat` monitors begin afresh after each detection, and true is no final verdict; for
+    `cooldown` nanoseconds after one that was told others of the same column are suppressed:
+    counted, and otherwise as if nothing had been detected. Raises `TooLarge` as its monitors do,
+    and `OptionError` for a cooldown of a tree without times.
     """
 
     columns: Sequence[Column]
@@ -266,7 +276,9 @@ class MonitorSet:
         return found
 
     def repeat_step(self, event: Json, first: int, last: int) -> tuple[int, Sequence[int]]:
-        """Read one event under each of these numbers, until a verdict changes: the number of the last, and the columns."""
+        """Read one event under each of these numbers, until a verdict changes: the number of the
+        last, and the columns.
+        """
         if self.engines or self._resting or len(self._live) > 1:
             for number in range(first, last + 1):
                 if changed := self.step(event, number):
@@ -326,7 +338,9 @@ class MonitorSet:
         return self.monitors[column].explanation
 
     def ended(self, column: int) -> Ended | None:
-        """After ⊥ in that column, how its last hope ended, where the monitor knows the tree and what it waited for is not too much to say."""
+        """After ⊥ in that column, how its last hope ended, where the monitor knows the tree and
+        what it waited for is not too much to say.
+        """
         try:
             return self.monitors[column].ended
         except TooLarge:

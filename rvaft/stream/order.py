@@ -21,9 +21,11 @@ _ISO: Final = EventTime((), TimeFormat.ISO8601)
 
 
 class OrderedField:
-    """A field by which events are in order: by the `time` of the tree, where that is there, else by numbers or times of ISO 8601.
+    """A field by which events are in order: by the `time` of the tree, where that is there, else by
+    numbers or times of ISO 8601.
 
-    Which of the two it holds the first that comes says; the other is then no place. Raises `OptionError` for what is no field.
+    Which of the two it holds the first that comes says; the other is then no place. Raises
+    `OptionError` for what is no field.
     """
 
     def __init__(self, field: str, time: EventTime | None = None) -> None:
@@ -49,11 +51,13 @@ class OrderedField:
 
 
 class Ordering(OrderedField, Generic[E]):
-    """Holds back up to `window` events and returns the one with the smallest place first; events with equal places keep their order.
+    """Holds back up to `window` events and returns the one with the smallest place first; events
+    with equal places keep their order.
 
-    The order is right as long as no event stands more than `window` places behind its own. An event that comes later than that is
-    returned at once, and counted as `late`. An event without a place stays behind the one before it, and is counted in `without`.
-    Can be pickled with the events that it holds.
+    The order is right as long as no event stands more than `window` places behind its own. An event
+    that comes later than that is returned at once, and counted as `late`. An event without a place
+    stays behind the one before it, and is counted in `without`. Can be pickled with the events that
+    it holds.
 
     >>> ordering = Ordering("time", window=1)
     >>> [ordering.add({"time": time}) for time in (2, 1, 3)]

@@ -47,7 +47,9 @@ class MonitoringPlan:
 
 @dataclass(slots=True)
 class Totals:
-    """What several traces held, if that is wanted, what was doubtful about them, and what other semantics makes of those that ended in ⊥."""
+    """What several traces held, if that is wanted, what was doubtful about them, and what other
+    semantics makes of those that ended in ⊥.
+    """
 
     statistics: Statistics | None
     data_warnings: DataWarnings

@@ -37,8 +37,9 @@ RunState: TypeAlias = tuple[
 class TraceRun:
     """One trace, which `totals` count, too; `prefix` stands before a place in it in messages.
 
-    `read` reads the events, from wherever they come, and `begin` and `end` (or `stop`) go before and after it. `number` is that of the
-    last event, `detected` that of the last one with a detection; once the trace has `ended` only events that were held back come.
+    `read` reads the events, from wherever they come, and `begin` and `end` (or `stop`) go before
+    and after it. `number` is that of the last event, `detected` that of the last one with a
+    detection; once the trace has `ended` only events that were held back come.
     """
 
     plan: MonitoringPlan
@@ -97,8 +98,9 @@ class TraceRun:
     def read(self, source: Source, name: str, *, line: int = 1) -> Iterator[bool]:
         """Read all events of a source, and pause after each.
 
-        Yields False once where the trace has ended; events that were held back come after that. `line` is the number of the line where
-        a stream goes on. Raises what `rvaft.readers.json_lines.read` raises.
+        Yields False once where the trace has ended; events that were held back come after that.
+        `line` is the number of the line where a stream goes on. Raises what
+        `rvaft.readers.json_lines.read` raises.
         """
         self.prepare()
         events: Iterable[JsonObject]
@@ -117,7 +119,9 @@ class TraceRun:
             yield event is not None
 
     def _in_turn(self, events: Iterable[JsonObject]) -> Iterator[JsonObject | None]:
-        """Yield events in time order, and None at the end of the trace; an error of the source comes after the events before it."""
+        """Yield events in time order, and None at the end of the trace; an error of the source
+        comes after the events before it.
+        """
         ordering, failure = self.ordering, None
         try:
             for event in events:

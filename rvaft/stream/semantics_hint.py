@@ -1,4 +1,5 @@
-"""What the events of a trace that ended in ⊥ mean under `scattered`, where nobody chose the semantics under which they mean nothing.
+"""What the events of a trace that ended in ⊥ mean under `scattered`, where nobody chose the
+semantics under which they mean nothing.
 
 The events that fit the tree are kept, as far as there is room, and read again at the end, as far as that is cheap.
 """
@@ -22,13 +23,16 @@ LIMIT: Final = 1_000
 SECONDS: Final = 2.0
 """How long all traces together may take."""
 _MEANING: Final = (
-    "false under projected, which neither the tree nor --semantics chose, means that the relevant events, none left out, "
+    "false under projected, which neither the tree nor --semantics chose, means that the relevant events, "
+    "none left out, "
     "cannot become a match any more; under scattered, which may leave some out,"
 )
 
 
 class SemanticsHint:
-    """Reads the traces, or keys, that ended in ⊥ again, unless that is not to be `tried`; `line` sums up what came of it."""
+    """Reads the traces, or keys, that ended in ⊥ again, unless that is not to be `tried`; `line`
+    sums up what came of it.
+    """
 
     def __init__(self, tree: RVAFT, *, tried: bool = True) -> None:
         self._tree = tree
@@ -43,7 +47,9 @@ class SemanticsHint:
         return monitor(self._tree, semantics=Semantics.SCATTERED, limit=LIMIT)
 
     def keep(self, watch: int, number: int, event: Json) -> None:
-        """Keep an event that fits the tree, of the trace or key of that number, or the place where there was no more room."""
+        """Keep an event that fits the tree, of the trace or key of that number, or the place where
+        there was no more room.
+        """
         kept = self._kept.setdefault(watch, [])
         if self._room > 0:
             self._room -= 1
@@ -57,7 +63,9 @@ class SemanticsHint:
         return bool(kept) and self._room <= 0 and kept[-1][1] is None
 
     def look(self, watch: int, prefix: str) -> None:
-        """Read again what was kept of a trace, or key, that ended in ⊥; `prefix` is what stands before a place in it."""
+        """Read again what was kept of a trace, or key, that ended in ⊥; `prefix` is what stands
+        before a place in it.
+        """
         self.ended += 1
         if not self._tried:
             return
@@ -92,7 +100,9 @@ class SemanticsHint:
 
     @property
     def line(self) -> str | None:
-        """What ⊥ means, and what `scattered`, which may leave events out, makes of the same events; None where there was none."""
+        """What ⊥ means, and what `scattered`, which may leave events out, makes of the same events;
+        None where there was none.
+        """
         if not self.ended:
             return None
         if not self._tried:

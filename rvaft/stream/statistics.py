@@ -28,7 +28,9 @@ from rvaft.model.values import Json, JsonObject, at
 from rvaft.support.terminal import cut
 
 LOOKED_AT: Final = 20
-"""Near misses are looked for in so many events of those that match nothing and have the same strings in the discriminating fields."""
+"""Near misses are looked for in so many events of those that match nothing and have the same
+strings in the discriminating fields.
+"""
 MOST: Final = 10_000
 """How many different such strings are told apart; events with others are not looked at."""
 UNSEEN: Final[tuple[int, ...]] = (-1,)
@@ -38,11 +40,14 @@ Path = tuple[str, ...]
 
 
 class EventKind:
-    """What events of one shape are: the types they have, the entries of the alphabet and the ignored letters that they fit.
+    """What events of one shape are: the types they have, the entries of the alphabet and the
+    ignored letters that they fit.
 
-    All such events are relevant of the `constant` types unless they are ignored, or, where that is None, this has to be asked of each; with `plain`
-    whatever else they hold. `noted` are the statistics that know these types as seen, `monitored` is what the shape says to each monitor, `looked_at`
-    the letters of which data_warnings ask something, and `good` what they know to be well: who knows it, since when, of which fields, and the types there.
+    All such events are relevant of the `constant` types unless they are ignored, or, where that is
+    None, this has to be asked of each; with `plain` whatever else they hold. `noted` are the
+    statistics that know these types as seen, `monitored` is what the shape says to each monitor,
+    `looked_at` the letters of which data_warnings ask something, and `good` what they know to be
+    well: who knows it, since when, of which fields, and the types there.
     """
 
     __slots__ = (
@@ -74,7 +79,9 @@ class EventKind:
         self.constant = None if asked else tuple(dict.fromkeys(name for name, _ in self.entries))
         self.plain = bool(self.constant) and not self.ignored and not decided.open
         self.counted: GuardTable[tuple[str, ...] | None] | None = None
-        """Where the fields of an event say it, from it to the types of which it is relevant, and None where it is ignored."""
+        """Where the fields of an event say it, from it to the types of which it is relevant, and
+        None where it is ignored.
+        """
         ignored = [one for kind, _, one in letters if kind == "ignored"]
         readers = [one for _, one in self.entries] + ignored
         if (asked or ignored) and not decided.open and all(one.plain for one in readers):
@@ -100,10 +107,12 @@ class EventKind:
 
 
 class EventTypeIndex:
-    """What events can be to a tree: of which types they are, by one look-up for the types and for all monitors of the tree.
+    """What events can be to a tree: of which types they are, by one look-up for the types and for
+    all monitors of the tree.
 
-    An event type is what an `on` names; the default event of a leaf is a type of the leaf's name. `also` are patterns of monitors. `of` says what
-    an event is as far as its shape decides; `compound` are the types with several fields, of which an event can miss one.
+    An event type is what an `on` names; the default event of a leaf is a type of the leaf's name.
+    `also` are patterns of monitors. `of` says what an event is as far as its shape decides;
+    `compound` are the types with several fields, of which an event can miss one.
     """
 
     def __init__(self, tree: RVAFT, also: Iterable[Pattern] = ()) -> None:
@@ -140,7 +149,9 @@ class EventTypeIndex:
         self.compound = tuple(dict.fromkeys(one for one in fields if len(one[1]) > 1))
 
     def possible(self, values: Iterable[Hashable]) -> bool:
-        """Whether events with these values in the discriminating fields may fit a pattern, perhaps if the values were spelled as they are there."""
+        """Whether events with these values in the discriminating fields may fit a pattern, perhaps
+        if the values were spelled as they are there.
+        """
         meant = {
             field: self._meant[field].get(_spelling(value), value) if isinstance(value, str) else None
             for field, value in zip(self.discriminators.fields, values, strict=True)
@@ -148,7 +159,9 @@ class EventTypeIndex:
         return bool(self.discriminators.candidates(self.discriminators.values(meant)))
 
     def may_be(self, field: str, text: str) -> bool:
-        """Whether an event with this text in this field may fit a pattern, whatever else it has, perhaps if the text were spelled as it is there."""
+        """Whether an event with this text in this field may fit a pattern, whatever else it has,
+        perhaps if the text were spelled as it is there.
+        """
         if field not in self._texts:
             asked = [literals_of(pattern).get(field) for pattern in self._patterns]
             texts = frozenset(_spelling(one) for one in asked if isinstance(one, str))
@@ -181,8 +194,9 @@ class EventTypeIndex:
 class NearMissCount:
     """Events that have all fields of an event type but one.
 
-    `expected` is the text of the pattern there, `found` what the first event has in that field, None where it lacks the field, and `first`
-    says where that event is. With `more` there are events like these that were not looked at.
+    `expected` is the text of the pattern there, `found` what the first event has in that field,
+    None where it lacks the field, and `first` says where that event is. With `more` there are
+    events like these that were not looked at.
     """
 
     type: str
@@ -195,7 +209,8 @@ class NearMissCount:
 
 
 class Statistics:
-    """Counts over the events of one trace or several; can be pickled, and added to those of other traces of the same tree.
+    """Counts over the events of one trace or several; can be pickled, and added to those of other
+    traces of the same tree.
 
     `tally` says how many events were relevant of these types together, `seen` are the types that some event was of.
     """
@@ -242,7 +257,9 @@ class Statistics:
         return bool(names)
 
     def add_many(self, event_kind: EventKind, types: tuple[str, ...] | None, count: int) -> None:
-        """Count so many events of one shape, some type's own, that are relevant of these types, None where they are ignored."""
+        """Count so many events of one shape, some type's own, that are relevant of these types,
+        None where they are ignored.
+        """
         self.events += count
         self.seen |= event_kind.types
         if types is not None:
@@ -315,7 +332,8 @@ def _only_miss(
 ) -> tuple[Path, Pattern, str | None] | None:
     """The one field that the event misses, what is expected there and what it has; None if it misses more.
 
-    An event that misses but a field `telling` event types apart is of another type, unless it looks like the same one misspelt.
+    An event that misses but a field `telling` event types apart is of another type, unless it looks
+    like the same one misspelt.
     """
     binding: dict[str, Json] = {}
     miss: tuple[Path, Pattern, str | None] | None = None

@@ -1,4 +1,6 @@
-"""Texts for programs that tell first detections: trees and traces for them, what the definition says, and texts that are wrong."""
+"""Texts for programs that tell first detections: trees and traces for them, what the definition
+says, and texts that are wrong.
+"""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from random import Random
@@ -28,7 +30,9 @@ def first(tree: RVAFT, semantics: Semantics, trace: Sequence[Json]) -> int | Non
 def cases(
     name: str, header: type[EventColumns], random: Random, trees: int, traces: int, *, limit: int | None = None
 ) -> Iterator[tuple[str, list[list[Json]], Told]]:
-    """The texts of examples and of random trees, with traces that their columns hold, and what the definition says of these."""
+    """The texts of examples and of random trees, with traces that their columns hold, and what the
+    definition says of these.
+    """
     language, shape = backend(name), Shape(max_nodes=7, variables=0.75, guards=0.5, typed_events=0.8)
     some: list[tuple[RVAFT, list[Any]]] = [
         (one.tree, [*conformance.traces(one, traces, random)]) for one in conformance.examples()

@@ -38,7 +38,9 @@ from tests.semantics.cases import CASES
 
 
 def default_events(example: conformance.Example, semantics: Semantics) -> bool:
-    """Every tree over default events, without times and guards, must be expressible, where events are skipped at will."""
+    """Every tree over default events, without times and guards, must be expressible, where events
+    are skipped at will.
+    """
     plain = all(node.on is None and node.when is None for node in example.tree.top_down())
     return semantics is Semantics.SCATTERED and plain and example.tree.time is None
 
@@ -53,7 +55,9 @@ REQUIRED: dict[str, Required] = {
     "sql": lambda *_: True,
     "stix": conformance.scattered_by_single_events,
 }
-"""What must be expressible; `rml-paper` is not faithful and not here; `rml-prolog` is `rml` in another form, with tests of its own."""
+"""What must be expressible; `rml-paper` is not faithful and not here; `rml-prolog` is `rml` in
+another form, with tests of its own.
+"""
 
 EXAMPLES = tuple(examples())
 

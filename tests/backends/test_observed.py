@@ -23,7 +23,9 @@ BACKENDS = ["rml", "rml-paper", *(pytest.param(name, marks=pytest.mark.spot) for
 
 
 def pool(random: Random, tree: RVAFT, size: int) -> list[Json]:
-    """Events that fit patterns or nearly do, those that a tree ignores included, and variants with one more or one less field."""
+    """Events that fit patterns or nearly do, those that a tree ignores included, and variants with
+    one more or one less field.
+    """
     values = interesting_values(tree)
     events = [random_event(random, tree, values) for _ in range(size)]
     events += [fitting(random, tree.instantiate(one.on), values) for one in tree.ignores for _ in range(size // 3)]

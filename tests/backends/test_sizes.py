@@ -1,4 +1,6 @@
-"""Sizes, and what is too large: of every backend, in two tables; how LTLf grows, as Spot counts too; deep trees, impossible ones."""
+"""Sizes, and what is too large: of every backend, in two tables; how LTLf grows, as Spot counts
+too; deep trees, impossible ones.
+"""
 
 from contextlib import suppress
 from random import Random

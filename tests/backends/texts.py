@@ -50,7 +50,9 @@ def signs(monitor: Monitor, trace: str | Iterable[Json]) -> str:
 
 
 def written(tree: str) -> str:
-    """`[a# b#' ]*3` is written three times, with its number for `#`, the next one for `#'`, and that after it for `#''`."""
+    """`[a# b#' ]*3` is written three times, with its number for `#`, the next one for `#'`, and
+    that after it for `#''`.
+    """
 
     def repeated(found: re.Match[str]) -> str:
         numbers = (("#''", n + 2, "#'", n + 1, "#", n) for n in range(int(found[2])))

@@ -1,4 +1,5 @@
-"""Logs to time monitors on: the same bytes for the same arguments, written fast, and what a monitor has to find in them.
+"""Logs to time monitors on: the same bytes for the same arguments, written fast, and what a monitor
+has to find in them.
 
 `python -m tests.benchmarks.logs DIR` writes them in full size, each with the tree that it is watched for.
 
@@ -28,7 +29,9 @@ MESSAGES: Final = {
     for line in Path(__file__).with_name("messages.txt").read_text(encoding="utf-8").splitlines()
     for name, frame, text in [line.split("|", 2)]
 }
-"""Of each message the frame and the text: `joints` has a `name` that is a list, `rosout` words of the tree in strings."""
+"""Of each message the frame and the text: `joints` has a `name` that is a list, `rosout` words of
+the tree in strings.
+"""
 
 _IGNORING = f"""
 ignore radiation(V, _) when V < {BOUND};
@@ -43,8 +46,8 @@ ignore goal(W) when W >= {WAYPOINTS[0]};
 class Log:
     """A log, and what is known of it: how many events, and how many of each type.
 
-    The pruned tree is detected at the last event under `scattered`, and not before; under `projected` it is lost with the second
-    event of one of its types, at `lost`.
+    The pruned tree is detected at the last event under `scattered`, and not before; under
+    `projected` it is lost with the second event of one of its types, at `lost`.
     """
 
     file: Path
@@ -54,7 +57,9 @@ class Log:
 
 
 def ignoring_tree(folder: Path) -> Path:
-    """A file with the pruned tree, and declarations that ignore all of an `inspections` log but its last five events."""
+    """A file with the pruned tree, and declarations that ignore all of an `inspections` log but its
+    last five events.
+    """
     file = folder / "ignoring.rvaft"
     file.write_text(f'import "{TREE}";\n{_IGNORING}', encoding="utf-8")
     return file
@@ -96,8 +101,8 @@ def telemetry(file: Path, events: int = 1_000_000, *, seed: int = 1) -> Log:
 def inspections(file: Path, events: int = 300_000, *, readings: int = 76, seed: int = 2) -> Log:
     """Rounds of a robot that inspects waypoints, nothing but events of the tree's types, as the published log has them.
 
-    The published log has 95 readings in 100 events, which `readings` per visit say; with 1 all five types are equally frequent,
-    and the lines shorter.
+    The published log has 95 readings in 100 events, which `readings` per visit say; with 1 all five
+    types are equally frequent, and the lines shorter.
     """
     source = _Source(seed, step=1.0)
     types: Counter[str] = Counter()
@@ -166,7 +171,9 @@ class _Source:
         return self.say("radiation", value=self.random.randrange(BOUND), sensor=sensor)
 
     def attack(self) -> Iterator[str]:
-        """The five events by which the tree is detected, at the last of them and not before: they follow each other at once."""
+        """The five events by which the tree is detected, at the last of them and not before: they
+        follow each other at once.
+        """
         self.step = min(self.step, 1.0)
         yield self.say("move", waypoint=1)
         yield self.say("inspect", waypoint=1)

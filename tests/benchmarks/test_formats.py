@@ -58,7 +58,9 @@ def test_a_recording_is_monitored_as_fast_as_it_is_read(tmp_path: Path, capsys: 
 
 
 def test_other_formats(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The events of one log as lines, as a document, as a table and as a table in Parquet; asserted is the order of magnitude."""
+    """The events of one log as lines, as a document, as a table and as a table in Parquet; asserted
+    is the order of magnitude.
+    """
     pa, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     lines = telemetry(tmp_path / "log.jsonl", MESSAGES).file
     events = [json.loads(line) for line in lines.read_bytes().splitlines()]

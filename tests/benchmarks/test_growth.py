@@ -40,12 +40,18 @@ TREES: Final[dict[str, tuple[str, Log]]] = {
         letters("abd"),
     ),
     "an equality": ('top sand a b never; a on e("a", V); b on e("b", V);', letters("ab")),
-    "an equality in a guard": (f"top sand a b never; {AB} when V1 == V2 + 1;", letters("ab", lambda number: 2 * number)),
+    "an equality in a guard": (
+        f"top sand a b never; {AB} when V1 == V2 + 1;",
+        letters("ab", lambda number: 2 * number),
+    ),
     "an order": (f"top sand a b never; {AB} when V2 > V1;", letters("ab", lambda number: -number)),
     "ascending strings": (f"top and a b never; {AB} when V2 > V1;", letters("ab", lambda number: f"{10**9 - number}")),
     "two that differ": (f"top sand a b never; {AB} when V1 != V2;", letters("ab")),
     "three that differ": (
-        'top sand a b c never; a on e("a", V1); b on e("a", V2) when V1 != V2; c on e("a", V3) when V3 != V1 and V3 != V2;',
+        (
+            'top sand a b c never; a on e("a", V1); b on e("a", V2) when V1 != V2; '
+            'c on e("a", V3) when V3 != V1 and V3 != V2;'
+        ),
         letters("a"),
     ),
     "independent parts": (
@@ -132,7 +138,9 @@ def choices(name: str, count: int) -> str:
 
 @pytest.mark.slow
 def test_shared_choices_do_not_double(capsys: pytest.CaptureFixture[str]) -> None:
-    """What an event costs with 20 and with 40 shared choices; both children of each come, but for semantics that would end by it."""
+    """What an event costs with 20 and with 40 shared choices; both children of each come, but for
+    semantics that would end by it.
+    """
     rows, failures = [f"{'':24} {'semantics':12} {'ms with 20':>11} {'ms with 40':>11}"], []
     for name in SHARED:
         for semantics in ("strict", "projected", "consecutive", "scattered"):

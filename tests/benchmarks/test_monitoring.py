@@ -1,8 +1,9 @@
 """`rvaft monitor`, from file to verdicts, beside what people would use instead, in one process and one run.
 
-`pytest tests/benchmarks/test_monitoring.py -s` prints the table for logs of a tenth of the size, with `-m slow` for all of it. What is
-asserted are ratios within the run: of the shortest times, for whatever else the machine does only ever adds to them. Imports and the
-start of other programs are left out of all figures; the answer of each tool is compared with what is known of the log.
+`pytest tests/benchmarks/test_monitoring.py -s` prints the table for logs of a tenth of the size,
+with `-m slow` for all of it. What is asserted are ratios within the run: of the shortest times, for
+whatever else the machine does only ever adds to them. Imports and the start of other programs are
+left out of all figures; the answer of each tool is compared with what is known of the log.
 """
 
 import contextlib
@@ -50,7 +51,9 @@ class NotRun(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Watched:
-    """A log, the tree it is watched for, and for each semantics how many times the seconds of `orjson.loads` a monitor may take."""
+    """A log, the tree it is watched for, and for each semantics how many times the seconds of
+    `orjson.loads` a monitor may take.
+    """
 
     name: str
     log: Log
@@ -127,12 +130,14 @@ ATTACK: Final = f"""
 """
 """The attack branches of the pruned tree under `scattered`, without what ties their variables together.
 
-The same: the events, `result` "success", the bound of the reading, and that each comes strictly after the one before (`pre`
-of `once`). Left out: the fault branches, whose guard compares two times (Reelay has no arithmetic over data; its own time is counted
-in events); that both waypoints are equal; that the waypoint of the goal is another one than that of the move (data
-references have to be strings); that it is not "entrance", which no event has in these logs. A field that an event lacks keeps its
-value in Reelay; no atom sees that here, for an event with its topic has all its fields. So the formula demands less than the
-tree, and first holds with the last event of the logs, as the tree is detected there.
+The same: the events, `result` "success", the bound of the reading, and that each comes strictly
+after the one before (`pre` of `once`). Left out: the fault branches, whose guard compares two times
+(Reelay has no arithmetic over data; its own time is counted in events); that both waypoints are
+equal; that the waypoint of the goal is another one than that of the move (data references have to
+be strings); that it is not "entrance", which no event has in these logs. A field that an event
+lacks keeps its value in Reelay; no atom sees that here, for an event with its topic has all its
+fields. So the formula demands less than the tree, and first holds with the last event of the logs,
+as the tree is detected there.
 """
 
 
@@ -162,7 +167,8 @@ def reelay(log: Log) -> tuple[int, float]:
 
 
 def rml(log: Log, tree: Path, semantics: Semantics, *, events: int) -> tuple[int, float]:
-    """The published RML monitor as it comes (its own `monitor.pl`, silent) with the RML text of a tree, on the first events of a log.
+    """The published RML monitor as it comes (its own `monitor.pl`, silent) with the RML text of a
+    tree, on the first events of a log.
 
     Of a log in which the tree is lost early, events of other types: the monitor stops with the event that loses it. The
     time to start it and to load the specification is measured, and taken off.
@@ -203,7 +209,9 @@ def rml(log: Log, tree: Path, semantics: Semantics, *, events: int) -> tuple[int
 
 
 def by_hand(log: Log) -> tuple[int, float]:
-    """The attack branches of the pruned tree under `scattered`, as somebody would write them for this tree alone; the fault branches are left out."""
+    """The attack branches of the pruned tree under `scattered`, as somebody would write them for
+    this tree alone; the fault branches are left out.
+    """
     found = 0
 
     def run() -> None:
@@ -266,7 +274,9 @@ def detected(watched: Watched, semantics: Semantics) -> bool:
 
 
 def check(lines: list[str], watched: Watched, semantics: Semantics) -> None:
-    """The verdict, the event it changes at, the five events of the match, and all counts are what the log was made with."""
+    """The verdict, the event it changes at, the five events of the match, and all counts are what
+    the log was made with.
+    """
     log = watched.log
     if detected(watched, semantics):
         changed, verdict, matched = log.events, "true", 5
@@ -282,7 +292,8 @@ def check(lines: list[str], watched: Watched, semantics: Semantics) -> None:
     assert not any(line.startswith("warning: ") for line in lines)
 
 
-# -- the table -----------------------------------------------------------------------------------------------------------
+# -- the table
+# -----------------------------------------------------------------------------------------------------------
 
 
 def rows(watched: Watched, events: int) -> dict[str, Row]:
@@ -371,7 +382,9 @@ def test_the_logs(tmp_path: Path, capsys: pytest.CaptureFixture[str], share: int
 
 
 def forty_leaves(folder: Path) -> tuple[Path, Path]:
-    """A tree of 40 leaves with guards in 8 branches, over 8 types of events, that is never detected; and a log of nothing but its own events."""
+    """A tree of 40 leaves with guards in 8 branches, over 8 types of events, that is never
+    detected; and a log of nothing but its own events.
+    """
     gates = ("sand", "and", "sand", "sand", "and", "sand", "and", "sand")
     lines = [f'event e{n}(u, v) = {{ topic: "/t{n}", user: u, value: v }};' for n in range(8)]
     lines += ['event never(v) = { topic: "/never", value: v };', f"top or {' '.join(f'b{n}' for n in range(8))};"]
@@ -396,7 +409,9 @@ def forty_leaves(folder: Path) -> tuple[Path, Path]:
 
 @pytest.mark.benchmark
 def test_events_that_all_concern_the_tree(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """In processor time, in turns: the paper's tree beside a monitor written by hand, one of 40 leaves beside `orjson.loads`."""
+    """In processor time, in turns: the paper's tree beside a monitor written by hand, one of 40
+    leaves beside `orjson.loads`.
+    """
     tree, log = forty_leaves(tmp_path)
     even = inspections(tmp_path / "even.jsonl", 200_000, readings=1)
     ignoring = ignoring_tree(tmp_path)
@@ -448,7 +463,9 @@ WAYS: Final = {
 def test_every_way_is_about_as_fast_as_the_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, share: int, slowest: float
 ) -> None:
-    """In processor time, each way in turn; asserted are the ratios of the shortest times, of more rounds where three do not show it."""
+    """In processor time, each way in turn; asserted are the ratios of the shortest times, of more
+    rounds where three do not show it.
+    """
 
     def seconds(way: str, watched: Watched) -> float:
         kept = tmp_path / "kept"
@@ -477,7 +494,9 @@ def test_every_way_is_about_as_fast_as_the_file(
 
 
 def test_a_table_is_faster_than_the_engine() -> None:
-    """Events of gates without variables, in processor time: half a million in a second, on a machine on which the engine does the same."""
+    """Events of gates without variables, in processor time: half a million in a second, on a
+    machine on which the engine does the same.
+    """
     events = [{"event": "axyz"[number % 4], "n": number} for number in range(20_000)]
 
     def shortest(fresh: Callable[[], Monitor]) -> float:
@@ -498,7 +517,9 @@ def test_a_table_is_faster_than_the_engine() -> None:
 @pytest.mark.benchmark
 @pytest.mark.slow
 def test_two_processes_read_one_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """What two cores would take that nobody else uses, from the processor time of each process: at most 1 / 1.4 of one alone."""
+    """What two cores would take that nobody else uses, from the processor time of each process: at
+    most 1 / 1.4 of one alone.
+    """
 
     def taken(jobs: int) -> float:
         before = time.process_time(), os.times()

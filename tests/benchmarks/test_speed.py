@@ -87,7 +87,9 @@ def test_table_of_events(capsys: pytest.CaptureFixture[str]) -> None:
 def test_an_event_that_fits_nothing_costs_the_same_in_every_tree_and_total_work_is_linear(
     gate: Gate, semantics: str
 ) -> None:
-    """A hundred times the events in a hundred times the tree: about a hundred times the work, where quadratic is ten thousand."""
+    """A hundred times the events in a hundred times the tree: about a hundred times the work, where
+    quadratic is ten thousand.
+    """
     assert measured(gate, 10_000, semantics)[0] < 2 * measured(gate, 10, semantics)[0]
     assert gate is Gate.OR or measured(gate, 10_000, semantics)[2] < 400 * measured(gate, 100, semantics)[2]
 

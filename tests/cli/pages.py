@@ -41,7 +41,10 @@ class Shown:
     def nodes(self, word: str) -> list[str]:
         """The names of the nodes that are lit so, in top-down order."""
         names = "[...document.querySelectorAll('.node')].sort((a, b) => a.dataset.node - b.dataset.node)"
-        found = f"{names}.filter(one => one.classList.contains('{word}')).map(one => one.querySelector('text:not(.gate-text)').textContent)"
+        found = (
+            f"{names}.filter(one => one.classList.contains('{word}')).map(one => "
+            "one.querySelector('text:not(.gate-text)').textContent)"
+        )
         return list(self.ask(found))
 
     def text(self, selector: str) -> str:

@@ -1,4 +1,6 @@
-"""What the commands answer: their status, what they print, and what they say beside it; an error leaves nothing behind."""
+"""What the commands answer: their status, what they print, and what they say beside it; an error
+leaves nothing behind.
+"""
 
 import re
 from pathlib import Path

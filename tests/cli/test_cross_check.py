@@ -153,7 +153,10 @@ def test_another_tree(sand: Path, tmp_path: Path) -> None:
     "name", ["x.rml", pytest.param("x.hoa", marks=needs_spot), pytest.param("x.ltlf", marks=needs_spot)]
 )
 def test_a_text_that_cannot_be_compared_does_not_stop_the_others(sand: Path, tmp_path: Path, name: str) -> None:
-    hoa = 'HOA: v1\nStates: 1\nStart: 0\nAP: 1 "elsewhere"\nacc-name: Buchi\nAcceptance: 1 Inf(0)\n--BODY--\nState: 0 {0}\n[0] 0\n--END--\n'
+    hoa = (
+        'HOA: v1\nStates: 1\nStart: 0\nAP: 1 "elsewhere"\nacc-name: Buchi\nAcceptance: 1 '
+        "Inf(0)\n--BODY--\nState: 0 {0}\n[0] 0\n--END--\n"
+    )
     odd = written(tmp_path / name, {"x.hoa": hoa, "x.ltlf": "F elsewhere", "x.rml": "Main = ;"}[name])
     good = written(tmp_path / "good.rml", translate(load(sand), "rml").text)
     other = written(tmp_path / "and.rvaft", AND)

@@ -1,4 +1,6 @@
-"""`rvaft monitor` over many: a monitor for each branch or kind, several logs, keys, processes, and the table at the end."""
+"""`rvaft monitor` over many: a monitor for each branch or kind, several logs, keys, processes, and
+the table at the end.
+"""
 
 import json
 import os

@@ -1,4 +1,6 @@
-"""Whatever is wrong with what a user gives: one line that says what, where and what to do; status 2; nothing half-written."""
+"""Whatever is wrong with what a user gives: one line that says what, where and what to do; status
+2; nothing half-written.
+"""
 
 import os
 import subprocess

@@ -153,7 +153,7 @@ BACKEND: Final[Recipe] = {
 }
 """A writer of Esper EPL that has sequences of events alone."""
 
-LOGFMT: Final = '''"""Lines of `key=value`, of which a value with spaces stands in quotes, as Heroku and Go programs write them."""
+LOGFMT: Final = '''"""Lines of `key=value`; a value with spaces stands in quotes."""
 
 import json
 import re

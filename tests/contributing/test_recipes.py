@@ -1,4 +1,6 @@
-"""Each recipe of CONTRIBUTING.md works where it should, is refused where it should be, and fails where a step is left out."""
+"""Each recipe of CONTRIBUTING.md works where it should, is refused where it should be, and fails
+where a step is left out.
+"""
 
 import json
 from collections.abc import Callable

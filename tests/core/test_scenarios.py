@@ -1,4 +1,6 @@
-"""The scenarios of a property, and questions about them, against the reference's enumeration: random trees with shared nodes."""
+"""The scenarios of a property, and questions about them, against the reference's enumeration:
+random trees with shared nodes.
+"""
 
 from itertools import combinations, islice, product
 from random import Random

@@ -102,7 +102,9 @@ _OPEN: Guard = Operation(Operator.LT, (Variable("X"), Literal(1)))
 
 
 def small_trees(size: int) -> Iterator[RVAFT]:
-    """Every tree of so many nodes where a child comes after its parents (but for names); of guards and events every kind in turn."""
+    """Every tree of so many nodes where a child comes after its parents (but for names); of guards
+    and events every kind in turn.
+    """
     turn = 0
     later = [
         [chosen for count in range(size - own) for chosen in permutations(range(own + 1, size), count)]

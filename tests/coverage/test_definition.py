@@ -31,7 +31,9 @@ Events = list[dict[str, Any]]
 
 
 def cases(shape: str, semantics: str, count: int) -> Iterator[tuple[RVAFT, Events, Coverage]]:
-    """Random trees with a trace each that goes deep into some branch of many; none breaks a rule that the reference knows nothing of."""
+    """Random trees with a trace each that goes deep into some branch of many; none breaks a rule
+    that the reference knows nothing of.
+    """
     random = Random(f"coverage {shape} {semantics}")
     for tree in islice(small_valid_trees(lambda: tree_of(random, shape)), count):
         events = trace_of(random, tree, shape, semantics)

@@ -1,4 +1,6 @@
-"""Campaigns: what the catalogue has, one order of results, nothing lost when a process dies; and `fork`, on which they stand."""
+"""Campaigns: what the catalogue has, one order of results, nothing lost when a process dies; and
+`fork`, on which they stand.
+"""
 
 import os
 from dataclasses import dataclass

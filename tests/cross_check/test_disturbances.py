@@ -1,4 +1,6 @@
-"""Disturbed traces and near misses: each kind is what it says, every kind occurs, and a near miss is one edit from a detection."""
+"""Disturbed traces and near misses: each kind is what it says, every kind occurs, and a near miss
+is one edit from a detection.
+"""
 
 import json
 import sys

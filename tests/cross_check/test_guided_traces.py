@@ -215,7 +215,8 @@ def test_a_vote_has_more_than_k_children_now_and_then() -> None:
 # -- values ---------------------------------------------------------------------------------------------------------
 
 GUARDS: Final = """
-X >= 250 and X <= 250; X > 250 and X < 252; X > 1 and X < 2; X == "entrance"; "b" < X and X <= "ba"; Y >= X + 10 and Y <= X + 10
+X >= 250 and X <= 250; X > 250 and X < 252; X > 1 and X < 2; X == "entrance"; "b" < X and X <= "ba"
+Y >= X + 10 and Y <= X + 10
 10 - X == 3; X * 4 == 36; 100 / X == 8; -X == 77; 2 * (X - 3) + 1 == 41; X + X == X * 2; X < Y and Y < Z and Z < X + 3
 X and not Y; X == null or X != X; X == 1000 or X == 2000; not (X < 100000) and not (X > 100001)
 X != Y and Y != Z and X != Z; X != 1 and Y == "a" and not Z

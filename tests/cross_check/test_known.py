@@ -1,4 +1,6 @@
-"""Where the paper's translation is known to differ from the meaning: each row of `known.txt` is told, found, and shrunk to what it has there."""
+"""Where the paper's translation is known to differ from the meaning: each row of `known.txt` is
+told, found, and shrunk to what it has there.
+"""
 
 import pytest
 

@@ -1,4 +1,6 @@
-"""`ltlf-mona`: emitted formulas by MONA's automata have the verdicts of the reference; what MONA cannot take is refused in words."""
+"""`ltlf-mona`: emitted formulas by MONA's automata have the verdicts of the reference; what MONA
+cannot take is refused in words.
+"""
 
 import os
 import shutil

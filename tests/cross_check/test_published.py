@@ -1,7 +1,7 @@
 """`rml-published`: the published monitor, run from a checkout.
 
-What needs the checkout is marked; the rest runs stand-ins: folders that are none, programs that are no `swipl`, and a monitor of
-a few lines that does what the published one should not.
+What needs the checkout is marked; the rest runs stand-ins: folders that are none, programs that are
+no `swipl`, and a monitor of a few lines that does what the published one should not.
 """
 
 import os
@@ -164,7 +164,9 @@ def test_the_paper_s_traces(published: Path) -> None:
 
 @pytest.mark.published
 def test_an_exception_is_no_verdict_and_events_may_have_more_fields_than_the_pattern(published: Path) -> None:
-    """The copy in ROSMonitoring has the arguments of `deep_subdict` the other way round; the text must not depend on it."""
+    """The copy in ROSMonitoring has the arguments of `deep_subdict` the other way round; the text
+    must not depend on it.
+    """
     text = emitted("event p(x) = {p: x}; r sand a b; a on p(X) when X > 1; b on p(_);")
     string, number = run(text, [[{"p": "a"}], [{"p": 2}, {"p": 1}]], published, timeout=60)
     assert (string.verdicts, string.deviations) == (None, ("guards over what is no number",))

@@ -1,4 +1,6 @@
-"""Shrinking: planted faults shrink to pairs known in advance, and every result disagrees, is valid, minimal and smaller."""
+"""Shrinking: planted faults shrink to pairs known in advance, and every result disagrees, is valid,
+minimal and smaller.
+"""
 
 import os
 import subprocess
@@ -102,7 +104,9 @@ def test_a_guard_about_times_stays_one_that_can_be_written() -> None:
 
 
 def one_less(tree: RVAFT, trace: Trace) -> Iterator[tuple[RVAFT, Trace]]:
-    """The pair without one thing: an event, a field, the part below a gate, an edge, a guard, a runtime event, an annotation."""
+    """The pair without one thing: an event, a field, the part below a gate, an edge, a guard, a
+    runtime event, an annotation.
+    """
     for index, event in enumerate(trace):
         yield tree, [*trace[:index], *trace[index + 1 :]]
         for field in event:

@@ -1,4 +1,5 @@
-"""The examples of README and docs: `sh` blocks in which a line that starts with `$ ` is a command and what follows its output.
+"""The examples of README and docs: `sh` blocks in which a line that starts with `$ ` is a command
+and what follows its output.
 
 `python -m tests.docs.examples` writes the outputs anew; look at the difference before you commit it.
 """
@@ -22,7 +23,8 @@ SETUP = re.compile(r"^(make|pip|git clone|python3? -m venv|source) ?")
 """Commands that set up a machine; the tests run inside the result."""
 
 ALONE = re.compile(
-    r"""(?:(?P<before>(?:printf|echo) [^|]+) \| )?rvaft (?![^|]*/dev/)(?P<words>(?:'[^']*'|"[^"$`]*"|[^|;&<>$*`("'])+)"""
+    r"""(?:(?P<before>(?:printf|echo) [^|]+) \| )?rvaft (?![^|]*/dev/)"""
+    r"""(?P<words>(?:'[^']*'|"[^"$`]*"|[^|;&<>$*`("'])+)"""
     r"""(?:\| (?P<rest>.+)|(?P<status>; echo "exit status \$\?"))?"""
 )
 """What writes its input, the command, and then what filters its output or says its status."""
@@ -67,7 +69,9 @@ def commands(block: str) -> list[tuple[str, str]]:
 
 
 def run(command: str, data: str = "") -> str:
-    """What a command prints, errors included: as a shell runs it, or, to spare a start, here where it needs no shell."""
+    """What a command prints, errors included: as a shell runs it, or, to spare a start, here where
+    it needs no shell.
+    """
     environment = {"LC_ALL": "C.UTF-8", "COLUMNS": "100", "NO_COLOR": "1"}
     if (found := ALONE.fullmatch(command)) is not None:
         data = run(found["before"]) if found["before"] else data

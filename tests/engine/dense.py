@@ -1,6 +1,7 @@
 """Small random trees in which much happens at once: few letters, many ordered and threshold gates, much sharing.
 
-Unlike `rvaft.random_trees` most of their events fit several occurrences, so that a few random letters lead deep into a tree.
+Unlike `rvaft.random_trees` most of their events fit several occurrences, so that a few random
+letters lead deep into a tree.
 """
 
 from dataclasses import dataclass
@@ -104,7 +105,9 @@ SHAPES: Final = {
 
 
 def living_trace(random: Random, tree: RVAFT, shape: str, semantics: str, length: int = 9) -> list[dict[str, Any]]:
-    """A trace for a dense tree that avoids ⊥ for as long as it easily can, and ends with detection if it comes there."""
+    """A trace for a dense tree that avoids ⊥ for as long as it easily can, and ends with detection
+    if it comes there.
+    """
     trace: list[dict[str, Any]] = []
     monitor = Engine(tree, semantics)
     while len(trace) < length and not monitor.verdict.final:

@@ -1,4 +1,6 @@
-"""Monitors that are copied, pickled or told of skipped events in the middle of a trace go on as if nothing had happened."""
+"""Monitors that are copied, pickled or told of skipped events in the middle of a trace go on as if
+nothing had happened.
+"""
 
 import copy
 import pickle
@@ -22,7 +24,9 @@ TYPES = "event e(v) = { v: v }; event f(v) = { f: v }; "
     "semantics", ["strict", "projected", "scattered"]
 )  # under `consecutive` there are as many as events
 def test_long_matches_and_small_pickles(semantics: str) -> None:
-    """A match of thousands of events is deeper than Python can recurse; what is compiled from the tree is not written."""
+    """A match of thousands of events is deeper than Python can recurse; what is compiled from the
+    tree is not written.
+    """
     leaves = tuple(f"n{number}" for number in range(2000))
     tree = RVAFT("top", [Node("top", Gate.AND, leaves), *map(Node, leaves)])
     engine = Engine(tree, semantics)

@@ -1,4 +1,6 @@
-"""The engine against the reference where values and times tie events together, and partial matches are found, replaced and forgotten by them."""
+"""The engine against the reference where values and times tie events together, and partial matches
+are found, replaced and forgotten by them.
+"""
 
 from collections.abc import Iterator
 from random import Random
@@ -45,7 +47,10 @@ def comparison(random: Random, leaves: list[int], names: list[str]) -> str:
         points = [f"{random.choice(('at', 'start', 'end'))}(l{random.choice(leaves)})" for _ in range(2)]
         return f"{' - '.join(points)} {random.choice(('<=', '<', '>=', '=='))} {random.randint(0, 3)} s"
     more = random.choice(("", "", " + 1", " + 0.5"))
-    return f"{random.choice(('', '', 'not '))}{one} {random.choice(('==', '!=', '!=', '!=', '<', '<=', '>', '>='))} {other}{more}"
+    return (
+        f"{random.choice(('', '', 'not '))}{one} "
+        f"{random.choice(('==', '!=', '!=', '!=', '<', '<=', '>', '>='))} {other}{more}"
+    )
 
 
 def trees(random: Random, count: int) -> Iterator[tuple[RVAFT, str]]:
@@ -96,13 +101,28 @@ def test_joined_events(seed: int) -> None:
 
 FEW: Final = {
     "a value that differs": ('top sand a b; a on e("a", V); b on e("b", W) when V != W;', 3),
-    "three that differ": ('top sand a b c; a on e("a", V); b on e("a", W) when V != W; c on e("c", X) when X != V and X != W;', 8),
+    "three that differ": (
+        ('top sand a b c; a on e("a", V); b on e("a", W) when V != W; c on e("c", X) when X != V and X != W;'),
+        8,
+    ),
     "the greatest": ('top sand a b; a on e("a", V); b on e("b", W) when W < V;', 2),
-    "independent parts": ('top and x y; x sand a b; y sand c d; a on e("a", V); b on e("b", V); c on e("a2", W); d on e("d", W);', 202),
-    "nested ands": ('top and p z; p and q x; q and y; x sand a b; y sand c d; z sand g h; a on e("a", V); b on e("b", V); c on e("a2", W); d on e("d", W); g on e("g", X); h on e("h", X);', 202),
+    "independent parts": (
+        ('top and x y; x sand a b; y sand c d; a on e("a", V); b on e("b", V); c on e("a2", W); d on e("d", W);'),
+        202,
+    ),
+    "nested ands": (
+        (
+            'top and p z; p and q x; q and y; x sand a b; y sand c d; z sand g h; a on e("a", V); b on '
+            'e("b", V); c on e("a2", W); d on e("d", W); g on e("g", X); h on e("h", X);'
+        ),
+        202,
+    ),
     "a window with late": ('time t as s late 2 s; top and a b within 5 s; a on e("a", _); b on e("b", _);', 10),
-    "a count with late": ('time t as s late 2 s; top sand x b; x and a within 5 s; a on e("a", _) times 9; b on e("b", _);', 30),
-}  # fmt: skip
+    "a count with late": (
+        ('time t as s late 2 s; top sand x b; x and a within 5 s; a on e("a", _) times 9; b on e("b", _);'),
+        30,
+    ),
+}
 
 
 @pytest.mark.parametrize("name", FEW)
@@ -122,7 +142,9 @@ def test_how_many_are_followed(name: str) -> None:
 
 @pytest.mark.parametrize("last", ["or x", "or x y"])
 def test_nested_orders_do_not_multiply(last: str) -> None:
-    """An event that every scenario has, and before which nothing is left to come, is taken: passing over it is of no use."""
+    """An event that every scenario has, and before which nothing is left to come, is taken: passing
+    over it is of no use.
+    """
     gates = " ".join(f"g{number} pand l{number} g{number + 1};" for number in range(12))
     monitor = Engine(parse(f"toplevel g0; {gates} g12 {last};").build(), "scattered")
     for number in range(12):
@@ -139,7 +161,9 @@ def test_a_branch_has_its_number_where_its_choice_is_not_made() -> None:
 
 
 def test_too_many_sets_of_events_are_refused_before_they_take_long() -> None:
-    """Of events that join in a window any may be passed over: each set of them is followed, up to a tenth of the limit."""
+    """Of events that join in a window any may be passed over: each set of them is followed, up to a
+    tenth of the limit.
+    """
     names = [f"l{number}" for number in range(14)]
     tree = parse(f"time t as s; top and {' '.join(names)} within 100 s;").build()
     monitor = Engine(tree, "scattered", limit=20_000)
@@ -151,14 +175,18 @@ def test_too_many_sets_of_events_are_refused_before_they_take_long() -> None:
 def test_the_time_of_what_has_no_event_in_a_part_that_never_happens_is_undefined() -> None:
     tree = loads(
         "causality bottom_up; time t as s; event e(n) = { e: n }; top and g3; g0 or l0 l3; g1 sand_rl g0 l0 l1;"
-        'g2 sand l2 l1 g1 on e("a") when at(l3) <= at(g1); g3 1of2 g2 l1; l0 on e("a"); l1 on e("a") times 2; l2 on e("b"); l3 on e("a");'
+        'g2 sand l2 l1 g1 on e("a") when at(l3) <= at(g1); g3 1of2 g2 l1; l0 on e("a"); l1 on e("a") times '
+        '2; l2 on e("b"); l3 on e("a");'
     )
     watching = monitor(tree, semantics="strict", branch=2)
     assert [watching.step({"e": "a", "t": time}).symbol for time in (1, 3)] == ["?", "⊤"]
 
 
 def test_what_is_not_finite_equals_nothing() -> None:
-    text = 'event a(v) = { event: "a", v: v }; event b(v) = { event: "b", v: v }; top and c s; s sand x y; x on a(V); y on b(V); c;'
+    text = (
+        'event a(v) = { event: "a", v: v }; event b(v) = { event: "b", v: v }; top and c s; s sand x y; '
+        "x on a(V); y on b(V); c;"
+    )
     for value in (float("inf"), float("nan"), [float("-inf")]):
         events: list[dict[str, Any]] = [{"event": "c"}, {"event": "a", "v": value}, {"event": "b", "v": value}]
         engine = compare(loads(text), events, "scattered")

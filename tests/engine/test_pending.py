@@ -127,7 +127,10 @@ KNOWN: list[tuple[str, list[dict[str, Any]]]] = [
     (f"{NV} top and p q g; p and a s; q and s b; a on n(X); b on w(Y); g when X != Y;", [{"n": 1}, {"event": "s"}]),
     # both matches have taken the same occurrences, but one of them in an order that `p` does not allow
     (
-        f"{NV} a on n(X); s on n(Y); t on f(X, Y); top and x y t; x 1of2 p q; p and p1 p2; p1 sand a s; q and a s q2; y and s r;",
+        (
+            f"{NV} a on n(X); s on n(Y); t on f(X, Y); top and x y t; x 1of2 p q; p and p1 p2; p1 sand a s; q "
+            "and a s q2; y and s r;"
+        ),
         [{"n": 1}, {"n": 2}],
     ),
 ]

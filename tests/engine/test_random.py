@@ -1,4 +1,6 @@
-"""The engine against the reference on random trees: verdicts, explanations, what equal states promise, and ways to the same events."""
+"""The engine against the reference on random trees: verdicts, explanations, what equal states
+promise, and ways to the same events.
+"""
 
 import pickle
 from contextlib import suppress
@@ -66,7 +68,9 @@ def told_by(monitor: Engine) -> tuple[object, ...]:
 @pytest.mark.parametrize("shape", [*SHAPES, *WILD])
 @pytest.mark.parametrize("semantics", SEMANTICS)
 def test_all_ways_to_the_same_events(shape: str, semantics: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Events read beforehand, events skipped, copies and pickles made in between, a memory that loses everything all the time."""
+    """Events read beforehand, events skipped, copies and pickles made in between, a memory that
+    loses everything all the time.
+    """
     random = Random(f"ways {shape} {semantics}")
     told = dict.fromkeys(Verdict, 0)
     for tree in islice(small_valid_trees(lambda: tree_of(random, shape)), 4):

@@ -31,7 +31,9 @@ MANY = {
 @pytest.mark.parametrize("semantics", SEMANTICS)
 @pytest.mark.parametrize("name", MANY)
 def test_twenty_shared_choices(name: str, semantics: str) -> None:
-    """With a limit that a monitor would be beyond that looks at one way to choose after the other; the branch has its number."""
+    """With a limit that a monitor would be beyond that looks at one way to choose after the other;
+    the branch has its number.
+    """
     text, direction = MANY[name]
     monitor = Engine(rvaft.loads(text), semantics, limit=1_500)
     events = [f"{'b' if i % 3 else 'a'}{i}" for i in range(COUNT)][::direction]
@@ -53,7 +55,9 @@ def test_twenty_shared_choices(name: str, semantics: str) -> None:
 
 @pytest.mark.parametrize("gate", ["and", "sand"])
 def test_partial_matches_that_come_to_the_same_are_one(gate: str) -> None:
-    """Where a variable ties events together, too: which child a choice kept matters no more once that is complete, but for the branch."""
+    """Where a variable ties events together, too: which child a choice kept matters no more once
+    that is complete, but for the branch.
+    """
     choices, count = " ".join(f"c{i}" for i in range(6)), 6
     leaves = " ".join(f'c{i} or a{i} b{i}; a{i} on e("a{i}", X); b{i} on e("b{i}", X);' for i in range(count))
     text = f"event e(n, v) = {{ n: n, v: v }}; top and x y; x {gate} {choices}; y {gate} {choices}; {leaves}"
@@ -96,7 +100,10 @@ def shared_choices(random: Random) -> str:
         gates.append(f"{name} {random.choice(('and', 'sand', 'sand', 'sand_rl', 'or'))} {' '.join(children)}{event};")
     causality = random.choice(("", "causality bottom_up; "))
     top = random.choice(("and", "and", "sand", "or"))
-    return f"{causality}event e(n, v) = {{ e: n, v: v }}; toplevel top; top {top} {' '.join(parents)}; {' '.join(gates + leaves)}"
+    return (
+        f"{causality}event e(n, v) = {{ e: n, v: v }}; toplevel top; top {top} {' '.join(parents)}; "
+        f"{' '.join(gates + leaves)}"
+    )
 
 
 def trees(random: Random, count: int) -> Iterator[RVAFT]:

@@ -30,10 +30,12 @@ VALUES: Final[tuple[Any, ...]] = (
 
 
 MONOTONE: Final = {
-    1: "X - T2 > 0 - 10; 10 < X; not X < 10; -X < T2; 3 <= X or X > 1 and X > T2; T2 > 1 and X > T2 or 3 <= X; X > 1 and T2 == 1",
+    1: "X - T2 > 0 - 10; 10 < X; not X < 10; -X < T2; 3 <= X or X > 1 and X > T2; T2 > 1 and X > T2 or 3 "
+    "<= X; X > 1 and T2 == 1",
     -1: "T2 >= X + 10; T2 - X >= 10; X < 10; not (T2 > 1 and X > T2); T2 - X + 10 >= 0",
     0: "T2 > 1",
-    None: "X > 1 and X > T2 or 3 <= X; not (X > 1 and T2 > 1); T2 - X + 0.5 >= 0; T2 - X - T3 >= 0; X > 1 and X < 3; X == 1; "
+    None: "X > 1 and X > T2 or 3 <= X; not (X > 1 and T2 > 1); T2 - X + 0.5 >= 0; T2 - X - T3 >= 0; X > 1 "
+    "and X < 3; X == 1; "
     "X != 1; 2 * X > 1; X / 2 > 1; X - X > 1; X > X; X; not X",
 }
 
@@ -91,9 +93,20 @@ def test_a_monotone_guard_that_holds_goes_on_to_hold(seed: int) -> None:
 
 TYPES: Final = "event e(n, v) = { n: n, v: v }; event f(n, v, w) = { n: n, v: v, w: w }; "
 GUARDS: Final = (
-    "T3 >= T1 + 2", "T3 - T1 >= 2", "T2 > T1", "T1 > 1", "T1 < T2", "not T2 <= T1", "T2 >= T1 and T3 > T2", "T3 > 1 or T1 < 2",
-    "T1 == T3", "T2 != T1", "U > T1", "U >= 2", "T1 * 2 < T3",
-)  # fmt: skip
+    "T3 >= T1 + 2",
+    "T3 - T1 >= 2",
+    "T2 > T1",
+    "T1 > 1",
+    "T1 < T2",
+    "not T2 <= T1",
+    "T2 >= T1 and T3 > T2",
+    "T3 > 1 or T1 < 2",
+    "T1 == T3",
+    "T2 != T1",
+    "U > T1",
+    "U >= 2",
+    "T1 * 2 < T3",
+)
 
 
 SHAPES: Final = (
@@ -128,7 +141,9 @@ def random_event(random: Random, values: Sequence[Any]) -> dict[str, Any]:
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 12))])
 def test_nothing_is_lost(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Verdicts are those of the definition, and an explanation is a match of the lowest branch, where something was dropped."""
+    """Verdicts are those of the definition, and an explanation is a match of the lowest branch,
+    where something was dropped.
+    """
     random = Random(seed)
     dropped = detected = 0
     for tree in trees(random, 60):

@@ -29,7 +29,9 @@ class Box(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """The frames of nodes by their identifier, all texts with their places, the width, and the smallest size of text."""
+    """The frames of nodes by their identifier, all texts with their places, the width, and the
+    smallest size of text.
+    """
 
     frames: dict[str, Box]
     texts: list[tuple[str, Box]]

@@ -1,4 +1,6 @@
-"""Pictures by Graphviz and TeX: every text is where it belongs, children stand in order, figures are readable, and failures are reported."""
+"""Pictures by Graphviz and TeX: every text is where it belongs, children stand in order, figures
+are readable, and failures are reported.
+"""
 
 import os
 import re

@@ -1,4 +1,6 @@
-"""The formats of text: pinned as a whole for a tree with every part and for looks at others, and laws for texts that try to leave their place."""
+"""The formats of text: pinned as a whole for a tree with every part and for looks at others, and
+laws for texts that try to leave their place.
+"""
 
 import json
 import re

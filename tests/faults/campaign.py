@@ -1,7 +1,8 @@
 """Mutants of a room of the product, held against the verdicts of the reference: `python -m tests.faults.campaign ROOM`.
 
-The reference gives its verdicts before anything is changed; each mutant lives in a process of its own, which runs the participants
-on the same traces. A mutant is killed where a verdict differs, somebody raises, or the time is over; each is told in a line of JSON.
+The reference gives its verdicts before anything is changed; each mutant lives in a process of its
+own, which runs the participants on the same traces. A mutant is killed where a verdict differs,
+somebody raises, or the time is over; each is told in a line of JSON.
 """
 
 import gc
@@ -65,7 +66,9 @@ class Exercise(NamedTuple):
 
 
 def exercises(seed: int, share: float) -> list[Exercise]:
-    """A share of all exercises, in no order: the trees of the cross-checker, those of the conformance suite, and some random ones."""
+    """A share of all exercises, in no order: the trees of the cross-checker, those of the
+    conformance suite, and some random ones.
+    """
     trees = [(entry.tree, entry.name, entry.branch, entry.kind) for entry in catalogue()]
     trees += [(example.tree, example.name, None, None) for example in examples()]
     for shape, dense in DENSE.items():
@@ -148,7 +151,8 @@ def sources(folders: Sequence[str]) -> list[Source]:
 
 
 def campaign(room: str, work: Sequence[Exercise], mutants: int, *, seed: int, tries: int) -> Iterator[tuple[str, str]]:
-    """So many mutants, drawn from the sites that the exercises reach, and what kills each; nothing where nobody sees it.
+    """So many mutants, drawn from the sites that the exercises reach, and what kills each; nothing
+    where nobody sees it.
 
     Each runs at most so many exercises (`tries`), all of which reach its site.
     """

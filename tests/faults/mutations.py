@@ -1,7 +1,7 @@
 """Small changes of Python functions: the places where one is possible, and the functions changed where they live.
 
-A site is an expression in the body of a function and another one in its place. What has no meaning to be wrong about is left out:
-assertions, what is raised, annotations, doc strings.
+A site is an expression in the body of a function and another one in its place. What has no meaning
+to be wrong about is left out: assertions, what is raised, annotations, doc strings.
 """
 
 import ast

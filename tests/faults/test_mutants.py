@@ -1,7 +1,8 @@
 """Of the small changes of what decides verdicts, the reference notices most.
 
-The rest is mostly what no verdict can show: what only prunes, simplifies, remembers or bounds, and may as well do it elsewhere. The
-bars are a little below what was measured: other mutants are drawn whenever the code changes, and so few of each room say little.
+The rest is mostly what no verdict can show: what only prunes, simplifies, remembers or bounds, and
+may as well do it elsewhere. The bars are a little below what was measured: other mutants are drawn
+whenever the code changes, and so few of each room say little.
 """
 
 import json

@@ -62,7 +62,9 @@ class Misled(Monitor):
 def compared(
     entry: Entry, semantics: Semantics, participant: str, given: RVAFT, meant: Semantics | None = None, **others: Any
 ) -> Result:
-    """What the comparison of a tree says of a participant that was given another one, or another semantics, or reads other events."""
+    """What the comparison of a tree says of a participant that was given another one, or another
+    semantics, or reads other events.
+    """
     job = Job(entry.name, semantics, entry.branch, entry.kind)
     expected = partial(reference_of, entry.tree, semantics, branch=entry.branch, kind=entry.kind)
     make = partial(engine_of, given) if participant == ENGINE else partial(translated, participant, given)
@@ -79,7 +81,9 @@ def compared(
 
 
 def is_shown(participant: str, wrong: Callable[[RVAFT], RVAFT], **others: Any) -> bool | None:
-    """Whether a mistake shows on some tree where the right one does not; None where the language can say none of them."""
+    """Whether a mistake shows on some tree where the right one does not; None where the language
+    can say none of them.
+    """
     unseen: list[tuple[Entry, Semantics, RVAFT]] = []
     asking = [entry for entry in CATALOGUE if entry.tree.time or any(node.when for node in entry.tree.top_down())]
     asking.sort(key=lambda entry: entry.tree.time is None)
@@ -113,11 +117,15 @@ NO_DETECTION: frozenset[str] = frozenset(
         "the events of gates not relevant",
     }
 )
-"""Mistakes about relevance, and about more than is needed: where events are skipped at will, no detection is another."""
+"""Mistakes about relevance, and about more than is needed: where events are skipped at will, no
+detection is another.
+"""
 
 
 NOT_SIGMA: frozenset[str] = frozenset({"two variables taken for one", "`<` for `<=`"})
-"""Mistakes in guards, and in variables of some events, which Sigma cannot say; in the other trees they only rename, or change what is relevant."""
+"""Mistakes in guards, and in variables of some events, which Sigma cannot say; in the other trees
+they only rename, or change what is relevant.
+"""
 
 
 def mistakes(participant: str) -> Iterator[str]:

@@ -1,7 +1,8 @@
-"""Mistakes of a translation that are the same as having been given another tree: the table `MISTAKES` of functions from tree to tree.
+"""Mistakes of a translation that are the same as having been given another tree: the table
+`MISTAKES` of functions from tree to tree.
 
-A function returns a tree that is equal to the one it got where the mistake has nothing to work on. `MISREADINGS` are those of a monitor that
-reads other events than there are.
+A function returns a tree that is equal to the one it got where the mistake has nothing to work on.
+`MISREADINGS` are those of a monitor that reads other events than there are.
 """
 
 import re
@@ -420,7 +421,8 @@ MISTAKES: Final[Mapping[str, Mistake]] = {
 }
 
 
-# -- events that are read otherwise than they are -------------------------------------------------------------------------
+# -- events that are read otherwise than they are
+# -------------------------------------------------------------------------
 
 Misreading: TypeAlias = Callable[[RVAFT, Json], Json]
 

@@ -1,4 +1,6 @@
-"""Messages of MQTT: what an event is, what is told of the rest and of what may have been missed, who refuses what; with a broker of Debian and with none."""
+"""Messages of MQTT: what an event is, what is told of the rest and of what may have been missed,
+who refuses what; with a broker of Debian and with none.
+"""
 
 import asyncio
 import json

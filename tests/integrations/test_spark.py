@@ -38,7 +38,9 @@ root on sudo(N) when N > 0;
 """
 KEYS = [1, 1.0, "1", True, {"b": 1, "a": 2.0}, {"a": 2, "b": 1}, None, *range(2, 14)]
 QUICK = "-XX:TieredStopAtLevel=1 -XX:+UseSerialGC"
-"""Of so short a run the machine code that Java makes for long ones, and its threads that collect, cost more than they spare."""
+"""Of so short a run the machine code that Java makes for long ones, and its threads that collect,
+cost more than they spare.
+"""
 RUN = "import sys; from tests.integrations import test_spark as t; t.query(t.session_of(), *sys.argv[1:3])"
 
 
@@ -164,7 +166,8 @@ def test_a_monitor_that_grows_too_large_is_told_and_stops_no_other(session: Any)
     from rvaft.integrations import spark as fleets
 
     tree = loads(
-        'event e(x) = { e: "e", x: x }; top and a b c; a on e(X); b on e(Y) when Y != X; c on e(Z) when Z * Y == 0 and X * Z > 90;'
+        'event e(x) = { e: "e", x: x }; top and a b c; a on e(X); b on e(Y) when Y != X; c on e(Z) when Z '
+        "* Y == 0 and X * Z > 90;"
     )
     lines = [
         json.dumps({"k": key, "n": number, "e": "e", "x": number})

@@ -1,4 +1,6 @@
-"""`rvaft view`: the page over HTTP, how it grows with its log, and what else may come to that port; and the page of `rvaft serve`."""
+"""`rvaft view`: the page over HTTP, how it grows with its log, and what else may come to that port;
+and the page of `rvaft serve`.
+"""
 
 import json
 import signal
@@ -167,7 +169,8 @@ def test_what_cannot_be_shown(tmp_path: Path) -> None:
         assert "log.jsonl:1: not JSON" in done.stderr.splitlines()[0]
 
 
-# -- what is new ---------------------------------------------------------------------------------------------------------
+# -- what is new
+# ---------------------------------------------------------------------------------------------------------
 
 
 class _Following:
@@ -277,7 +280,8 @@ def test_the_latest_event_is_told_what_is_waited_for_as_soon_as_there_is_time(mo
     assert going.wholes == 1
 
 
-# -- in a browser --------------------------------------------------------------------------------------------------------
+# -- in a browser
+# --------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -1,4 +1,6 @@
-"""Fault trees in the Galileo format: the static ones load, dynamic gates are read as observed failures or refused with the reason."""
+"""Fault trees in the Galileo format: the static ones load, dynamic gates are read as observed
+failures or refused with the reason.
+"""
 
 import re
 from collections import Counter
@@ -57,8 +59,8 @@ def test_every_command_can_be_strict_and_tells_of_pand_in_files_of_galileo(tmp_p
     files[2].write_text('{"event": "B"}\n')
     told = run("check", "--strict", *files[:2])
     assert (
-        told.stdout
-        == f"{files[0]}:1:19: information: `pand` of A is read so: the parts below it end from left to right [dynamic-gate]\n"
+        told.stdout == f"{files[0]}:1:19: information: `pand` of A is read so: the parts below it end from left to "
+        "right [dynamic-gate]\n"
     )
     assert told.exit_code == 0
     for command in (["check"], ["show"], ["branches"], ["emit", "--to", "rml"], ["traces"]):
@@ -152,7 +154,9 @@ def test_what_is_written_as_galileo_and_loses_nothing_means_the_same_when_it_is_
 
 @pytest.mark.parametrize("seed", range(40))
 def test_dependencies_bring_about_what_the_structure_of_the_fault_tree_says(seed: int) -> None:
-    """Against the failures themselves: a set of failed parts, closed under the dependencies, and the gates evaluated over it."""
+    """Against the failures themselves: a set of failed parts, closed under the dependencies, and
+    the gates evaluated over it.
+    """
     random = Random(f"dependencies {seed}")
     leaves = [f"e{number}" for number in range(6)]
     while True:

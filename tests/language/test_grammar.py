@@ -1,4 +1,6 @@
-"""The grammar has no conflicts; the words of messages are its words; the reference page says what it is, with examples that load."""
+"""The grammar has no conflicts; the words of messages are its words; the reference page says what
+it is, with examples that load.
+"""
 
 import logging
 import re

@@ -84,7 +84,8 @@ def test_the_canonical_form() -> None:
     text = """
         ignore e(V, _) when V<2; toplevel top; x lambda=1 "a b"=" "; causality bottom_up; topic "c" type "a.msg.B";
         top or  x "and" attack label "é"; "and" 2of3 u v x on e("s",_); z or y; y;
-        event e(p,q)={ "a":p, "a b":[q,{}], c:{d:null}}; event long_name()={}; topic "t/1" type "a.msg.Long" from "/x", y;
+        event e(p,q)={ "a":p, "a b":[q,{}], c:{d:null}}; event long_name()={};
+        topic "t/1" type "a.msg.Long" from "/x", y;
     """
     assert (
         dumps(parse(text).build())

@@ -1,4 +1,6 @@
-"""The package, installed into a fresh environment outside the checkout as the GitHub Action does it, does its work there."""
+"""The package, installed into a fresh environment outside the checkout as the GitHub Action does
+it, does its work there.
+"""
 
 import os
 import subprocess
@@ -31,7 +33,9 @@ def dependencies(of: Distribution) -> Iterator[Distribution]:
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder whose environment has the wheel that pip makes of the checkout, and of what is here only what that depends on."""
+    """A folder whose environment has the wheel that pip makes of the checkout, and of what is here
+    only what that depends on.
+    """
     folder = tmp_path_factory.mktemp("wheel")
     made = run(sys.executable, "-m", "venv", "--without-pip", "venv", cwd=folder)
     assert made.returncode == 0, made.stderr

@@ -24,18 +24,31 @@ def finding(*steps: Step) -> Finding:
 
 
 BODIES = [
-    ("commands run in the project and share a folder",
-     (Step("ls README.md > $OUT/here"), Step("cat $OUT/here", "README.md"), Step("echo $OUT", "$OUT")),
-     "$ ls README.md > $OUT/here\n$ cat $OUT/here\nREADME.md\n$ echo $OUT\n$OUT\n"),
-    ("the exit status is shown where it is not 0 and errors are output",
-     (Step("echo no >&2; exit 3", "no"),), "$ echo no >&2; exit 3\nno\n(exit status 3)\n"),
+    (
+        "commands run in the project and share a folder",
+        (Step("ls README.md > $OUT/here"), Step("cat $OUT/here", "README.md"), Step("echo $OUT", "$OUT")),
+        "$ ls README.md > $OUT/here\n$ cat $OUT/here\nREADME.md\n$ echo $OUT\n$OUT\n",
+    ),
+    (
+        "the exit status is shown where it is not 0 and errors are output",
+        (Step("echo no >&2; exit 3", "no"),),
+        "$ echo no >&2; exit 3\nno\n(exit status 3)\n",
+    ),
     ("paths of the machine are not shown", (Step(f"echo {ROOT}/trees", "trees"),), f"$ echo {ROOT}/trees\ntrees\n"),
-    ("what lacks a tool is not run and says what to do",
-     (Step("echo here", "here"), Step("echo one", "x", (NO_PROGRAM,), before="Then:"), Step("echo two", "y", (NO_PROGRAM,)),
-      Step("echo three", "z", (NO_PROGRAM, NOWHERE))),
-     ("$ echo here\nhere\n```\n\nThen:\n\n```sh\n$ echo one\n$ echo two\nnot run: install no-such-program\n"
-      "$ echo three\nnot run: install no-such-program, and set NOWHERE to a place\n")),
-]  # fmt: skip
+    (
+        "what lacks a tool is not run and says what to do",
+        (
+            Step("echo here", "here"),
+            Step("echo one", "x", (NO_PROGRAM,), before="Then:"),
+            Step("echo two", "y", (NO_PROGRAM,)),
+            Step("echo three", "z", (NO_PROGRAM, NOWHERE)),
+        ),
+        (
+            "$ echo here\nhere\n```\n\nThen:\n\n```sh\n$ echo one\n$ echo two\nnot run: install no-such-program\n"
+            "$ echo three\nnot run: install no-such-program, and set NOWHERE to a place\n"
+        ),
+    ),
+]
 
 
 @pytest.mark.parametrize(("why", "steps", "shown"), BODIES, ids=[row[0] for row in BODIES])

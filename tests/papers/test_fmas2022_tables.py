@@ -67,7 +67,10 @@ def test_the_stored_texts_are_all_of_them_and_say_what_the_print_does_not(texts:
 
 
 def test_the_print_differs_in_two_cells(enlisted: Enlisted) -> None:
-    """φ after the fourth event of the first two traces of Table 3: φ₃, φ₄ may still come. Two columns of four cells in each of eight traces."""
+    """φ after the fourth event of the first two traces of Table 3: φ₃, φ₄ may still come.
+
+    Two columns of four cells in each of eight traces.
+    """
     found = list(traces(enlisted, TRACES))
     cells = {
         (trace.table, trace.number, sign, place): (trace.printed(branch, place), verdict)

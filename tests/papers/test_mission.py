@@ -212,7 +212,9 @@ def test_what_cannot_be_done_is_one_line_and_nothing_is_measured(
 
 
 def invented(*, stopped: bool = False) -> tuple[Cell, ...]:
-    """Missions of 100 events a waypoint, 1 µs each; a monitor adds 2 µs to each and 3 ms once, a bit more each repetition."""
+    """Missions of 100 events a waypoint, 1 µs each; a monitor adds 2 µs to each and 3 ms once, a
+    bit more each repetition.
+    """
     made = []
     for repetition, waypoints, (monitors, setup) in product(
         range(1, 6), (5, 10, 20), zip((0, 1, 2, 4), SETUPS, strict=True)
@@ -221,10 +223,22 @@ def invented(*, stopped: bool = False) -> tuple[Cell, ...]:
         base = 1e-6 * events + 1e-3 * repetition
         cpu = base + monitors * (2e-6 * events + 3e-3) + (1e-5 * repetition if monitors else 0)
         run = Run(
-            mode=Mode.NOMINAL, waypoints=waypoints, setup=setup, repetition=repetition, monitors=monitors, events=events,
-            mission=90.0 * waypoints, made=1e-4, cpu=cpu, wall=cpu, verdicts="⊥" if stopped and monitors == 1 else "?" * monitors,
-            dearest=1e-3 * waypoints if monitors else 0.0, dearest_event=1, dearest_on="/command move", detected=0,
-        )  # fmt: skip
+            mode=Mode.NOMINAL,
+            waypoints=waypoints,
+            setup=setup,
+            repetition=repetition,
+            monitors=monitors,
+            events=events,
+            mission=90.0 * waypoints,
+            made=1e-4,
+            cpu=cpu,
+            wall=cpu,
+            verdicts="⊥" if stopped and monitors == 1 else "?" * monitors,
+            dearest=1e-3 * waypoints if monitors else 0.0,
+            dearest_event=1,
+            dearest_on="/command move",
+            detected=0,
+        )
         made.append(run)
     return cells(made)
 

@@ -1,4 +1,7 @@
-"""The logs of `docs/logs` that are no text; `python -m tests.readers.samples` writes them anew. And recordings as large as a test wants them."""
+"""The logs of `docs/logs` that are no text; `python -m tests.readers.samples` writes them anew.
+
+And recordings as large as a test wants them.
+"""
 
 import csv
 import json
@@ -73,7 +76,9 @@ def write_recording(path: Path, events: list[dict[str, Any]], *, ros1: bool = Fa
 
 
 def write_telemetry(path: Path, messages: int) -> None:
-    """A recording of a robot that is mostly measured: of twenty messages nineteen are of its inertia, and one moves it or inspects a place."""
+    """A recording of a robot that is mostly measured: of twenty messages nineteen are of its
+    inertia, and one moves it or inspects a place.
+    """
     import numpy
     from rosbags.rosbag2 import Writer
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore

@@ -1,4 +1,6 @@
-"""What each format makes of a log, and what it tells of the rest; by `rvaft.read_log` and by the commands, which say the same."""
+"""What each format makes of a log, and what it tells of the rest; by `rvaft.read_log` and by the
+commands, which say the same.
+"""
 
 import gzip
 import io
@@ -542,7 +544,8 @@ def test_a_document_that_looks_like_one_event_is_hinted_at(tmp_path: Path) -> No
     done = run("monitor", tree, one)
     assert "events read: 1;" in done.stdout
     assert done.stderr == (
-        f"rvaft: warning: {one} is one event, as JSON Lines; of a document say where the events are with --records PATH\n"
+        f"rvaft: warning: {one} is one event, as JSON Lines; of a document say where the events are with "
+        "--records PATH\n"
     )
     assert run("monitor", tree, one, "--records", "hits.hits").stderr == ""
     assert run("monitor", tree, written(one, '{"event": "a"}')).stderr == ""

@@ -56,7 +56,9 @@ def one_by_one(batches: Iterable[EventBlock]) -> Iterator[Event | None]:
 
 
 def held(tree: RVAFT, events: Iterable[Event | None]) -> tuple[list[Event | None], str | None]:
-    """What a log holds for a tree: for each event what it has in the tree's fields if it fits a pattern, and the error at its end."""
+    """What a log holds for a tree: for each event what it has in the tree's fields if it fits a
+    pattern, and the error at its end.
+    """
     patterns = TreeReads(tree).patterns
     fields = sorted({field for one in patterns if isinstance(one, ObjectPattern) for field, _ in one.fields})
     found: list[Event | None] = []
@@ -211,7 +213,8 @@ def test_trees_that_are_left_to_the_other_way() -> None:
         assert not plain_fields(TreeReads(tree))
 
 
-# -- where reading quickly takes something for granted ------------------------------------------------------------------
+# -- where reading quickly takes something for granted
+# ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("row", rows(__file__, "skeletons.txt"))

@@ -195,7 +195,8 @@ def test_damage_is_refused_or_still_json(value: dict[str, Any], where: int, dama
     json.dumps(event, allow_nan=False, ensure_ascii=False).encode()
 
 
-# -- compressed files ---------------------------------------------------------------------------------------------------
+# -- compressed files
+# ---------------------------------------------------------------------------------------------------
 
 PACKED = b"".join(b'{"event": "%c"}\n' % letter for letter in b"cab") * 500
 AND = TREES / "gates" / "and.rvaft"

@@ -83,7 +83,8 @@ def test_an_unknown_code_is_answered_with_a_guess() -> None:
 def test_checking_an_ordinary_tree_imports_no_algebra() -> None:
     program = (
         "import sys; from rvaft.language.parser import parse; from rvaft.rules import check; "
-        f"print([f.code for f in check(parse({meanings()['contradictory-guards'].bad!r}))]); print('sympy' in sys.modules)"
+        f"print([f.code for f in check(parse({meanings()['contradictory-guards'].bad!r}))]); print('sympy' "
+        "in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "['contradictory-guards']\nFalse\n"

@@ -1,4 +1,5 @@
-"""Hand-written cases, the rows of `cases.txt`: a tree, a trace, the verdict after every prefix, and the clause of the definition it shows.
+"""Hand-written cases, the rows of `cases.txt`: a tree, a trace, the verdict after every prefix, and
+the clause of the definition it shows.
 
 The table feeds the reference, the engine and every backend.
 """

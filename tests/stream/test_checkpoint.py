@@ -71,7 +71,8 @@ def refused(path: Path, trace: Path, **changes: Any) -> str:
     return caught.value.reason
 
 
-# -- what is kept -------------------------------------------------------------------------------------------------------
+# -- what is kept
+# -------------------------------------------------------------------------------------------------------
 
 
 def test_all_is_kept(tmp_path: Path, trace: Path) -> None:
@@ -180,7 +181,8 @@ def test_what_cannot_be_kept_is_refused_at_once(tmp_path: Path, trace: Path, mon
     assert not (tmp_path / "kept").exists()
 
 
-# -- what is refused ----------------------------------------------------------------------------------------------------
+# -- what is refused
+# ----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -291,7 +293,8 @@ def test_a_forged_file_is_refused(tmp_path: Path, trace: Path) -> None:
         assert "the checkpoint cannot be read" in refused(path, trace)
 
 
-# -- the trace ----------------------------------------------------------------------------------------------------------
+# -- the trace
+# ----------------------------------------------------------------------------------------------------------
 
 
 def test_another_trace_is_refused(tmp_path: Path, trace: Path) -> None:
@@ -366,7 +369,8 @@ def test_a_compressed_trace_that_changed(tmp_path: Path, name: str) -> None:
         trace.write_bytes(whole)
 
 
-# -- being killed -------------------------------------------------------------------------------------------------------
+# -- being killed
+# -------------------------------------------------------------------------------------------------------
 
 
 SEVERAL = """
@@ -433,7 +437,9 @@ def test_being_killed_changes_no_verdict(tmp_path: Path, suffix: str, semantics:
 
 @pytest.mark.parametrize("options", [["--key", "robot", "--per", "kind"], ["--order-by", "time", "--cooldown", "9 s"]])
 def test_being_killed_tells_no_detection_twice_without_a_mark(tmp_path: Path, options: list[str]) -> None:
-    """Monitors that repeat: each detection is there, with the number that it has in a run that never stopped, once unmarked or only marked."""
+    """Monitors that repeat: each detection is there, with the number that it has in a run that
+    never stopped, once unmarked or only marked.
+    """
     random, state, told = Random(3), tmp_path / "state", tmp_path / "told"
     tree = written(tmp_path / "tree.rvaft", f"time time as s; {SEVERAL}")
     log = written(tmp_path / "log", "".join(json.dumps(one) + "\n" for one in events(random, 400)))

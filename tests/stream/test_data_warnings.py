@@ -1,4 +1,6 @@
-"""What could have been part of a match and was not is counted, however the log is read, and what `scattered` makes of a ⊥."""
+"""What could have been part of a match and was not is counted, however the log is read, and what
+`scattered` makes of a ⊥.
+"""
 
 import pickle
 from collections.abc import Sequence

@@ -19,7 +19,9 @@ LOOKS: Final = 8
 """How often a follower asks whether to stop before the next thing happens: more than one look at the file takes."""
 BOM: Final = b"\xef\xbb\xbf"
 Step = bytes | str | Callable[[], object] | tuple[Any, ...]
-"""What happens to a log: bytes are written, a word is a method of it, a function is called, and of several all happen in one moment."""
+"""What happens to a log: bytes are written, a word is a method of it, a function is called, and of
+several all happen in one moment.
+"""
 
 
 class Log:
@@ -61,7 +63,9 @@ class Log:
                 step()
 
     def follow(self, *steps: Step, **more: Any) -> tuple[FollowedFile, list[str]]:
-        """Follow the log while these things happen to it one after the other, then the end; and what is told of changes."""
+        """Follow the log while these things happen to it one after the other, then the end; and
+        what is told of changes.
+        """
         left, asked, told = list(steps), 0, list[str]()
 
         def stop() -> bool:

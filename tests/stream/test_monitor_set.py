@@ -1,4 +1,6 @@
-"""The monitors of all columns: the verdicts stored beside the trees, and explanations by the numbers that events have."""
+"""The monitors of all columns: the verdicts stored beside the trees, and explanations by the
+numbers that events have.
+"""
 
 from collections.abc import Callable
 

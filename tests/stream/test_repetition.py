@@ -1,4 +1,6 @@
-"""Monitors that begin afresh after each detection: what the reference says of the events since, whichever way the events are read."""
+"""Monitors that begin afresh after each detection: what the reference says of the events since,
+whichever way the events are read.
+"""
 
 import json
 import pickle
@@ -32,7 +34,9 @@ TIMES: list[dict[str, Any]] = [{"event": name, "t": time} for name in "abcdx" fo
 
 
 def expected(tree: RVAFT, semantics: str, trace: list[dict[str, Any]]) -> Iterator[tuple[Verdict, int]]:
-    """The verdict after each event, and how many events a fresh monitor has not read; what is late depends on all of the trace."""
+    """The verdict after each event, and how many events a fresh monitor has not read; what is late
+    depends on all of the trace.
+    """
     reference, begun = Reference(tree, semantics), 0
     for number, event in enumerate(trace, 1):
         yield reference.step(event), begun
@@ -92,7 +96,9 @@ def test_it_says_what_the_reference_says_when_it_begins_afresh_after_each_detect
 
 @pytest.mark.parametrize("options", ["", "--per kind", "--per branch --cooldown 3s"])
 def test_each_key_repeats_as_in_a_log_of_its_own(options: str, tmp_path: Path) -> None:
-    """Several fields are one key; what one key has detected silences no other; the numbers of events are those of the log."""
+    """Several fields are one key; what one key has detected silences no other; the numbers of
+    events are those of the log.
+    """
     random, words = Random(options), [*shlex.split(options), "--semantics", "scattered", "--repeat"]
     tree, log = written(tmp_path / "tree.rvaft", TIMED), tmp_path / "log.jsonl"
     events = [{**random.choice(TIMES), "t": at // 9, "user": random.choice("uv"), "ip": at % 2} for at in range(150)]

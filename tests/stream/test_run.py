@@ -1,4 +1,6 @@
-"""One trace from its first event to its last: fields, keys, the order, what explanations name, and that many lines at a time tell the same."""
+"""One trace from its first event to its last: fields, keys, the order, what explanations name, and
+that many lines at a time tell the same.
+"""
 
 import gzip
 import io
@@ -55,7 +57,8 @@ def test_fields_and_keys() -> None:
             Field.parse(text)
 
 
-# -- the order ----------------------------------------------------------------------------------------------------------
+# -- the order
+# ----------------------------------------------------------------------------------------------------------
 
 numbers = st.integers(-20, 20) | st.floats(-20, 20)
 
@@ -141,7 +144,8 @@ def test_time_that_goes_back_is_counted(times: list[Any], count: int, first: int
     assert (clock.count, clock.first) == (count, first)
 
 
-# -- events that an explanation names -----------------------------------------------------------------------------------
+# -- events that an explanation names
+# -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("suffix", [".jsonl", ".jsonl.gz"])
@@ -178,7 +182,8 @@ def test_what_is_forgotten_is_looked_up_in_the_file(tmp_path: Path, monkeypatch:
     assert EventBuffer(packed).events([10_001]) == {}
 
 
-# -- many lines at a time -----------------------------------------------------------------------------------------------
+# -- many lines at a time
+# -----------------------------------------------------------------------------------------------
 
 
 class Told(Listener):
@@ -271,7 +276,8 @@ def test_shipped_trees(name: str, per: Per, semantics: Semantics) -> None:
 
 
 TIMED = """time at as iso8601 LATE; event e(v) = { topic: "t", value: v }; event f(v) = { topic: "u", value: v };
-    top or p q; p and a b within 5 s; a on e(X) when X > 1; b on f(Y) times 2; q sand c d; c on f(Z); d on e(V) when V <= Z;"""
+    top or p q; p and a b within 5 s; a on e(X) when X > 1; b on f(Y) times 2; q sand c d;
+    c on f(Z); d on e(V) when V <= Z;"""
 TIMES = ["", *(f"2024-01-01T00:00:{second:02}Z" for second in range(9)), 5, None]
 VALUES = [1, 2, 2.5, "a", None, math.nan, [math.inf]]
 
@@ -439,7 +445,8 @@ def test_the_topic_and_time_of_a_match_are_known_where_no_pattern_has_them() -> 
     assert (number, times) == (3, {1: (5, "/a"), 3: (4, "/b")})
 
 
-# -- keys ---------------------------------------------------------------------------------------------------------------
+# -- keys
+# ---------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("semantics", Semantics)

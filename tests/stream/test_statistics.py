@@ -78,7 +78,9 @@ def test_near_misses_are_looked_for_in_the_first_events_that_are_alike() -> None
 
 
 def test_another_type_is_no_near_miss() -> None:
-    """What misses but the field that tells event types apart is of another type, unless the value is the same but for its spelling."""
+    """What misses but the field that tells event types apart is of another type, unless the value
+    is the same but for its spelling.
+    """
     others = [{**A, "topic": topic, "level": 1} for topic in ("/c", "/ab", None, 1, ["/a"])]
     assert misses(counted(TREE, *others, {"value": 1, "other": 1})) == []
     assert misses(counted(TREE, *({**A, "topic": topic} for topic in ("a", "/A", "a/")))) == [

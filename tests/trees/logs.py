@@ -1,4 +1,5 @@
-"""The logs beside the trees for CloudTrail, journald and a ROS 2 mission; `python -m tests.trees.logs` writes them anew.
+"""The logs beside the trees for CloudTrail, journald and a ROS 2 mission; `python -m
+tests.trees.logs` writes them anew.
 
 Every log tells its tree's story with one thing changed, which its name says.
 """
@@ -45,7 +46,9 @@ def download(second: float, user: str, bucket: str = "payroll-2026", size: float
 
 
 def takeover(number: int = 20, *, user: str = "alice") -> Log:
-    """The story, with another user and other calls in between; from the first event used to the last it takes 9 min 30 s."""
+    """The story, with another user and other calls in between; from the first event used to the
+    last it takes 9 min 30 s.
+    """
     gap = 400 / number
     failures = [login(round(index * gap), user, "Failure") for index in range(number)]
     others = [login(round(index * 120 + 7), "bob", "Failure", "10.0.3.8") for index in range(3)]
@@ -201,7 +204,9 @@ def visit(start: float, waypoint: int, value: float = 42.5, stay: float = 6, *, 
 HIGH: Final = 312.5
 FAULTS: Final = (2, 6, 9)
 ATTACKS: Final = (4, 6, 10)
-"""Waypoints at which the robot stays too long where radiation is high; after which it goes somewhere else than it was told."""
+"""Waypoints at which the robot stays too long where radiation is high; after which it goes
+somewhere else than it was told.
+"""
 UNREAD: Final = 7
 """The waypoint at which the sensor measures NaN."""
 

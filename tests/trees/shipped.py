@@ -1,6 +1,7 @@
 """The trees that ship, their traces, and the verdicts expected of them.
 
-`python -m tests.trees.shipped` writes NAME.verdicts.json anew from the reference; a change there is a change of meaning.
+`python -m tests.trees.shipped` writes NAME.verdicts.json anew from the reference; a change there is
+a change of meaning.
 """
 
 import json
@@ -20,7 +21,10 @@ REFUSED = {"remote_inspection/listing"}
 ADDING = {"remote_inspection/ros": "remote_inspection/pruned"}
 """Trees that add to another one what no verdict depends on; its traces and verdicts are theirs."""
 FOLLOWED = {("cloudtrail/takeover", Semantics.SCATTERED)}
-"""Where the engine is asked: the reference looks at every twenty of the failures. `test_logs.py` holds it against the reference with fewer."""
+"""Where the engine is asked: the reference looks at every twenty of the failures.
+
+`test_logs.py` holds it against the reference with fewer.
+"""
 
 Expected = Mapping[str, Mapping[str, Mapping[str, str]]]
 """Trace name -> semantics -> "tree" or branch number -> the signs ⊤, ⊥, ? after every event."""

@@ -1,4 +1,6 @@
-"""The logs that tell a story, beside their trees: they are what the script writes, and what it says happens in them is found."""
+"""The logs that tell a story, beside their trees: they are what the script writes, and what it says
+happens in them is found.
+"""
 
 from typing import Final
 

@@ -1,7 +1,8 @@
 """The published log of the remote inspection robot: verdicts and explanations, held against the reference too.
 
-Its events have `location` where the paper's have `waypoint`, and it tells by `inspected` that the robot has arrived. So the
-shipped tree sees only readings and goals in it; a tree in the words of the log says what happened.
+Its events have `location` where the paper's have `waypoint`, and it tells by `inspected` that the
+robot has arrived. So the shipped tree sees only readings and goals in it; a tree in the words of
+the log says what happened.
 """
 
 from functools import cache

@@ -40,7 +40,9 @@ FORMULAS = [
 
 @pytest.mark.parametrize(("tree", "semantics", "formula"), FORMULAS)
 def test_language_is_that_of_a_formula(tree: str, semantics: str, formula: str) -> None:
-    """Over words of exclusive letters, Spot finds the text equivalent to a formula on finite words, and reads it as it is."""
+    """Over words of exclusive letters, Spot finds the text equivalent to a formula on finite words,
+    and reads it as it is.
+    """
     text = text_of(tree, semantics)
     names = [name for name in "abc" if f'"{name}"' in text]
     exclusive = " & ".join(f"G!({one} & {other})" for one, other in combinations(names, 2))
@@ -65,7 +67,9 @@ def test_language_is_that_of_a_formula(tree: str, semantics: str, formula: str) 
     ],
 )
 def test_the_text_alone_is_run(old: str, new: str, verdicts: str) -> None:
-    """With the tree gone, another target of one edge gives other verdicts, and so does another event of one proposition."""
+    """With the tree gone, another target of one edge gives other verdicts, and so does another
+    event of one proposition.
+    """
     monitor = AutomatonBackend().read(text_of("r sand a b c;", "strict").replace(old, new))
     assert signs(monitor, "a b c") == verdicts
 

@@ -1,4 +1,6 @@
-"""The reader on texts written by hand: Spot's operators on finite traces, and the verdict over all letters and all extensions."""
+"""The reader on texts written by hand: Spot's operators on finite traces, and the verdict over all
+letters and all extensions.
+"""
 
 from random import Random
 

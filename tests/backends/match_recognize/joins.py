@@ -1,4 +1,6 @@
-"""Row patterns of the forms that are emitted, as joins that SQLite runs: a second engine for their conditions, where Flink is not installed."""
+"""Row patterns of the forms that are emitted, as joins that SQLite runs: a second engine for their
+conditions, where Flink is not installed.
+"""
 
 import re
 import sqlite3
@@ -18,7 +20,9 @@ DEFINED = re.compile(r"(?:^|, )(s|e\d+) AS ")
 
 
 def joined(query: str) -> str:
-    """The join that finds the same rows; a comma and ` AS ` within a literal would mislead it, and no text of a test has these."""
+    """The join that finds the same rows; a comma and ` AS ` within a literal would mislead it, and
+    no text of a test has these.
+    """
     found = QUERY.fullmatch(query)
     assert found is not None, query
     table = f"(SELECT *, row_number() OVER (PARTITION BY trace ORDER BY ts) AS number FROM {found['table']})"

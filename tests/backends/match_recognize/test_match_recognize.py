@@ -1,4 +1,6 @@
-"""MATCH_RECOGNIZE: pinned texts, what is refused, their conditions run by SQLite, and the texts by Flink where it is installed."""
+"""MATCH_RECOGNIZE: pinned texts, what is refused, their conditions run by SQLite, and the texts by
+Flink where it is installed.
+"""
 
 import sys
 from dataclasses import replace
@@ -79,7 +81,10 @@ def test_what_is_no_header(text: str, said: str) -> None:
 
 
 def test_rows_and_what_they_cannot_hold() -> None:
-    tree = 'time t as s; event p(v, w) = { v: v, w: w }; top sand a b within 1 s; a on p(X, "*/ \'"); b on p(X, Y) when Y > X;'
+    tree = (
+        'time t as s; event p(v, w) = { v: v, w: w }; top sand a b within 1 s; a on p(X, "*/ \'"); b on '
+        "p(X, Y) when Y > X;"
+    )
     header = RowHeader.read(emitted(tree))
     row = header.row({"v": 2.0, "w": "*/ '", "t": 2})
     assert row == {
@@ -205,7 +210,9 @@ def test_flink_reads_names_and_strings_as_they_are() -> None:
 @installed
 @of_flink
 def test_flink_misses_later_starts_where_a_pattern_has_no_first_row() -> None:
-    """Why each text begins with the row before all events: of a pattern that begins anywhere Flink loses matches once there are gaps."""
+    """Why each text begins with the row before all events: of a pattern that begins anywhere Flink
+    loses matches once there are gaps.
+    """
     text = emitted(EVENTS + "top sand a b c; a on p(1, X); b on p(1, _); c on p(2, X);")
     trace: list[Json] = [{"v": v, "w": w} for v, w in ((1, 1), (1, 2), (1, 1), (2, 2))]
     anywhere = text.replace("(s g0*? e1", "(e1").replace("s AS s.pos = 0, ", "")

@@ -1,4 +1,6 @@
-"""MFOTL: pinned texts, what is refused, a stand-in for MonPoly, and MonPoly itself with its verified kernel where `MONPOLY` names the program."""
+"""MFOTL: pinned texts, what is refused, a stand-in for MonPoly, and MonPoly itself with its
+verified kernel where `MONPOLY` names the program.
+"""
 
 import os
 import stat
@@ -54,7 +56,10 @@ def test_every_tree_is_said_under_scattered() -> None:
 
 
 def test_the_signature_and_the_facts_of_an_event() -> None:
-    tree = 'time t as s; event p(v, w) = { v: v, w: w }; top sand a b within 1 s; a on p(X, "*) p(\\"1\\")"); b on p(X, Y) when Y > 1;'
+    tree = (
+        'time t as s; event p(v, w) = { v: v, w: w }; top sand a b within 1 s; a on p(X, "*) '
+        'p(\\"1\\")"); b on p(X, Y) when Y > 1;'
+    )
     text = emitted(tree)
     assert MfotlBackend.signature(text).splitlines() == [
         "a(T1_kind: string, T1_time: int, X_text: string, position: int)",

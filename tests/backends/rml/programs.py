@@ -1,4 +1,6 @@
-"""RML programs with traces: the table `cases.txt` with the verdicts of the published tools, and random ones over the letters a, b and c."""
+"""RML programs with traces: the table `cases.txt` with the verdicts of the published tools, and
+random ones over the letters a, b and c.
+"""
 
 import json
 import re

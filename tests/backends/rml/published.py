@@ -1,4 +1,6 @@
-"""The published RML compiler and monitor, for tests: `RML_COMPILER` names the jar, `RML_MONITOR` a checkout of the monitor."""
+"""The published RML compiler and monitor, for tests: `RML_COMPILER` names the jar, `RML_MONITOR` a
+checkout of the monitor.
+"""
 
 import json
 import os

@@ -1,4 +1,5 @@
-"""What is emitted beside `rml`: the paper's own translation, known to differ from the tree where it does, and the Prolog form.
+"""What is emitted beside `rml`: the paper's own translation, known to differ from the tree where it
+does, and the Prolog form.
 
 The published monitor judges the Prolog form, see `test_published`.
 """

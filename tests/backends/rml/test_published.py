@@ -1,4 +1,6 @@
-"""The published compiler and monitor say what is emitted, what the reader says, and what the Prolog form says, but for the table of deviations."""
+"""The published compiler and monitor say what is emitted, what the reader says, and what the Prolog
+form says, but for the table of deviations.
+"""
 
 import json
 import re
@@ -57,7 +59,8 @@ NUMBERS = Shape(max_nodes=8, typed_events=0.9, variables=1, guards=0.5, times=0,
 
 @pytest.mark.parametrize("names", ["ABCDEFGHIJKLMNOPQRSTUVWXYZ", "XYZ"])
 def test_variables_over_numbers(names: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whole numbers alone: of these the guards of emitted texts are the same everywhere, and nothing of them is left out.
+    """Whole numbers alone: of these the guards of emitted texts are the same everywhere, and
+    nothing of them is left out.
 
     With many names most variables are of one event each, as `consecutive` and `scattered` ask.
     """
@@ -74,7 +77,9 @@ def test_variables_over_numbers(names: str, tmp_path: Path, monkeypatch: pytest.
 
 
 def test_rows_of_the_definition_and_the_suite(tmp_path: Path) -> None:
-    """Each tree under every semantics, on all its traces: also counted leaves, parts that end in order, and variables."""
+    """Each tree under every semantics, on all its traces: also counted leaves, parts that end in
+    order, and variables.
+    """
     rows_of = dict.fromkeys((case.tree, case.branch, case.kind) for case in CASES)
     trees = [restrict(loads(text), branch=branch, kind=kind) for text, branch, kind in rows_of]
     own = [[c.events for c in CASES if (c.tree, c.branch, c.kind) == key] for key in rows_of]
@@ -101,7 +106,9 @@ OF_FLOATS = {"1 and 1.0", "tolerance of guards"}
 
 
 def _compared(samples: Iterable[Sample], tmp_path: Path) -> int:
-    """How many traces have the verdicts of the reference after every prefix; those that touch a deviation are left out."""
+    """How many traces have the verdicts of the reference after every prefix; those that touch a
+    deviation are left out.
+    """
     found = []
     for tree, semantics, some in samples:
         try:
@@ -133,7 +140,9 @@ def _deviations(text: str, some: list[Json]) -> Set[str]:
 
 
 def _is_compiled(text: str) -> bool:
-    """Whether the compiler takes it: not with letters beyond ASCII, and its check walks every path from `Main` that meets no equation twice."""
+    """Whether the compiler takes it: not with letters beyond ASCII, and its check walks every path
+    from `Main` that meets no equation twice.
+    """
     if not text.isascii():
         return False
     equations = parse(text).equations

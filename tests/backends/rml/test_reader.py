@@ -161,7 +161,12 @@ LONG = [
     ("a pattern", f"p matches {'{k:' * 3000}'x'{'}' * 3000};\nMain = p all;", [_deep("x", "{", 3000)], "T"),
     ("a sum", f"p(x) matches {{v:x}} with x{TOTAL} > 5000;\nMain = p(x) all;", [{"v": 1}], "T"),
     ("parentheses", f"p(x) matches {{v:x}} with {'(' * 3000}x{')' * 3000} > 0;\nMain = p(x) all;", [{"v": 1}], "T"),
-    ("an argument", f"p(x) matches {{v:x}};\nMain = G<1>;\nG<n> = if (n{TOTAL} > 5000) any else p(n);", [{"v": 2}], "T"),
+    (
+        "an argument",
+        f"p(x) matches {{v:x}};\nMain = G<1>;\nG<n> = if (n{TOTAL} > 5000) any else p(n);",
+        [{"v": 2}],
+        "T",
+    ),
     ("a bound value", "Main = {let x; av(x) bv(x) all};", [{"e": "a", "v": NESTED}, {"e": "b", "v": NESTED}], "T"),
     ("choices in a conjunction do not explode", f"{MANY}Main = {{let {', '.join(FORTY)}; ({CHOICES}) all}};",
      [{"v": 1, "w": 2}], "T"),

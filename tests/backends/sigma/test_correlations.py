@@ -23,7 +23,10 @@ from tests.backends.injections import INJECTIONS
 from tests.backends.texts import events, flat
 from tests.tables import rows
 
-DECLARED = 'event px(p) = { x: p }; event in(u) = { e: "in", u: u }; event out(u) = { e: "out", u: u }; event cp(u) = { e: "cp", by: { u: u } }; time t as s; toplevel r; '
+DECLARED = (
+    'event px(p) = { x: p }; event in(u) = { e: "in", u: u }; event out(u) = { e: "out", u: u }; '
+    'event cp(u) = { e: "cp", by: { u: u } }; time t as s; toplevel r; '
+)
 
 
 @pytest.mark.parametrize(("text", "correlation", "selections"), rows(__file__, "correlations.txt"))

@@ -1,4 +1,6 @@
-"""SQL: what events it tells apart, what it refuses, what is read by hand, and what SQLite and DuckDB make of the same tree."""
+"""SQL: what events it tells apart, what it refuses, what is read by hand, and what SQLite and
+DuckDB make of the same tree.
+"""
 
 import json
 import re
@@ -33,7 +35,9 @@ READING = [
 
 
 def tree_with(text: str) -> tuple[RVAFT, list[Any]]:
-    """A tree that has the text as the name of a node, of an event, of a field and as a literal, and a trace that it detects."""
+    """A tree that has the text as the name of a node, of an event, of a field and as a literal, and
+    a trace that it detects.
+    """
     inner = ObjectPattern(((text, Literal(1)),))
     event = EventType(f"{text} ", (), ObjectPattern(((text, Literal(text)), (f"{text}.", inner))))
     named = f"{text}!"
@@ -171,7 +175,8 @@ def test_rows_have_branch_nodes_and_variables_and_pass_a_result_of_several_trace
 
 RIGHT = """
 SELECT max(b.pos, c.pos) AS detected FROM events a, events b, events c
-WHERE a.event ->> '$.event' = 'a' AND b.event ->> '$.event' = 'b' AND c.event ->> '$.event' = 'c' AND a.pos < b.pos AND b.pos < c.pos;
+WHERE a.event ->> '$.event' = 'a' AND b.event ->> '$.event' = 'b' AND c.event ->> '$.event' = 'c'
+  AND a.pos < b.pos AND b.pos < c.pos;
 -- by hand
 """
 

@@ -26,7 +26,10 @@ from tests.backends.injections import INJECTIONS
 from tests.backends.texts import events, flat, tree
 from tests.tables import rows
 
-DECLARED = "event px(p) = { x: p }; event pxy(p, q) = { x: p, y: q }; event deep(p) = { a: { b: p } }; time t as s; toplevel r; "
+DECLARED = (
+    "event px(p) = { x: p }; event pxy(p, q) = { x: p, y: q }; event deep(p) = { a: { b: p } }; "
+    "time t as s; toplevel r; "
+)
 
 
 @pytest.mark.parametrize(("text", "pattern"), rows(__file__, "patterns.txt"))

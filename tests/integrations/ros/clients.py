@@ -47,7 +47,9 @@ async def served(
     longest: int = 1024 * 1024,
     page: ConnectionsPage | None = None,
 ) -> AsyncIterator[str]:
-    """The URL of a server, which is stopped at the end and has then let go of everything; each connection has a `fresh` session."""
+    """The URL of a server, which is stopped at the end and has then let go of everything; each
+    connection has a `fresh` session.
+    """
     stop = asyncio.Event()
     url: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     speaking, make = Protocol(SEQUENCE, longest=longest), fresh or Session(SEQUENCE).fork

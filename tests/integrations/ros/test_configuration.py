@@ -128,7 +128,9 @@ def test_the_configuration_the_specifications_and_the_commands(
 def test_the_topics_are_those_that_the_verdict_depends_on(
     nodes: str, branch: int | None, topics: str, more: str, tmp_path: Path
 ) -> None:
-    """Topics of infeasible scenarios, and of other branches, matter where relevant events end a match; those of ignored events never."""
+    """Topics of infeasible scenarios, and of other branches, matter where relevant events end a
+    match; those of ignored events never.
+    """
     declared = "".join(f'event {n}() = {{ topic: "/{n}" }};\ntopic "/{n}" type "a.msg.T";\n' for n in "wxyz")
     ignored = 'event v() = { topic: "/v" };\nignore v();\n'
     tree = written(tmp_path / "tree.rvaft", f"{declared}{ignored}{nodes}")
@@ -203,7 +205,8 @@ def test_a_monitor_is_called_by_a_word_of_python(name: str, word: str, tmp_path:
         assert (tmp_path / id_ / f"{id_}.rml").exists()
 
 
-# -- what is refused: one line that says what to write where, status 2, nothing written ---------------------------------
+# -- what is refused: one line that says what to write where, status 2, nothing written
+# ---------------------------------
 
 EVENTS = 'event e() = { topic: "/c" };\nevent f() = { topic: "/d" };\n'
 TOPICS = 'topic "/c" type "a.msg.T" from n;\ntopic "/d" type "a.msg.U";\n'

@@ -54,7 +54,9 @@ def test_what_is_there_with_another_text_is_replaced_or_removed_only_if_forced(
 def test_when_one_cannot_be_written_or_put_in_place_all_is_as_it_was(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """All texts are written, then what is there is renamed and what is new takes its place: each of these steps fails once."""
+    """All texts are written, then what is there is renamed and what is new takes its place: each of
+    these steps fails once.
+    """
     before = {"a": "old\n", "gone": "old\n", "other": "x"}
     place(tmp_path / "old", before)
     left = 0

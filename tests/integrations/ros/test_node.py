@@ -1,4 +1,6 @@
-"""The node of `docs/ros.md`, with stand-ins for `rclpy`; and what a message is as an event, which is the same as in a recording."""
+"""The node of `docs/ros.md`, with stand-ins for `rclpy`; and what a message is as an event, which
+is the same as in a recording.
+"""
 
 # ruff: noqa: ARG002 (what stands in for others takes what they take)
 

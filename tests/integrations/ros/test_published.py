@@ -80,7 +80,9 @@ def test_it_validates_and_generates(per: str, version: str, tmp_path: Path) -> N
 
 
 def generated(folder: Path, id_: str, port: int, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """The module of one monitor as it is generated, with an oracle at this port and packages of messages to import from."""
+    """The module of one monitor as it is generated, with an oracle at this port and packages of
+    messages to import from.
+    """
     for package, names in TYPES.items():
         for part in (package.partition(".")[0], package):
             monkeypatch.setitem(sys.modules, part, ModuleType(part))

@@ -1,4 +1,6 @@
-"""The server: connections that share nothing, or one state; clients that misbehave; whom it lets in; what the process says."""
+"""The server: connections that share nothing, or one state; clients that misbehave; whom it lets
+in; what the process says.
+"""
 
 import asyncio
 import json
@@ -287,7 +289,8 @@ def test_hosts_and_origins(what: str, first: str, second: str | None) -> None:
             raise AssertionError(what)
 
 
-# -- as a process -------------------------------------------------------------------------------------------------------
+# -- as a process
+# -------------------------------------------------------------------------------------------------------
 
 
 @live
@@ -391,7 +394,10 @@ async def test_what_could_be_missed_is_said_at_first_and_counted_at_the_end(tmp_
     assert said[1:] == [
         f": {guard.format('1 event')} {example}",
         ": undefined number in 1 event: e is NaN (first: event 3)",
-        f" closed after 3 events; {guard.format('2 events')} {example}; undefined number in 1 event: e is NaN (first: event 3)",
+        (
+            f" closed after 3 events; {guard.format('2 events')} {example}; undefined number in 1 event: e is "
+            "NaN (first: event 3)"
+        ),
     ]
 
 

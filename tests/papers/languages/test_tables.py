@@ -20,11 +20,29 @@ from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
 
 ROW = Measurement(
-    tree="and 3", gate=Gate.AND, children=3, threshold=None, semantics=Semantics.STRICT, language="rml", result=Outcome.OK,
-    symbols=15, characters=120, seconds=0.0012, run=Outcome.OK, read_seconds=0.001, events=240, events_per_second=12340.0,
-    again_per_second=300000.0, walks=40, differing=0, timeout=60.0, digest="0123456789ab", version="0.1.0", first_events=40,
+    tree="and 3",
+    gate=Gate.AND,
+    children=3,
+    threshold=None,
+    semantics=Semantics.STRICT,
+    language="rml",
+    result=Outcome.OK,
+    symbols=15,
+    characters=120,
+    seconds=0.0012,
+    run=Outcome.OK,
+    read_seconds=0.001,
+    events=240,
+    events_per_second=12340.0,
+    again_per_second=300000.0,
+    walks=40,
+    differing=0,
+    timeout=60.0,
+    digest="0123456789ab",
+    version="0.1.0",
+    first_events=40,
     memory=4096,
-)  # fmt: skip
+)
 
 UNABLE = (Outcome.NOT_EXPRESSIBLE, Outcome.TOO_LARGE, Outcome.TIMEOUT)
 SIZED = ("symbols", "characters", "seconds", "read_seconds", "events", "events_per_second", "again_per_second", "walks")

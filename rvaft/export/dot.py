@@ -111,7 +111,9 @@ def picture(dot: str, form: str, *, timeout: float = 300.0) -> bytes:
         raise ToolMissing("dot", remedy=remedy)
     command = [program, f"-T{form}", *(["-Gdpi=144"] if form == "png" else [])]
     try:
-        done = subprocess.run(command, input=dot.encode(), capture_output=True, timeout=timeout, check=False)  # noqa: S603
+        done = subprocess.run(  # noqa: S603
+            command, input=dot.encode(), capture_output=True, timeout=timeout, check=False
+        )
     except subprocess.TimeoutExpired:
         reason = f"no layout after {timeout:g} s; write a .dot file and try another layout"
         raise ToolFailed("dot", reason=reason) from None

@@ -72,7 +72,7 @@ class XesReader(LogReader):
                         said = {_of_case(key): value for key, value in _attributes([element]).items()}
                         if begun or said.keys() & case.keys():
                             reason = "stands behind it" if begun else "is repeated"
-                            raise ValueError(f"an attribute of its case {reason}")  # noqa: TRY301 (told as the others are)
+                            raise ValueError(f"an attribute of its case {reason}")  # noqa: TRY301
                         case |= said
                 except ValueError as error:
                     log.reject(max(number, 1), str(error))

@@ -302,7 +302,7 @@ class LinesRead(BufferedIOBase):
 
     def read1(self, size: int | None = -1) -> bytes:
         """What comes next, up to so many bytes; who reads so says with `reach` how much of it is done with."""
-        return self._stream.read1(-1 if size is None else size)  # type: ignore[attr-defined, no-any-return] # files have it
+        return self._stream.read1(-1 if size is None else size)  # type: ignore[attr-defined, no-any-return]
 
     def fileno(self) -> int:
         """The file that is read, if the stream is one."""

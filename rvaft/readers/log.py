@@ -413,7 +413,7 @@ def expanded(name: str) -> list[str]:
         return [name]
     from glob import iglob  # noqa: PLC0415 -- imported on use
 
-    found = sorted(path for path in iglob(name, recursive=True) if not _is_folder(Path(path)))  # noqa: PTH207 (as typed)
+    found = sorted(path for path in iglob(name, recursive=True) if not _is_folder(Path(path)))  # noqa: PTH207
     if not found:
         raise FileNotFoundError(errno.ENOENT, "no file matches the pattern", name)
     return found

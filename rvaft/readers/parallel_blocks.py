@@ -122,4 +122,4 @@ def _packed(batch: EventBlock) -> bytes:
 
 def _unpacked(data: bytes) -> EventBlock:
     found = memoryview(data)[1:]
-    return EventBlock(*(marshal.loads(found) if data.startswith(b"m") else pickle.loads(found)))  # noqa: S301, S302 (of our own)
+    return EventBlock(*(marshal.loads(found) if data.startswith(b"m") else pickle.loads(found)))  # noqa: S301, S302

@@ -176,7 +176,7 @@ class TraceRun:
                 if statistics is not None:
                     if late or (event_kind.plain and event_kind.noted is statistics):
                         statistics.events += 1
-                        statistics.tally[() if late else event_kind.constant] += 1  # type: ignore[index] # plain says so
+                        statistics.tally[() if late else event_kind.constant] += 1  # type: ignore[index]
                     else:
                         relevant = statistics.add(event, number, prefix, event_kind)
                 elif skips and event_kind.ignored and not (late or event_kind.decided.open):

@@ -28,6 +28,7 @@ from rvaft.errors import (
     expect,
 )
 from rvaft.export import dot_text, looking, picture
+from rvaft.export.property_text import property_text
 from rvaft.language.draft import Draft, no_collections
 from rvaft.language.parser import parse, parse_file
 from rvaft.language.printer import dumps
@@ -217,6 +218,7 @@ def _notebook_svg(tree: RVAFT) -> str | None:
 
 
 RVAFT.notebook_svg = staticmethod(_notebook_svg)
+Branch.text = staticmethod(property_text)
 
 
 def narrowed(tree: RVAFT, branch: int | None = None, kind: Kind | str | None = None) -> RVAFT:

@@ -40,7 +40,7 @@ class Branch:
     """
 
     text: "ClassVar[Callable[[Branch], str]]"
-    """How the property of a branch is written; `rvaft.export` sets it, because writing is above the core."""
+    """How the property of a branch is written; `rvaft.api` sets it, because writing is above the core."""
 
     tree: RVAFT
     number: int

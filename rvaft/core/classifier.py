@@ -431,6 +431,8 @@ class GuardTable(Generic[H_co]):
 def guard_table(asked: Sequence[Guard | None], derive: Callable[[Callable[[int], bool]], H_co]) -> GuardTable[H_co]:
     """The table over these guards, of which those that are None always hold; `derive` asks by their numbers which hold.
 
+    >>> from rvaft.model.guards import Operation, Operator
+    >>> from rvaft.model.patterns import Literal, Variable
     >>> past = lambda number: Operation(Operator.GT, (Variable("X"), Literal(number)))
     >>> table = guard_table([past(1), None, past(5)], lambda holds: [number for number in range(3) if holds(number)])
     >>> table.of({"X": 0}), table.of({"X": 3}), table.of({"X": 9}), table.of({"X": "a"})

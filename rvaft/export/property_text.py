@@ -105,9 +105,6 @@ def property_text(part: RVAFT | Branch, *, limit: int = DEFAULT_LIMIT) -> str:
     return write(_formula(part), TEXT, limit=limit)
 
 
-Branch.text = staticmethod(property_text)
-
-
 def property_unicode(part: RVAFT | Branch, *, limit: int = DEFAULT_LIMIT) -> str:
     """The property on one line of Unicode: `move(Waypoint, _) · [T₂ ≥ T₁ + 10]`.
 

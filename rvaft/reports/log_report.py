@@ -28,6 +28,7 @@ from typing import Any, Final
 from rvaft.core.branches import branches, whole
 from rvaft.core.classifier import Letter
 from rvaft.errors import TooLarge
+from rvaft.export.property_text import property_text
 from rvaft.export.svg import svg_text
 from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import event_text
@@ -487,7 +488,7 @@ class LogReport(Listener):
             [
                 one.number,
                 sorted(kind.value for kind in one.kinds),
-                cut(visible(one.formula), LONGEST),
+                cut(visible(property_text(one)), LONGEST),
                 [self.number[name] for name in one.nodes if self.tree.nodes[name].has_event],
             ]
             for one in watched

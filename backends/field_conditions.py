@@ -6,10 +6,11 @@ A dialect is a subclass with a template for each kind of test. What has no templ
 the dialect's reason.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from enum import Enum
-from typing import ClassVar, Final, TypeAlias
+from typing import ClassVar, TypeAlias
 
 from rvaft.core.conditions import (
     ComparisonTest,
@@ -41,7 +42,7 @@ class Lack(Enum):
     TEXT_FUNCTION = "this function of texts"
 
 
-class FieldConditions:
+class FieldConditions(ABC):
     """The conditions of one language; `{p}` in a template is a path, `{v}` a literal.
 
     >>> class Dialect(FieldConditions):
@@ -74,13 +75,13 @@ class FieldConditions:
     """Whether a comparison with a field says that the field exists."""
     reasons: ClassVar[Mapping[Lack, str]]
 
+    @abstractmethod
     def path(self, way: FieldPath) -> str:
         """A path as the language writes it; raises `NotExpressible`."""
-        raise NotImplementedError
 
+    @abstractmethod
     def literal(self, value: Json) -> str:
         """A constant as the language writes it; raises `NotExpressible`."""
-        raise NotImplementedError
 
     def lacks(self, what: Lack) -> NotExpressible:
         """The refusal for what the language lacks."""
@@ -172,10 +173,7 @@ class FieldConditions:
 
     def any(self, texts: Iterable[str]) -> str:
         """The disjunction, each condition once, in parentheses."""
-        found = list(dict.fromkeys(text for text in texts if text != self.never))
-        if self.always in found or len(found) < 2:
-            return self.always if self.always in found else found[0] if found else self.never
-        return f"({self.disjunction.join(map(self.operand, found))})"
+        return disjunction(texts, self.disjunction, self.always, self.never, self.operand)
 
     def operand(self, text: str) -> str:
         """A condition as an operand of a disjunction."""
@@ -192,14 +190,18 @@ def conjunction(texts: Iterable[str], word: str, always: str, never: str) -> str
     return never if never in found else word.join(found) or always
 
 
-SURROGATES: Final = ("\ud800", "\udfff")
-"""The first and the last half of a surrogate pair."""
+def disjunction(texts: Iterable[str], word: str, always: str, never: str, operand: Callable[[str], str] = str) -> str:
+    """The disjunction of conditions, each once, in parentheses where there are several.
 
+    `operand` writes each of several conditions.
 
-def has_surrogate(text: str) -> bool:
-    """Whether a text has half of a surrogate pair, which no language here can write."""
-    first, last = SURROGATES
-    return any(first <= sign <= last for sign in text)
+    >>> disjunction(["a", "false", "b"], " or ", "true", "false"), disjunction([], " or ", "true", "false")
+    ('(a or b)', 'false')
+    """
+    found = list(dict.fromkeys(text for text in texts if text != never))
+    if always in found:
+        return always
+    return f"({word.join(map(operand, found))})" if len(found) > 1 else next(iter(found), never)
 
 
 @contextmanager

@@ -42,7 +42,8 @@ class Orders:
     >>> from rvaft.core.passes import property_of
     >>> orders = Orders(property_of(loads("top and a o; o or b c;")), limit=100)
     >>> scenario, = orders.scenarios()
-    >>> def letter(event): return "|".join(leaf.event.source.node for leaf in orders.leaves(event))
+    >>> def letter(event):
+    ...     return "|".join(leaf.event.source.node for leaf in orders.groups.get(event, ())) or event.source.node
     >>> letters = {event: letter(event) for event in scenario.events}
     >>> sorted(orders.words(scenario, letters))
     [('a', 'b|c'), ('b|c', 'a')]
@@ -92,10 +93,6 @@ class Orders:
             return with_parts(part, parts)
 
         return replace(prop, root=prop.with_root(prop.root).rewritten(change).root)
-
-    def leaves(self, event: Event) -> tuple[GuardedEvent, ...]:
-        """The leaves of a group; of any other event the event alone, without its guards."""
-        return self.groups.get(event, (GuardedEvent(event),))
 
     def spend(self, steps: int) -> None:
         """Pay for steps of work."""

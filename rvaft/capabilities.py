@@ -220,6 +220,8 @@ def _values(pattern: Pattern) -> Iterator[Value]:
                 yield Value.LIST
             case Literal(str()) | ObjectPattern() | patterns.Variable() | patterns.Anything():
                 pass
+            case _:
+                raise AssertionError(f"no kind of value is known for {part}")
 
 
 class _Tie(NamedTuple):

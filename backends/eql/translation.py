@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from itertools import chain, groupby
 from typing import ClassVar, Final, cast
 
-from backends.field_conditions import FieldConditions, FieldPath, Lack, has_surrogate, naming
+from backends.field_conditions import FieldConditions, FieldPath, Lack, naming
 from backends.orders import Orders, merged
 from rvaft.core.property import Event, Part, Property, Within
 from rvaft.core.scenarios import Scenario
@@ -22,7 +22,7 @@ from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import time_text
 from rvaft.model.guards import Guard, Operator
 from rvaft.model.tree import reachable
-from rvaft.model.values import Json
+from rvaft.model.values import Json, has_surrogate
 
 OPENING: Final = "// rvaft: any of these queries is a detection"
 _WORDS: Final = (

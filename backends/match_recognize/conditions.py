@@ -4,11 +4,11 @@ where it is false or undefined they are FALSE, or NULL.
 What is about one event alone stands in a column of its own; comparisons and sums of several columns are left to SQL.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Final, TypeAlias
 
 from backends.event_columns import constant, require_exact_sums
-from backends.field_conditions import conjunction
+from backends.field_conditions import conjunction, disjunction
 from rvaft.core.conditions import (
     ComparisonTest,
     ConditionTest,
@@ -75,7 +75,7 @@ def written(condition: TruthCondition, column: Column) -> str:
                 raise Unsayable(f"doubles calculate {operator.name.lower()} otherwise")
 
     def join(every: bool, parts: list[str]) -> str:
-        found = conjunction(parts, " AND ", ALWAYS, NEVER) if every else _any(parts)
+        found = conjunction(parts, " AND ", ALWAYS, NEVER) if every else disjunction(parts, " OR ", ALWAYS, NEVER)
         if len(found) > LENGTH:
             raise TooLarge("characters of a condition", limit=LENGTH)
         return found
@@ -90,9 +90,3 @@ def _literal(cell: object) -> str:
         return f"'{quoted}'"
     text = f"{cell!r}" if isinstance(cell, int) or "e" in repr(cell) else f"{cell!r}E0"
     return f"({text})" if text.startswith("-") else text
-
-
-def _any(several: Iterable[str]) -> str:
-    """The disjunction, each condition once."""
-    found = dict.fromkeys(one for one in several if one != NEVER)
-    return ALWAYS if ALWAYS in found else f"({' OR '.join(found)})" if len(found) > 1 else next(iter(found), NEVER)

@@ -24,24 +24,10 @@ __all__ = ["MtlBackend"]
 _UNTIMED: Final = "its discrete time counts events, and windows are of clocks"
 
 
-class MtlBackend(Backend):
-    """Past MTL: what is `scattered`, without variables of several events and without times.
+class MtlCapabilities(Backend):
+    """What past MTL can express, in whichever form its texts are written."""
 
-    >>> from rvaft import loads
-    >>> print(MtlBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text, end="")
-    /* rvaft
-    p1 := { event: "break_in" }
-    p2 := { event: "alarm" }
-    */
-    once({p2: true} and pre(once({p1: true})))
-    """
-
-    name: ClassVar[str] = "mtl"
-    language: ClassVar[str] = "mtl"
-    suffix: ClassVar[str] = ".mtl"
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
-    extra: ClassVar[str] = "mtl"
-    modules: ClassVar[tuple[str, ...]] = ("reelay",)
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends)
@@ -56,6 +42,25 @@ class MtlBackend(Backend):
         Ties.ANY: "a proposition is about one event",
     }
     default_limit: ClassVar[int] = 5_000
+
+
+class MtlBackend(MtlCapabilities):
+    """Past MTL: what is `scattered`, without variables of several events and without times.
+
+    >>> from rvaft import loads
+    >>> print(MtlBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text, end="")
+    /* rvaft
+    p1 := { event: "break_in" }
+    p2 := { event: "alarm" }
+    */
+    once({p2: true} and pre(once({p1: true})))
+    """
+
+    name: ClassVar[str] = "mtl"
+    language: ClassVar[str] = "mtl"
+    suffix: ClassVar[str] = ".mtl"
+    extra: ClassVar[str] = "mtl"
+    modules: ClassVar[tuple[str, ...]] = ("reelay",)
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
         """The formula; raises `TooLarge` beyond `limit` events of all orders, `NotExpressible` for

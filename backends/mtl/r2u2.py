@@ -14,21 +14,18 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar, Final
 
-from backends.mtl import MtlBackend
+from backends.mtl import MtlBackend, MtlCapabilities
 from backends.mtl.reader import definitions
 from backends.mtl.translation import symbols, translation
-from rvaft.backend import Backend, Metrics, SpecificationText
-from rvaft.capabilities import Capability, Ties, Value
-from rvaft.core.passes import Pass
-from rvaft.core.property import Part, Property
+from rvaft.backend import Metrics, SpecificationText
+from rvaft.core.property import Property
 from rvaft.errors import ToolFailed, ToolMissing
-from rvaft.model.guards import Operator
 from rvaft.model.values import Json
-from rvaft.model.verdict import Semantics, Verdict
+from rvaft.model.verdict import Semantics
 
 HORIZON: Final = 2**30 - 1
 """How far operators look back.
@@ -42,7 +39,7 @@ _DEFINITION: Final = re.compile(r"^-- (\w+ := .*\n)", re.MULTILINE)
 _VERDICT: Final = re.compile(r"^0:(\d+),([TF])", re.MULTILINE)
 
 
-class MtlR2u2Backend(Backend):
+class MtlR2u2Backend(MtlCapabilities):
     """What `mtl` says, for R2U2: of the first 1,073,741,824 events, which is why it is not called faithful.
 
     >>> from rvaft import loads
@@ -62,15 +59,6 @@ class MtlR2u2Backend(Backend):
     faithful: ClassVar[bool] = False
     form_of: ClassVar[str] = MtlBackend.name
     readable: ClassVar[bool] = False
-    verdicts: ClassVar[frozenset[Verdict]] = MtlBackend.verdicts
-    semantics: ClassVar[frozenset[Semantics]] = MtlBackend.semantics
-    says: ClassVar[frozenset[type[Part]]] = MtlBackend.says
-    passes: ClassVar[tuple[Pass, ...]] = MtlBackend.passes
-    operators: ClassVar[frozenset[Operator]] = MtlBackend.operators
-    values: ClassVar[frozenset[Value]] = MtlBackend.values
-    ties: ClassVar[Ties] = MtlBackend.ties
-    reasons: ClassVar[Mapping[Capability, str]] = MtlBackend.reasons
-    default_limit: ClassVar[int] = MtlBackend.default_limit
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """The file for C2PO; raises `NotExpressible` and `TooLarge` as `mtl` does."""

@@ -54,7 +54,24 @@ HIGHLIGHTING: Final = Highlighting(
 _UNTIMED: Final = "times are read from texts and decimals, and RML has only the numbers of an event as they stand"
 
 
-class RmlBackend(Backend):
+class RmlCapabilities(Backend):
+    """What RML can express, in whichever form its texts are written."""
+
+    semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
+    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends)
+    operators: ClassVar[frozenset[Operator]] = LOGICAL | COMPARING | CALCULATING
+    values: ClassVar[frozenset[Value]] = JSON_VALUES
+    ties: ClassVar[Ties] = Ties.ANY
+    reasons: ClassVar[Mapping[Capability, str]] = {
+        Within: _UNTIMED,
+        Feature.TIME_POINTS: _UNTIMED,
+        **{one: f"RML has no {one.value}" for one in TEXTUAL | READING},
+    }
+    default_limit: ClassVar[int] = 20_000
+
+
+class RmlBackend(RmlCapabilities):
     """Attack-fault trees in the Runtime Monitoring Language (RML).
 
     Trees without variables and conditions on time are expressed under every semantics, with one
@@ -69,28 +86,12 @@ class RmlBackend(Backend):
     language: ClassVar[str] = "rml"
     suffix: ClassVar[str] = ".rml"
     highlighting: ClassVar[Highlighting] = HIGHLIGHTING
-    semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
-    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
-    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends)
-    operators: ClassVar[frozenset[Operator]] = LOGICAL | COMPARING | CALCULATING
-    values: ClassVar[frozenset[Value]] = JSON_VALUES
-    ties: ClassVar[Ties] = Ties.ANY
-    reasons: ClassVar[Mapping[Capability, str]] = {
-        Within: _UNTIMED,
-        Feature.TIME_POINTS: _UNTIMED,
-        **{one: f"RML has no {one.value}" for one in TEXTUAL | READING},
-    }
-    default_limit: ClassVar[int] = 20_000
     json_alone: ClassVar[bool] = True  # `not matches` takes whatever is not matched
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """The text in RML; raises `NotExpressible` and `TooLarge`."""
-        text, symbols, equations = self._translated(prop, semantics, limit)
+        text, symbols, equations = translate(prop, semantics, limit=limit)
         return SpecificationText(text, Metrics(symbols=symbols, states=equations))
-
-    def _translated(self, prop: Property, semantics: Semantics, limit: int) -> tuple[str, int, int]:
-        """The text, the symbols and the number of its equations."""
-        return translate(prop, semantics, limit=limit)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """A monitor that runs an RML text, whoever wrote it; its texts define their events, so

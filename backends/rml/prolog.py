@@ -9,18 +9,15 @@ matches hardly any event in the other. Here the text brings its own `fits/2`, wh
 published `deep_subdict` does, and means the same in both.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from itertools import product
 from typing import ClassVar, Final
 
-from backends.rml import RmlBackend
+from backends.rml import RmlBackend, RmlCapabilities
 from backends.rml.reader import syntax as s
 from backends.rml.reader.parser import parse
-from rvaft.backend import Backend, Highlighting, SpecificationText
-from rvaft.capabilities import Capability, Ties, Value
-from rvaft.core.passes import Pass
-from rvaft.core.property import Part, Property
-from rvaft.model.guards import Operator
+from rvaft.backend import Highlighting, SpecificationText
+from rvaft.core.property import Property
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 
@@ -174,7 +171,7 @@ def _quoted(text: str, quote: str) -> str:
     return quote + "".join(special.get(c, c if c.isprintable() else f"\\x{ord(c):x}\\") for c in text) + quote
 
 
-class RmlPrologBackend(Backend):
+class RmlPrologBackend(RmlCapabilities):
     """What the published RML compiler would make of the text of `rml`, ready to load without a compiler.
 
     The published monitor and ROSMonitoring's RML oracle both load it. It expresses what `rml`
@@ -195,15 +192,7 @@ class RmlPrologBackend(Backend):
 """,
     )
     form_of: ClassVar[str] = RmlBackend.name
-    semantics: ClassVar[frozenset[Semantics]] = RmlBackend.semantics
-    says: ClassVar[frozenset[type[Part]]] = RmlBackend.says
-    passes: ClassVar[tuple[Pass, ...]] = RmlBackend.passes
-    operators: ClassVar[frozenset[Operator]] = RmlBackend.operators
-    values: ClassVar[frozenset[Value]] = RmlBackend.values
-    ties: ClassVar[Ties] = RmlBackend.ties
-    reasons: ClassVar[Mapping[Capability, str]] = RmlBackend.reasons
     readable: ClassVar[bool] = False
-    default_limit: ClassVar[int] = RmlBackend.default_limit
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """The Prolog module; raises `NotExpressible` and `TooLarge`."""

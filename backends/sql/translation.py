@@ -365,15 +365,11 @@ class SqlQuery:
             raise TooLarge("tables joined in a scenario", limit=TABLES)
         lasts = [f"{alias[name]}.pos" for name in one.before if not any(name in some for some in one.before.values())]
         last = lasts[0] if len(lasts) == 1 else f"{self.dialect.greatest}({', '.join(lasts)})"
-        places_of: dict[str, list[str]] = {}
+        rows_of: dict[str, list[str]] = {}
         for event, row in sorted(alias.items(), key=lambda item: item[0].source.number):
-            places_of.setdefault(event.source.node, []).append(f"{row}.pos")
-        nodes = self._object(
-            (event.source.node, self._numbers(places_of[event.source.node]))
-            for event in alias
-            if event.source.number
-            == min(other.source.number for other in alias if other.source.node == event.source.node)
-        )
+            rows_of.setdefault(event.source.node, []).append(f"{row}.pos")
+        order = dict.fromkeys(event.source.node for event in alias)
+        nodes = self._object((node, self._numbers(rows_of[node])) for node in order)
         what = f"{first}.trace, {last} AS detected, {one.branch} AS branch,\n  {nodes} AS nodes, {values} AS variables"
         condition = "\n  AND ".join(dict.fromkeys([*joins, *where]))
         distinct = "DISTINCT " if self.first and not one.loose else ""

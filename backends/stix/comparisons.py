@@ -8,11 +8,11 @@ from collections.abc import Callable, Mapping, Sequence
 from decimal import Decimal
 from typing import ClassVar, Final
 
-from backends.field_conditions import FieldConditions, FieldPath, Lack, has_surrogate
+from backends.field_conditions import FieldConditions, FieldPath, Lack
 from backends.stix.observations import EVENT
 from rvaft.errors import NotExpressible
 from rvaft.model.guards import Operator
-from rvaft.model.values import Json
+from rvaft.model.values import Json, has_surrogate
 
 _WORD: Final = re.compile(r"[a-z_][a-z0-9_]*", re.ASCII)
 _MADE: Final = re.compile(r"[^\0-\x7f]|[;K`]")

@@ -21,6 +21,7 @@ from typing import ClassVar, Final, assert_never
 
 from backends.rml import RmlBackend
 from backends.rml.writer.terms import LARGEST, RmlNames, applied, quoted, spellings
+from rvaft.backend import Metrics, SpecificationText
 from rvaft.capabilities import Capability, Feature
 from rvaft.core.passes import Pass
 from rvaft.core.property import EndInOrder, Property, Times, Within
@@ -413,5 +414,7 @@ class RmlPaperBackend(RmlBackend):
         **dict.fromkeys((Semantics, Times, EndInOrder, Within, Feature.TIME_POINTS), _UNSAID),
     }
 
-    def _translated(self, prop: Property, semantics: Semantics, limit: int) -> tuple[str, int, int]:
-        return specification(prop.asked or prop.tree, semantics, limit)
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
+        """The text as the paper translates it; raises `NotExpressible` and `TooLarge`."""
+        text, symbols, equations = specification(prop.asked or prop.tree, semantics, limit)
+        return SpecificationText(text, Metrics(symbols=symbols, states=equations))

@@ -23,6 +23,7 @@ from rvaft.core.property import (
     Sequence,
     Times,
     Within,
+    fewest,
 )
 from rvaft.model.guards import Guard
 
@@ -142,8 +143,7 @@ def numbered(prop: Property) -> NumberedParts:
     found = []
     for part in prop.parts:
         inner = tuple(number[one] for one in part.parts)
-        need = part.need if isinstance(part, AtLeast) else 1 if isinstance(part, One) else len(inner)
-        found.append(NumberedPart(op_of(part), inner, need, part))
+        found.append(NumberedPart(op_of(part), inner, fewest(part), part))
     return NumberedParts(tuple(found))
 
 

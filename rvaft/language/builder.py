@@ -31,7 +31,7 @@ from rvaft.model.guards import (
 )
 from rvaft.model.nodes import Causality, EventType, Ignore, Kind, On, Place
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
-from rvaft.model.values import Scalar, is_number
+from rvaft.model.values import Scalar, has_surrogate, is_number
 from rvaft.model.verdict import Semantics
 
 # ruff: noqa: D102 - what a method is about is the rule of its name in the grammar
@@ -124,7 +124,7 @@ def text_of(token: Token) -> str:
         text: str = json.loads(token)
     except ValueError:
         raise Slip("unknown escape in a string: a backslash is written \\\\", token) from None
-    if any("\ud800" <= character <= "\udfff" for character in text):
+    if has_surrogate(text):
         raise Slip("half of a surrogate pair in a string: write the whole character", token)
     return text
 

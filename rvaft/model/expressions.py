@@ -21,7 +21,7 @@ from rvaft.model.guards import (
 )
 from rvaft.model.nodes import Argument, Gate, Node, On
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
-from rvaft.model.values import Scalar
+from rvaft.model.values import Scalar, has_surrogate
 
 STATEMENTS: Final = ("toplevel", "event", "ignore", "import", "prune", "causality", "param")
 TOPIC: Final = "topic"
@@ -52,7 +52,7 @@ def bare_name(name: str) -> bool:
 
 def quoted(text: str) -> str:
     """A text as a string of the language, which is a JSON string; raises `LanguageError` for half a surrogate pair."""
-    if any("\ud800" <= character <= "\udfff" for character in text):
+    if has_surrogate(text):
         raise LanguageError("half of a surrogate pair cannot be written")
     return json.dumps(text, ensure_ascii=False)
 

@@ -174,3 +174,12 @@ def exact(value: Json) -> Hashable:
 def fingerprint(binding: Mapping[str, Json]) -> frozenset[tuple[str, Hashable]]:
     """A hashable stand-in for a binding: equal where nothing can tell the values apart."""
     return frozenset((name, exact(value)) for name, value in binding.items())
+
+
+def has_surrogate(text: str) -> bool:
+    r"""Whether a text has half of a surrogate pair, which no text of UTF-8 can hold.
+
+    >>> has_surrogate("a\ud800"), has_surrogate("a")
+    (True, False)
+    """
+    return any("\ud800" <= character <= "\udfff" for character in text)

@@ -1,3 +1,0 @@
-a(position: int)
-b(position: int)
-c(position: int)

@@ -9,7 +9,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 PROGRAMS := tests/export tests/cli/test_processes.py tests/cli/test_show.py tests/cross_check/test_mona.py
 
-.PHONY: demo paper test bare check lint types layers slow bench clean
+.PHONY: demo paper docs pictures test bare check lint types layers slow bench clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "rvaft needs Python 3.11 or newer; this is %d.%d (set PYTHON=...)" % sys.version_info[:2])'
@@ -46,6 +46,13 @@ paper: $(STAMP)
 	@echo "Computing tables, figures and measurements into out/; one or two minutes"
 	$(BIN)/python -m papers.fmas2022
 
+# The site, in out/site; a broken link or anchor is an error. The notice is about a release of MkDocs that is not used.
+docs: $(STAMP)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+pictures: $(STAMP)
+	$(BIN)/python docs/pictures.py
+
 test: $(STAMP)
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow" --ignore tests/benchmarks
 
@@ -66,7 +73,7 @@ types: $(STAMP)
 layers: $(STAMP)
 	$(BIN)/lint-imports
 
-check: lint types layers test bare
+check: lint types layers docs test bare
 
 slow: $(STAMP)
 	$(BIN)/python -m pytest -m slow

@@ -1,6 +1,6 @@
 """A tree for other programs: all of it as JSON, and what fault-tree tools know of it in Galileo's format.
 
-The schema of the JSON is in `docs/drawing.md`.
+The schema of the JSON is in `docs/how-to/drawing.md`.
 
 Galileo has no SAND: it becomes the priority AND (`pand`), `sand_rl` with its children turned round.
 Over single events that means the same. Events, guards, times, kinds, labels and `ignore` have no

@@ -2,7 +2,7 @@
 
 The signs are those of Cardoso, Ferrando and Fisher, Extending Attack-Fault Trees with Runtime
 Verification (FMAS 2022), with one difference, a sign of its own for one after the other;
-`docs/cli.md` has their table. For display only; nothing is run from it, and a node that several
+`docs/reference/command-line.md` has their table. For display only; nothing is run from it, and a node that several
 parents share stands wherever it is used.
 """
 

@@ -1,6 +1,6 @@
 """All rules: one table, what every code means, and the checks that everything else relies on.
 
-`python -m rvaft.rules.registry > docs/rules.md` writes the reference page.
+The documentation has the result of `page` as its reference of the rules.
 """
 
 import tomllib
@@ -234,7 +234,3 @@ def page() -> str:
         sections += _SECTION.format(code=code, severity=severity, said=said, language=language)
     others = "".join(f"- `{code}`: {meanings()[code].title}. {meanings()[code].explanation}\n" for code in CODES)
     return _PAGE.format(table=table, sections=sections, others=others)
-
-
-if __name__ == "__main__":
-    print(page(), end="")

@@ -5,7 +5,6 @@ import re
 from collections.abc import Iterable
 from importlib.util import find_spec
 from itertools import product
-from pathlib import Path
 
 import pytest
 from _pytest.mark.structures import ParameterSet
@@ -45,11 +44,7 @@ def test_shell(block: Block, monkeypatch: pytest.MonkeyPatch) -> None:
             assert run(command) == shown, command
 
 
-SESSIONS = [block for block in blocks("python") if block.page.name != "rules.md"]
-"""The blocks of the page of rules are bad and mended trees, which the tests of the rules run."""
-
-
-@pytest.mark.parametrize("block", params(SESSIONS))
+@pytest.mark.parametrize("block", params(blocks("python")))
 def test_python(block: Block, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     example = doctest.DocTestParser().get_doctest(block.text, {}, str(block), str(block.page), block.line)
@@ -61,7 +56,11 @@ def test_python(block: Block, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_table_of_languages_says_what_they_express() -> None:
     pytest.importorskip("yaml", reason="needs PyYAML")
-    lines = [line for line in (ROOT / "docs/findings.md").read_text(encoding="utf-8").splitlines() if line[:2] == "| "]
+    lines = [
+        line
+        for line in (ROOT / "docs/explanation/findings.md").read_text(encoding="utf-8").splitlines()
+        if line[:2] == "| "
+    ]
     (_, _, *languages), _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
     assert len(rows) > 10
     for tree, under, *cells in rows:
@@ -78,13 +77,8 @@ NAMED = re.compile(r"`((?:rvaft|backends|cross_check|tests|trees|papers|docs)/[\
 
 
 def test_the_files_that_pages_name_are_there() -> None:
-    pages = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("tests/*.md"), *ROOT.glob("papers/**/*.md")]
+    pages = [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("tests/*.md"), *ROOT.glob("papers/**/*.md")]
     named = {(page, name) for page in pages for name in NAMED.findall(page.read_text()) if "NAME" not in name}
     assert len(named) > 20
     lost = [(page.name, name) for page, name in named if not any((at / name).exists() for at in (ROOT, page.parent))]
     assert lost == []
-
-
-def test_the_readme_has_a_tour() -> None:
-    assert len(list(blocks("sh"))) > 5
-    assert Path(ROOT / "README.md").stat().st_size > 1000

@@ -1,0 +1,123 @@
+"""Pages of the site that come from the program, and the pages beside the README.
+
+MkDocs calls `on_files` once for each build. These pages are not stored, so they cannot differ from
+the program.
+"""
+
+import posixpath
+import re
+import sys
+from collections.abc import Iterator, Set
+from pathlib import Path
+from typing import Final
+
+import click
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT: Final = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))  # the checkout, also where another rvaft is installed
+
+from rvaft.backend import all_backends, backend  # noqa: E402
+from rvaft.capabilities import table  # noqa: E402
+from rvaft.cli import loaded, main  # noqa: E402
+from rvaft.rules.registry import page as rules  # noqa: E402
+
+COPIED: Final = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
+"""Files of the checkout that are pages of the site, with their names on the site."""
+BAR: Final = "\\|"
+"""What stands for a bar in a cell of a table."""
+_LINK: Final = re.compile(r"(?<!!)\[([^\[\]]*)\]\((?!https?:|#)([^)#]*)(#[^)]*)?\)")
+_ESCAPES: Final = str.maketrans({"|": "\\|", "<": "&lt;", "[": "\\["})
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the generated pages to the files of the site."""
+    for name, text in generated().items():
+        files.append(File.generated(config, name, content=text))
+    return files
+
+
+def on_page_markdown(markdown: str, *, page: Page, files: Files, **_: object) -> str:
+    """Change the links of a page that lead out of the folder `docs`."""
+    name = page.file.src_uri
+    source = next((source for source, copy in COPIED.items() if copy == name), f"docs/{name}")
+    return linked(markdown, source, name, set(files.src_uris))
+
+
+def linked(text: str, source: str, name: str, known: Set[str]) -> str:
+    """Return the text of a page with its links as they are on the site.
+
+    `source` is the file of the page in the checkout and `name` its name on the site. A link to a
+    file that is not `known` on the site becomes plain text.
+    """
+
+    def link(found: re.Match[str]) -> str:
+        words, target, anchor = found[1], found[2], found[3] or ""
+        if not target:
+            return found[0]
+        file = posixpath.normpath(posixpath.join(posixpath.dirname(source), target))
+        place = COPIED.get(file, file.removeprefix("docs/"))
+        if place not in known:
+            return words if (ROOT / file).exists() else found[0]  # a broken link stays, so that MkDocs reports it
+        return f"[{words}]({posixpath.relpath(place, posixpath.dirname(name) or '.')}{anchor})"
+
+    text = _LINK.sub(link, text)
+    return text.replace('"docs/', '"').replace("](docs/pictures/", "](pictures/") if source in COPIED else text
+
+
+def generated() -> dict[str, str]:
+    """Return the text of each page that is not stored in `docs`, by its name on the site."""
+    copies = {name: (ROOT / source).read_text(encoding="utf-8") for source, name in COPIED.items()}
+    return {
+        **copies,
+        "reference/cli.md": command_line(),
+        "reference/rules.md": rules(),
+        "reference/capabilities.md": capabilities(),
+    }
+
+
+def command_line() -> str:
+    """Return the reference of the command line, from the parser of each command."""
+    context = click.Context(main, info_name="rvaft")
+    introduction = (
+        "# Commands and options\n\nThis page is generated from the parser. `rvaft COMMAND --help` prints the same text."
+        "\n[Command line](command-line.md) explains formats and the exit status.\n"
+    )
+    parts = [introduction]
+    for name in main.list_commands(context):
+        command = loaded(name)
+        inner = click.Context(command, info_name=name, parent=context)
+        usage = command.get_usage(inner).removeprefix("Usage: ")
+        summary = "\n".join(line.strip() for line in (command.help or "").replace("\b", "").splitlines())
+        rows = "".join(f"| {option} | {_cell(text)} |\n" for option, text in _options(command, inner))
+        parts.append(
+            f"## {name}\n\n```text\n{' '.join(usage.split())}\n```\n\n{summary}\n\n"
+            f"| option | meaning |\n| --- | --- |\n{rows}"
+        )
+    return "\n".join(parts)
+
+
+def _options(command: click.Command, context: click.Context) -> Iterator[tuple[str, str]]:
+    for parameter in command.get_params(context):
+        if isinstance(parameter, click.Option) and (record := parameter.get_help_record(context)):
+            names, text = record
+            yield f"`{names.replace('|', BAR)}`", text
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).translate(_ESCAPES)
+
+
+def capabilities() -> str:
+    """Return the table of what each language can express."""
+    found = {name: one for name in all_backends() if (one := backend(name)).form_of is None}
+    header, *rows = table({name: one.capabilities() for name, one in found.items()})
+    lines = [f"| {' | '.join(map(_cell, row))} |" for row in (header, ["---"] * len(header), *rows)]
+    return (
+        "# Capabilities\n\nWhat each backend lists, as `rvaft backends --capabilities` prints it. A tree that needs "
+        "something\nelse is refused with the reason. A backend may refuse a combination of things that it lists.\n\n"
+        + "\n".join(lines)
+        + "\n"
+    )

@@ -1,0 +1,97 @@
+"""Write the pictures of the documentation: trees as SVG, the report page as PNG, each light and dark.
+
+`make pictures` runs this script. It needs Chromium and its driver for the page.
+"""
+
+import os
+import re
+import shutil
+import sys
+import tempfile
+import tomllib
+from pathlib import Path
+from typing import Final
+
+from selenium import webdriver
+
+import rvaft
+from rvaft.cli import main
+from rvaft.export.svg import svg_text
+
+ROOT: Final = Path(__file__).parents[1]
+PICTURES: Final = ROOT / "docs" / "pictures"
+TREE: Final = "docs/first/break_in.rvaft"
+LOG: Final = "docs/first/break_in.traces/monday.jsonl"
+THEMES: Final = ("light", "dark")
+_PAGE: Final = Path(rvaft.__file__).parent / "reports" / "log_report.html"
+_VARIABLE: Final = re.compile(r"--(\w+): light-dark\(([^,]+), ([^)]+)\)")
+_SETTINGS: Final = ("headless=new", "no-sandbox", "disable-gpu", "window-size=1180,860", "hide-scrollbars")
+
+
+def style(theme: str) -> str:
+    """Return the rules of the report page for trees, with the colours of a theme."""
+    text = _PAGE.read_text(encoding="utf-8")
+    colours = {name: dark if theme == "dark" else light for name, light, dark in _VARIABLE.findall(text)}
+    rules = "\n".join(line for line in text.splitlines() if line.startswith("svg "))
+    return re.sub(r"var\(--(\w+)\)", lambda found: colours[found[1]], rules)
+
+
+def drawing(tree: rvaft.RVAFT, theme: str) -> str:
+    """Return a tree as SVG in the colours of a theme, without a background."""
+    head, body = svg_text(tree).split(">", 1)
+    return f"{head}><style>\n{style(theme)}\n</style>{body}"
+
+
+def badge(label: str, value: str) -> str:
+    """Return a badge as SVG."""
+    left, right = (10 + 7 * len(word) for word in (label, value))
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{left + right}" height="20" role="img" '
+        f'aria-label="{label}: {value}"><rect width="{left}" height="20" fill="#555"/>'
+        f'<rect x="{left}" width="{right}" height="20" fill="#1f5fbf"/>'
+        f'<g fill="#fff" text-anchor="middle" font-family="Verdana,DejaVu Sans,sans-serif" font-size="11">'
+        f'<text x="{left / 2}" y="14">{label}</text><text x="{left + right / 2}" y="14">{value}</text></g></svg>\n'
+    )
+
+
+def badges() -> dict[str, str]:
+    """Return the badges by file name, from what `pyproject.toml` states."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    return {
+        "licence.svg": badge("licence", project["license"]),
+        "python.svg": badge("python", project["requires-python"].removeprefix(">=") + " or newer"),
+    }
+
+
+def screenshots() -> None:
+    """Write the report page of the first log as PNG."""
+    program, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if program is None or driver is None:
+        sys.exit("the picture of the report page needs chromium and chromium-driver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = program
+    for setting in _SETTINGS:
+        options.add_argument(f"--{setting}")
+    with tempfile.TemporaryDirectory() as folder:
+        page = Path(folder) / "page.html"
+        main(["report", TREE, LOG, "-o", str(page)], standalone_mode=False)
+        browser = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+        try:
+            for theme in THEMES:
+                media = {"features": [{"name": "prefers-color-scheme", "value": theme}]}
+                browser.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
+                browser.get(page.as_uri())
+                browser.find_element("tag name", "body").send_keys("\ue010")  # the key End: after the last event
+                browser.save_screenshot(str(PICTURES / f"report-{theme}.png"))
+        finally:
+            browser.quit()
+
+
+if __name__ == "__main__":
+    os.chdir(ROOT)
+    PICTURES.mkdir(exist_ok=True)
+    for theme in THEMES:
+        (PICTURES / f"break_in-{theme}.svg").write_text(drawing(rvaft.load(TREE), theme), encoding="utf-8")
+    for name, text in badges().items():
+        (PICTURES / name).write_text(text, encoding="utf-8")
+    screenshots()

@@ -18,7 +18,7 @@ class Doctests(griffe.Extension):
 
 
 def fenced(text: str) -> str:
-    """Return a docstring with its examples in fences.
+    r"""Return a docstring with its examples in fences.
 
     >>> print(fenced("One more.\\n\\n>>> 1 + 1\\n2"))
     One more.

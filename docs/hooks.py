@@ -24,7 +24,14 @@ from rvaft.capabilities import table  # noqa: E402
 from rvaft.cli import loaded, main  # noqa: E402
 from rvaft.rules.registry import page as rules  # noqa: E402
 
-COPIED: Final = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
+CASES: Final = sorted(page.parent.name for page in (ROOT / "trees").glob("*/README.md"))
+"""The folders of `trees` that have a page."""
+COPIED: Final = {
+    "README.md": "index.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "CHANGELOG.md": "changelog.md",
+    **{f"trees/{case}/README.md": f"examples/{case}.md" for case in CASES},
+}
 """Files of the checkout that are pages of the site, with their names on the site."""
 BAR: Final = "\\|"
 """What stands for a bar in a cell of a table."""
@@ -36,6 +43,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the generated pages to the files of the site."""
     for name, text in generated().items():
         files.append(File.generated(config, name, content=text))
+    for case in CASES:
+        picture = (ROOT / "trees" / case / "picture.svg").read_text(encoding="utf-8")
+        files.append(File.generated(config, f"examples/{case}.svg", content=picture))
     return files
 
 
@@ -63,7 +73,7 @@ def linked(text: str, source: str, name: str, known: Set[str]) -> str:
             return words if (ROOT / file).exists() else found[0]  # a broken link stays, so that MkDocs reports it
         return f"[{words}]({posixpath.relpath(place, posixpath.dirname(name) or '.')}{anchor})"
 
-    text = _LINK.sub(link, text)
+    text = _LINK.sub(link, text).replace("](picture.svg)", f"]({posixpath.basename(name).removesuffix('.md')}.svg)")
     return text.replace('"docs/', '"').replace("](docs/pictures/", "](pictures/") if source in COPIED else text
 
 
@@ -75,7 +85,17 @@ def generated() -> dict[str, str]:
         "reference/cli.md": command_line(),
         "reference/rules.md": rules(),
         "reference/capabilities.md": capabilities(),
+        "reference/grammar.md": grammar(),
     }
+
+
+def grammar() -> str:
+    """Return the page with the grammar of the tree language."""
+    text = (ROOT / "rvaft" / "language" / "grammar.lark").read_text(encoding="utf-8")
+    return (
+        "# Grammar\n\nThe grammar of the [tree language](language.md), in the notation of Lark. It is LALR(1); the "
+        f"lexer\nknows which terminals can stand at a place.\n\n```text\n{text}```\n"
+    )
 
 
 def command_line() -> str:

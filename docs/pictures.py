@@ -22,6 +22,19 @@ ROOT: Final = Path(__file__).parents[1]
 PICTURES: Final = ROOT / "docs" / "pictures"
 TREE: Final = "docs/first/break_in.rvaft"
 LOG: Final = "docs/first/break_in.traces/monday.jsonl"
+CASES: Final = {
+    "cloudtrail": "takeover",
+    "greenhouse": "frost",
+    "journald": "root_shell",
+    "multiprocessor": "halt",
+    "orders": "unpaid",
+    "pipeline": "pollution",
+    "pressure_tank": "tank",
+    "remote_inspection": "pruned",
+    "ssh": "guessed",
+    "vehicle": "takeover",
+}
+"""The tree that is drawn for each case in `trees`."""
 THEMES: Final = ("light", "dark")
 _PAGE: Final = Path(rvaft.__file__).parent / "reports" / "log_report.html"
 _VARIABLE: Final = re.compile(r"--(\w+): light-dark\(([^,]+), ([^)]+)\)")
@@ -40,6 +53,19 @@ def drawing(tree: rvaft.RVAFT, theme: str) -> str:
     """Return a tree as SVG in the colours of a theme, without a background."""
     head, body = svg_text(tree).split(">", 1)
     return f"{head}><style>\n{style(theme)}\n</style>{body}"
+
+
+def both(tree: rvaft.RVAFT) -> str:
+    """Return a tree as SVG in the colours that the viewer prefers."""
+    head, body = svg_text(tree).split(">", 1)
+    dark = f"@media (prefers-color-scheme: dark) {{\n{style('dark')}\n}}"
+    return f"{head}><style>\n{style('light')}\n{dark}\n</style>{body}"
+
+
+def cases() -> dict[Path, str]:
+    """Return the picture of each case by its file."""
+    folders = {ROOT / "trees" / folder: name for folder, name in CASES.items()}
+    return {folder / "picture.svg": both(rvaft.load(folder / f"{name}.rvaft")) for folder, name in folders.items()}
 
 
 def badge(label: str, value: str) -> str:
@@ -94,4 +120,6 @@ if __name__ == "__main__":
         (PICTURES / f"break_in-{theme}.svg").write_text(drawing(rvaft.load(TREE), theme), encoding="utf-8")
     for name, text in badges().items():
         (PICTURES / name).write_text(text, encoding="utf-8")
+    for file, text in cases().items():
+        file.write_text(text, encoding="utf-8")
     screenshots()

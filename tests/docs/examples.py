@@ -45,7 +45,7 @@ class Block:
 
 def pages() -> list[Path]:
     """README and the documentation."""
-    return [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    return [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "trees").glob("*/README.md"))]
 
 
 def blocks(language: str) -> Iterator[Block]:

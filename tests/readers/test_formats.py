@@ -484,7 +484,7 @@ def test_what_python_is_told(tmp_path: Path) -> None:
 
 
 def test_the_events_that_the_page_names() -> None:
-    page = (ROOT / "docs" / "logs.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "how-to" / "logs.md").read_text(encoding="utf-8")
     pattern = {"pattern": re.findall(r"--pattern '(.+)'", page)[0]}
     logs = [
         ("doors.csv", 1, {}),

@@ -1,4 +1,4 @@
-"""The node of `docs/ros.md`, with stand-ins for `rclpy`; and what a message is as an event, which
+"""The node of `docs/how-to/ros.md`, with stand-ins for `rclpy`; and what a message is as an event, which
 is the same as in a recording.
 """
 
@@ -119,7 +119,7 @@ def test_the_values_of_a_message_are_json() -> None:
 
 
 def test_the_node_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    page = (ROOT / "docs" / "ros.md").read_text(encoding="utf-8").split("## A node of your own")[1]
+    page = (ROOT / "docs" / "how-to" / "ros.md").read_text(encoding="utf-8").split("## A node of your own")[1]
     found = re.search(r"```py\n(.*?)```", page, re.DOTALL)
     assert found is not None
     tree = tmp_path / "mission.rvaft"

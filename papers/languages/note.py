@@ -42,59 +42,71 @@ gate, within its limit.
 """
 
 _HEAD: Final = """\
-# Specification languages compared
+# Evaluation: {languages} specification languages
 
-One tree in {languages} languages: which of them can say it, how large, how fast. `python -m
-papers.languages` measures all of it anew and writes this page and, beside it,
+One set of attack-fault trees is translated into {languages} specification languages.
 
-| file | what is in it |
+- **RQ1** Which language can express which tree?
+- **RQ2** How does the size of a specification grow with the tree?
+- **RQ3** How long do translation and monitoring take?
+
+## Method
+
+| factor | values |
 | --- | --- |
-| `languages.csv` | every measurement; [docs/compare.md](../../docs/compare.md) explains the columns |
-| `expressible.tex` | the first table below, for LaTeX |
-| `capabilities.tex` | the second table below, for LaTeX |
-| `languages.tex`, `short.tex` | LaTeX tables of all, and of a selection of gates |
-| `figures/` | plots: `gates-MEASURE-SEMANTICS`, each as PDF and PNG |
+| trees | each gate with 1 to {most} children, votes with each threshold, and the {trees} trees of RQ1 |
+| semantics | `strict`, `projected`, `consecutive`, `scattered` |
+| languages | {names} |
 
-It takes some minutes; `--resume` goes on after an interruption. Sizes are the same in every run,
-times are those of the machine that wrote this page,
-and of what else it did then: `--resume` keeps the times of earlier runs.
+There are {count} measurements: {outcomes}. Each runs in a process of its own. Automata are limited to
+{limit:,} states, other languages to the default limit of `rvaft emit`. [Compare
+languages](../../docs/how-to/compare.md) defines the measures. Every text that can be run is compared with
+the reference evaluator on the traces that are timed.
 
-Where a text that people write in one of these languages says something else than the tree, without
-a word, is on the page of [findings](../../docs/findings.md).
+`python -m papers.languages` repeats all measurements and writes this page; `--resume` continues.
 
-## Which can say what
+| file | content |
+| --- | --- |
+| `languages.csv` | every measurement |
+| `expressible.tex`, `capabilities.tex` | RQ1 and the capabilities of the backends, for LaTeX |
+| `languages.tex`, `short.tex` | all sizes and times, and a selection |
+| `figures/` | plots, each as PDF and PNG |
 
-A number is the reason why not, below the table. All trees are under `scattered`; the last rows say
-of how many of these {trees} trees a language can say what they mean under each semantics.
+## RQ1: expressiveness
 
-"""
-_CAPABILITIES: Final = """
-## What each backend lists
+All trees are under `scattered`; the last rows count the trees that a language expresses under each
+semantics. A number refers to the reason below the table.
 
-A backend refuses every tree that has something which the backend does not list. The table is made
-from the lists of the backends
-(`rvaft backends --capabilities`). A "yes" means that the backend writes it for some trees.
-
-"""
-_MEASURED: Final = """
-## What was measured
-
-Every gate with 1 to {most} children, VOT with every threshold, and the trees above, under each
-semantics, in each language: {count} measurements, {outcomes}. Automata are made up to {limit:,}
-states, all else as far as `rvaft emit` goes.
 """
 _SEEN: Final = """
-## What is seen in the sizes
+## RQ2: sizes
 
-Each sentence is held against every cell that it is about. n is the number of children, k how many
-are needed; C(n,k) is a binomial.
+Each statement is checked against all cells that it is about. n is the number of children, k the number
+that are needed; C(n,k) is a binomial coefficient.
+"""
+_LIMITS: Final = """
+### Limits
+
 """
 _TABLES: Final = """
-## Sizes and times at {few} children
+## RQ3: times at {few} children
 
-`scattered`, which all but the paper's translation can say. Languages with * tell detections alone:
-their programs look at whole traces, and are asked for the first detection in each. {emitted} are
-only emitted: there is nothing to read or run.
+Under `scattered`, which all languages but the translation of the paper express. Languages with * report
+detections only: their programs look at whole traces and are asked once for each. {emitted} are only
+emitted.
+"""
+_THREATS: Final = """
+## Threats to validity
+
+- **Construct.** Symbols are tokens, and languages differ in what they need tokens for. The count of HOA
+  includes its header, which defines the events; the counts of LTLf and MTL leave such headers out.
+- **Internal.** Times come from one machine with two shared cores; `--resume` keeps times of earlier runs.
+  Sizes do not depend on the machine. Monitors in Python (RML, LTLf, HOA) are compared with programs in
+  other languages (Reelay, SQLite), so speeds compare programs and not languages.
+- **External.** Gates over single events show growth, not typical trees. The trees of RQ1 are chosen to
+  separate languages.
+- **Agreement.** A text may be wrong on traces that were not tried. `rvaft cross-check` searches further,
+  and proves agreement where a language has three verdicts and no events are tied.
 """
 _LEGEND: Final[Mapping[str, Callable[[Measurement], str]]] = {
     "Symbols": lambda row: "-" if row.symbols is None else f"{row.symbols:,}",
@@ -115,19 +127,21 @@ def note(rows: Sequence[Measurement], limit: int) -> str:
     counts = [(outcome, sum(row.ended is outcome for row in rows)) for outcome in Outcome]
     outcomes = ", ".join(f"{count:,} {outcome}" for outcome, count in counts if count)
     emitted = [name for name in names if any(row.only_emitted for row in rows if row.language == name)]
-    parts = [
-        _HEAD.format(languages=len(names), trees=len(TREES)),
-        _lines(_markdown(*expressible(rows))),
-        _CAPABILITIES,
-        _lines(_markdown(capabilities(names), ())),
-        _MEASURED.format(most=most, count=f"{len(rows):,}", outcomes=outcomes, limit=limit),
-        _lines(_large([row for row in rows if row.gate is not None])),
-        _SEEN,
-    ]
+    head = _HEAD.format(
+        languages=len(names),
+        most=most,
+        trees=len(TREES),
+        names=", ".join(f"`{name}`" for name in names),
+        count=f"{len(rows):,}",
+        outcomes=outcomes,
+        limit=limit,
+    )
+    parts = [head, _lines(_markdown(*expressible(rows))), _SEEN]
     for title, findings in SECTIONS.items():
         parts += [f"\n### {title}\n\n", *(_finding(finding, rows) for finding in findings)]
+    parts += [_LIMITS, _lines(_large([row for row in rows if row.gate is not None]))]
     parts.append(_TABLES.format(few=FEW, emitted=", ".join(f"`{name}`" for name in emitted)))
-    return "".join([*parts, _lines(_sizes_and_times(rows))])
+    return "".join([*parts, _lines(_sizes_and_times(rows)), _THREATS])
 
 
 def languages(rows: Sequence[Measurement]) -> list[str]:

@@ -60,8 +60,8 @@ One set of attack-fault trees is translated into {languages} specification langu
 
 There are {count} measurements: {outcomes}. Each runs in a process of its own. Automata are limited to
 {limit:,} states, other languages to the default limit of `rvaft emit`. [Compare
-languages](../../docs/how-to/compare.md) defines the measures. Every text that can be run is compared with
-the reference evaluator on the traces that are timed.
+languages](../../docs/how-to/compare.md) defines the measures. Every text that can be run must give the verdicts
+of the engine on the traces that are timed.
 
 `python -m papers.languages` repeats all measurements and writes this page; `--resume` continues.
 

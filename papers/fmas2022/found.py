@@ -56,24 +56,24 @@ def _published(tree: str, semantics: str, name: str, *, trace: str = "", words: 
         _RUN.format(f"$OUT/{name}.pl", given),
     ]
     *quiet, last = (Step(command, needs=COMPILER + MONITOR) for command in commands)
-    return replace(quiet[0], before="And by the published tools:"), *quiet[1:], replace(last, shows=_REJECTED)
+    return replace(quiet[0], before="By the published tools:"), *quiet[1:], replace(last, shows=_REJECTED)
 
 
 FINDINGS: Final = (
     Finding(
         "The Listing uses NewWp where nothing binds it",
-        "In the Listing the altered goal may follow the radiation reading directly. Its guard compares the "
-        "goal with NewWp, "
-        "which only the other alternative binds. The formula φ of section 4.2 has the command to move before both.",
+        "In the Listing the altered goal may follow the radiation reading directly. Its guard compares the goal "
+        "with NewWp, which only the other alternative binds. In the formula φ of section 4.2 the command to move "
+        "precedes both.",
         (
             Step(f"rvaft check {_TREES}/listing.rvaft", "variable NewWp in the guard of altered is not bound"),
             Step(
                 f"rvaft check {_TREES}/pruned.rvaft",
-                before="In the tree the command to move stands before the choice, and nothing is found:",
+                before="In the tree the command to move precedes the choice, and there is no finding:",
             ),
             Step(
                 f"rvaft emit {_TREES}/pruned.rvaft --to rml --semantics strict -o $OUT/listing.rml",
-                before="What the Listing is to say, in RML (`listing.rml`), means what the tree means:",
+                before="The intended Listing in RML (`listing.rml`) agrees with the tree:",
             ),
             Step(
                 f"rvaft cross-check {_TREES}/pruned.rvaft --against $OUT/listing.rml --semantics strict | "
@@ -84,11 +84,8 @@ FINDINGS: Final = (
     ),
     Finding(
         "The published compiler rejects the Listing as printed",
-        "In print the variables of event types begin with capitals, some strings stand without quotes "
-        "(topics have them) and guards are joined "
-        "by `and`. In RML variables are written in lower case, every string in quotes, and guards join by "
-        "`&&`. `in_print.rml` is a small text in the manner of "
-        "the Listing, since the Listing itself is its authors'.",
+        "The printed Listing writes variables with capitals, some strings without quotes, and `and` in guards. RML "
+        "wants lower case, quotes, and `&&`. `in_print.rml` is a small text in the style of the Listing.",
         (
             Step(
                 _COMPILE.format(f"{_TEXTS}/in_print.rml", "$OUT/printed.pl") + " && wc -c < $OUT/printed.pl",
@@ -103,60 +100,61 @@ FINDINGS: Final = (
             Step(
                 f"rvaft emit {_TREES}/pruned.rvaft --to rml --semantics strict -o $OUT/listing.rml",
                 needs=COMPILER,
-                before="The one that `make paper` writes:",
+                before="The text that `make paper` writes:",
             ),
             Step(_COMPILE.format("$OUT/listing.rml", "$OUT/listing.pl"), needs=COMPILER),
         ),
         asked="Whether the published compiler takes the Listing as printed",
-        seen="The compiler stops at the first variable, as it does on the Listing itself. It complains on "
-        "standard error, writes nothing, "
-        "and ends with exit status 0. The one that `make paper` writes compiles without a word.",
+        seen="The compiler stops at the first variable, writes nothing, and ends with exit status 0. The text that "
+        "`make paper` writes compiles.",
     ),
     Finding(
         "The event types of the Listing match no event of the tables, and do not tell an inspection from a move",
-        "Topics of the Listing have no leading slash, those of the tables have one. And `move` and "
-        "`inspect` are the same event type "
-        "there, as the name of the command is not in them: with the slashes taken away, a second command "
-        "to the same waypoint passes "
-        "for the inspection.",
+        "Topics of the Listing have no leading slash, those of the tables have one. The event types `move` and "
+        "`inspect` do not contain the name of the command. Without the slashes, a second command to the same waypoint "
+        "counts as the inspection.",
         (
             Step(
-                f"rvaft monitor {_TEXTS}/listing_types.rvaft {_TRACES}/table2_row1.jsonl",
+                f"rvaft monitor {_TEXTS}/listing_types.rvaft {_TRACES}/table2_row1.jsonl | grep 'be move'",
                 "near miss: 3 events would be move but for the field topic",
             ),
             Step(
                 f'sed \'s|"/|"|; s/"inspect"/"move"/\' {_TRACES}/table2_row1.jsonl'
-                f" | rvaft monitor {_TEXTS}/listing_types.rvaft | head -n 4",
+                f" | rvaft monitor {_TEXTS}/listing_types.rvaft | head -n 1",
                 "event 4: true",
             ),
         ),
     ),
     Finding(
         "Table 3 prints ⊥ for φ too early",
-        "In traces 1 and 2 the print has ⊥ for φ after the fourth event. φ₁ (φ₂) is lost there: the "
-        "command to move came in time. "
-        "But φ₃ (φ₄) is not: its goal may still come. One more event and the attack is there.",
+        "In traces 1 and 2 the paper prints ⊥ for φ after the fourth event. φ₁ (φ₂) is no longer possible there, "
+        "because the command to move came in time. But φ₃ (φ₄) still is: with one more event the attack is detected.",
         (
-            Step(f"rvaft monitor {_TREES}/pruned.rvaft {_TRACES}/table3_row1.jsonl", "verdict unknown after 4 events"),
+            Step(
+                f"rvaft monitor {_TREES}/pruned.rvaft {_TRACES}/table3_row1.jsonl | head -n 1",
+                "verdict unknown after 4 events",
+            ),
             Step(
                 f"""(cat {_TRACES}/table3_row1.jsonl; echo '{{"topic": "/move_base/goal", "goal": 2, "time": 20.0}}')"""
-                f" | rvaft monitor {_TREES}/pruned.rvaft",
+                f" | rvaft monitor {_TREES}/pruned.rvaft | head -n 2",
                 "event 5: true",
             ),
         ),
     ),
     Finding(
         "The third and fourth trace of both tables lack an event",
-        "The print goes from the radiation reading to the goal. φ₃ and φ₄ need the command to move between "
-        "the two, as it binds the "
-        "waypoint that the goal is compared with. As printed, no branch can be completed: the ⊤ of Table 2 "
-        "cannot come, and the ⊥ of "
-        "Table 3 comes whatever the goal is. With a move to waypoint 1 between the two the printed verdicts follow.",
+        "The printed traces go from the radiation reading to the goal. φ₃ and φ₄ need the command to move between "
+        "the two: it binds the waypoint that the goal is compared with. As printed, no branch can be completed. With "
+        "a move to waypoint 1 between the two, the printed verdicts follow.",
         (
-            Step(f"rvaft monitor {_TREES}/pruned.rvaft {_TRACES}/table2_row3_as_printed.jsonl", "event 4: false"),
+            Step(
+                f"rvaft monitor {_TREES}/pruned.rvaft {_TRACES}/table2_row3_as_printed.jsonl | head -n 1",
+                "event 4: false",
+            ),
             Step(f"rvaft monitor {_TREES}/pruned.rvaft {_TRACES}/table2_row3.jsonl | head -n 2", "event 5: true"),
             Step(
-                f"grep -v '\"waypoint\": 1' {_TRACES}/table2_row4.jsonl | rvaft monitor {_TREES}/pruned.rvaft",
+                f"grep -v '\"waypoint\": 1' {_TRACES}/table2_row4.jsonl"
+                f" | rvaft monitor {_TREES}/pruned.rvaft | head -n 1",
                 "event 4: false",
             ),
             Step(f"rvaft monitor {_TREES}/pruned.rvaft {_TRACES}/table2_row4.jsonl | head -n 2", "event 5: true"),
@@ -164,12 +162,9 @@ FINDINGS: Final = (
     ),
     Finding(
         "φ₁ ∨ φ₃ in RML misses the attack",
-        "RML is monitored deterministically: a union commits to its left operand as long as that can take "
-        "the event. φ₁ and φ₃ start "
-        "alike, so φ₁ takes the reading and what precedes it; a command to move that comes in time is then "
-        "no part of it, and φ₃ is no "
-        "longer there. The union of the branches as it stands rejects the attack of Table 2; the "
-        "translation of rvaft finds it.",
+        "A monitor of RML is deterministic: a union commits to its left operand while that can consume the event. "
+        "φ₁ and φ₃ start with the same events, so φ₁ consumes the reading and the events before it, and φ₃ is dropped. "
+        "The union of the branches rejects the attack of Table 2; the translation of rvaft detects it.",
         (
             Step(
                 f"rvaft monitor {_TREES}/pruned.rvaft {_TRACES}/table2_row3.jsonl --backend rml-paper | head -n 1",
@@ -188,9 +183,8 @@ FINDINGS: Final = (
     ),
     Finding(
         "The unrolled VOT loses interleavings of compound children",
-        "For two of {a then d, b, c} the events a b d suffice. The unrolling of section 3.2 takes a child "
-        "as a whole before it "
-        "looks for the next, so b may not come between a and d.",
+        "For two of {a then d, b, c} the events a b d suffice. The unrolling of section 3.2 completes a child before "
+        "the next one, so b must not come between a and d.",
         (
             Step(
                 f'rvaft monitor {_TEXTS}/vot_over_compound.rvaft --word "a b d" --semantics strict | head -n 1',
@@ -211,9 +205,8 @@ FINDINGS: Final = (
     ),
     Finding(
         "The unrolled VOT means exactly K where something follows it",
-        "The text of section 3.2 says at least k. Two of {a, b, c} and then d is there in a b c d; the "
-        "unrolling counts down to "
-        "zero and then wants d, so a third child ends it.",
+        "Section 3.2 says at least k. The trace a b c d contains two of {a, b, c} and then d. The unrolling counts "
+        "down to zero and then requires d, so a third child ends the match.",
         (
             Step(
                 f'rvaft monitor {_TEXTS}/vot_followed.rvaft --word "a b c d" --semantics strict | head -n 1',
@@ -234,8 +227,8 @@ FINDINGS: Final = (
     ),
     Finding(
         "The published monitor takes a goal 1.0 after a command to waypoint 1 for an attack",
-        "By value, as in JSON, 1 and 1.0 are equal. The trace is the third of Table 3, where nothing was "
-        "altered; rvaft's monitor, asked first, raises no alarm.",
+        "In JSON, 1 and 1.0 are equal. The trace is the third of Table 3, where nothing was altered; the monitor of "
+        "rvaft raises no alarm.",
         (
             Step(
                 f'sed \'s/"goal": 1,/"goal": 1.0,/\' {_TRACES}/table3_row3.jsonl'
@@ -245,24 +238,19 @@ FINDINGS: Final = (
             Step(
                 f'sed \'s/"goal": 1,/"goal": 1.0,/\' {_TRACES}/table3_row3.jsonl > $OUT/decimal.jsonl',
                 needs=MONITOR,
-                before="And by the published monitor, with a faithful text, the trace with 1.0 and then "
-                "the one with 1:",
+                before="By the published monitor, with the text of rvaft: the trace with 1.0, then the one with 1:",
             ),
             Step(f"rvaft emit {_TREES}/pruned.rvaft --to rml-prolog -o $OUT/faithful.pl", needs=MONITOR),
             Step(_RUN.format("$OUT/faithful.pl", "$OUT/decimal.jsonl"), _ACCEPTED, MONITOR),
             Step(_RUN.format("$OUT/faithful.pl", f"{_TRACES}/table3_row3.jsonl"), _REJECTED, MONITOR),
         ),
         asked="Whether the published monitor takes a goal 1.0 after a command to waypoint 1 for an attack",
-        seen="The published monitor tells 1 from 1.0: it takes the trace with 1.0 for an attack. So a "
-        "planner that writes its goals as decimals "
-        "looks like an attacker.",
+        seen="The published monitor distinguishes 1 from 1.0 and reports an attack for the trace with 1.0.",
     ),
     Finding(
         "About the tool, not the paper: all participants agree on every cell of Tables 2 and 3",
-        "The reference, the engine and the texts of all faithful backends, each run by the reader of its "
-        "own language, are asked for "
-        "a verdict after every event of the completed traces. Those of the engine are the cells of the "
-        "generated tables.",
+        "The reference, the engine and the texts of all faithful backends give a verdict after every event of the "
+        "completed traces. The verdicts of the engine are the cells of the generated tables.",
         (Step("python -m papers.fmas2022.verdict_table", " agree"),),
         asked="Whether all participants agree on the cells of Tables 2 and 3",
     ),

@@ -9,7 +9,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 PROGRAMS := tests/export tests/cli/test_processes.py tests/cli/test_show.py tests/cross_check/test_mona.py
 
-.PHONY: demo paper docs pictures test bare check lint types layers slow bench clean
+.PHONY: demo paper docs pictures playground test bare check lint types layers slow bench clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "rvaft needs Python 3.11 or newer; this is %d.%d (set PYTHON=...)" % sys.version_info[:2])'
@@ -49,6 +49,10 @@ paper: $(STAMP)
 # The site, in out/site; a broken link or anchor is an error. The notice is about a release of MkDocs that is not used.
 docs: $(STAMP)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+# What the page docs/playground.md loads; `make docs` adds it to the site where it is there.
+playground: $(STAMP)
+	$(BIN)/python docs/playground.py
 
 pictures: $(STAMP)
 	$(BIN)/python docs/pictures.py

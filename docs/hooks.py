@@ -17,7 +17,10 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 ROOT: Final = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT))  # the checkout, also where another rvaft is installed
+sys.path[:0] = [str(ROOT), str(ROOT / "docs")]  # the checkout, also where another rvaft is installed
+
+from drawings import style_sheet  # noqa: E402
+from playground import ASSETS  # noqa: E402
 
 from rvaft.backend import all_backends, backend  # noqa: E402
 from rvaft.capabilities import table  # noqa: E402
@@ -46,6 +49,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for case in CASES:
         picture = (ROOT / "trees" / case / "picture.svg").read_text(encoding="utf-8")
         files.append(File.generated(config, f"examples/{case}.svg", content=picture))
+    files.append(File.generated(config, "drawings.css", content=style_sheet()))
+    for asset in sorted(ASSETS.glob("*")):
+        files.append(File.generated(config, f"playground/{asset.name}", abs_src_path=str(asset)))
     return files
 
 

@@ -4,7 +4,6 @@
 """
 
 import os
-import re
 import shutil
 import sys
 import tempfile
@@ -12,11 +11,11 @@ import tomllib
 from pathlib import Path
 from typing import Final
 
+from drawings import THEMES, both, drawing
 from selenium import webdriver
 
 import rvaft
 from rvaft.cli import main
-from rvaft.export.svg import svg_text
 
 ROOT: Final = Path(__file__).parents[1]
 PICTURES: Final = ROOT / "docs" / "pictures"
@@ -35,31 +34,7 @@ CASES: Final = {
     "vehicle": "takeover",
 }
 """The tree that is drawn for each case in `trees`."""
-THEMES: Final = ("light", "dark")
-_PAGE: Final = Path(rvaft.__file__).parent / "reports" / "log_report.html"
-_VARIABLE: Final = re.compile(r"--(\w+): light-dark\(([^,]+), ([^)]+)\)")
 _SETTINGS: Final = ("headless=new", "no-sandbox", "disable-gpu", "window-size=1180,860", "hide-scrollbars")
-
-
-def style(theme: str) -> str:
-    """Return the rules of the report page for trees, with the colours of a theme."""
-    text = _PAGE.read_text(encoding="utf-8")
-    colours = {name: dark if theme == "dark" else light for name, light, dark in _VARIABLE.findall(text)}
-    rules = "\n".join(line for line in text.splitlines() if line.startswith("svg "))
-    return re.sub(r"var\(--(\w+)\)", lambda found: colours[found[1]], rules)
-
-
-def drawing(tree: rvaft.RVAFT, theme: str) -> str:
-    """Return a tree as SVG in the colours of a theme, without a background."""
-    head, body = svg_text(tree).split(">", 1)
-    return f"{head}><style>\n{style(theme)}\n</style>{body}"
-
-
-def both(tree: rvaft.RVAFT) -> str:
-    """Return a tree as SVG in the colours that the viewer prefers."""
-    head, body = svg_text(tree).split(">", 1)
-    dark = f"@media (prefers-color-scheme: dark) {{\n{style('dark')}\n}}"
-    return f"{head}><style>\n{style('light')}\n{dark}\n</style>{body}"
 
 
 def cases() -> dict[Path, str]:

@@ -1,0 +1,40 @@
+"""Trees as SVG in the colours of the report page, light and dark."""
+
+import re
+from pathlib import Path
+from typing import Final
+
+import rvaft
+from rvaft.export.svg import svg_text
+
+THEMES: Final = ("light", "dark")
+_PAGE: Final = Path(rvaft.__file__).parent / "reports" / "log_report.html"
+_VARIABLE: Final = re.compile(r"--(\w+): light-dark\(([^,]+), ([^)]+)\)")
+
+
+def style(theme: str) -> str:
+    """Return the rules of the report page for trees, with the colours of a theme."""
+    text = _PAGE.read_text(encoding="utf-8")
+    colours = {name: dark if theme == "dark" else light for name, light, dark in _VARIABLE.findall(text)}
+    rules = "\n".join(line for line in text.splitlines() if line.startswith("svg "))
+    return re.sub(r"var\(--(\w+)\)", lambda found: colours[found[1]], rules)
+
+
+def drawing(tree: rvaft.RVAFT, theme: str) -> str:
+    """Return a tree as SVG in the colours of a theme, without a background."""
+    head, body = svg_text(tree).split(">", 1)
+    return f"{head}><style>\n{style(theme)}\n</style>{body}"
+
+
+def both(tree: rvaft.RVAFT) -> str:
+    """Return a tree as SVG in the colours that the viewer prefers."""
+    head, body = svg_text(tree).split(">", 1)
+    dark = f"@media (prefers-color-scheme: dark) {{\n{style('dark')}\n}}"
+    return f"{head}><style>\n{style('light')}\n{dark}\n</style>{body}"
+
+
+def style_sheet() -> str:
+    """Return the rules for the drawing on the playground page, for both colour schemes of the site."""
+    light = style("light").replace("svg ", "#pg-drawing svg ")
+    dark = style("dark").replace("svg ", "[data-md-color-scheme=slate] #pg-drawing svg ")
+    return f"{light}\n{dark}\n"

@@ -46,8 +46,11 @@ paper: $(STAMP)
 	@echo "Computing tables, figures and measurements into out/; one or two minutes"
 	$(BIN)/python -m papers.fmas2022
 
+# Continuous integration says which tests run: TESTS="not slow".
+TESTS ?= not slow and not ci
+
 test: $(STAMP)
-	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow" --ignore tests/benchmarks
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "$(TESTS)" --ignore tests/benchmarks
 
 # The tests that start programs, on a PATH with no program but Python, a shell, `sleep` and make.
 bare: $(STAMP)

@@ -212,6 +212,7 @@ def test_scenarios_are_not_enumerated() -> None:
     assert check_tree(RVAFT("top", nodes, [EVENT])) == []
 
 
+@pytest.mark.ci
 def test_guards_over_some_thousand_variables() -> None:
     """More than are looked at together."""
     assert check_tree(_wide(Gate.SAND, 1_000, same=False, guarded=True)) == []

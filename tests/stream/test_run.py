@@ -9,6 +9,7 @@ import math
 import os
 import pickle
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -37,6 +38,7 @@ from rvaft.stream.run import TraceRun
 from rvaft.stream.statistics import Statistics
 from tests.benchmarks.logs import ignoring_tree, inspections
 from tests.cli.runs import lines
+from tests.tables import sampled
 from tests.trees import shipped
 
 TREE = loads('event a(v) = { kind: "k", value: v }; toplevel r; r and x y; x on a(1); y on a(2);')
@@ -262,9 +264,7 @@ def log_of(trace: Sequence[Json], random: Random) -> bytes:
     return "\n".join(lines).encode()
 
 
-@pytest.mark.parametrize("semantics", Semantics)
-@pytest.mark.parametrize("per", Per)
-@pytest.mark.parametrize("name", shipped.names())
+@pytest.mark.parametrize(("name", "per", "semantics"), sampled(product(shipped.names(), Per, Semantics), 5))
 def test_shipped_trees(name: str, per: Per, semantics: Semantics) -> None:
     tree = shipped.load(name)
     random = Random(f"{name} {per} {semantics}")

@@ -221,7 +221,10 @@ MANY = [*TREES, *(replace(ROW, tree=f"{number}", gate=None) for number in range(
     ("few", "width", "centimetres", "names"),
     [
         (ROWS, Width.PAGE, 17.4, ["gates-symbols-strict.pdf", "gates-symbols-strict.png"]),
-        (MANY, Width.COLUMN, 8.5, ["trees-symbols-1.pdf", "trees-symbols-1.png", "trees-symbols-2.pdf"]),
+        pytest.param(
+            *(MANY, Width.COLUMN, 8.5, ["trees-symbols-1.pdf", "trees-symbols-1.png", "trees-symbols-2.pdf"]),
+            marks=pytest.mark.ci,
+        ),
     ],
 )
 def test_pictures(few: list[Measurement], width: Width, centimetres: float, names: list[str]) -> None:

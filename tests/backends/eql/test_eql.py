@@ -1,6 +1,5 @@
 """Texts, refusals, and texts that people write; agreement with the reference is tested with all backends."""
 
-import sys
 from pathlib import Path
 
 import pytest
@@ -8,7 +7,7 @@ import pytest
 from backends.eql import EqlBackend
 from backends.eql.reader import compiled
 from rvaft.api import loads
-from rvaft.errors import LanguageError, NotExpressible, TooLarge, ToolFailed, ToolMissing, TraceError
+from rvaft.errors import NotExpressible, TooLarge, ToolFailed, TraceError
 from rvaft.model.nodes import EventType, Gate, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.model.tree import RVAFT
@@ -16,7 +15,7 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
 from tests.backends.injections import INJECTIONS
-from tests.backends.texts import signs, tree
+from tests.backends.texts import signs
 from tests.cli.runs import run
 from tests.tables import rows
 
@@ -29,12 +28,6 @@ def test_text(text: str, expected: list[str]) -> None:
     assert BACKEND.translate(loads(text), Semantics.SCATTERED).text.splitlines()[1:] == expected
 
 
-@pytest.mark.parametrize(("text", "semantics", "reason"), rows(__file__, "refused.txt"))
-def test_what_it_cannot_say_is_refused(text: str, semantics: str, reason: str | None) -> None:
-    with pytest.raises(TooLarge if reason is None else NotExpressible, match=reason or "events of all orders"):
-        BACKEND.translate(tree(text), Semantics(semantics))
-
-
 def test_half_a_sign_and_a_long_guard() -> None:
     with pytest.raises(NotExpressible, match="surrogate"):
         BACKEND.translate(injected("\ud800", as_name=False), Semantics.SCATTERED)
@@ -45,13 +38,6 @@ def test_half_a_sign_and_a_long_guard() -> None:
         BACKEND.translate(
             loads(f"event e(k) = {{ k: k }}; t sand a b; a on e(X) when not {guard};"), Semantics.SCATTERED
         )
-
-
-@pytest.mark.parametrize(("text", "line", "column", "message"), rows(__file__, "malformed.txt"))
-def test_malformed(text: str, line: int, column: int, message: str) -> None:
-    with pytest.raises(LanguageError, match=message) as raised:
-        BACKEND.read(text)
-    assert (raised.value.line, raised.value.column) == (line, column)
 
 
 @pytest.mark.parametrize(("text", "trace", "number"), rows(__file__, "runs.txt"))
@@ -189,10 +175,3 @@ def test_a_rule_is_held_against_a_tree(tmp_path: Path) -> None:
 def test_what_the_engine_cannot_run() -> None:
     with pytest.raises(ToolFailed, match="event 2: TypeError"):
         compiled('any where substring(a, b) == "x"').first_detections([[{}, {"a": "x", "b": 0.5}]])
-
-
-def test_without_the_package_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "eql", None)
-    text = BACKEND.translate(loads("toplevel r; r and never_read_before b;"), Semantics.SCATTERED).text
-    with pytest.raises(ToolMissing, match=r"pip install '\.\[eql\]'"):
-        BACKEND.read(text)

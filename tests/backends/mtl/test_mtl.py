@@ -3,7 +3,6 @@
 import os
 import re
 import stat
-import sys
 from pathlib import Path
 from random import Random
 
@@ -15,7 +14,7 @@ from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import VARIABLE_FREE, random_tree
 from cross_check.participants import faithful_backends
 from rvaft.api import loads
-from rvaft.errors import LanguageError, NotExpressible, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
+from rvaft.errors import OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
 from rvaft.model.nodes import EventType, Gate, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.model.tree import RVAFT
@@ -24,7 +23,7 @@ from rvaft.monitors import DetectionMonitor
 from rvaft.semantics import Reference
 from tests.backends.injections import INJECTIONS
 from tests.backends.judged import first
-from tests.backends.texts import events, signs, tree
+from tests.backends.texts import events, signs
 from tests.cli.runs import run
 from tests.tables import rows
 
@@ -37,20 +36,6 @@ published = pytest.mark.skipif(not PROGRAM.is_file(), reason="R2U2 does not name
 @pytest.mark.parametrize(("text", "expected"), TEXTS)
 def test_text(text: str, expected: str) -> None:
     assert BACKEND.translate(loads(text), Semantics.SCATTERED).text.splitlines()[-1] == expected
-
-
-@pytest.mark.parametrize(("text", "semantics", "reason"), rows(__file__, "refused.txt"))
-def test_what_it_cannot_say_is_refused(text: str, semantics: str, reason: str | None) -> None:
-    with pytest.raises(TooLarge if reason is None else NotExpressible, match=reason or "too large"):
-        BACKEND.translate(tree(text), Semantics(semantics))
-
-
-@pytest.mark.parametrize(("text", "line", "column", "message"), rows(__file__, "malformed.txt"))
-def test_malformed(text: str, line: int, column: int, message: str) -> None:
-    """Reelay itself ends the process at any of these."""
-    with pytest.raises(LanguageError, match=message) as raised:
-        BACKEND.read(text)
-    assert (raised.value.line, raised.value.column) == (line, column)
 
 
 def test_what_is_too_deep() -> None:
@@ -97,12 +82,6 @@ def test_the_form_is_only_emitted_and_misses_what_is_beyond_the_horizon() -> Non
     assert signs(found.monitor(), events("b a b")) == "??T"  # that of the formula for Reelay
     with pytest.raises(OptionError, match="mtl-r2u2 is only emitted"):
         BOUNDED.read(found.text)
-
-
-@pytest.mark.parametrize(("text", "semantics", "reason"), rows(__file__, "refused.txt")[:6])
-def test_the_form_refuses_what_mtl_refuses(text: str, semantics: str, reason: str | None) -> None:
-    with pytest.raises(TooLarge if reason is None else NotExpressible, match=reason or "too large"):
-        BOUNDED.translate(tree(text), Semantics(semantics))
 
 
 @pytest.mark.parametrize("text", INJECTIONS)
@@ -152,13 +131,6 @@ def test_a_formula_is_held_against_a_tree(tmp_path_factory: pytest.TempPathFacto
     assert (good.exit_code, "detections only" in good.output) == (0, True)
     file.write_text("{c: true} and once({b: true} and once({a: true")
     assert run("cross-check", "trees/gates/sand.rvaft", "--against", file).exit_code == 2
-
-
-def test_without_the_package_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "reelay", None)
-    text = BACKEND.translate(loads("toplevel r; r and never_read_before b;"), Semantics.SCATTERED).text
-    with pytest.raises(ToolMissing, match=r"pip install '\.\[mtl\]'"):
-        BACKEND.read(text)
 
 
 COMPILES = """

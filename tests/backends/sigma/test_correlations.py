@@ -1,7 +1,6 @@
 """Correlations of trees, pinned; what is refused; rules written by hand; and mistakes in a correlation."""
 
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from backends.sigma.reader import SigmaMonitor
 from cross_check.comparison import cross_check
 from cross_check.traces import Effort
 from rvaft.api import loads, translate
-from rvaft.errors import LanguageError, NotExpressible, TooLarge, ToolMissing, TraceError
+from rvaft.errors import NotExpressible, TooLarge, TraceError
 from rvaft.model.nodes import EventType, Gate, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.model.tree import RVAFT
@@ -40,20 +39,6 @@ def test_correlations(text: str, correlation: object, selections: object) -> Non
 def test_correlations_of_correlations(text: str, correlations: object) -> None:
     documents = yaml.safe_load_all(translate(loads(DECLARED + text), "sigma", semantics="scattered").text)
     assert {one.get("name", ""): one["correlation"] for one in documents if "correlation" in one} == correlations
-
-
-@pytest.mark.parametrize(("text", "reason"), rows(__file__, "refusals.txt"))
-def test_refusals(text: str, reason: str) -> None:
-    with pytest.raises(NotExpressible) as error:
-        translate(loads(DECLARED + text), "sigma", semantics="scattered")
-    assert error.value.reason == reason
-
-
-@pytest.mark.parametrize(("text", "message"), rows(__file__, "malformed.txt"))
-def test_malformed_correlations(text: str, message: str) -> None:
-    with pytest.raises(LanguageError, match=re.escape(message)) as error:
-        SigmaMonitor(text)
-    assert "\n" not in error.value.message
 
 
 def test_names_and_values_stay_in_their_place() -> None:
@@ -161,10 +146,3 @@ def test_sizes_and_limits() -> None:
         with pytest.raises(TooLarge, match="rules of the correlation"):
             translate(flat(gate, size, least), "sigma", semantics="scattered")
     assert translate(flat(Gate.VOT, 5, 2), "sigma", semantics="scattered").metrics.symbols == 158
-
-
-def test_without_pysigma_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "sigma.collection", None)
-    text = translate(loads("r and never_read_before b;"), "sigma", semantics="scattered").text
-    with pytest.raises(ToolMissing, match="sigma"):
-        SigmaMonitor(text)

@@ -89,13 +89,6 @@ def test_a_text_for_postgres_is_one_statement_on_one_table() -> None:
             made.monitor()
 
 
-@pytest.mark.parametrize(("text", "reason"), rows("refused.txt"))
-def test_what_sql_cannot_say_is_refused(text: str, reason: str) -> None:
-    with pytest.raises(NotExpressible) as raised:
-        SqlBackend().translate(loads(text), Semantics.SCATTERED)
-    assert (raised.value.reason, raised.value.backend) == (reason, "sql")
-
-
 @pytest.mark.parametrize("language", READING)
 def test_parts_of_a_comparison_that_are_calculated_stand_once(language: Backend) -> None:
     guard = "((number(V) / 4 + 1) * 3 - number(lower(V))) / 7 + abs(number(V)) < max(number(V) * 2, 8) / 3"
@@ -106,19 +99,6 @@ def test_parts_of_a_comparison_that_are_calculated_stand_once(language: Backend)
     assert first(language, long, Semantics.SCATTERED, [{"x": 0.5}]) == 1
     with pytest.raises(NotExpressible, match="a comparison calculates in more than 100 steps"):
         language.translate(longer, Semantics.SCATTERED)
-
-
-@pytest.mark.parametrize(("text", "message"), rows("malformed.txt"))
-def test_what_is_no_query_is_one_line(text: str, message: str, tmp_path: Path) -> None:
-    with pytest.raises(LanguageError, match=message):
-        SqlBackend().read(text)
-    (tmp_path / "wrong.sql").write_text(text, "utf-8")
-    done = run("cross-check", "trees/gates/and.rvaft", "--against", str(tmp_path / "wrong.sql"))
-    assert (
-        done.exit_code,
-        len(re.findall(r"^rvaft: error: ", done.stderr, re.MULTILINE)),
-        "Traceback" in done.stderr,
-    ) == (2, 1, False)
 
 
 @pytest.mark.parametrize("event", [{"x": float("nan")}, {"x": [2**63]}, {"a\0": 1}, {"t": 10**30, "event": "a"}])

@@ -17,20 +17,30 @@ from backends.conformance import AT_A, EVENTS, Required, examples
 from backends.rml import RmlBackend, writer
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import random_tree
-from rvaft.api import loads
-from rvaft.backend import Backend, Metrics, Observed, SpecificationText, all_backends, backend
+from rvaft import (
+    RVAFT,
+    Backend,
+    EventType,
+    Gate,
+    LanguageError,
+    Metrics,
+    Monitor,
+    Node,
+    NotExpressible,
+    On,
+    Semantics,
+    Verdict,
+    all_backends,
+    loads,
+)
+from rvaft.backend import Observed, SpecificationText, backend
 from rvaft.capabilities import JSON_VALUES, Feature, Ties
 from rvaft.core.branches import restrict
 from rvaft.core.build import build
 from rvaft.core.property import PARTS, Part, Property
-from rvaft.errors import LanguageError, NotExpressible
 from rvaft.model.guards import Operation, Operator, walk
-from rvaft.model.nodes import EventType, Gate, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern
-from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
-from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import Monitor
 from rvaft.semantics import Reference
 from tests.backends.texts import SHAPES, agreeing, readable, signs
 from tests.semantics.cases import CASES

@@ -8,10 +8,8 @@ from typing import Any, Final
 import pytest
 from _pytest.mark.structures import ParameterSet
 
-from rvaft.api import loads
+from rvaft import LanguageError, NotExpressible, RvaftError, Semantics, TooLarge, ToolMissing, loads
 from rvaft.backend import backend
-from rvaft.errors import LanguageError, NotExpressible, RvaftError, TooLarge, ToolMissing
-from rvaft.model.verdict import Semantics
 from tests.backends.texts import SPOT, tree
 from tests.tables import rows
 

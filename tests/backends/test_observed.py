@@ -10,12 +10,10 @@ from cross_check.generate.traces import random_event
 from cross_check.generate.trees import VARIABLE_FREE, Shape, random_tree
 from cross_check.generate.values import fitting, interesting_values
 from cross_check.letters import VARIABLES, answers, letters
+from rvaft import RVAFT, NotExpressible, Semantics, TooLarge, TreeError
 from rvaft.backend import Observed, backend
-from rvaft.errors import NotExpressible, TooLarge, TreeError
 from rvaft.model.patterns import variables
-from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
-from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
 
 SHAPE = Shape(max_nodes=7, variables=0, typed_events=0.8, guards=0.4, ignores=0.6)

@@ -11,16 +11,11 @@ import pytest
 
 from backends.ltlf.reader import split, spot
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, random_tree
-from rvaft.api import loads
+from rvaft import RVAFT, Causality, Gate, Node, Semantics, TooLarge, TreeError, dumps, loads
 from rvaft.backend import backend
 from rvaft.core.build import build
 from rvaft.core.passes import order_ends
 from rvaft.core.property import parts_below
-from rvaft.errors import TooLarge, TreeError
-from rvaft.language.printer import dumps
-from rvaft.model.nodes import Causality, Gate, Node
-from rvaft.model.tree import RVAFT
-from rvaft.model.verdict import Semantics
 from tests.backends.texts import flat, needs_spot, signs, tree
 from tests.tables import rows
 

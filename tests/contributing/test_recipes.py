@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from rvaft.backend import all_backends, backend
+from rvaft import Semantics, all_backends
+from rvaft.backend import backend
 from rvaft.core.property import Condition
-from rvaft.model.verdict import Semantics
 from tests.contributing.copies import Copy, Edit, Recipe, conformance
 from tests.contributing.recipes import BACKEND, ESPER, GATE, OPERATOR, READER
 

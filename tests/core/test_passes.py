@@ -8,14 +8,11 @@ import pytest
 
 from cross_check.generate.traces import NoTraceFound, guided, random_trace
 from cross_check.generate.trees import random_tree
+from rvaft import RVAFT, Kind, Semantics, TooLarge, TreeError
 from rvaft.core import passes
 from rvaft.core.branches import branches, restrict
 from rvaft.core.passes import property_of
 from rvaft.core.property import Property
-from rvaft.errors import TooLarge, TreeError
-from rvaft.model.nodes import Kind
-from rvaft.model.tree import RVAFT
-from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
 from rvaft.semantics.properties import PropertyReference
 from tests.engine.checking import small_valid_trees

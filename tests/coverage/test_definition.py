@@ -9,12 +9,9 @@ from typing import Any
 
 import pytest
 
-from rvaft import loads
+from rvaft import RVAFT, TreeError, Verdict, loads
 from rvaft.core.classifier import TreeReads
 from rvaft.coverage import BranchCoverage, Coverage
-from rvaft.errors import TreeError
-from rvaft.model.tree import RVAFT
-from rvaft.model.verdict import Verdict
 from rvaft.readers.json_lines import read
 from rvaft.semantics import Reference, branches
 from rvaft.semantics.events import observe

@@ -9,12 +9,10 @@ import pytest
 from cross_check.letters import Letters
 from cross_check.participants import Participant
 from cross_check.product import Exploration
+from rvaft import Monitor, TooLarge, Verdict
 from rvaft.backend import Observed
-from rvaft.errors import TooLarge
 from rvaft.model.patterns import ObjectPattern, Variable
 from rvaft.model.values import Json, is_finite
-from rvaft.model.verdict import Verdict
-from rvaft.monitors import Monitor
 
 A: Json = {"event": "a"}
 

@@ -23,11 +23,10 @@ from cross_check.participants import (
     translated,
 )
 from cross_check.results import Job, Result, Status
-from rvaft import RVAFT, Semantics, Verdict
+from rvaft import RVAFT, Monitor, Semantics, Verdict
 from rvaft.backend import backend
 from rvaft.core.branches import restrict
 from rvaft.model.values import Json
-from rvaft.monitors import Monitor
 from tests.faults.wrong_trees import MISREADINGS, MISTAKES
 from tests.tables import rows
 

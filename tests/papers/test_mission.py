@@ -20,8 +20,7 @@ from papers.fmas2022.overhead_runs import NONE, SETUPS, Run
 from papers.fmas2022.overhead_statement import statement
 from papers.fmas2022.overhead_tables import COLUMNS, detected_tex, nominal_tex
 from papers.fmas2022.places import PRUNED, ROOT
-from rvaft import Verdict
-from rvaft.errors import OptionError
+from rvaft import OptionError, Verdict
 
 TREE = rvaft.load(PRUNED)
 SIZES = (2, 5, 9)

@@ -9,15 +9,13 @@ from typing import TypeAlias
 
 import pytest
 
+from rvaft import RVAFT, EventType, Finding, Gate, Node, On
 from rvaft.core.patterns import overlaps
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import Operation, Operator, holds, time_points
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import EventType, Gate, Node, On
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
-from rvaft.model.tree import RVAFT
 from rvaft.rules import check_tree
-from rvaft.rules.rule import Finding
 from rvaft.semantics import Scenario, feasible_scenarios, scenarios
 from tests.core.trees import random_tree, with_times
 

@@ -7,9 +7,8 @@ import pytest
 from cross_check.comparison import Roster
 from cross_check.participants import Absent, Participant, tells_detections_only
 from cross_check.results import Job
-from rvaft.backend import all_backends, backend
-from rvaft.errors import NotExpressible, ToolMissing
-from rvaft.model.verdict import Semantics, Verdict
+from rvaft import NotExpressible, Semantics, ToolMissing, Verdict, all_backends
+from rvaft.backend import backend
 from rvaft.rules import check_tree
 from tests.tables import sampled
 from tests.trees import shipped

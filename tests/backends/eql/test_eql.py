@@ -6,13 +6,9 @@ import pytest
 
 from backends.eql import EqlBackend
 from backends.eql.reader import compiled
-from rvaft.api import loads
-from rvaft.errors import NotExpressible, TooLarge, ToolFailed, TraceError
-from rvaft.model.nodes import EventType, Gate, Node, On
+from rvaft import RVAFT, EventType, Gate, Node, NotExpressible, On, Semantics, TooLarge, ToolFailed, TraceError, loads
 from rvaft.model.patterns import Literal, ObjectPattern
-from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
-from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
 from tests.backends.injections import INJECTIONS
 from tests.backends.texts import signs

@@ -15,13 +15,10 @@ from cross_check import comparison
 from cross_check.judges import FLINK
 from cross_check.results import Job, Status
 from cross_check.traces import ONE_TREE
-from rvaft import Semantics, loads
+from rvaft import RVAFT, EventType, Gate, LanguageError, Node, On, Semantics, TooLarge, ToolFailed, ToolMissing, loads
 from rvaft.backend import backend
-from rvaft.errors import LanguageError, TooLarge, ToolFailed, ToolMissing
 from rvaft.model.guards import Operation, Operator
-from rvaft.model.nodes import EventType, Gate, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern, Variable, substitute
-from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from tests.backends.injections import INJECTIONS
 from tests.backends.judged import all_show, cases, first

@@ -14,10 +14,8 @@ from backends.mfotl.monpoly import MfotlHeader, first_detections
 from cross_check import comparison
 from cross_check.results import Job, Status
 from cross_check.traces import ONE_TREE
-from rvaft import Semantics, load, loads
+from rvaft import RVAFT, Semantics, ToolFailed, ToolMissing, load, loads
 from rvaft.backend import backend
-from rvaft.errors import ToolFailed, ToolMissing
-from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from tests.backends.judged import all_show, cases, first
 from tests.cli.runs import failed, run

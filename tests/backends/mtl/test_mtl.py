@@ -13,12 +13,21 @@ from backends.mtl.r2u2 import MtlR2u2Backend, first_detections
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import VARIABLE_FREE, random_tree
 from cross_check.participants import faithful_backends
-from rvaft.api import loads
-from rvaft.errors import OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
-from rvaft.model.nodes import EventType, Gate, Node, On
+from rvaft import (
+    RVAFT,
+    EventType,
+    Gate,
+    Node,
+    On,
+    OptionError,
+    RvaftError,
+    Semantics,
+    TooLarge,
+    ToolFailed,
+    ToolMissing,
+    loads,
+)
 from rvaft.model.patterns import Literal, ObjectPattern
-from rvaft.model.tree import RVAFT
-from rvaft.model.verdict import Semantics
 from rvaft.monitors import DetectionMonitor
 from rvaft.semantics import Reference
 from tests.backends.injections import INJECTIONS

@@ -11,11 +11,8 @@ import yaml
 from backends.sigma.reader import SigmaMonitor
 from cross_check.comparison import cross_check
 from cross_check.traces import Effort
-from rvaft.api import loads, translate
-from rvaft.errors import NotExpressible, TooLarge, TraceError
-from rvaft.model.nodes import EventType, Gate, Node, On
+from rvaft import RVAFT, EventType, Gate, Node, NotExpressible, On, TooLarge, TraceError, loads, translate
 from rvaft.model.patterns import Literal, ObjectPattern
-from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.monitors import DetectionMonitor
 from tests.backends.injections import INJECTIONS

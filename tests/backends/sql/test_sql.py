@@ -14,14 +14,29 @@ import pytest
 
 from backends.sql import SqlBackend, SqlDuckdbBackend, SqlPostgresBackend
 from cross_check.comparison import cross_check
+from rvaft import (
+    RVAFT,
+    Backend,
+    EventType,
+    Gate,
+    LanguageError,
+    Node,
+    NotExpressible,
+    On,
+    OptionError,
+    Semantics,
+    TooLarge,
+    ToolFailed,
+    ToolMissing,
+    TraceError,
+    Verdict,
+    load,
+    loads,
+    translate,
+)
 from rvaft import backend as backends
-from rvaft.api import load, loads, translate
-from rvaft.backend import Backend, backend
-from rvaft.errors import LanguageError, NotExpressible, OptionError, TooLarge, ToolFailed, ToolMissing, TraceError
-from rvaft.model.nodes import EventType, Gate, Node, On
+from rvaft.backend import backend
 from rvaft.model.patterns import Literal, ObjectPattern
-from rvaft.model.tree import RVAFT
-from rvaft.model.verdict import Semantics, Verdict
 from rvaft.semantics import Reference, matches
 from tests.backends.injections import INJECTIONS
 from tests.backends.texts import flat, signs

@@ -11,14 +11,25 @@ from backends.stix import StixBackend
 from backends.stix.reader import StixMonitor
 from cross_check.comparison import cross_check
 from cross_check.traces import Effort
-from rvaft.api import loads, translate
-from rvaft.api import monitor as monitor_of
-from rvaft.errors import NotExpressible, OptionError, TooLarge, ToolFailed, TraceError
-from rvaft.model.nodes import EventType, Gate, Node, On
+from rvaft import (
+    RVAFT,
+    EventType,
+    Gate,
+    Node,
+    NotExpressible,
+    On,
+    OptionError,
+    Semantics,
+    TooLarge,
+    ToolFailed,
+    TraceError,
+    Verdict,
+    loads,
+    translate,
+)
+from rvaft import monitor as monitor_of
 from rvaft.model.patterns import Literal, ObjectPattern
-from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
-from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor
 from tests.backends.injections import INJECTIONS
 from tests.backends.texts import events, flat, tree

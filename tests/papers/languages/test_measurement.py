@@ -31,17 +31,15 @@ from papers.languages.measurement import (
     measured,
     walks,
 )
+from rvaft import Backend, Gate, Metrics, Monitor, OptionError, Semantics, Verdict, all_backends
 from rvaft import backend as registry
-from rvaft.backend import Backend, Metrics, SpecificationText, all_backends, backend
+from rvaft.backend import SpecificationText, backend
 from rvaft.capabilities import JSON_VALUES, Feature, Ties
 from rvaft.core.property import PARTS, Property
 from rvaft.engine import Engine
-from rvaft.errors import OptionError
 from rvaft.model.guards import Operator
-from rvaft.model.nodes import Gate
 from rvaft.model.values import Json
-from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import DetectionMonitor, Monitor
+from rvaft.monitors import DetectionMonitor
 from rvaft.rules import require_valid
 from tests.cli.runs import PRUNED
 

@@ -15,9 +15,7 @@ from cross_check.results import DETECTIONS_ONLY
 from papers.languages.measurement import ONLY_EMITTED, Measurement, Outcome, default_languages
 from papers.languages.plots import _STYLES, figures, plots
 from papers.languages.tables import COLUMNS, Width, csv_text, latex_text, read_rows, text_lines, unable
-from rvaft.errors import LanguageError
-from rvaft.model.nodes import Gate
-from rvaft.model.verdict import Semantics
+from rvaft import Gate, LanguageError, Semantics
 
 ROW = Measurement(
     tree="and 3",

@@ -3,8 +3,7 @@
 import runpy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from importlib.util import find_spec
-from itertools import count, product
+from itertools import count
 from random import Random
 from typing import get_args
 
@@ -20,14 +19,12 @@ from cross_check.generate.trees import random_tree
 from rvaft import (
     RVAFT,
     Backend,
-    EventType,
     Gate,
     LanguageError,
     Metrics,
     Monitor,
     Node,
     NotExpressible,
-    On,
     Semantics,
     Verdict,
     all_backends,
@@ -39,7 +36,7 @@ from rvaft.core.branches import restrict
 from rvaft.core.build import build
 from rvaft.core.property import PARTS, Part, Property
 from rvaft.model.guards import Operation, Operator, walk
-from rvaft.model.patterns import Literal, ObjectPattern, Pattern
+from rvaft.model.patterns import Pattern
 from rvaft.model.values import Json
 from rvaft.semantics import Reference
 from tests.backends.texts import SHAPES, agreeing, readable, signs
@@ -145,17 +142,6 @@ def test_any_names_are_told_apart_and_leave_no_place(name: str, leaves: list[str
             continue
         trace: list[Json] = [{"event": leaf} for leaf in leaves]
         assert signs(monitor, trace) == "?" * (len(leaves) - 1) + "T"
-
-
-def test_strings_stay_in_their_place() -> None:
-    event = EventType("*/ 1 /*", (), ObjectPattern((("*/", Literal("*/ 1 /*")), ("when", Literal("when\n//")))))
-    for name, semantics in product(("ltlf", "rml"), Semantics):
-        tree = RVAFT("t", [Node("t", Gate.SAND, ("a", "b")), Node("a", on=On("*/ 1 /*", ())), Node("b")], [event])
-        text = backend(name).translate(tree, semantics).text
-        assert text.count("*/") == text.count("/*") == 1 or name == "rml"
-        if name == "rml" or find_spec("spot"):
-            trace: list[Json] = [{"*/": "*/ 1 /*", "when": "when\n//"}, {"event": "b"}]
-            assert signs(backend(name).read(text), trace) == "?T"
 
 
 def test_every_registered_faithful_backend_is_held_to_it() -> None:

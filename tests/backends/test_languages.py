@@ -2,15 +2,32 @@
 
 import re
 import sys
+from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
 import pytest
 from _pytest.mark.structures import ParameterSet
 
-from rvaft import LanguageError, NotExpressible, RvaftError, Semantics, TooLarge, ToolMissing, loads
+from rvaft import (
+    RVAFT,
+    EventType,
+    Gate,
+    LanguageError,
+    Node,
+    NotExpressible,
+    On,
+    RvaftError,
+    Semantics,
+    TooLarge,
+    ToolMissing,
+    loads,
+)
 from rvaft.backend import backend
-from tests.backends.texts import SPOT, tree
+from rvaft.model.patterns import Literal, ObjectPattern
+from rvaft.model.values import Json
+from tests.backends.injections import INJECTIONS
+from tests.backends.texts import SPOT, readable, signs, tree
 from tests.tables import rows
 
 EVENTS: Final = "event e(v) = { e: v }; event p(v, w) = { v: v, w: w }; "
@@ -83,3 +100,31 @@ def test_without_its_package_a_language_is_written_and_the_error_says_what_to_in
     text = backend(name).translate(loads("r and never_read_before b;"), Semantics.SCATTERED).text
     with pytest.raises(ToolMissing, match=re.escape(said)):
         backend(name).read(text).step({})
+
+
+@pytest.mark.parametrize("name", readable("automaton", "eql", "ltlf", "mtl", "rml", "sigma", "sql", "stix"))
+def test_what_users_write_stays_in_its_place(name: str) -> None:
+    """An odd text is a label and a value, and then also the name of a field, a node and an event type."""
+    said, language = 0, backend(name)
+    for odd, named in product(INJECTIONS, (False, True)):
+        field, leaf, seen = (odd if named else word for word in ("field", "leaf", "seen"))
+        event = EventType(seen, (), ObjectPattern(((field, Literal(odd)), ("x", Literal(1)))))
+        nodes = [Node("first", label=odd), Node(leaf, label=odd, on=On(seen, ()))]
+        made = RVAFT(f"{odd} ", [Node(f"{odd} ", Gate.SAND, ("first", leaf), label=odd), *nodes], [event])
+        try:
+            monitor = language.read(language.translate(made, Semantics.SCATTERED).text)
+        except NotExpressible:
+            continue
+        said += 1
+        wrong: list[Json] = [{field: value, "x": 1} for value in ("a", odd[:-1], f"{odd.swapcase()}x", 7)]
+        trace: list[Json] = [{field: odd, "x": 1}, {"event": "first"}, *wrong, {field: odd}, {"x": 1}]
+        assert signs(monitor, [*trace, {field: odd, "x": 1}]) == "?" * len(trace) + "T", odd
+    assert said > (30 if name == "sigma" else 50), said
+
+
+@pytest.mark.parametrize("name", ["eql", "sql", "stix"])
+def test_half_a_surrogate_pair_is_refused(name: str) -> None:
+    event = EventType("seen", (), ObjectPattern((("field", Literal("\ud800")),)))
+    made = RVAFT("top", [Node("top", Gate.SAND, ("a", "b")), Node("a"), Node("b", on=On("seen", ()))], [event])
+    with pytest.raises(NotExpressible):
+        backend(name).translate(made, Semantics.SCATTERED)

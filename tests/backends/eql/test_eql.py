@@ -6,11 +6,9 @@ import pytest
 
 from backends.eql import EqlBackend
 from backends.eql.reader import compiled
-from rvaft import RVAFT, EventType, Gate, Node, NotExpressible, On, Semantics, TooLarge, ToolFailed, TraceError, loads
-from rvaft.model.patterns import Literal, ObjectPattern
+from rvaft import Semantics, TooLarge, ToolFailed, TraceError, loads
 from rvaft.model.values import Json
 from rvaft.semantics import Reference
-from tests.backends.injections import INJECTIONS
 from tests.backends.texts import signs
 from tests.cli.runs import run
 from tests.tables import rows
@@ -24,9 +22,7 @@ def test_text(text: str, expected: list[str]) -> None:
     assert BACKEND.translate(loads(text), Semantics.SCATTERED).text.splitlines()[1:] == expected
 
 
-def test_half_a_sign_and_a_long_guard() -> None:
-    with pytest.raises(NotExpressible, match="surrogate"):
-        BACKEND.translate(injected("\ud800", as_name=False), Semantics.SCATTERED)
+def test_a_long_guard() -> None:
     guard = "X < 1"
     for number in range(60):
         guard = f"({guard} {'or' if number % 2 else 'and'} X > {number})"
@@ -76,37 +72,6 @@ EVENT |= {"l": "a\nb", "k": "\N{KELVIN SIGN}elvin", "u": "AB"}
 @pytest.mark.parametrize(("condition", "holds"), rows(__file__, "conditions.txt"))
 def test_conditions_mean_what_they_do_to_elasticsearch(condition: str, *, holds: bool) -> None:
     assert compiled(f"any where {condition}").first_detections([[EVENT]]) == [1 if holds else None]
-
-
-def injected(text: str, *, as_name: bool) -> RVAFT:
-    """A tree that has a text as a value, and as a label; or as the names of a node and of a field, too."""
-    leaf = text if as_name else "leaf"
-    event = EventType("seen", (), ObjectPattern(((text if as_name else "field", Literal(text)),)))
-    nodes = [Node("first", label=text), Node(leaf, on=On("seen", ()))]
-    return RVAFT("top", [Node("top", Gate.SAND, ("first", leaf), label=text), *nodes], [event])
-
-
-@pytest.mark.parametrize("as_name", [False, True])
-@pytest.mark.parametrize(
-    "text",
-    [*INJECTIONS, 'a" or true or "', "; any where true ;\n", "]} [any where true] ", '"""', "// a", "and", "a.b[0]"],
-)
-def test_nothing_breaks_out(text: str, as_name: bool) -> None:
-    made = injected(text, as_name=as_name)
-    if as_name and set(text) & set("\n\r"):
-        with pytest.raises(NotExpressible, match="no line break"):
-            BACKEND.translate(made, Semantics.SCATTERED)
-        return
-    written = BACKEND.translate(made, Semantics.SCATTERED).text
-    field = text if as_name else "field"
-    trace: list[Json] = [
-        {"event": "first"},
-        {field: "a", "b": 1},
-        {field: text[:-1]},
-        {field: text.swapcase() + "x"},
-        {field: text},
-    ]
-    assert (written.count("\n  [any where "), signs(BACKEND.read(written), trace)) == (2, "????T")
 
 
 WRONG = {  # what a slip in the text makes of it, and a row of the texts on whose trees it shows

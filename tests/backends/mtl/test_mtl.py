@@ -61,17 +61,6 @@ def test_hand_written(text: str, word: str, number: int | None) -> None:
     assert monitor.first_detections([trace, [], trace, trace[:-1], trace])[::2] == [number] * 3
 
 
-@pytest.mark.parametrize("text", INJECTIONS)
-def test_nothing_breaks_out(text: str) -> None:
-    event = EventType("seen", (), ObjectPattern(((text, Literal(text)),)))
-    made = RVAFT(
-        "top", [Node("top", Gate.SAND, ("x", text)), Node("x", label=text), Node(text, on=On("seen", ()))], [event]
-    )
-    written = BACKEND.translate(made, Semantics.SCATTERED).text
-    monitor = BACKEND.read(written)
-    assert (written.count("*/"), signs(monitor, [{"event": "x"}, {text: "a"}, {text: text}])) == (1, "??T")
-
-
 @pytest.mark.parametrize(("text", "inputs", "formula"), rows(__file__, "r2u2.txt"))
 def test_the_form_for_r2u2(text: str, inputs: str, formula: str) -> None:
     """Each way back is `S` from one event before, to the horizon; what the inputs are is as in `mtl`."""

@@ -12,12 +12,8 @@ from backends.stix.reader import StixMonitor
 from cross_check.comparison import cross_check
 from cross_check.traces import Effort
 from rvaft import (
-    RVAFT,
-    EventType,
     Gate,
-    Node,
     NotExpressible,
-    On,
     OptionError,
     Semantics,
     TooLarge,
@@ -28,10 +24,8 @@ from rvaft import (
     translate,
 )
 from rvaft import monitor as monitor_of
-from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.model.values import Json
 from rvaft.monitors import DetectionMonitor
-from tests.backends.injections import INJECTIONS
 from tests.backends.texts import events, flat, tree
 from tests.tables import rows
 
@@ -67,24 +61,6 @@ def test_a_mapping_is_read_back() -> None:
         None,
         3,
     ]
-
-
-def test_names_and_values_stay_in_their_place() -> None:
-    for place, odd in enumerate(INJECTIONS):
-        field = ObjectPattern(((odd, ObjectPattern(((odd, Literal(odd)),))),))
-        nodes = [Node(f"{odd} ", Gate.SAND, (odd, "b"), label=odd), Node(odd, on=On(odd, ())), Node("b")]
-        made = RVAFT(f"{odd} ", nodes, [EventType(odd, (), field)])
-        text = translate(made, "stix", semantics="scattered").text
-        inspected = Pattern(text).inspect()
-        assert (inspected.observation_ops, [*inspected.comparisons]) == ({"FOLLOWEDBY"}, ["x-rvaft"])
-        other = INJECTIONS[place - 1]
-        near: list[list[Json]] = [
-            [{odd: {odd: other}}, {"event": "b"}],
-            [{odd: {other: odd}}, {"event": "b"}],
-            [{odd: odd}, {"event": "b"}],
-        ]
-        traces: list[list[Json]] = [[{odd: {odd: odd}}, {"event": "b"}], *near]
-        assert StixMonitor(text).first_detections(traces) == [2, None, None, None], odd
 
 
 @pytest.mark.parametrize(("text", "pattern", "trace"), rows(__file__, "by_hand.txt"))

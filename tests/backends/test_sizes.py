@@ -17,10 +17,10 @@ from rvaft.core.build import build
 from rvaft.core.passes import order_ends
 from rvaft.core.property import parts_below
 from tests.backends.texts import flat, needs_spot, signs, tree
-from tests.tables import rows
+from tests.tables import rows, sampled
 
 
-@pytest.mark.parametrize(("name", "text", "semantics", "limit", "what"), rows(__file__, "limits.txt"))
+@pytest.mark.parametrize(("name", "text", "semantics", "limit", "what"), sampled(rows(__file__, "limits.txt"), 2))
 def test_what_is_too_large(name: str, text: str, semantics: str, limit: int | None, what: str) -> None:
     made, start = tree(text), process_time()
     with pytest.raises(TooLarge) as error:
@@ -132,7 +132,7 @@ def expanded(formula: Any, known: dict[str, Any]) -> Any:
 
 @pytest.mark.spot
 @needs_spot
-@pytest.mark.parametrize("semantics", list(Semantics))
+@pytest.mark.parametrize("semantics", sampled(zip(Semantics), 2))
 def test_deep_and_large_trees_run(semantics: Semantics) -> None:
     specification = backend("ltlf").translate(tree("toplevel g0; [g# sand g#' l#; ]*1100"), semantics)
     assert (specification.metrics.subformulas or 0) < 6_600

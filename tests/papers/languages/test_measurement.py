@@ -42,6 +42,7 @@ from rvaft.model.values import Json
 from rvaft.monitors import DetectionMonitor
 from rvaft.rules import require_valid
 from tests.cli.runs import PRUNED
+from tests.tables import sampled
 
 pytestmark = pytest.mark.usefixtures("quick")
 SUBJECTS = {subject.name: subject for subject in gate_subjects()}
@@ -187,7 +188,7 @@ ODD = [  # how the translation and the run ended, and why
 ]
 
 
-@pytest.mark.parametrize(("odd", "settings", "ended"), ODD)
+@pytest.mark.parametrize(("odd", "settings", "ended"), sampled(ODD, 2))
 def test_what_goes_wrong_is_in_the_row(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], odd: Odd, settings: dict[str, Any], ended: Any
 ) -> None:
@@ -196,7 +197,7 @@ def test_what_goes_wrong_is_in_the_row(
     monkeypatch.setattr(measurement, "GRACE", 0 if odd.translating is waiting else measurement.GRACE)
     start = time.monotonic()
     row = one(**settings)
-    assert time.monotonic() - start < 10
+    assert time.monotonic() - start < 40  # who waits would take 60 s; others may use this machine
     assert (row.result, row.reason, row.run, row.run_reason) == ended
     assert row.symbols == (7 if row.result is Outcome.OK else None)
     assert row.events_per_second is None

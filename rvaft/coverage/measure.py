@@ -13,12 +13,13 @@ from rvaft.core.branches import branch as numbered
 from rvaft.core.branches import branches
 from rvaft.core.build import build
 from rvaft.core.classifier import TreeReads
+from rvaft.core.part_numbers import PartKind
 from rvaft.core.passes import of_branch, reduced
 from rvaft.core.property import All, Event, Property, Source, Times
 from rvaft.core.scenarios import is_empty, transitive
 from rvaft.engine import Engine
 from rvaft.engine.alternatives import Alternatives
-from rvaft.engine.compiled_tree import CompiledTree, EventClass, Op, Reading, TreeLetters
+from rvaft.engine.compiled_tree import CompiledTree, EventClass, Reading, TreeLetters
 from rvaft.engine.configuration import Configuration, Witness, history
 from rvaft.engine.explanation import awaited
 from rvaft.engine.monitor import DEFAULT_LIMIT
@@ -153,7 +154,7 @@ class LackingEvents:
         for node in sorted(kept, reverse=True):
             inside[node] = 0
             for child in kept[node]:
-                if compiled.ops[node] is Op.SEQUENCE:
+                if compiled.ops[node] is PartKind.SEQUENCE:
                     for one in bits(inside[child]):
                         before[one] |= inside[node]
                 inside[node] |= inside[child]

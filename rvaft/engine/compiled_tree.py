@@ -17,12 +17,12 @@ guards that wait for them.
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum, auto
 from functools import cached_property
-from typing import Any, Final, NamedTuple, TypeAlias, assert_never
+from typing import Any, Final, NamedTuple, TypeAlias
 
 from rvaft.core import property as core
 from rvaft.core.classifier import GuardTable, Letter, PatternIndex, Reader, guard_table, reader
+from rvaft.core.part_numbers import PartKind, op_of
 from rvaft.core.property import Part, Property, Source, fewest
 from rvaft.core.times import TimeDifference, differences
 from rvaft.model.guards import Guard, Predicate, TimePoint, conjuncts, predicate, time_points
@@ -30,15 +30,6 @@ from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.model.values import Json
 from rvaft.support.bits import mask_of
-
-
-class Op(Enum):
-    """How the children of a node are joined: all of them, all in sequence, one, or some number at least."""
-
-    ALL = auto()
-    SEQUENCE = auto()
-    ONE = auto()
-    AT_LEAST = auto()
 
 
 class _Node(NamedTuple):
@@ -50,7 +41,7 @@ class _Node(NamedTuple):
     event: core.Event | None
     event_first: bool | None
     guard: Guard | None
-    op: Op
+    op: PartKind
     children: tuple[Part, ...]
     need: int
 
@@ -85,18 +76,18 @@ def _joined(part: Part, shared: frozenset[Part], direction: bool | None) -> _Nod
             current, rest = rest[0], rest[0].parts
     match current:
         case core.Event():
-            return _Node(part, current, None, guard, Op.ALL, (), 0)
+            return _Node(part, current, None, guard, op_of(current), (), 0)
         case core.Condition() if guard is None:
-            return _Node(part, None, None, current.guard, Op.ALL, (), 0)
+            return _Node(part, None, None, current.guard, op_of(current), (), 0)
         case core.Sequence(parts=(core.Event() as event, below)) if direction is not False:
             first = True
         case core.Sequence(parts=(below, core.Event() as event)) if direction is not True:
             first = False
         case _:
-            return _Node(part, None, None, guard, _op(current), rest, _need(current, rest))
+            return _Node(part, None, None, guard, op_of(current), rest, _need(current, rest))
     if _belongs(event, part, shared) and _belongs(below, part, shared) and _is_gate(below):
-        return _Node(part, event, first, guard, _op(below), below.parts, fewest(below))
-    return _Node(part, None, None, guard, _op(current), rest, len(rest))
+        return _Node(part, event, first, guard, op_of(below), below.parts, fewest(below))
+    return _Node(part, None, None, guard, op_of(current), rest, len(rest))
 
 
 def _belongs(inner: Part, part: Part, shared: frozenset[Part]) -> bool:
@@ -113,22 +104,6 @@ def _is_gate(part: Part) -> bool:
 
 def _need(part: Part, rest: tuple[Part, ...]) -> int:
     return len(rest) if isinstance(part, core.All) else fewest(part)
-
-
-def _op(part: Part) -> Op:
-    match part:
-        case core.All() | core.Event() | core.Condition():
-            return Op.ALL
-        case core.Sequence():
-            return Op.SEQUENCE
-        case core.One():
-            return Op.ONE
-        case core.AtLeast():
-            return Op.AT_LEAST
-        case core.Times() | core.EndInOrder() | core.Within():
-            raise AssertionError("passes remove these before a property is compiled")
-        case _:
-            assert_never(part)
 
 
 class CompiledTree:
@@ -184,7 +159,7 @@ class CompiledTree:
     @cached_property
     def choices(self) -> Mapping[str, int]:
         """The node of each `or` gate of the tree."""
-        return {name: node for node, name in enumerate(self.names) if name and self.ops[node] is Op.ONE}
+        return {name: node for node, name in enumerate(self.names) if name and self.ops[node] is PartKind.ONE}
 
     def child(self, gate: str, name: str) -> int:
         """The child of an `or` gate that comes from a node of the tree, or -1 where the gate does not have it."""
@@ -237,7 +212,7 @@ class CompiledTree:
         for node in range(size - 1, -1, -1):
             if not core.isdisjoint(self.children[node]):
                 core.add(node)
-            picks[node] = self.ops[node] is Op.ONE or any(picks[child] for child in self.children[node])
+            picks[node] = self.ops[node] is PartKind.ONE or any(picks[child] for child in self.children[node])
         self.picks = mask_of(node for node in range(size) if picks[node])
         """The nodes that keep one child, or have such a node below."""
         self.core, self.members = tuple(sorted(core)), frozenset(core)
@@ -251,7 +226,7 @@ class CompiledTree:
             ends = self.own[node] and not self.top_down
             for slot, child in enumerate(children if node not in core else ()):
                 self.parent[child], self.slot[child], self.part_of[child] = node, slot, self.part_of[node]
-                later = self.ops[node] is Op.SEQUENCE and slot + 1 < len(children)
+                later = self.ops[node] is PartKind.SEQUENCE and slot + 1 < len(children)
                 self.freezer[child] = child if later or ends else self.freezer[node]
         self.parts = tuple(node for node in range(size) if node not in core and self.parent[node] < 0)
 

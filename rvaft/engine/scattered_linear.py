@@ -18,6 +18,7 @@ from itertools import chain, combinations, product
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.core.classifier import GuardTable
+from rvaft.core.part_numbers import PartKind
 from rvaft.core.patterns import Overlaps
 from rvaft.engine.compiled_tree import (
     NOTHING,
@@ -27,7 +28,6 @@ from rvaft.engine.compiled_tree import (
     Effect,
     EventClass,
     Hit,
-    Op,
     Reading,
     TreeLetters,
 )
@@ -88,7 +88,7 @@ def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> StartConditio
         own = frozenset([(node, 0)]) if compiled.own[node] and compiled.top_down else before
         for slot, child in enumerate(children):
             way = own
-            if slot > 0 and compiled.ops[node] is Op.SEQUENCE:
+            if slot > 0 and compiled.ops[node] is PartKind.SEQUENCE:
                 elder = children[slot - 1]
                 way = frozenset([(node, slot) if silent[elder] else (elder, -1)])
             found.parents[child].append(node)
@@ -145,9 +145,9 @@ def _beside(compiled: CompiledTree, one: int, other: int) -> tuple[bool, int]:
     while node not in known:
         node = compiled.parent[node]
         steps += 1
-    if node in (one, other) or compiled.ops[node] in (Op.SEQUENCE, Op.ONE):
+    if node in (one, other) or compiled.ops[node] in (PartKind.SEQUENCE, PartKind.ONE):
         return False, steps
-    return not (compiled.ops[node] is Op.AT_LEAST and compiled.need[node] == 1), steps
+    return not (compiled.ops[node] is PartKind.AT_LEAST and compiled.need[node] == 1), steps
 
 
 class UsefulEvents:
@@ -317,7 +317,7 @@ class LinearRun:
             self._agenda.append((self._complete, node))
             return
         self._completed[node] = {}
-        first = children[:1] if self.compiled.ops[node] is Op.SEQUENCE else self._kept(node)
+        first = children[:1] if self.compiled.ops[node] is PartKind.SEQUENCE else self._kept(node)
         self._agenda.extend((self._start, child) for child in reversed(first))
         for child in first:
             if child in self._done:  # a shared child that was complete before; it does not tell again
@@ -335,7 +335,7 @@ class LinearRun:
         needed = compiled.need[gate]
         if len(complete) == needed or self.choices.get(gate, child) != child:
             return  # it has all it needs already, or the child is not what it keeps
-        in_order = compiled.ops[gate] is Op.SEQUENCE
+        in_order = compiled.ops[gate] is PartKind.SEQUENCE
         if in_order and child != compiled.children[gate][len(complete)]:
             return  # it is shared, and heard in its turn
         complete[child] = None
@@ -377,7 +377,7 @@ class LinearMonitor:
         self.limit = limit
         self.starts = starts
         self.run = LinearRun(compiled, starts)
-        self.useful = UsefulEvents(compiled, starts) if Op.ONE in compiled.ops else None
+        self.useful = UsefulEvents(compiled, starts) if PartKind.ONE in compiled.ops else None
         """Where no branch chooses, no event matters but to those that listen."""
         self.noted = True
         """Whether the last event may be part of a match."""

@@ -62,8 +62,9 @@ from itertools import chain
 from operator import ge
 from typing import Any, Final, NamedTuple, assert_never
 
+from rvaft.core.part_numbers import PartKind
 from rvaft.core.times import Extreme
-from rvaft.engine.compiled_tree import CompiledTree, Op
+from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration
 from rvaft.engine.partial_matches import Matching
 from rvaft.model.guards import ORDERINGS, Guard, Operation, Operator, variables, walk
@@ -94,15 +95,15 @@ def commits(matching: Matching, before: Configuration, after: Configuration, nod
     def keeps(gate: int, child: int) -> bool:  # nothing is lost by what happened below the child
         siblings = compiled.children[gate]
         match compiled.ops[gate]:
-            case Op.ALL:
+            case PartKind.ALL | PartKind.EVENT | PartKind.CONDITION:
                 return True
-            case Op.SEQUENCE:
+            case PartKind.SEQUENCE:
                 return all(ends(elder, flags(before, elder)) for elder in siblings[: compiled.slot[child]])
-            case Op.ONE | Op.AT_LEAST as op:
+            case PartKind.ONE | PartKind.AT_LEAST as op:
                 able = sum(flags(before, sibling) & POSSIBLE > 0 for sibling in siblings)
                 if flags(before, child) & TOUCHED or able <= compiled.need[gate]:
                     return True
-                return op is Op.AT_LEAST and flags(after, child) & SURE > 0 and not compiled.picks >> child & 1
+                return op is PartKind.AT_LEAST and flags(after, child) & SURE > 0 and not compiled.picks >> child & 1
             case _ as never:
                 assert_never(never)
 

@@ -95,6 +95,8 @@ class Snapshot(NamedTuple):
 
     steps: list[tuple[int, int, int, Mapping[str, Json]]]
     groups: list[list[tuple[Configuration, int]]]
+    begun: int = 0
+    """The nodes of independent parts that need not begin again."""
 
     @classmethod
     def of(cls, *groups: list[Configuration]) -> "Snapshot":

@@ -82,7 +82,7 @@ class Engine(Monitor):
         """The tree and what the events so far have left; what is compiled from the tree is compiled again."""
         return {**self.snapshot(), "tree": self.tree}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, Any]) -> None:  # the attributes, each of its own type
         Engine.__init__(self, state["tree"], state["semantics"], limit=state["_limit"])
         self.restore(state)
 

@@ -60,7 +60,7 @@ comparable counts as equal only if nothing can tell the values apart (`fingerpri
 from collections.abc import Hashable, Mapping, Sequence
 from itertools import chain
 from operator import ge
-from typing import Any, Final, NamedTuple, assert_never
+from typing import Final, NamedTuple, assert_never
 
 from rvaft.core.part_numbers import PartKind
 from rvaft.core.times import Extreme
@@ -143,7 +143,7 @@ class Rank(NamedTuple):
     """Where a partial match stands among those of its stage: only in one `place` can one make another superfluous."""
 
     place: Hashable
-    values: tuple[Any, ...]
+    values: tuple[Json, ...]
     """Of each the greater can do more."""
     told_apart: tuple[Hashable, ...]
     """Values that others, yet to come, must differ from."""
@@ -176,7 +176,7 @@ class Ranking(NamedTuple):
         place: list[Hashable] = [exact(binding[name]) for name in self.exact]
         if not self.terms and not self.excluded:
             return Rank(tuple(place), (), ())
-        values: list[Any] = []
+        values: list[Json] = []
         for sign, extreme in self.terms:
             value = binding[extreme.names[0]] if len(extreme.names) == 1 else extreme.of(binding)
             kind = scale(value)

@@ -337,7 +337,7 @@ Scope: TypeAlias = Reads | TreeReads
 """Says of an event what is read of it."""
 
 
-# Letters: patterns with guards over their variables, and how one is read off an event.
+# EngineLetters: patterns with guards over their variables, and how one is read off an event.
 
 Values: TypeAlias = Callable[[Mapping[str, Json]], dict[str, Json]]
 
@@ -350,7 +350,7 @@ class Letter(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Test:
+class EventTest:
     """A condition on an event that is no guard over its fields; tests with equal names are equal."""
 
     name: Hashable
@@ -362,7 +362,7 @@ class Reader(NamedTuple):
 
     number: int
     pattern: Pattern
-    test: Guard | Test | None
+    test: Guard | EventTest | None
     """The condition on the event, with the fields of the event for the variables; None where the shape decides."""
     admits: Predicate
     """Whether an event is this letter."""
@@ -383,7 +383,9 @@ def reader(number: int, letter: Letter) -> Reader:
     if when is not None and not set(guard_variables(when)) <= set(pattern_variables(pattern)):
         when = Literal(False)
     if plain is None:
-        return Reader(number, pattern, Test(letter, admits := _admits(pattern, when)), admits, _bound(pattern), None)
+        return Reader(
+            number, pattern, EventTest(letter, admits := _admits(pattern, when)), admits, _bound(pattern), None
+        )
     named = {name: field for field, name in plain.variables.items() if name}
     fields = {name: field for name, field in named.items() if not name.startswith("_")}
     test = None if when is None else renamed(when, named)
@@ -429,7 +431,7 @@ class GuardTable(Generic[H_co]):
     `of` reads the table, `held` gives the guards that hold as bits, and `at` what follows from such bits.
     """
 
-    guards: tuple[Guard | Test, ...]
+    guards: tuple[Guard | EventTest, ...]
     of: Callable[[Mapping[str, Json]], H_co]
     held: Callable[[Mapping[str, Json]], int]
     at: Callable[[int], H_co]
@@ -437,7 +439,7 @@ class GuardTable(Generic[H_co]):
     @cached_property
     def field(self) -> str | None:
         """The one field that all guards ask for, if there is one."""
-        guards = [guard for guard in self.guards if not isinstance(guard, Test)]
+        guards = [guard for guard in self.guards if not isinstance(guard, EventTest)]
         names = {name for guard in guards for name in guard_variables(guard)}
         return names.pop() if len(names) == 1 and len(guards) == len(self.guards) else None
 
@@ -449,7 +451,7 @@ class GuardTable(Generic[H_co]):
 
 
 def guard_table(
-    asked: Sequence[Guard | Test | None], derive: Callable[[Callable[[int], bool]], H_co]
+    asked: Sequence[Guard | EventTest | None], derive: Callable[[Callable[[int], bool]], H_co]
 ) -> GuardTable[H_co]:
     """The table over these guards, of which those that are None always hold; `derive` asks by their numbers which hold.
 
@@ -460,14 +462,14 @@ def guard_table(
     >>> table.of({"X": 0}), table.of({"X": 3}), table.of({"X": 9}), table.of({"X": "a"})
     ([1], [0, 1], [0, 1, 2], [1])
     """
-    places: dict[Guard | Test, int] = {}
+    places: dict[Guard | EventTest, int] = {}
     bit = [0 if guard is None else 1 << places.setdefault(guard, len(places)) for guard in asked]
     return _table_by_bits(tuple(places), lambda held: derive(lambda place: held & bit[place] == bit[place]))
 
 
 def joined_tables(tables: Sequence[GuardTable[H]], join: Callable[[tuple[H, ...]], T]) -> GuardTable[T]:
     """The table of what is made of the entries of several tables; a guard that several have is evaluated once."""
-    places: dict[Guard | Test, int] = {}
+    places: dict[Guard | EventTest, int] = {}
     maps = [[1 << places.setdefault(guard, len(places)) for guard in table.guards] for table in tables]
 
     def derive(held: int) -> T:
@@ -477,13 +479,13 @@ def joined_tables(tables: Sequence[GuardTable[H]], join: Callable[[tuple[H, ...]
     return _table_by_bits(tuple(places), derive)
 
 
-def _table_by_bits(guards: tuple[Guard | Test, ...], derive: Callable[[int], H_co]) -> GuardTable[H_co]:
+def _table_by_bits(guards: tuple[Guard | EventTest, ...], derive: Callable[[int], H_co]) -> GuardTable[H_co]:
     """The table of what is derived from the guards that hold, as bits.
 
     If all guards compare one variable with numbers, an entry is found by the place of its value among these numbers.
     """
     memory: dict[int, H_co] = {}
-    asked = [(1 << at, one.holds if isinstance(one, Test) else predicate(one)) for at, one in enumerate(guards)]
+    asked = [(1 << at, one.holds if isinstance(one, EventTest) else predicate(one)) for at, one in enumerate(guards)]
 
     def derived(event: Mapping[str, Json]) -> H_co:
         return derived_of(held(event))
@@ -529,7 +531,7 @@ def _table_by_bits(guards: tuple[Guard | Test, ...], derive: Callable[[int], H_c
     return GuardTable(guards, placed, held, derived_of)
 
 
-def compared_numbers(guards: Iterable[Guard | Test]) -> tuple[str, list[int | float]] | None:
+def compared_numbers(guards: Iterable[Guard | EventTest]) -> tuple[str, list[int | float]] | None:
     """The one variable that all guards compare with numbers, and these numbers in order; None if
     there is no such variable.
     """

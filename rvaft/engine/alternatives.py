@@ -6,7 +6,7 @@ from itertools import chain
 from typing import NamedTuple, Self
 
 from rvaft.core.classifier import GuardTable, joined_tables
-from rvaft.engine.compiled_tree import NOTHING, EventClass, Letters, Reading
+from rvaft.engine.compiled_tree import NOTHING, EngineLetters, EventClass, Reading
 from rvaft.engine.configuration import Snapshot
 from rvaft.engine.explanation import explain, pending, together
 from rvaft.engine.partial_matches import Following
@@ -17,10 +17,10 @@ from rvaft.model.verdict import Verdict
 from rvaft.monitors import Explanation, Pending
 
 
-class AlternativeLetters(Letters):
+class AlternativeLetters(EngineLetters):
     """The letters of several alternatives; the class of an event has its class to each."""
 
-    def __init__(self, letters: Sequence[Letters]) -> None:
+    def __init__(self, letters: Sequence[EngineLetters]) -> None:
         self._letters = letters
         super().__init__(dict.fromkeys(pattern for one in letters for pattern in one.patterns))
 

@@ -23,7 +23,7 @@ from itertools import chain
 from typing import Any, Final, NamedTuple
 
 from rvaft.core import property as core
-from rvaft.core.classifier import GuardTable, Letter, PatternIndex, Reader, Test, guard_table, reader
+from rvaft.core.classifier import EventTest, GuardTable, Letter, PatternIndex, Reader, guard_table, reader
 from rvaft.core.part_numbers import PartKind, op_of
 from rvaft.core.property import Part, Property, Source, fewest
 from rvaft.core.times import TimeDifference, differences
@@ -295,7 +295,7 @@ class Admission(NamedTuple):
     reader: Reader
     time: str | None
     """The variable that the time of the event binds, where a guard compares it."""
-    decided: tuple[tuple[int, Guard | Test], ...]
+    decided: tuple[tuple[int, Guard | EventTest], ...]
     """The guards of nodes that the event alone decides, each with its node as a set."""
 
 
@@ -325,7 +325,7 @@ class Inert(NamedTuple):
     known: Collection[Hashable]
 
 
-class Letters(ABC):
+class EngineLetters(ABC):
     """What events can be to a tree: each event has a class, by its shape and by the guards that hold of it."""
 
     def __init__(self, patterns: Iterable[Pattern]) -> None:
@@ -344,7 +344,7 @@ class Letters(ABC):
         return self._shapes.of(event).of(event)
 
 
-class TreeLetters(Letters):
+class TreeLetters(EngineLetters):
     """The letters of a tree, equal patterns with equal guards: those of its occurrences, its
     alphabet, and what it ignores.
 
@@ -377,14 +377,14 @@ class TreeLetters(Letters):
         ]
         super().__init__(one.pattern for one in chain((one.reader for one in self._admissions), self._ignored))
 
-    def _test(self, admission: Admission, guard: Guard) -> Guard | Test:
+    def _test(self, admission: Admission, guard: Guard) -> Guard | EventTest:
         """A guard over the variables of a letter as a test of events."""
         fields = admission.reader.fields
         if fields is not None and fields.keys() >= set(guard_variables(guard)):
             return renamed(guard, fields)
         admits, holds = admission.reader.admits, predicate(guard)
         name = (admission.reader.pattern, admission.time, guard)
-        return Test(name, lambda event: admits(event) and holds(self.values(admission, event)))
+        return EventTest(name, lambda event: admits(event) and holds(self.values(admission, event)))
 
     def values(self, admission: Admission, event: Mapping[str, Json]) -> dict[str, Json]:
         """The values that an event gives to the variables of a letter that it is."""

@@ -9,9 +9,9 @@ from rvaft.engine.alternatives import Alternatives
 from rvaft.engine.compiled_tree import (
     NOTHING,
     CompiledTree,
+    EngineLetters,
     EventClass,
     Inert,
-    Letters,
     Reading,
     TreeLetters,
 )
@@ -87,7 +87,7 @@ class Engine(Monitor):
         self.restore(state)
 
     @property
-    def letters(self) -> Letters:
+    def letters(self) -> EngineLetters:
         """The patterns of the runtime events, which give the class of an event."""
         return self._strategy.letters
 

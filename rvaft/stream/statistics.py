@@ -20,7 +20,7 @@ from rvaft.core.classifier import (
     literals_of,
     reader,
 )
-from rvaft.engine.compiled_tree import EventClass, Letters
+from rvaft.engine.compiled_tree import EngineLetters, EventClass
 from rvaft.model.expressions import pattern_text
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern, match
 from rvaft.model.tree import RVAFT
@@ -72,7 +72,7 @@ class EventTypeIndex:
     `compound` are the types with several fields, of which an event can miss one.
     """
 
-    def __init__(self, tree: RVAFT, engines: Sequence[Letters] = ()) -> None:
+    def __init__(self, tree: RVAFT, engines: Sequence[EngineLetters] = ()) -> None:
         self.tree = tree = whole(tree)
         self._engines = engines
         types: dict[str, Pattern] = {}

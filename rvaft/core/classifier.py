@@ -451,30 +451,37 @@ class GuardTable(Generic[H_co]):
 
 
 def guard_table(
-    asked: Sequence[Guard | EventTest | None], derive: Callable[[Callable[[int], bool]], H_co]
+    asked: Sequence[Guard | EventTest | None], derive: Callable[[Sequence[bool]], H_co]
 ) -> GuardTable[H_co]:
-    """The table over these guards, of which those that are None always hold; `derive` asks by their numbers which hold.
+    """The table over these guards, None for one that always holds; `derive` is given for each whether it holds.
 
     >>> from rvaft.model.guards import Operation, Operator
     >>> from rvaft.model.patterns import Literal, Variable
     >>> past = lambda number: Operation(Operator.GT, (Variable("X"), Literal(number)))
-    >>> table = guard_table([past(1), None, past(5)], lambda holds: [number for number in range(3) if holds(number)])
+    >>> table = guard_table([past(1), None, past(5)], lambda holds: [number for number in range(3) if holds[number]])
     >>> table.of({"X": 0}), table.of({"X": 3}), table.of({"X": 9}), table.of({"X": "a"})
     ([1], [0, 1], [0, 1, 2], [1])
     """
     places: dict[Guard | EventTest, int] = {}
     bit = [0 if guard is None else 1 << places.setdefault(guard, len(places)) for guard in asked]
-    return _table_by_bits(tuple(places), lambda held: derive(lambda place: held & bit[place] == bit[place]))
+    return _table_by_bits(tuple(places), lambda held: derive([held & one == one for one in bit]))
 
 
 def joined_tables(tables: Sequence[GuardTable[H]], join: Callable[[tuple[H, ...]], T]) -> GuardTable[T]:
     """The table of what is made of the entries of several tables; a guard that several have is evaluated once."""
     places: dict[Guard | EventTest, int] = {}
-    maps = [[1 << places.setdefault(guard, len(places)) for guard in table.guards] for table in tables]
+    for table in tables:
+        for guard in table.guards:
+            places.setdefault(guard, len(places))
+    asked: list[tuple[Callable[[int], H], int, list[tuple[int, int]]]] = []
+    for table in tables:
+        pairs = [(1 << places[guard], 1 << place) for place, guard in enumerate(table.guards)]
+        same = all(bit == own for bit, own in pairs)
+        asked.append((table.at, (1 << len(pairs)) - 1 if same else 0, [] if same else pairs))
 
     def derive(held: int) -> T:
-        own = [sum(1 << place for place, bit in enumerate(one) if held & bit) for one in maps]
-        return join(tuple(table.at(bits) for table, bits in zip(tables, own, strict=True)))
+        own = [held & mask | sum([bit for one, bit in pairs if held & one]) for _, mask, pairs in asked]
+        return join(tuple([at(bits) for (at, _, _), bits in zip(asked, own, strict=True)]))
 
     return _table_by_bits(tuple(places), derive)
 

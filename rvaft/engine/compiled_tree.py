@@ -16,7 +16,7 @@ guards that wait for them.
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -400,16 +400,16 @@ class TreeLetters(EngineLetters):
         decided = [test for one in letters for _, test in one.decided]
         first = len(letters) + len(ignored)
 
-        def derive(holds: Callable[[int], bool]) -> EventClass:
+        def derive(holds: Sequence[bool]) -> EventClass:
             relevant, serving, held, place = False, list[Admission](), list[int](), first
             for number, one in enumerate(letters):
-                if holds(number):
+                if holds[number]:
                     relevant = relevant or one.relevant
                     if one.nodes:
                         serving.append(one)
-                        held.append(sum(bit for at, (bit, _) in enumerate(one.decided, place) if holds(at)))
+                        held.append(sum([bit for at, (bit, _) in enumerate(one.decided, place) if holds[at]]))
                 place += len(one.decided)
-            if any(map(holds, range(len(letters), first))):
+            if any(holds[len(letters) : first]):
                 relevant = False
             timed = any(one.time is not None for one in serving)
             return EventClass(tuple(serving), relevant, tuple(held), timed)

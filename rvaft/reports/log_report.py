@@ -383,8 +383,10 @@ class LogReport(Listener):
 
     def _fitting(self, event: Json) -> tuple[int, ...]:
         """The nodes whose event it may be."""
-        found = self.plan.monitors.types.of(event).letters
-        return tuple(sorted({node for letter in found for node in self._nodes[letter]}))
+        types = self.plan.monitors.types
+        found = (types.letters[number] for number in types.of(event).admitted)
+        letters = [letter for kind, _, letter in found if kind == "entry"]
+        return tuple(sorted({node for letter in letters for node in self._nodes[letter]}))
 
     def _note(self, watch: MonitoredTrace, number: int, event: Json, nodes: tuple[int, ...]) -> None:
         lists = self._lists

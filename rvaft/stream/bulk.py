@@ -259,13 +259,13 @@ def _has_one_entry(table: GuardTable[H], group: EventGroup) -> bool:
 
 def needs_no_warning(warnings: DataWarnings, group: EventGroup, event_kind: EventKind) -> bool:
     """Whether it is known that there is nothing to warn of in events of one shape."""
-    if event_kind.looked_at == ():
+    if event_kind.checks.looked_at == ():
         return True
-    if event_kind.good is None or event_kind.good[:2] != (warnings, warnings.version):
+    if event_kind.checks.good is None or event_kind.checks.good[:2] != (warnings, warnings.version):
         return False
     if warnings.time is not None and event_kind.entries:
         return False
-    _, _, fields, known = event_kind.good
+    _, _, fields, known = event_kind.checks.good
     if not fields:
         return fields is not None and () in known
     if len(fields) == 1:

@@ -123,7 +123,7 @@ class DataWarnings:
 
     def see(self, event: Mapping[str, Json], number: int, prefix: str, event_kind: EventKind) -> None:
         """Look at an event of which something is asked, or that is a `NonFiniteEvent`."""
-        good = event_kind.good
+        good = event_kind.checks.good
         if (
             good is not None
             and self.time is None
@@ -134,11 +134,11 @@ class DataWarnings:
             fields = good[2]  # mostly; asked of every event
             if fields is not None and len(fields) == 1 and (type(event[fields[0]]),) in good[3]:
                 return
-        if event_kind.looked_at == UNSEEN:
-            event_kind.looked_at = tuple(number for number in event_kind.fits if number in self._asked)
+        if event_kind.checks.looked_at == UNSEEN:
+            event_kind.checks.looked_at = tuple(number for number in event_kind.fits if number in self._asked)
         if isinstance(event, NonFiniteEvent):
             place = f"{prefix}event {number}"
-            if event_kind.looked_at or self.time is None or event.field.split(".")[0] != self.time.field[0]:
+            if event_kind.checks.looked_at or self.time is None or event.field.split(".")[0] != self.time.field[0]:
                 self.note(Reason.NUMBER, "", place, f"{event.field} is {event.number}")
             return
         of, version, fields, known = good or (None, -1, None, ())
@@ -158,11 +158,11 @@ class DataWarnings:
         """The fields that are asked of events of a shape, None where more than the types there
         decides, and types that are known to be good now.
         """
-        asked = [self._asked[letter].fields for letter in event_kind.looked_at]
+        asked = [self._asked[letter].fields for letter in event_kind.checks.looked_at]
         known = [fields for fields in asked if fields is not None]
         fields = tuple(dict.fromkeys(chain(*known))) if len(known) == len(asked) else None
         good = set[tuple[type, ...]]()
-        event_kind.good = self, self.version, fields, good
+        event_kind.checks.good = self, self.version, fields, good
         return fields, good
 
     def _look(
@@ -172,14 +172,14 @@ class DataWarnings:
         with values of these types.
         """
         version, good = self.version, True
-        for letter in event_kind.looked_at:
+        for letter in event_kind.checks.looked_at:
             one = self._asked[letter]
             types = None if one.fields is None else tuple([type(event[field]) for field in one.fields])
             if types is None or one.version != version or types not in one.good:
                 self._ask(one, event, types, place)
                 good = good and types in one.good
-        if good and kinds is not None and version == self.version and event_kind.good is not None:
-            event_kind.good[3].add(kinds)
+        if good and kinds is not None and version == self.version and event_kind.checks.good is not None:
+            event_kind.checks.good[3].add(kinds)
 
     def over(self, events: Iterable[tuple[int, Json]], prefix: str) -> Iterator[tuple[int, Json, EventKind | None]]:
         """The events of a trace, which have numbers, and what they are, nothing for one that is
@@ -196,7 +196,7 @@ class DataWarnings:
                 yield number, event, None
                 continue
             event_kind = look_up(event)
-            if event_kind.looked_at or type(event) is not dict:
+            if event_kind.checks.looked_at or type(event) is not dict:
                 self.see(event, number, prefix, event_kind)
             yield number, event, event_kind
 

@@ -167,7 +167,7 @@ class TraceRun:
                 event_kind = types.late if late else look_up(event).of(event)
                 if watch is not None and late:
                     data_warnings.note_late(event, number, prefix, watch.monitors.engines[0].latest)
-                elif event_kind.looked_at or type(event) is not dict:
+                elif event_kind.checks.looked_at or type(event) is not dict:
                     data_warnings.see(event, number, prefix, event_kind)
                 if statistics is not None:
                     if event_kind.noted is statistics and event_kind.relevant is not None:

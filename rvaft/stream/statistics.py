@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Final, cast
@@ -40,29 +40,37 @@ Path = tuple[str, ...]
 
 
 @dataclass(slots=True, eq=False)
+class WarningChecks:
+    """What data warnings ask of events that match the same patterns."""
+
+    looked_at: tuple[int, ...] = UNSEEN
+    """The letters of which they ask something."""
+    good: tuple[object, int, Sequence[str] | None, set[tuple[type, ...]]] | None = None
+    """What they know to be well: who knows it, since when, of which fields, and the types there."""
+
+
+@dataclass(slots=True, eq=False)
 class EventKind:
     """What events are that have one shape and of which the same guards hold; without arguments, nothing."""
 
     fits: tuple[int, ...] = ()
     """The numbers of the letters whose patterns they match."""
-    types: frozenset[str] = frozenset()
-    """The event types among these letters."""
-    entries: bool = False
-    """Whether entries of the alphabet are among them."""
-    letters: tuple[Letter, ...] = ()
-    """The entries that they are, guards included."""
-    relevant: tuple[str, ...] | None = ()
-    """The types of which they are relevant, None where they are ignored."""
+    admitted: tuple[int, ...] = ()
+    """Those of the letters that they are, guards included."""
     classes: tuple[EventClass, ...] = ()
     """What they are to each engine."""
-    serves: bool = False
+    types: frozenset[str] = field(default=frozenset(), init=False)
+    """The event types that they fit."""
+    entries: bool = field(default=False, init=False)
+    """Whether they fit entries of the alphabet."""
+    relevant: tuple[str, ...] | None = field(default=(), init=False)
+    """The types of which they are relevant, None where they are ignored."""
+    serves: bool = field(default=False, init=False)
     """Whether they may be the event of a node."""
     noted: object = field(default=None, init=False)
     """The statistics that know these types as seen."""
-    looked_at: tuple[int, ...] = field(default=UNSEEN, init=False)
-    """The letters of which data warnings ask something."""
-    good: tuple[object, int, Sequence[str] | None, set[tuple[type, ...]]] | None = field(default=None, init=False)
-    """What data warnings know to be well: who knows it, since when, of which fields, and the types there."""
+    checks: WarningChecks = field(default_factory=WarningChecks)
+    """Shared by all kinds that match the same patterns."""
 
 
 class EventTypeIndex:
@@ -119,30 +127,35 @@ class EventTypeIndex:
         """From an event of a shape to its kind."""
         numbers = [number for number in sorted(chain(*decided)) if number < len(self.letters)]
         tests = [test for number in numbers for test in self._tests[number]]
-        table = guard_table(tests, lambda holds: self._kind(numbers, holds))
+
+        def derive(holds: Sequence[bool]) -> EventKind:
+            fits = tuple([number for number, found in zip(numbers, holds[::2], strict=True) if found])
+            admitted = tuple([number for number, found in zip(numbers, holds[1::2], strict=True) if found])
+            return EventKind(fits, admitted, checks=checks.setdefault(fits, WarningChecks()))
+
+        checks: dict[tuple[int, ...], WarningChecks] = {}
+        table: GuardTable[EventKind | EventClass] = guard_table(tests, derive)
         possible = {self._patterns[number] for number in chain(*decided)}
-
-        def join(found: tuple[EventKind | EventClass, ...]) -> EventKind:
-            classes = tuple(one for one in found if isinstance(one, EventClass))
-            kind = cast("EventKind", found[0])
-            return replace(kind, classes=classes, serves=any(one.serving for one in classes))
-
         tables = cast("list[GuardTable[EventKind | EventClass]]", [one.table(possible) for one in self._engines])
-        return joined_tables([cast("GuardTable[EventKind | EventClass]", table), *tables], join)
+        return joined_tables([table, *tables], self._joined)
 
-    def _kind(self, numbers: Sequence[int], holds: Callable[[int], bool]) -> EventKind:
-        """The kind of events for which these tests of letters hold, two for each."""
-        fits = tuple(number for place, number in enumerate(numbers) if holds(2 * place))
-        found = [self.letters[one] for place, one in enumerate(numbers) if holds(2 * place) and holds(2 * place + 1)]
-        entries = [(name, letter) for kind, name, letter in found if kind == "entry"]
-        ignored = any(kind == "ignored" for kind, _, _ in found)
-        return EventKind(
-            fits,
-            frozenset(name for kind, name, _ in found if kind == "type"),
-            any(self.letters[number][0] == "entry" for number in fits),
-            tuple(letter for _, letter in entries),
-            None if ignored else tuple(dict.fromkeys(name for name, _ in entries)),
-        )
+    def _joined(self, found: tuple[EventKind | EventClass, ...]) -> EventKind:
+        """The kind of events with these letters, and with these classes to the engines."""
+        kind, *classes = found
+        assert isinstance(kind, EventKind), "the first says which letters they are"
+        made = EventKind(kind.fits, kind.admitted, tuple(cast("list[EventClass]", classes)), checks=kind.checks)
+        relevant: dict[str, None] = {}
+        ignored = False
+        for number in made.admitted:
+            what, name, _ = self.letters[number]
+            if what == "entry":
+                relevant[name] = None
+            ignored = ignored or what == "ignored"
+        made.relevant = None if ignored else tuple(relevant)
+        made.types = frozenset([self.letters[number][1] for number in made.fits if self.letters[number][0] == "type"])
+        made.entries = any(self.letters[number][0] == "entry" for number in made.fits)
+        made.serves = any(one.serving for one in made.classes)
+        return made
 
     def possible(self, values: Iterable[Hashable]) -> bool:
         """Whether events with these values in the discriminating fields may fit a pattern, perhaps

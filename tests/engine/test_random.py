@@ -96,7 +96,7 @@ def test_all_ways_to_the_same_events(shape: str, semantics: str, monkeypatch: py
             if taking.is_late(event):
                 taking.skip(1)
             else:
-                taking.take(taking.read(event))
+                taking.take(taking.read(event, taking.letters.classify(event)))
             pickled.step(event)
             for monitor in (taking, pickled, forgetful):
                 assert told_by(monitor) == told_by(straight)

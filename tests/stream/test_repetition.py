@@ -91,7 +91,7 @@ def test_it_says_what_the_reference_says_when_it_begins_afresh_after_each_detect
                 monitors.begin_again()
                 assert monitors.verdicts == (Verdict.UNKNOWN,)
             assert bool(changed) is (verdict is Verdict.TRUE or monitors.since.get(0) == number)
-        counted = straight.detections, moved.detections, monitors.found[0].told
+        counted = straight.detections, moved.detections, monitors.found[0].notified
     assert len(set(counted)) == 1
     assert detected or shape != "timed" or Semantics(semantics).ends
 

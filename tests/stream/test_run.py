@@ -47,9 +47,9 @@ TREE = loads('event a(v) = { kind: "k", value: v }; toplevel r; r and x y; x on 
 def test_fields_and_keys() -> None:
     key = Key.parse(["user", "host.src"])
     assert key.of({"user": None, "host": {"src": 7}}) == (None, 7)
-    assert key.told((None, 7)) == {"user": None, "host.src": 7}
+    assert key.as_json((None, 7)) == {"user": None, "host.src": 7}
     assert key.of({"user": 1}) is key.of({"host": {"src": 1}}) is None
-    assert Key.parse(["a", "a"]).told((1,)) == 1
+    assert Key.parse(["a", "a"]).as_json((1,)) == 1
     stamp = OrderedField("header.stamp")
     assert stamp.place({"header": {"stamp": 2}}) == 2
     assert stamp.place({"header.stamp": 1, "header": {"stamp": 9}}) == 1

@@ -149,7 +149,7 @@ def test_the_limit_counts_events_that_are_joined() -> None:
 @pytest.mark.parametrize("dialect", ["sqlite", "duckdb", "postgres"])
 def test_pinned(dialect: str, semantics: str) -> None:
     pinned = HERE / "pinned" / f"sensor.{semantics}.{dialect}.sql"
-    name = SqlBackend.spoken(dialect)
+    name = SqlBackend.dialect_backend(dialect)
     assert translate(load(str(HERE / "pinned" / "sensor.rvaft")), name, semantics=semantics).text == pinned.read_text(
         "utf-8"
     )

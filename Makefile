@@ -57,8 +57,11 @@ playground: $(STAMP)
 pictures: $(STAMP)
 	$(BIN)/python docs/pictures.py
 
+# Continuous integration says which tests run: TESTS="not slow".
+TESTS ?= not slow and not ci
+
 test: $(STAMP)
-	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow" --ignore tests/benchmarks
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "$(TESTS)" --ignore tests/benchmarks
 
 # The tests that start programs, on a PATH with no program but Python, a shell, `sleep` and make.
 bare: $(STAMP)

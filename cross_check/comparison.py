@@ -195,7 +195,7 @@ class _Row:
             self.fail(error)
         return None
 
-    def said(self, trace: Trace) -> tuple[Verdict, ...]:
+    def verdicts_of(self, trace: Trace) -> tuple[Verdict, ...]:
         """What it says after every prefix."""
         assert self.participant is not None
         return self.participant.answers([trace])[0]
@@ -265,7 +265,7 @@ class _Row:
             if differing := sorted(sorted(match, key=lambda pair: pair[1]) for match in wanted ^ got):
                 what = "missing" if frozenset(differing[0]) in wanted else "too many"
                 self.match = f"a match is {what}: {', '.join(f'{name} {number}' for name, number in differing[0])}"
-                self.status, self.difference = Status.DIFFERS, (tuple(trace), self.said(trace))
+                self.status, self.difference = Status.DIFFERS, (tuple(trace), self.verdicts_of(trace))
                 return
 
     def shorten(self, baseline: "_Row") -> None:
@@ -274,7 +274,7 @@ class _Row:
         with suppress(Exception, Expired), within(self.patience):
             while self.difference is not None and position < len(trace := self.difference[0]):
                 fewer = trace[:position] + trace[position + 1 :]
-                self.compare(fewer, baseline.said(fewer), self.said(fewer))
+                self.compare(fewer, baseline.verdicts_of(fewer), self.verdicts_of(fewer))
                 position += len(self.difference[0]) == len(trace)
 
 
@@ -376,7 +376,7 @@ class Comparison:
                 row.why = VARIABLES
             elif number in found.differ:
                 trace = found.differ[number]
-                row.status, row.difference = Status.DIFFERS, (trace, row.said(trace))
+                row.status, row.difference = Status.DIFFERS, (trace, row.verdicts_of(trace))
             elif number and found.complete:
                 row.status = Status.PROVED
             elif number:
@@ -453,7 +453,7 @@ class Comparison:
         difference = None
         if row.difference is not None and baseline is not None:
             trace, got = row.difference
-            difference = Difference(trace, baseline.name, baseline.said(trace), got, row.match)
+            difference = Difference(trace, baseline.name, baseline.verdicts_of(trace), got, row.match)
         names = ("seconds", "verdicts", "traces", "longest", "why", "masked", "matched")
         known = {name: getattr(row, name) for name in names}
         if source is not None and source.specification is not None:

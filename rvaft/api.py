@@ -118,7 +118,7 @@ def translate(
     expect("limit", limit, int | None, "an int")
     expect("mapping", mapping, Mapping | None, "a mapping of event types")
     speaks = backend(language) if mapping is None else backend(language).mapped(mapping)
-    return speaks.translate(narrowed(tree, branch, kind), meant(tree, semantics), limit=limit)
+    return speaks.translate(narrowed(tree, branch, kind), resolve_semantics(tree, semantics), limit=limit)
 
 
 def monitor(
@@ -147,7 +147,7 @@ def monitor(
     expect("branch", branch, int | None, "an int")
     expect("limit", limit, int, "an int")
     expect("repeat", repeat, bool, "a bool")
-    engine = Engine(narrowed(tree, branch, kind), meant(tree, semantics), limit=limit)
+    engine = Engine(narrowed(tree, branch, kind), resolve_semantics(tree, semantics), limit=limit)
     return Repetition(engine) if repeat else engine
 
 
@@ -239,10 +239,10 @@ def narrowed(tree: RVAFT, branch: int | None = None, kind: Kind | str | None = N
     return part
 
 
-def meant(tree: RVAFT, semantics: Semantics | str | None = None) -> Semantics:
+def resolve_semantics(tree: RVAFT, semantics: Semantics | str | None = None) -> Semantics:
     """The semantics that is asked for, or else the one that the tree states, or else `projected`; raises `OptionError`.
 
-    >>> meant(loads("semantics scattered; top or a b;"))
+    >>> resolve_semantics(loads("semantics scattered; top or a b;"))
     <Semantics.SCATTERED: 'scattered'>
     """
     return (tree.semantics or Semantics.PROJECTED) if semantics is None else one_of(Semantics, semantics)

@@ -291,7 +291,7 @@ class Backend(ABC):
                 raise ToolMissing(module, remedy=f"pip install '.[{self.extra}]' in a checkout of rvaft")
 
     @classmethod
-    def spoken(cls, dialect: str) -> str:
+    def dialect_backend(cls, dialect: str) -> str:
         """The name of the backend that writes its language in a dialect; raises `OptionError` where there is none."""
         raise OptionError(f"{cls.name} has no dialects, and so not {dialect}")
 

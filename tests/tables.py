@@ -1,14 +1,24 @@
 """Tables of data beside the tests that read them: each line is a row in JSON, or a comment after `#`."""
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
+
+import pytest
+from _pytest.mark.structures import ParameterSet
 
 
 def rows(test: str, name: str) -> list[Any]:
     """The rows of the table of that name in the folder of a test."""
     lines = Path(test).with_name(name).read_text(encoding="utf-8").split("\n")
     return [json.loads(line) for line in lines if line and not line.startswith("#")]
+
+
+def sampled(cases: Iterable[tuple[Any, ...]], one_in: int) -> list[ParameterSet]:
+    """All cases as parameters; `make test` runs one in so many, and `.ci/run` the others too."""
+    others = [pytest.mark.ci]
+    return [pytest.param(*case, marks=others if number % one_in else []) for number, case in enumerate(cases)]
 
 
 def spelled(text: str | list[str | list[Any]]) -> bytes:

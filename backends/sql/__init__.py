@@ -75,7 +75,7 @@ class SqlBackend(Backend):
         return asked.matches(traces) if asked.every else None
 
     @classmethod
-    def spoken(cls, dialect: str) -> str:
+    def dialect_backend(cls, dialect: str) -> str:
         """The name of the backend that writes a dialect."""
         if dialect not in DIALECTS:
             raise OptionError(f"unknown dialect {dialect or '(empty)'}; known: {', '.join(DIALECTS)}")

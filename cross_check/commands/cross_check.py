@@ -21,7 +21,7 @@ from cross_check.counterexamples import load as load_case
 from cross_check.participants import faithful_backends, handwritten, is_specification, missing_extras
 from cross_check.results import Job, Result, Status, exit_status
 from cross_check.traces import AGAINST, CATALOGUE, ONE_TREE, RANDOM
-from rvaft.api import meant, narrowed
+from rvaft.api import narrowed, resolve_semantics
 from rvaft.cli import FAILED, INTERRUPTED, Failures, Stopped, options
 from rvaft.model.nodes import Kind
 from rvaft.model.verdict import Semantics, Verdict
@@ -247,7 +247,7 @@ def cross_check_command(
     chosen_effort = {name: given[name] for name in ("traces", "states", "length") if given[name] is not None}
     effort = replace(effort, seed=str(given["seed"]), seconds=timeout, **chosen_effort)
     chosen = semantics or (() if against else tuple(Semantics))
-    pairs = ((e, s) for e in entries for s in chosen or [meant(e.tree)])
+    pairs = ((e, s) for e in entries for s in chosen or [resolve_semantics(e.tree)])
     tasks = (Task(e.tree, Job(e.name, s, e.branch, e.kind), roster, effort) for e, s in pairs)
     every = len(chosen) or 1
     jobs = given["jobs"] or (1 if roster.flink else os.cpu_count() or 1)  # Flink takes long to start

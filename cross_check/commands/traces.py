@@ -13,7 +13,7 @@ import click
 from cross_check.generate.disturbances import near_miss as missing
 from cross_check.generate.times import apart
 from cross_check.generate.traces import PLAIN, NoTraceFound, detecting, random_trace
-from rvaft.api import meant, monitor, narrowed
+from rvaft.api import monitor, narrowed, resolve_semantics
 from rvaft.backend import backend
 from rvaft.cli import options
 from rvaft.model.values import Json
@@ -73,7 +73,7 @@ def traces_command(
     wanted = given["wanted"] or (DEFAULT_NUMBER if folder is not None else 1)
     options.refuse(folder is None and wanted > 1, f"{wanted} traces need a folder: name it with -o")
     part, manner = narrowed(options.load_tree(tree), given["branch"], given["kind"]), replace(PLAIN, longest=length)
-    meaning = meant(part, given["semantics"])
+    meaning = resolve_semantics(part, given["semantics"])
     options.refuse(form is LogForm.JSONL and mapping is not None, "--mapping is for --format stix")
     if form is not LogForm.JSONL:  # programs of these languages skip events
         other = given["semantics"] not in (None, Semantics.SCATTERED)

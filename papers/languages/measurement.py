@@ -35,7 +35,7 @@ from cross_check.generate.times import SECOND, TODAY, timed
 from cross_check.generate.values import fitting, interesting_values
 from cross_check.participants import loaded
 from cross_check.results import DETECTIONS_ONLY, Status, raised, reason
-from rvaft.api import loads, meant
+from rvaft.api import loads, resolve_semantics
 from rvaft.backend import Metrics, all_backends, backend
 from rvaft.engine import Engine
 from rvaft.errors import OptionError, RvaftError
@@ -121,12 +121,12 @@ def default_languages() -> tuple[str, ...]:
 def cells_of(
     subjects: Iterable[Subject], semantics: Iterable[Semantics] | None, languages: Iterable[str]
 ) -> tuple[Cell, ...]:
-    """Every tree under every semantics, or with None the one that is meant, in every language, in this order.
+    """Every tree under every semantics, or with None the one that the tree means, in every language, in this order.
 
     Raises `OptionError` for a comparison of nothing, and for two trees that reports would call the same.
     """
     parts = product(subjects, (None,) if semantics is None else semantics, languages)
-    cells = tuple(Cell(subject, meant(subject.tree, one), language) for subject, one, language in parts)
+    cells = tuple(Cell(subject, resolve_semantics(subject.tree, one), language) for subject, one, language in parts)
     for name, count in Counter(subject.name for subject in dict.fromkeys(cell.subject for cell in cells)).items():
         if count > 1:
             raise OptionError(

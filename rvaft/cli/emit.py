@@ -6,7 +6,7 @@ from typing import Any, Final, Protocol, runtime_checkable
 
 import click
 
-from rvaft.api import meant, narrowed, translate
+from rvaft.api import narrowed, resolve_semantics, translate
 from rvaft.backend import Backend, UnknownBackend, all_backends, backend
 from rvaft.capabilities import table
 from rvaft.cli import options
@@ -64,7 +64,9 @@ def emit_command(
         known = "known: .dot, .gv, .svg, .pdf, .png"
         options.refuse(suffix and not drawn, f"no drawing of an automaton has the suffix {suffix}; {known}")
         try:
-            text = backend("automaton").diagram(part, meant(loaded, chosen["semantics"]), limit=chosen["limit"])
+            text = backend("automaton").diagram(
+                part, resolve_semantics(loaded, chosen["semantics"]), limit=chosen["limit"]
+            )
         except TooLarge as error:
             error.add_note("raise it with --limit N, or draw one branch with --branch N")
             raise
@@ -76,7 +78,7 @@ def emit_command(
     options.refuse(drawn, f"{language} is written as text, which {output} would not be: {mend}")
     with options.suggesting():
         try:
-            language = language if dialect is None else backend(language).spoken(dialect)
+            language = language if dialect is None else backend(language).dialect_backend(dialect)
             text = translate(options.read_tree(tree), language, **chosen).text
         except UnknownBackend as error:
             raise UnknownBackend(error.name, (*error.known, "dot")) from error

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import click
 
-from rvaft.api import meant, monitor, narrowed, translate
+from rvaft.api import monitor, narrowed, resolve_semantics, translate
 from rvaft.cli import FAILED, Failures, options, warn
 from rvaft.cli.monitor_output import REPORTERS, MonitorSettings
 from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
@@ -116,7 +116,11 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     options.refuse(tree == "-", "TREE is a file: what standard input has is the log")
     _check(given)
     whole = options.load_tree(tree)
-    part, semantics, backend = narrowed(whole, branch, kind), meant(whole, given["semantics"]), given["backend"]
+    part, semantics, backend = (
+        narrowed(whole, branch, kind),
+        resolve_semantics(whole, given["semantics"]),
+        given["backend"],
+    )
     plan = plan_of(part, whole, given)
     names = given["traces"] or ("-",)
     if given["word"] is not None:
@@ -197,7 +201,11 @@ def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any]) -> MonitoringPl
 
     Without a backend the engine's.
     """
-    semantics, backend, limit = meant(whole, given["semantics"]), given.get("backend"), given["max_configurations"]
+    semantics, backend, limit = (
+        resolve_semantics(whole, given["semantics"]),
+        given.get("backend"),
+        given["max_configurations"],
+    )
     limit = limit or DEFAULT_LIMIT
 
     def make(part: RVAFT) -> Monitor:

@@ -129,7 +129,7 @@ class MonitorSettings:
 
     def key(self, watch: MonitoredTrace) -> dict[str, Json]:
         """What of several in a trace was watched, as JSON has it."""
-        return {} if watch.key is None or self.plan.key is None else {"key": self.plan.key.told(watch.key)}
+        return {} if watch.key is None or self.plan.key is None else {"key": self.plan.key.as_json(watch.key)}
 
 
 class SummaryRow(NamedTuple):
@@ -270,9 +270,9 @@ class _Text(Reporter):
         verdicts, since, found = watch.monitors.verdicts, watch.monitors.since, watch.monitors.found
         repeat, ended = watch.monitors.repeat, f"verdict {verdicts[0]} after {counted(watch.events)}"
         if repeat:
-            last = f", the last at event {found[0].last}" if found[0].told else ""
+            last = f", the last at event {found[0].last}" if found[0].notified else ""
             final = f"; false since event {since[0]}" if 0 in since else ""
-            ended = f"{counted(found[0].told, 'detection')} in {counted(watch.events)}{last}{final}"
+            ended = f"{counted(found[0].notified, 'detection')} in {counted(watch.events)}{last}{final}"
         self.sink.line(f"{self.where(watch)}{ended}")
         if len(self.columns) > 1:
             rows = [(one.title, *_ended(watch.monitors, at, repeat=repeat)) for at, one in enumerate(self.columns)]
@@ -407,7 +407,7 @@ def _summary(settings: MonitorSettings, rows: Sequence[SummaryRow]) -> Iterator[
     table = [[*trace, *(field.text for field in fields), "EVENTS", *verdicts, "BRANCH", "KINDS", *detected, ""]]
     hidden: list[Verdict] = []
     for row in rows:
-        detections = [at for at, count in enumerate(row.found) if count.told]
+        detections = [at for at, count in enumerate(row.found) if count.notified]
         if len(table) > MOST or not (len(rows) <= ALL or row.failed or detections):
             hidden.append(row.verdicts[0])
             continue
@@ -416,7 +416,7 @@ def _summary(settings: MonitorSettings, rows: Sequence[SummaryRow]) -> Iterator[
         cells.append(str(row.events))
         if 1 < len(titles) <= WIDE:
             each = [f"{one} {row.since.get(at, '')}".rstrip() for at, one in enumerate(row.verdicts)]
-            cells += [f"{one.told}, last {one.last}" if one.last else "0" for one in row.found] if repeat else each
+            cells += [f"{one.notified}, last {one.last}" if one.last else "0" for one in row.found] if repeat else each
         else:
             cells += _ended(row, 0, repeat=repeat)
         branch, kinds = (None, []) if row.explanation is None else (row.explanation.branch, row.explanation.kinds)
@@ -428,7 +428,7 @@ def _summary(settings: MonitorSettings, rows: Sequence[SummaryRow]) -> Iterator[
         table.append([*cells, "error" if row.failed else ""])
     yield from columns(table)
     if repeat:
-        yield f"detections: {sum(row.found[0].told for row in rows)}"
+        yield f"detections: {sum(row.found[0].notified for row in rows)}"
     if hidden:
         counts = ((verdict, hidden.count(verdict)) for verdict in Verdict)
         yield f"and {len(hidden)} more: {', '.join(f'{count} {verdict}' for verdict, count in counts if count)}"
@@ -438,7 +438,7 @@ def _numbered(count: DetectionCount | None) -> str:
     """Which of several detections this is, and how many before it were suppressed."""
     if count is None:
         return ""
-    return f" (detection {count.told}{f', {count.between} suppressed before it' if count.between else ''})"
+    return f" (detection {count.notified}{f', {count.between} suppressed before it' if count.between else ''})"
 
 
 _ENDS: Final = {True: ("DETECTIONS", "LAST", "FALSE SINCE"), False: ("VERDICT", "EVENT")}
@@ -449,7 +449,7 @@ def _ended(own: SummaryRow | MonitorSet, column: int, *, repeat: bool) -> tuple[
     and since when there can be none.
     """
     since, count = str(own.since.get(column, "-")), own.found[column]
-    return (str(count.told), str(count.last or "-"), since) if repeat else (str(own.verdicts[column]), since)
+    return (str(count.notified), str(count.last or "-"), since) if repeat else (str(own.verdicts[column]), since)
 
 
 def _json(value: Json) -> str:

@@ -27,7 +27,7 @@ from rvaft.stream.detection import detection
 from rvaft.stream.follow import FollowedFile, stopping
 from rvaft.stream.listeners import EventBuffer, Listener, VerdictChange
 from rvaft.stream.plan import MonitoringPlan, Totals
-from rvaft.stream.run import Source, TraceRun
+from rvaft.stream.run import RunState, Source, TraceRun
 from rvaft.stream.semantics_hint import SemanticsHint
 from rvaft.stream.statistics import Statistics
 from rvaft.support.files import SUFFIXES as COMPRESSED
@@ -272,7 +272,7 @@ class _Run(Listener):
         if kept is not None and (found := kept.load()) is not None:
             offset, line = found[0].offset, found[0].line
             try:
-                run.restore(found[1], found[0].events)
+                run.restore(cast("RunState", found[1]), found[0].events)
             except Exception as error:  # whatever somebody may have put into it
                 raise kept.unreadable(error) from error
             for listener in self.listeners:

@@ -23,6 +23,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, is_finite, is_number, key
 
 T = TypeVar("T")
+H = TypeVar("H")
 H_co = TypeVar("H_co", covariant=True)
 
 MEMORY: Final = 4096
@@ -89,7 +90,7 @@ class FirstLiterals:
 
 
 class PatternIndex(Generic[T]):
-    """Events by shape; `derive` makes of what a shape decides whatever is wanted for its events, once for each shape.
+    """Events by shape; `derive` makes of what a shape decides whatever is wanted for its events, once.
 
     >>> at = lambda topic: ObjectPattern((("topic", Literal(topic)), ("value", Variable("X"))))
     >>> index = PatternIndex([at("/speed"), at("/goal"), Anything()], lambda decided: decided)
@@ -100,6 +101,7 @@ class PatternIndex(Generic[T]):
     def __init__(self, patterns: Iterable[Pattern], derive: Callable[[Decided], T]) -> None:
         self._derive = derive
         self._memory: dict[Hashable, T] = {}
+        self._derived: dict[Decided, T] = {}
         given = tuple(patterns)
         literals = [literals_of(pattern) for pattern in given]
         self._filed = FirstLiterals(literals)
@@ -123,21 +125,27 @@ class PatternIndex(Generic[T]):
         try:
             return self._memory[shape]
         except KeyError:
-            found = self._derive(self._decide(event))
+            found = self._found(event)
         except TypeError:  # a list or an object where patterns have strings
-            return self._derive(self._decide(event))
+            return self._found(event)
         if len(event) <= WIDEST and brief(shape):
             if len(self._memory) >= MEMORY:
                 self._memory.clear()
             self._memory[shape] = found
         return found
 
-    def _decide(self, event: Mapping[str, Json]) -> Decided:
+    def _found(self, event: Mapping[str, Json]) -> T:
         candidates = self._filed.candidates(event)
-        return Decided(
+        decided = Decided(
             tuple(number for number in candidates if number in self._flat and self._flat[number].fits(event)),
             tuple(number for number in candidates if number not in self._flat),
         )
+        found = self._derived.get(decided)
+        if found is None:
+            if len(self._derived) >= MEMORY:
+                self._derived.clear()
+            found = self._derived[decided] = self._derive(decided)
+        return found
 
 
 def brief(values: Iterable[Json]) -> bool:
@@ -329,7 +337,7 @@ Scope: TypeAlias = Reads | TreeReads
 """Says of an event what is read of it."""
 
 
-# Letters: patterns with guards over their variables, and how one is read off an event.
+# EngineLetters: patterns with guards over their variables, and how one is read off an event.
 
 Values: TypeAlias = Callable[[Mapping[str, Json]], dict[str, Json]]
 
@@ -341,52 +349,64 @@ class Letter(NamedTuple):
     when: Guard | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class EventTest:
+    """A condition on an event that is no guard over its fields; tests with equal names are equal."""
+
+    name: Hashable
+    holds: Predicate = dataclass_field(compare=False)
+
+
 class Reader(NamedTuple):
     """How one letter, known by a number, is read off an event whose shape does not exclude it."""
 
     number: int
     pattern: Pattern
-    holds: Predicate | None
-    plain: bool
-    """Whether the shape of an event decides that it fits the pattern. Then `holds` is asked of the event itself."""
+    test: Guard | EventTest | None
+    """The condition on the event, with the fields of the event for the variables; None where the shape decides."""
+    admits: Predicate
+    """Whether an event is this letter."""
     values: Values
-    """If so what gives the values of the variables, but for the local ones, in an event that is this letter."""
-    asked: Guard | None
-    """If so the guard, with the fields of the event for its variables."""
-    fields: tuple[tuple[str, str], ...]
-    """If so the variables, but for the local ones, and their fields."""
-
-    def admits(self, event: Mapping[str, Json]) -> bool:
-        """Whether an event is this letter."""
-        if self.plain:
-            return self.holds is None or self.holds(event)
-        return self.read(event) is not None
+    """The values of the variables, but for the local ones, in an event that fits the pattern."""
+    fields: Mapping[str, str] | None
+    """The fields that have these values; None where the shape of an event does not decide that it fits the pattern."""
 
     def read(self, event: Mapping[str, Json]) -> dict[str, Json] | None:
         """The values of the variables in an event, or None where it is not this letter."""
-        if self.plain:
-            return self.values(event) if self.holds is None or self.holds(event) else None
-        found = match(self.pattern, event, {})
-        return rigid(found) if found is not None and (self.holds is None or self.holds(found)) else None
+        return self.values(event) if self.admits(event) else None
 
 
 def reader(number: int, letter: Letter) -> Reader:
     """How a letter is read. A guard with variables that the pattern does not bind never holds."""
-    plain = flat(letter.pattern)
-    when = letter.when
-    fields: tuple[tuple[str, str], ...] = ()
-    holds: Predicate | None = None
-    asked: Guard | None = None
-    if when is not None and not set(guard_variables(when)) <= set(pattern_variables(letter.pattern)):
-        holds, asked = (lambda _: False), Literal(False)
-    elif plain is not None:
-        named = {name: field for field, name in plain.variables.items() if name}
-        fields = tuple((name, field) for name, field in named.items() if not name.startswith("_"))
-        asked = None if when is None else renamed(when, named)
-        holds = None if asked is None else predicate(asked)
-    elif when is not None:
-        holds = predicate(when)
-    return Reader(number, letter.pattern, holds, plain is not None, _values(fields), asked, fields)
+    pattern, when = letter
+    plain = flat(pattern)
+    if when is not None and not set(guard_variables(when)) <= set(pattern_variables(pattern)):
+        when = Literal(False)
+    if plain is None:
+        return Reader(
+            number, pattern, EventTest(letter, admits := _admits(pattern, when)), admits, _bound(pattern), None
+        )
+    named = {name: field for field, name in plain.variables.items() if name}
+    fields = {name: field for name, field in named.items() if not name.startswith("_")}
+    test = None if when is None else renamed(when, named)
+    admits = (lambda _: True) if test is None else predicate(test)
+    return Reader(number, pattern, test, admits, _values(tuple(fields.items())), fields)
+
+
+def _admits(pattern: Pattern, when: Guard | None) -> Predicate:
+    """Whether an event fits a pattern and a guard holds of it."""
+    holds = None if when is None else predicate(when)
+
+    def admits(event: Mapping[str, Json]) -> bool:
+        found = match(pattern, event, {})
+        return found is not None and (holds is None or holds(found))
+
+    return admits
+
+
+def _bound(pattern: Pattern) -> Values:
+    """Gives variables the values that a pattern finds in an event, and none where it does not match."""
+    return lambda event: rigid(match(pattern, event, {}) or {})
 
 
 def _values(fields: tuple[tuple[str, str], ...]) -> Values:
@@ -408,18 +428,20 @@ class GuardTable(Generic[H_co]):
     """From an event to what follows from which of some guards hold of it; derived once for each set
     of guards that comes.
 
-    `of` reads the table, and `held` gives the guards that hold as bits.
+    `of` reads the table, `held` gives the guards that hold as bits, and `at` what follows from such bits.
     """
 
-    guards: tuple[Guard, ...]
+    guards: tuple[Guard | EventTest, ...]
     of: Callable[[Mapping[str, Json]], H_co]
     held: Callable[[Mapping[str, Json]], int]
+    at: Callable[[int], H_co]
 
     @cached_property
     def field(self) -> str | None:
         """The one field that all guards ask for, if there is one."""
-        names = {name for guard in self.guards for name in guard_variables(guard)}
-        return names.pop() if len(names) == 1 else None
+        guards = [guard for guard in self.guards if not isinstance(guard, EventTest)]
+        names = {name for guard in guards for name in guard_variables(guard)}
+        return names.pop() if len(names) == 1 and len(guards) == len(self.guards) else None
 
     @cached_property
     def ordered(self) -> bool:
@@ -428,28 +450,49 @@ class GuardTable(Generic[H_co]):
         return orders and compared_numbers(self.guards) is not None
 
 
-def guard_table(asked: Sequence[Guard | None], derive: Callable[[Callable[[int], bool]], H_co]) -> GuardTable[H_co]:
-    """The table over these guards, of which those that are None always hold; `derive` asks by their numbers which hold.
+def guard_table(
+    asked: Sequence[Guard | EventTest | None], derive: Callable[[Sequence[bool]], H_co]
+) -> GuardTable[H_co]:
+    """The table over these guards, None for one that always holds; `derive` is given for each whether it holds.
 
     >>> from rvaft.model.guards import Operation, Operator
     >>> from rvaft.model.patterns import Literal, Variable
     >>> past = lambda number: Operation(Operator.GT, (Variable("X"), Literal(number)))
-    >>> table = guard_table([past(1), None, past(5)], lambda holds: [number for number in range(3) if holds(number)])
+    >>> table = guard_table([past(1), None, past(5)], lambda holds: [number for number in range(3) if holds[number]])
     >>> table.of({"X": 0}), table.of({"X": 3}), table.of({"X": 9}), table.of({"X": "a"})
     ([1], [0, 1], [0, 1, 2], [1])
     """
-    places: dict[Guard, int] = {}
+    places: dict[Guard | EventTest, int] = {}
     bit = [0 if guard is None else 1 << places.setdefault(guard, len(places)) for guard in asked]
-    return _table_by_bits(tuple(places), lambda held: derive(lambda place: held & bit[place] == bit[place]))
+    return _table_by_bits(tuple(places), lambda held: derive([held & one == one for one in bit]))
 
 
-def _table_by_bits(guards: tuple[Guard, ...], derive: Callable[[int], H_co]) -> GuardTable[H_co]:
+def joined_tables(tables: Sequence[GuardTable[H]], join: Callable[[tuple[H, ...]], T]) -> GuardTable[T]:
+    """The table of what is made of the entries of several tables; a guard that several have is evaluated once."""
+    places: dict[Guard | EventTest, int] = {}
+    for table in tables:
+        for guard in table.guards:
+            places.setdefault(guard, len(places))
+    asked: list[tuple[Callable[[int], H], int, list[tuple[int, int]]]] = []
+    for table in tables:
+        pairs = [(1 << places[guard], 1 << place) for place, guard in enumerate(table.guards)]
+        same = all(bit == own for bit, own in pairs)
+        asked.append((table.at, (1 << len(pairs)) - 1 if same else 0, [] if same else pairs))
+
+    def derive(held: int) -> T:
+        own = [held & mask | sum([bit for one, bit in pairs if held & one]) for _, mask, pairs in asked]
+        return join(tuple([at(bits) for (at, _, _), bits in zip(asked, own, strict=True)]))
+
+    return _table_by_bits(tuple(places), derive)
+
+
+def _table_by_bits(guards: tuple[Guard | EventTest, ...], derive: Callable[[int], H_co]) -> GuardTable[H_co]:
     """The table of what is derived from the guards that hold, as bits.
 
     If all guards compare one variable with numbers, an entry is found by the place of its value among these numbers.
     """
     memory: dict[int, H_co] = {}
-    asked = [(1 << place, predicate(guard)) for place, guard in enumerate(guards)]
+    asked = [(1 << at, one.holds if isinstance(one, EventTest) else predicate(one)) for at, one in enumerate(guards)]
 
     def derived(event: Mapping[str, Json]) -> H_co:
         return derived_of(held(event))
@@ -468,13 +511,13 @@ def _table_by_bits(guards: tuple[Guard, ...], derive: Callable[[int], H_co]) -> 
 
     if not guards:
         always = derive(0)
-        return GuardTable((), lambda _: always, lambda _: 0)
+        return GuardTable((), lambda _: always, lambda _: 0, lambda _: always)
     compared = compared_numbers(guards)
     if compared is None:
         if len(guards) == 1:
             ((_, holds_alone),) = asked
-            return GuardTable(guards, lambda event: derived_of(1 if holds_alone(event) else 0), held)
-        return GuardTable(guards, derived, held)
+            return GuardTable(guards, lambda event: derived_of(1 if holds_alone(event) else 0), held, derived_of)
+        return GuardTable(guards, derived, held, derived_of)
     name, points = compared
     by_place: dict[int, H_co] = {}
     """By the place of the value: before the first of the numbers, at it, between it and the second, and so on."""
@@ -492,10 +535,10 @@ def _table_by_bits(guards: tuple[Guard, ...], derive: Callable[[int], H_co]) -> 
             by_place.clear()
         return found
 
-    return GuardTable(guards, placed, held)
+    return GuardTable(guards, placed, held, derived_of)
 
 
-def compared_numbers(guards: Iterable[Guard]) -> tuple[str, list[int | float]] | None:
+def compared_numbers(guards: Iterable[Guard | EventTest]) -> tuple[str, list[int | float]] | None:
     """The one variable that all guards compare with numbers, and these numbers in order; None if
     there is no such variable.
     """

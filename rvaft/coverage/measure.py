@@ -8,17 +8,18 @@ from itertools import chain, combinations, islice
 from math import inf
 from typing import BinaryIO, Final, NamedTuple, Self, TypeAlias, cast
 
-from rvaft.api import meant, narrowed
+from rvaft.api import narrowed, resolve_semantics
 from rvaft.core.branches import branch as numbered
 from rvaft.core.branches import branches
 from rvaft.core.build import build
 from rvaft.core.classifier import TreeReads
+from rvaft.core.part_numbers import PartKind
 from rvaft.core.passes import of_branch, reduced
 from rvaft.core.property import All, Event, Property, Source, Times
 from rvaft.core.scenarios import is_empty, transitive
 from rvaft.engine import Engine
 from rvaft.engine.alternatives import Alternatives
-from rvaft.engine.compiled_tree import CompiledTree, EventClass, Op, Reading, TreeLetters
+from rvaft.engine.compiled_tree import CompiledTree, Reading, TreeLetters
 from rvaft.engine.configuration import Configuration, Witness, history
 from rvaft.engine.explanation import awaited
 from rvaft.engine.monitor import DEFAULT_LIMIT
@@ -153,7 +154,7 @@ class LackingEvents:
         for node in sorted(kept, reverse=True):
             inside[node] = 0
             for child in kept[node]:
-                if compiled.ops[node] is Op.SEQUENCE:
+                if compiled.ops[node] is PartKind.SEQUENCE:
                     for one in bits(inside[child]):
                         before[one] |= inside[node]
                 inside[node] |= inside[child]
@@ -209,7 +210,9 @@ class AlternativeFollower(Engine):
         `fits` is False only where it is no event of this branch.
         """
         self.skip(number - 1 - self._read)
-        verdict = self.take(Reading(relevant=True, hits=self.read(event).hits if fits else ()))
+        verdict = self.take(
+            Reading(relevant=True, hits=self.read(event, self.letters.classify(event)).hits if fits else ())
+        )
         if verdict is Verdict.UNKNOWN and self.semantics is not Semantics.SCATTERED:
             self._look()
 
@@ -325,7 +328,7 @@ class CoverageReport:
 
     `infeasible` are the numbers of branches without a feasible scenario, which nothing can detect
     and which do not count. `nodes` is the number of nodes with a runtime event in the branches that
-    do, `unseen` are those whose event no event of any log was. `oversights` are what could have
+    do, `unseen` are those whose event no event of any log was. `data_warnings` are what could have
     been part of a match and was not, `warnings` the same as sentences.
     """
 
@@ -335,7 +338,7 @@ class CoverageReport:
     infeasible: tuple[int, ...]
     nodes: int
     unseen: tuple[Awaited, ...]
-    oversights: tuple[DataWarning, ...] = ()
+    data_warnings: tuple[DataWarning, ...] = ()
     warnings: tuple[str, ...] = ()
 
     @property
@@ -375,7 +378,7 @@ class Coverage:
     ) -> None:
         narrowed(tree, branch, kind)  # all that can be wrong with these is said here
         self.tree = tree
-        self.semantics = meant(tree, semantics)
+        self.semantics = resolve_semantics(tree, semantics)
         self._branches: list[tuple[BranchFollower, frozenset[str]]] = []
         # For each branch the monitor that each log gets a copy of, and its nodes.
         self._best: list[BranchCoverage] = []
@@ -388,7 +391,7 @@ class Coverage:
             prop.with_root(All(None, tuple(Event(Source(entry.node, 1), entry.pattern) for entry in tree.alphabet)))
         )
         self._letters = TreeLetters(self._compiled)
-        self._types = EventTypeIndex(tree, self._letters.patterns)
+        self._types = EventTypeIndex(tree, [self._letters])
         self._warnings = DataWarnings(self._types)
         chosen = [numbered(tree, branch)] if branch is not None else list(islice(branches(tree), limit + 1))
         if branch is None and len(chosen) > limit:
@@ -448,21 +451,14 @@ class Coverage:
                 best = replace(best, reached=came, log=log, event=reach.event, awaited=reach.awaited)
             self._best[place] = best
 
-    def _class_of(self, event_kind: EventKind) -> EventClass:
-        if event_kind.classes is None:
-            event_kind.classes = (self._letters.class_of(self._types.possible_patterns(event_kind)),)
-        return event_kind.classes[0]
-
     def _hit(self, event: Json, event_kind: EventKind, *, projects: bool) -> set[str]:
         """The nodes that an event may be, where it counts: by the pattern and by the guard that the
         event alone decides.
         """
-        event_class = self._class_of(event_kind)
-        if projects and any(one.admits(event) for one in event_class.ignored):
+        (event_class,) = event_kind.classes
+        if projects and not event_class.relevant:
             return set()
         reading = self._letters.read(event, event_class)
-        if projects and not reading.relevant:
-            return set()
         found = ((self._compiled.names[node], hit.values) for hit in reading.hits for node in hit.nodes)
         return {name for name, values in found if (own := self._own[name]) is None or holds(own, values)}
 
@@ -483,8 +479,7 @@ class Coverage:
                 log,
                 strict_json=strict_json,
                 warnings=data_warnings,
-                table=lambda event_kind: self._class_of(event_kind).refined,
-                concerns=lambda one: one.relevant if self.semantics.projects else bool(one.serving),
+                concerns=lambda kind: bool(kind.relevant) if self.semantics.projects else kind.serves,
             )
         if found is None:
             found = enumerate(read(cast("BinaryIO", stream), name=log, reads=reads, strict=strict_json), 1)

@@ -42,7 +42,7 @@ def json_text(report: CoverageReport) -> str:
         "branches": branches,
         "infeasible": list(report.infeasible),
         "unseen": [asdict(one) for one in report.unseen],
-        "oversights": [asdict(one) for one in report.oversights],
+        "oversights": [asdict(one) for one in report.data_warnings],
         "totals": totals,
     }
     return json.dumps(value, indent=2) + "\n"

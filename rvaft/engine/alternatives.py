@@ -1,26 +1,52 @@
 """A property of which one of several alternatives has to be observed: one strategy for each."""
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from copy import copy
-from typing import Any, Self
+from itertools import chain
+from typing import NamedTuple, Self
 
-from rvaft.engine.compiled_tree import NOTHING, EventClass, Reading, TreeLetters
+from rvaft.core.classifier import GuardTable, joined_tables
+from rvaft.engine.compiled_tree import NOTHING, EngineLetters, EventClass, Reading
+from rvaft.engine.configuration import Snapshot
 from rvaft.engine.explanation import explain, pending, together
 from rvaft.engine.partial_matches import Following
-from rvaft.engine.scattered_linear import LinearMonitor
+from rvaft.engine.scattered_linear import LinearMonitor, LinearSnapshot
+from rvaft.model.patterns import Pattern
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Explanation, Pending
 
 
+class AlternativeLetters(EngineLetters):
+    """The letters of several alternatives; the class of an event has its class to each."""
+
+    def __init__(self, letters: Sequence[EngineLetters]) -> None:
+        self._letters = letters
+        super().__init__(dict.fromkeys(pattern for one in letters for pattern in one.patterns))
+
+    def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
+        """From an event to its class, for events of a shape that can match these of the `patterns`."""
+
+        def join(parts: tuple[EventClass, ...]) -> EventClass:
+            serving = tuple(chain.from_iterable(one.serving for one in parts))
+            return EventClass(serving, any(one.relevant for one in parts), parts=parts)
+
+        return joined_tables([one.table(possible) for one in self._letters], join)
+
+
+class AlternativesSnapshot(NamedTuple):
+    """The verdicts of the alternatives after the last event and before it, and a snapshot of each."""
+
+    verdicts: list[Verdict]
+    last: list[Verdict]
+    parts: list[LinearSnapshot | Snapshot]
+
+
 class Alternatives:
-    """The strategies of alternatives side by side: true where one of them is, false where all are.
+    """The strategies of alternatives side by side: true where one of them is, false where all are."""
 
-    `letters` are those of all alternatives together, which say of an event whether it can concern any.
-    """
-
-    def __init__(self, letters: TreeLetters, parts: Sequence[Following | LinearMonitor]) -> None:
-        self.letters = letters
+    def __init__(self, parts: Sequence[Following | LinearMonitor]) -> None:
+        self.letters = AlternativeLetters([one.letters for one in parts])
         self.parts = tuple(parts)
         self.verdicts = [Verdict.UNKNOWN] * len(self.parts)
         self._last = self.verdicts
@@ -30,12 +56,12 @@ class Alternatives:
         """Whether the last event may be part of a match."""
         return any(strategy.noted for strategy in self.parts)
 
-    def read(self, event: Mapping[str, Json], event_class: EventClass | None = None) -> Reading:
-        """What an event means to each."""
-        if not (self.letters.classify(event) if event_class is None else event_class).letters:
+    def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
+        """What an event of a class means to each."""
+        if not event_class.serving and not event_class.relevant:
             return NOTHING
-        readings = [strategy.read(event) for strategy in self.parts]
-        return Reading(any(one.relevant for one in readings), readings if any(one.hits for one in readings) else ())
+        readings = [one.read(event, own) for one, own in zip(self.parts, event_class.parts, strict=True)]
+        return Reading(event_class.relevant, readings if any(one.hits for one in readings) else ())
 
     def advance(self, reading: Reading, position: int) -> Verdict:
         """The verdict after one more event."""
@@ -66,15 +92,15 @@ class Alternatives:
         pairs = zip(self.verdicts, self.parts, strict=True)
         return tuple(strategy.state if verdict is Verdict.UNKNOWN else verdict for verdict, strategy in pairs)
 
-    def snapshot(self) -> tuple[list[Verdict], list[Verdict], list[Any]]:
+    def snapshot(self) -> AlternativesSnapshot:
         """What `restore` needs to bring fresh strategies of the same property into this state."""
-        return list(self.verdicts), self._last, [strategy.snapshot() for strategy in self.parts]
+        return AlternativesSnapshot(list(self.verdicts), self._last, [strategy.snapshot() for strategy in self.parts])
 
-    def restore(self, snapshot: tuple[list[Verdict], list[Verdict], list[Any]]) -> None:
+    def restore(self, snapshot: object) -> None:
         """Take over a snapshot."""
-        verdicts, self._last, states = snapshot
-        self.verdicts = list(verdicts)
-        for strategy, state in zip(self.parts, states, strict=True):
+        assert isinstance(snapshot, AlternativesSnapshot), "made by the same strategy"
+        self.verdicts, self._last = list(snapshot.verdicts), snapshot.last
+        for strategy, state in zip(self.parts, snapshot.parts, strict=True):
             strategy.restore(state)
 
     def explanation(self) -> Explanation:

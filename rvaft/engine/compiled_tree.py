@@ -14,31 +14,24 @@ event; what remains are the *exported* variables, which a configuration has to r
 guards that wait for them.
 """
 
+from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum, auto
 from functools import cached_property
-from typing import Any, Final, NamedTuple, TypeAlias, assert_never
+from itertools import chain
+from typing import Any, Final, NamedTuple
 
 from rvaft.core import property as core
-from rvaft.core.classifier import GuardTable, Letter, PatternIndex, Reader, guard_table, reader
+from rvaft.core.classifier import EventTest, GuardTable, Letter, PatternIndex, Reader, guard_table, reader
+from rvaft.core.part_numbers import PartKind, op_of
 from rvaft.core.property import Part, Property, Source, fewest
 from rvaft.core.times import TimeDifference, differences
-from rvaft.model.guards import Guard, Predicate, TimePoint, conjuncts, predicate, time_points
+from rvaft.model.guards import Guard, TimePoint, conjuncts, predicate, renamed, time_points
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.model.values import Json
 from rvaft.support.bits import mask_of
-
-
-class Op(Enum):
-    """How the children of a node are joined: all of them, all in sequence, one, or some number at least."""
-
-    ALL = auto()
-    SEQUENCE = auto()
-    ONE = auto()
-    AT_LEAST = auto()
 
 
 class _Node(NamedTuple):
@@ -50,7 +43,7 @@ class _Node(NamedTuple):
     event: core.Event | None
     event_first: bool | None
     guard: Guard | None
-    op: Op
+    op: PartKind
     children: tuple[Part, ...]
     need: int
 
@@ -85,18 +78,18 @@ def _joined(part: Part, shared: frozenset[Part], direction: bool | None) -> _Nod
             current, rest = rest[0], rest[0].parts
     match current:
         case core.Event():
-            return _Node(part, current, None, guard, Op.ALL, (), 0)
+            return _Node(part, current, None, guard, op_of(current), (), 0)
         case core.Condition() if guard is None:
-            return _Node(part, None, None, current.guard, Op.ALL, (), 0)
+            return _Node(part, None, None, current.guard, op_of(current), (), 0)
         case core.Sequence(parts=(core.Event() as event, below)) if direction is not False:
             first = True
         case core.Sequence(parts=(below, core.Event() as event)) if direction is not True:
             first = False
         case _:
-            return _Node(part, None, None, guard, _op(current), rest, _need(current, rest))
+            return _Node(part, None, None, guard, op_of(current), rest, _need(current, rest))
     if _belongs(event, part, shared) and _belongs(below, part, shared) and _is_gate(below):
-        return _Node(part, event, first, guard, _op(below), below.parts, fewest(below))
-    return _Node(part, None, None, guard, _op(current), rest, len(rest))
+        return _Node(part, event, first, guard, op_of(below), below.parts, fewest(below))
+    return _Node(part, None, None, guard, op_of(current), rest, len(rest))
 
 
 def _belongs(inner: Part, part: Part, shared: frozenset[Part]) -> bool:
@@ -113,22 +106,6 @@ def _is_gate(part: Part) -> bool:
 
 def _need(part: Part, rest: tuple[Part, ...]) -> int:
     return len(rest) if isinstance(part, core.All) else fewest(part)
-
-
-def _op(part: Part) -> Op:
-    match part:
-        case core.All() | core.Event() | core.Condition():
-            return Op.ALL
-        case core.Sequence():
-            return Op.SEQUENCE
-        case core.One():
-            return Op.ONE
-        case core.AtLeast():
-            return Op.AT_LEAST
-        case core.Times() | core.EndInOrder() | core.Within():
-            raise AssertionError("passes remove these before a property is compiled")
-        case _:
-            assert_never(part)
 
 
 class CompiledTree:
@@ -184,7 +161,18 @@ class CompiledTree:
     @cached_property
     def choices(self) -> Mapping[str, int]:
         """The node of each `or` gate of the tree."""
-        return {name: node for node, name in enumerate(self.names) if name and self.ops[node] is Op.ONE}
+        return {name: node for node, name in enumerate(self.names) if name and self.ops[node] is PartKind.ONE}
+
+    def decided_by(self, nodes: Iterable[int]) -> dict[int, Guard]:
+        """The nodes whose guard waits for variables of an event of these nodes alone, with their guards."""
+        found: dict[int, Guard] = {}
+        for node in nodes:
+            own = set(self.exported[node])
+            for waiting in dict.fromkeys(one for name in self.exported[node] for one in self.guarded_by.get(name, ())):
+                guard = self.guards[waiting]
+                if guard is not None and own.issuperset(self.needs[waiting]):
+                    found[waiting] = guard
+        return found
 
     def child(self, gate: str, name: str) -> int:
         """The child of an `or` gate that comes from a node of the tree, or -1 where the gate does not have it."""
@@ -237,7 +225,7 @@ class CompiledTree:
         for node in range(size - 1, -1, -1):
             if not core.isdisjoint(self.children[node]):
                 core.add(node)
-            picks[node] = self.ops[node] is Op.ONE or any(picks[child] for child in self.children[node])
+            picks[node] = self.ops[node] is PartKind.ONE or any(picks[child] for child in self.children[node])
         self.picks = mask_of(node for node in range(size) if picks[node])
         """The nodes that keep one child, or have such a node below."""
         self.core, self.members = tuple(sorted(core)), frozenset(core)
@@ -251,7 +239,7 @@ class CompiledTree:
             ends = self.own[node] and not self.top_down
             for slot, child in enumerate(children if node not in core else ()):
                 self.parent[child], self.slot[child], self.part_of[child] = node, slot, self.part_of[node]
-                later = self.ops[node] is Op.SEQUENCE and slot + 1 < len(children)
+                later = self.ops[node] is PartKind.SEQUENCE and slot + 1 < len(children)
                 self.freezer[child] = child if later or ends else self.freezer[node]
         self.parts = tuple(node for node in range(size) if node not in core and self.parent[node] < 0)
 
@@ -286,7 +274,7 @@ class Reading(NamedTuple):
     """
 
     relevant: bool
-    hits: Sequence[Any]
+    hits: Sequence[Any]  # of each strategy its own, which it alone reads
 
 
 _new: Final = tuple.__new__  # half the time of the classes' own; they add nothing
@@ -296,165 +284,148 @@ QUIET: Final = Reading(relevant=False, hits=(None,))
 """What an event means to `scattered` that fits some node and changes nothing."""
 
 
-_Values: TypeAlias = Callable[[Mapping[str, Json]], dict[str, Json] | None]
-
-
 class Admission(NamedTuple):
-    """How an event that may be some letter becomes a hit: what is asked of it beside its shape, and
-    what gives the values.
-
-    The values are None where the event is not this letter after all.
+    """One letter: the nodes whose runtime event it is, whether it makes an event relevant, and how
+    it is read off an event.
     """
 
     letter: int
     nodes: tuple[int, ...]
     relevant: bool
-    test: Predicate | None
-    values: _Values
     reader: Reader
-    """How it is read off an event."""
-    timed: bool
-    """Whether one of the values is the time."""
+    time: str | None
+    """The variable that the time of the event binds, where a guard compares it."""
+    decided: tuple[tuple[int, Guard | EventTest], ...]
+    """The guards of nodes that the event alone decides, each with its node as a set."""
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class EventClass:
-    """Events that are alike to a tree: they have the same shape or, in a *refined* class, the same
-    guards hold of them, too.
+    """Events that are alike to a tree: they are the same letters, and the same guards hold of them."""
 
-    A class by shape has the letters that its events may be. If the fields of an event say the rest,
-    `refined` gives its refined class, and `followed` the one that also says which guards of nodes
-    the event alone decides. A refined class has the letters that its events are.
-    """
-
-    letters: tuple[Admission, ...]
-    serving: tuple[Admission, ...]
-    """The letters that serve a node."""
-    ignored: tuple[Reader, ...] = ()
-    """The declarations by which events may be ignored."""
+    serving: tuple[Admission, ...] = ()
+    """The letters that the events are and that serve a node."""
     relevant: bool = False
-    """Whether all events of a refined class are relevant."""
     held: tuple[int, ...] = ()
-    """In a class that is followed, for each letter that serves a node the guards that hold, as bits."""
-    refined: "GuardTable[EventClass] | None" = None
-    followed: "GuardTable[EventClass] | None" = None
+    """For each of these letters, the guards that it decides and that hold, as a set."""
+    timed: bool = False
+    """Whether one of the letters asks for the time of the event."""
+    parts: tuple["EventClass", ...] = ()
+    """Where there are several alternatives, the class to each."""
 
 
-class Effect(NamedTuple):
-    """What events of one kind can do to a monitor now: whether they fit a node, and the letters
-    that may change something.
+class Inert(NamedTuple):
+    """Which events of a class are known to change nothing now.
 
-    Each letter has the fields that matter. It changes nothing if it is `inert` with the values there.
+    `letters` are those that may change something, each with the fields that matter, None where
+    their values cannot be named. A letter with values there that is among the `known` changes nothing.
     """
 
-    fits: bool
-    letters: Sequence[tuple[int, tuple[str, ...]]]
+    letters: Sequence[tuple[int, Collection[str] | None]]
+    known: Collection[Hashable]
 
 
-def _refined(found: EventClass) -> GuardTable[EventClass]:
-    """From an event of a class by shape to its refined class."""
-    letters = len(found.letters)
+class EngineLetters(ABC):
+    """What events can be to a tree: each event has a class, by its shape and by the guards that hold of it."""
 
-    def derive(holds: Callable[[int], bool]) -> EventClass:
-        own = tuple(one for place, one in enumerate(found.letters) if holds(place))
-        ignored = any(holds(letters + place) for place in range(len(found.ignored)))
-        relevant = not ignored and any(one.relevant for one in own)
-        return EventClass(own, tuple(one for one in own if one.nodes), relevant=relevant)
+    def __init__(self, patterns: Iterable[Pattern]) -> None:
+        self.patterns = tuple(patterns)
+        """The patterns of the letters, and of what is ignored."""
+        self._shapes = PatternIndex(
+            self.patterns, lambda decided: self.table({self.patterns[one] for one in chain(*decided)})
+        )
 
-    return guard_table([one.asked for one in (*(one.reader for one in found.letters), *found.ignored)], derive)
+    @abstractmethod
+    def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
+        """From an event to its class, for events of a shape that can match these of the `patterns`."""
+
+    def classify(self, event: Mapping[str, Json]) -> EventClass:
+        """The class of an event."""
+        return self._shapes.of(event).of(event)
 
 
-class TreeLetters:
+class TreeLetters(EngineLetters):
     """The letters of a tree, equal patterns with equal guards: those of its occurrences, its
     alphabet, and what it ignores.
 
-    What the shape of an event decides is worked out once for each shape, so an event that concerns
-    nothing costs one look-up.
+    With `decide` a class also says which guards of nodes the event alone decides.
     """
 
-    def __init__(self, compiled: CompiledTree) -> None:
-        prop, event_time = compiled.prop, compiled.prop.time
+    def __init__(self, compiled: CompiledTree, *, decide: bool = False) -> None:
+        prop = compiled.prop
+        self._time = prop.time
         serves: dict[tuple[Letter, str | None], list[int]] = {}
         for node, pattern in enumerate(compiled.patterns):
             if pattern is not None:
                 letter = Letter(pattern, compiled.filters[node])
                 serves.setdefault((letter, compiled.time_of[node]), []).append(node)
         alphabet = dict.fromkeys((Letter(entry.pattern, entry.when), None) for entry in prop.alphabet)
-        told = tuple(dict.fromkeys([*serves, *alphabet]))
-        self.letters = tuple(letter for letter, _ in told)
-        self.serves = tuple(tuple(serves.get(one, ())) for one in told)
+        found = tuple(dict.fromkeys([*serves, *alphabet]))
+        self.letters = tuple(letter for letter, _ in found)
+        self.serves = tuple(tuple(serves.get(one, ())) for one in found)
         """For each letter the nodes whose runtime event it is."""
-        ignored = [Letter(one.pattern, one.when) for one in prop.ignored]
-        readers = [reader(number, letter) for number, letter in enumerate((*self.letters, *ignored))]
-
-        def values_of(one: Reader, time: str | None) -> _Values:
-            values = one.values if one.plain else one.read
-            if time is None or event_time is None:
-                return values
-            first = self.letters[one.number] not in shared
-            last, read = shared.setdefault(self.letters[one.number], [None, None]), event_time.read
-
-            def timed(event: Mapping[str, Json]) -> dict[str, Json] | None:
-                # of letters that are alike but for the variable of the time the first is read, and
-                # the others at once after it
-                if first:
-                    last[0] = values(event)
-                    last[1] = None if last[0] is None else read(event)
-                return None if last[0] is None else {**last[0], time: last[1]}
-
-            return timed
-
-        shared: dict[Letter, list[Any]] = {}
-        """The values and the time in the last event that was a letter."""
-        values = [values_of(readers[number], time) for number, (_, time) in enumerate(told)]
-
         self._admissions: list[Admission] = []
-        for one in readers[: len(self.letters)]:
-            test, relevant = one.holds if one.plain else None, told[one.number] in alphabet
-            time = told[one.number][1] is not None and event_time is not None
-            nodes = self.serves[one.number]
-            self._admissions.append(Admission(one.number, nodes, relevant, test, values[one.number], one, time))
-        self._ignored = readers[len(self.letters) :]
-        self.patterns = tuple(one.pattern for one in readers)
-        """The patterns of the letters, and of what is ignored."""
-        self.classify = PatternIndex(self.patterns, lambda decided: self._class({*decided.fits, *decided.open})).of
-        """The class of an event by its shape."""
+        for number, (letter, time) in enumerate(found):
+            nodes, own = self.serves[number], reader(number, letter)
+            known = None if self._time is None else time
+            plain = Admission(number, nodes, (letter, time) in alphabet, own, known, ())
+            guards = compiled.decided_by(nodes).items() if decide else ()
+            tests = tuple((1 << node, self._test(plain, guard)) for node, guard in guards)
+            self._admissions.append(plain._replace(decided=tests))
+        self._ignored = [
+            reader(number, Letter(one.pattern, one.when)) for number, one in enumerate(prop.ignored, len(found))
+        ]
+        super().__init__(one.pattern for one in chain((one.reader for one in self._admissions), self._ignored))
 
-    def class_of(self, possible: Collection[Pattern]) -> EventClass:
-        """The class by shape of events that can match these patterns, of all the `patterns`."""
-        return self._class({number for number, pattern in enumerate(self.patterns) if pattern in possible})
+    def _test(self, admission: Admission, guard: Guard) -> Guard | EventTest:
+        """A guard over the variables of a letter as a test of events."""
+        fields = admission.reader.fields
+        if fields is not None and fields.keys() >= set(guard_variables(guard)):
+            return renamed(guard, fields)
+        admits, holds = admission.reader.admits, predicate(guard)
+        name = (admission.reader.pattern, admission.time, guard)
+        return EventTest(name, lambda event: admits(event) and holds(self.values(admission, event)))
 
-    def _class(self, numbers: Collection[int]) -> EventClass:
-        letters = tuple(one for one in self._admissions if one.letter in numbers)
-        serving = tuple(one for one in letters if one.nodes)
-        found = EventClass(letters, serving, tuple(one for one in self._ignored if one.number in numbers))
-        plain = all(one.reader.plain for one in letters) and all(one.plain for one in found.ignored)
-        if plain and not any(one.timed for one in letters):
-            found.refined = _refined(found)
+    def values(self, admission: Admission, event: Mapping[str, Json]) -> dict[str, Json]:
+        """The values that an event gives to the variables of a letter that it is."""
+        found = admission.reader.values(event)
+        if admission.time is not None and self._time is not None:
+            found[admission.time] = self._time.read(event)
         return found
 
-    def read(self, event: Mapping[str, Json], event_class: EventClass | None = None) -> Reading:
-        """What an event means; `event_class` is what its shape says, where that is known."""
-        if event_class is None:
-            event_class = self.classify(event)
-        if not event_class.letters:
-            return NOTHING
-        hits: list[Hit] = []
-        if event_class.refined is not None:
-            told = event_class.refined.of(event)
-            for number, nodes, _, _, values_of, _, _ in told.serving:
-                values = values_of(event)
-                if values is not None:
-                    hits.append(_new(Hit, (number, nodes, values)))
-            return _new(Reading, (told.relevant, hits))
-        relevant = False
-        for number, nodes, matters, test, values_of, _, _ in event_class.letters:
-            if test is None or test(event):
-                values = values_of(event)
-                if values is not None:
-                    relevant = relevant or matters
-                    if nodes:
-                        hits.append(_new(Hit, (number, nodes, values)))
-        if relevant and event_class.ignored:
-            relevant = not any(one.admits(event) for one in event_class.ignored)
-        return _new(Reading, (relevant, hits))
+    def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
+        """From an event to its class, for events of a shape that can match these of the `patterns`."""
+        letters = [one for one in self._admissions if one.reader.pattern in possible]
+        ignored = [one for one in self._ignored if one.pattern in possible]
+        decided = [test for one in letters for _, test in one.decided]
+        first = len(letters) + len(ignored)
+
+        def derive(holds: Sequence[bool]) -> EventClass:
+            relevant, serving, held, place = False, list[Admission](), list[int](), first
+            for number, one in enumerate(letters):
+                if holds[number]:
+                    relevant = relevant or one.relevant
+                    if one.nodes:
+                        serving.append(one)
+                        held.append(sum([bit for at, (bit, _) in enumerate(one.decided, place) if holds[at]]))
+                place += len(one.decided)
+            if any(holds[len(letters) : first]):
+                relevant = False
+            timed = any(one.time is not None for one in serving)
+            return EventClass(tuple(serving), relevant, tuple(held), timed)
+
+        return guard_table([*(one.reader.test for one in letters), *(one.test for one in ignored), *decided], derive)
+
+    def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
+        """What an event of a class means."""
+        serving = event_class.serving
+        if not event_class.timed:
+            hits = [_new(Hit, (one[0], one[1], one[3].values(event))) for one in serving]
+            return _new(Reading, (event_class.relevant, hits))
+        time, hits = None if self._time is None else self._time.read(event), list[Hit]()
+        for one in serving:
+            values = one.reader.values(event)
+            if one.time is not None:
+                values[one.time] = time
+            hits.append(Hit(one.letter, one.nodes, values))
+        return Reading(event_class.relevant, hits)

@@ -20,7 +20,8 @@ from itertools import chain
 from operator import add
 from typing import Final, NamedTuple, Optional, TypeAlias
 
-from rvaft.engine.compiled_tree import CompiledTree, Op
+from rvaft.core.part_numbers import PartKind
+from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.model.values import Json, fingerprint
 
 
@@ -94,6 +95,8 @@ class Snapshot(NamedTuple):
 
     steps: list[tuple[int, int, int, Mapping[str, Json]]]
     groups: list[list[tuple[Configuration, int]]]
+    begun: int = 0
+    """The nodes of independent parts that need not begin again."""
 
     @classmethod
     def of(cls, *groups: list[Configuration]) -> "Snapshot":
@@ -142,7 +145,7 @@ class PartProgress:
 
     def __init__(self, compiled: CompiledTree) -> None:
         self.compiled = compiled
-        self._sequence = [op is Op.SEQUENCE for op in compiled.ops]
+        self._sequence = [op is PartKind.SEQUENCE for op in compiled.ops]
         self._flags = [0] * len(compiled.names)
         self._tallies: list[Tally] = [()] * len(compiled.names)
         start = Configuration(compiled.dead, compiled.closed)
@@ -254,7 +257,7 @@ class PartProgress:
                 return found
             return found | (DONE if done == size else 0) | (MORE if more else 0) | (SURE if sure == size else 0)
         touched, possible, done, more, sure, able_touched, done_touched, more_touched, sure_touched = tally
-        if touched and compiled.ops[node] is Op.ONE:
+        if touched and compiled.ops[node] is PartKind.ONE:
             if touched > 1:
                 return TOUCHED
             more = more_touched

@@ -19,9 +19,10 @@ from itertools import islice
 from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.core.branches import branches, number_of, or_gates
+from rvaft.core.part_numbers import PartKind
 from rvaft.core.passes import with_choices
 from rvaft.core.property import One, Property, Source
-from rvaft.engine.compiled_tree import CompiledTree, Op
+from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import SURE, TOUCHED, Configuration, Witness, history
 from rvaft.engine.partial_matches import Following, Matching
 from rvaft.engine.scattered_linear import LinearMonitor, LinearRun, possible_nodes
@@ -184,7 +185,7 @@ def _found(compiled: CompiledTree, steps: list[Step], kept: Mapping[int, Iterabl
     tree, chosen = compiled.prop.tree, dict[str, tuple[str, ...]]()
     for node, children in kept.items():
         gate = tree.nodes.get(compiled.names[node])
-        if gate is not None and compiled.ops[node] is not Op.SEQUENCE:
+        if gate is not None and compiled.ops[node] is not PartKind.SEQUENCE:
             names = {compiled.names[child] for child in children}
             own = tuple(child for child in gate.children if child in names)
             if own:

@@ -10,8 +10,9 @@ choices.
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from rvaft.core.part_numbers import PartKind
 from rvaft.core.patterns import Overlaps
-from rvaft.engine.compiled_tree import CompiledTree, Op, TreeLetters
+from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
 from rvaft.support.bits import bits, union
 
 
@@ -31,7 +32,7 @@ def independent_parts(compiled: CompiledTree, letters: TreeLetters) -> tuple[Ind
     for node, children in enumerate(compiled.children):  # parents come first
         if node == compiled.root or compiled.parent[node] in joins:
             silent = compiled.guards[node] is None and not compiled.own[node]
-            if silent and children and compiled.ops[node] is Op.ALL:
+            if silent and children and compiled.ops[node] is PartKind.ALL:
                 joins.add(node)
                 continue
             part_of[node], below[node] = node, 0

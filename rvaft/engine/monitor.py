@@ -3,15 +3,15 @@
 from collections.abc import Callable, Hashable, Mapping
 from typing import Any, ClassVar, Final, Self
 
-from rvaft.core.classifier import GuardTable
 from rvaft.core.passes import property_of, reduced
-from rvaft.core.property import All, Property
+from rvaft.core.property import Property
 from rvaft.engine.alternatives import Alternatives
 from rvaft.engine.compiled_tree import (
     NOTHING,
     CompiledTree,
-    Effect,
+    EngineLetters,
     EventClass,
+    Inert,
     Reading,
     TreeLetters,
 )
@@ -62,67 +62,47 @@ class Engine(Monitor):
         if len(found) == 1:
             self._strategy = found[0]
         else:
-            events = CompiledTree(prop.with_root(All(None, prop.events)))
-            self._strategy = Alternatives(TreeLetters(events), found)
+            self._strategy = Alternatives(found)
 
     def _property(self) -> Property:
         """What is followed."""
         return reduced(property_of(self.tree))
 
-    def snapshot(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, object]:
         """What the events so far have left, for `restore`; can be pickled."""
         return {**vars(self), "tree": None, "_strategy": self._strategy.snapshot()}
 
-    def restore(self, snapshot: dict[str, Any]) -> None:
+    def restore(self, snapshot: dict[str, object]) -> None:
         """Go on from a snapshot of a monitor of the same tree; this one has read nothing."""
         vars(self).update({**snapshot, "tree": self.tree, "_strategy": self._strategy})
         self._strategy.restore(snapshot["_strategy"])
         self.pass_time(self._latest)
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """The tree and what the events so far have left; what is compiled from the tree is compiled again."""
         return {**self.snapshot(), "tree": self.tree}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, Any]) -> None:  # the attributes, each of its own type
         Engine.__init__(self, state["tree"], state["semantics"], limit=state["_limit"])
         self.restore(state)
 
     @property
-    def letters(self) -> TreeLetters:
-        """The patterns of the runtime events, which say what an event means."""
+    def letters(self) -> EngineLetters:
+        """The patterns of the runtime events, which give the class of an event."""
         return self._strategy.letters
 
     @property
-    def read(self) -> Callable[..., Reading]:
-        """What an event means, for `take`; a second argument is what its shape says, where that is known."""
+    def read(self) -> Callable[[Mapping[str, Json], EventClass], Reading]:
+        """What an event of a class means, for `take`."""
         return self._strategy.read
 
-    def is_relevant(self, event: Mapping[str, Json], event_class: EventClass) -> bool:
-        """Whether an event of a shape is relevant, for semantics that leave out what is not."""
-        if event_class.refined is None or isinstance(self._strategy, Alternatives):
-            return self._strategy.read(event, event_class).relevant
-        return event_class.refined.of(event).relevant
+    def inert(self, event_class: EventClass) -> Inert | None:
+        """What is known to change nothing among events of a class, as long as nothing else is read.
 
-    def kinds(self, event_class: EventClass) -> GuardTable[EventClass] | None:
-        """From an event of a shape to its kind, for `effect`; None where events have to be read one by one."""
-        match self._strategy:
-            case LinearMonitor() | ScatteredMatches():
-                return self._strategy.kinds(event_class)
-            case Alternatives():
-                return None
-            case _:
-                return None if self._verdict is _UNKNOWN else event_class.refined
-
-    def effect(self, event_class: EventClass) -> Effect:
-        """What events of a refined class can do now."""
-        if isinstance(self._strategy, LinearMonitor | ScatteredMatches):
-            return self._strategy.effect(event_class)
-        return Effect(event_class.relevant, ())
-
-    @property
-    def inert(self) -> set[Hashable] | frozenset[Hashable]:
-        """Letters with the values of their fields that are known to change nothing."""
-        return self._strategy.inert if isinstance(self._strategy, ScatteredMatches) else frozenset()
+        None where events have to be read one by one. Bulk reading passes over such events.
+        """
+        strategy = self._strategy
+        return strategy.inert(event_class) if isinstance(strategy, LinearMonitor | ScatteredMatches) else None
 
     @property
     def noted(self) -> bool:
@@ -155,7 +135,7 @@ class Engine(Monitor):
         self._read += 1  # what follows is for very many events
         self._position += 1
         strategy = self._strategy
-        self._verdict = strategy.advance(strategy.read(event), self._position)
+        self._verdict = strategy.advance(strategy.read(event, strategy.letters.classify(event)), self._position)
         return self._verdict
 
     def go_on_after(self, earlier: Self) -> None:
@@ -190,7 +170,7 @@ class Engine(Monitor):
         self._position += 1
         if self._may_be_late and self.is_late(event):
             return self._strategy.advance(NOTHING, self._position)
-        return self._strategy.advance(self._strategy.read(event), self._position)
+        return self._strategy.advance(self._strategy.read(event, self.letters.classify(event)), self._position)
 
     def fork(self) -> Self:
         """An independent monitor that has read the same events."""
@@ -237,7 +217,7 @@ class Engine(Monitor):
 
 def _strategy(prop: Property, semantics: Semantics, limit: int, *, apart: bool) -> Following | LinearMonitor:
     compiled = CompiledTree(prop)
-    letters = TreeLetters(compiled)
+    letters = TreeLetters(compiled, decide=semantics is Semantics.SCATTERED)
     if semantics is not Semantics.SCATTERED:
         return Contiguous(compiled, letters, semantics, limit=limit)
     starts = linear_starts(compiled, letters)

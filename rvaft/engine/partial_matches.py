@@ -5,7 +5,7 @@ event that counts is used up.
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 from copy import copy
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 from rvaft.core.times import TimeDifference
 from rvaft.engine.compiled_tree import NOTHING, CompiledTree, EventClass, Reading, TreeLetters
@@ -201,9 +201,9 @@ class Following(ABC):
         """The same, each with all that belongs to it."""
         return self.partial
 
-    def read(self, event: Mapping[str, Json], event_class: EventClass | None = None) -> Reading:
-        """What an event means; `event_class` is what its shape says, where that is known."""
-        return self.letters.read(event, event_class)
+    @abstractmethod
+    def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
+        """What an event of a class means."""
 
     @abstractmethod
     def advance(self, reading: Reading, position: int) -> Verdict:
@@ -220,12 +220,13 @@ class Following(ABC):
         """Equal states have equal futures."""
         return frozenset(configuration.key for configuration in self.partial)
 
-    def snapshot(self) -> Any:
+    def snapshot(self) -> Snapshot:
         """What `restore` needs to bring a fresh strategy of the same tree into this state."""
         return Snapshot.of(self.partial, self.matches, self.lost)
 
-    def restore(self, snapshot: Any) -> None:
+    def restore(self, snapshot: object) -> None:
         """Take over a snapshot."""
+        assert isinstance(snapshot, Snapshot), "made by the same strategy"
         partial, self.matches, self.lost = snapshot.groups_again()
         self.follow(partial)
 
@@ -265,11 +266,9 @@ class Contiguous(Following):
         """The partial matches that are followed."""
         return self._configurations
 
-    def read(self, event: Mapping[str, Json], event_class: EventClass | None = None) -> Reading:
-        """What an event means; unless all events count, what is not relevant means nothing."""
-        if event_class is None:
-            event_class = self.letters.classify(event)
-        if self._projected and event_class.refined is not None and not event_class.refined.of(event).relevant:
+    def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
+        """What an event of a class means; unless all events count, what is not relevant means nothing."""
+        if self._projected and not event_class.relevant:
             return NOTHING
         return self.letters.read(event, event_class)
 

@@ -17,21 +17,20 @@ from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, 
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain, islice, product
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
-from rvaft.core.classifier import GuardTable, guard_table
 from rvaft.core.times import Extreme, TimeDifference
 from rvaft.engine.compiled_tree import (
     NOTHING,
     QUIET,
     Admission,
     CompiledTree,
-    Effect,
     EventClass,
+    Inert,
     Reading,
     TreeLetters,
 )
-from rvaft.engine.configuration import SURE, Configuration, Witness, history
+from rvaft.engine.configuration import SURE, Configuration, Snapshot, Witness, history
 from rvaft.engine.independent_parts import IndependentPart, independent_parts
 from rvaft.engine.partial_matches import Following, Matching
 from rvaft.engine.settled_choices import SettledChoices
@@ -47,7 +46,6 @@ from rvaft.model.guards import (
     Operator,
     Predicate,
     predicate,
-    renamed,
     value,
 )
 from rvaft.model.patterns import Variable
@@ -311,16 +309,12 @@ def _bound(part: Operation, name: str, sign: int) -> Bound:
 class LetterMoves:
     """What an event of one letter may do to the partial matches."""
 
-    alone: tuple[tuple[int, Predicate], ...]
-    """The guards that the event may decide, each as a set of one, with what it says."""
     names: tuple[str, ...]
     """The variables of the event that matter."""
     moves: list[tuple[StageGroup, StageMove, int]] = field(default_factory=list)
     """What the groups can take, with the place of the node in the letter."""
     groups: int = 0
     """How many groups were looked at."""
-    hopeful: dict[int, bool] = field(default_factory=dict)
-    """For the guards that hold whether anything may come of it."""
 
 
 class RelevantHit(NamedTuple):
@@ -348,14 +342,13 @@ class NewMatch(NamedTuple):
 
 class CandidateMove(NamedTuple):
     """A letter of which something may come, as long as its values were not there before; these are
-    the fields that matter.
+    the fields that matter, None where the values of variables have to be read.
     """
 
-    letter: int
+    admission: Admission
     watch: LetterMoves
     held: int
-    fields: tuple[str, ...]
-    values: Callable[[Mapping[str, Json]], dict[str, Json] | None]
+    fields: tuple[str, ...] | None
 
 
 class ScatteredMatches(Following):
@@ -382,7 +375,7 @@ class ScatteredMatches(Following):
         self._watches: dict[int, LetterMoves] = {}
         self._quiet: set[Hashable] = set()
         """Letters with values that are known to change nothing as long as the partial matches are the same."""
-        self._hopeful: dict[EventClass, tuple[CandidateMove, ...]] = {}
+        self._candidates: dict[EventClass, tuple[CandidateMove, ...]] = {}
         """Of the letters that an event is those of which something may come, as long as there are the same groups."""
         self._added = 0
         self._whole = 0
@@ -432,142 +425,66 @@ class ScatteredMatches(Following):
         """Equal states have equal futures."""
         return (super().state, self._begun) if self._parts else super().state
 
-    def snapshot(self) -> Any:
+    def snapshot(self) -> Snapshot:
         """What `restore` needs to bring a fresh strategy of the same tree into this state."""
-        return super().snapshot(), self._begun
+        return super().snapshot()._replace(begun=self._begun)
 
-    def restore(self, snapshot: Any) -> None:
+    def restore(self, snapshot: object) -> None:
         """Take over a snapshot."""
-        matches, self._begun = snapshot
-        super().restore(matches)
+        assert isinstance(snapshot, Snapshot), "made by the same strategy"
+        self._begun = snapshot.begun
+        super().restore(snapshot)
 
-    def read(self, event: Mapping[str, Json], event_class: EventClass | None = None) -> Reading:
-        """What an event means: of its letters those that may change something as long as nothing else is read."""
-        if event_class is None:
-            event_class = self.letters.classify(event)
+    def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
+        """What an event of a class means: of its letters those that may change something as long as
+        nothing else is read.
+        """
         if not event_class.serving:
             return NOTHING
-        fits, loud, watches, groups = False, list[RelevantHit](), self._watches, len(self._groups)
-        if event_class.refined is not None:
-            if event_class.followed is None:
-                event_class.followed = self._followed(event_class)
-            found = event_class.followed.of(event)
-            hopes = self._hopeful.get(found)
-            for number, one, held, fields, own_values in self._hope(found) if hopes is None else hopes:
-                if len(fields) == 1:
-                    v = event[fields[0]]
-                    place: Hashable = (number, v if type(v) is str or type(v) is int else exact(v))
-                else:
-                    plain = [v if type(v := event[field]) is str or type(v) is int else exact(v) for field in fields]
-                    place = (number, *plain)
-                if place not in self._quiet:
-                    loud.append(RelevantHit(own_values(event) or {}, one, held, place))
-            return Reading(False, loud) if loud else QUIET if found.letters else NOTHING
-        for letter, nodes, _, test, values_of, _, _ in event_class.serving:
-            if (test is None or test(event)) and (values := values_of(event)) is not None:
-                fits = True
-                watch = watches.get(letter)
-                if watch is None or watch.groups != groups:
-                    watch = self._watch(letter, nodes)
-                if not watch.moves:
-                    continue
-                held = 0
-                for guard, holds in watch.alone:
-                    if holds(values):
-                        held |= guard
-                hopeful = watch.hopeful.get(held)
-                if hopeful is None:
-                    hopeful = any(self._stages.is_hopeful(move, held) for _, move, _ in watch.moves)
-                    watch.hopeful[held] = hopeful
-                if hopeful:
-                    name = (
-                        letter,
-                        *[v if type(v := values[n]) is str or type(v) is int else exact(v) for n in watch.names],
-                    )
-                    if name not in self._quiet:
-                        loud.append(RelevantHit(values, watch, held, name))
-        return Reading(False, loud) if loud else QUIET if fits else NOTHING
+        candidates = self._candidates.get(event_class)
+        loud = list[RelevantHit]()
+        for admission, watch, held, fields in self._find(event_class) if candidates is None else candidates:
+            if fields is None:
+                values = self.letters.values(admission, event)
+                plain = [values[name] for name in watch.names]
+            else:
+                plain = [event[field] for field in fields]
+            name = (admission[0], *[v if type(v) is str or type(v) is int else exact(v) for v in plain])
+            if name not in self._quiet:
+                loud.append(RelevantHit(self.letters.values(admission, event), watch, held, name))
+        return Reading(False, loud) if loud else QUIET
 
-    def kinds(self, event_class: EventClass) -> GuardTable[EventClass] | None:
-        """From an event of a shape to its kind, for `effect`; None where the kind has to be asked of each event."""
-        if event_class.refined is None:
-            return None
-        if event_class.followed is None:
-            event_class.followed = self._followed(event_class)
-        return event_class.followed
+    def inert(self, event_class: EventClass) -> Inert:
+        """What is known to change nothing among events of a class, as long as nothing else is read."""
+        candidates = self._candidates.get(event_class)
+        found = self._find(event_class) if candidates is None else candidates
+        return Inert([(one.admission.letter, one.fields) for one in found], self._quiet)
 
-    def effect(self, kind: EventClass) -> Effect:
-        """What events of a kind can do as long as nothing else is read."""
-        hopes = self._hopeful.get(kind)
-        found = self._hope(kind) if hopes is None else hopes
-        return Effect(bool(kind.letters), [(one.letter, one.fields) for one in found])
-
-    @property
-    def inert(self) -> set[Hashable] | frozenset[Hashable]:
-        """Letters with the values of their fields that are known to change nothing."""
-        return self._quiet
-
-    def _alone(self, nodes: Iterable[int]) -> dict[int, Guard]:
-        """The guards, each as a set of one, that the values of an event decide that is these nodes' own."""
-        compiled, found = self.compiled, dict[int, Guard]()
-        for node in nodes:
-            own = set(compiled.exported[node])
-            for waiting in dict.fromkeys(n for name in own for n in compiled.guarded_by.get(name, ())):
-                guard = compiled.guards[waiting]
-                if guard is not None and own.issuperset(compiled.needs[waiting]):
-                    found[1 << waiting] = guard
-        return found
-
-    def _followed(self, event_class: EventClass) -> GuardTable[EventClass]:
-        """From an event of a shape to the letters that it is."""
-        serving = event_class.serving
-        alone = [[*self._alone(one.nodes).items()] for one in serving]
-        asked = [one.reader.asked for one in serving]
-        for one, guards in zip(serving, alone, strict=True):
-            asked += [renamed(guard, dict(one.reader.fields)) for _, guard in guards]
-
-        def derive(holds: Callable[[int], bool]) -> EventClass:
-            found, held, place = list[Admission](), list[int](), len(serving)
-            for number, one in enumerate(serving):
-                bits_held = sum(bit for at, (bit, _) in enumerate(alone[number], place) if holds(at))
-                place += len(alone[number])
-                if holds(number):
-                    found.append(one)
-                    held.append(bits_held)
-            return EventClass(tuple(found), tuple(found), held=tuple(held))
-
-        return guard_table(asked, derive)
-
-    def _hope(self, found: EventClass) -> tuple[CandidateMove, ...]:
+    def _find(self, event_class: EventClass) -> tuple[CandidateMove, ...]:
         """Of the letters that an event is those of which something may come."""
-        hopes, groups = [], len(self._groups)
-        for one, held in zip(found.serving, found.held, strict=True):
-            letter, nodes, fields = one.letter, one.nodes, dict(one.reader.fields)
-            watch = self._watches.get(letter)
-            if watch is None or watch.groups != groups:
-                watch = self._watch(letter, nodes)
+        found = []
+        for one, held in zip(event_class.serving, event_class.held, strict=True):
+            watch = self._watch(one.letter, one.nodes)
             if any(self._stages.is_hopeful(move, held) for _, move, _ in watch.moves):
-                hopes.append(
-                    CandidateMove(letter, watch, held, tuple(fields[name] for name in watch.names), one.values)
-                )
-        if len(self._hopeful) >= REMEMBERED:
-            self._hopeful.clear()
-        self._hopeful[found] = tuple(hopes)
-        return self._hopeful[found]
+                by_name = one.reader.fields
+                named = None if by_name is None or one.time else tuple(by_name[name] for name in watch.names)
+                found.append(CandidateMove(one, watch, held, named))
+        if len(self._candidates) >= REMEMBERED:
+            self._candidates.clear()
+        self._candidates[event_class] = tuple(found)
+        return self._candidates[event_class]
 
     def _watch(self, letter: int, nodes: tuple[int, ...]) -> LetterMoves:
         """What is known of a letter, up to date."""
         watch = self._watches.get(letter)
         if watch is None:
-            alone = tuple((bit, predicate(guard)) for bit, guard in self._alone(nodes).items())
             exported = dict.fromkeys(name for node in nodes for name in self.compiled.exported[node])
-            watch = self._watches[letter] = LetterMoves(alone, tuple(exported))
+            watch = self._watches[letter] = LetterMoves(tuple(exported))
         for stage, group in islice(self._groups.items(), watch.groups, None):
             for place, node in enumerate(nodes):
                 move = self._stages.move(stage, node) if self._may_take(stage, node) else None
                 if move is not None:
                     watch.moves.append((group, move, place))
-                    watch.hopeful.clear()
         watch.groups = len(self._groups)
         return watch
 
@@ -686,7 +603,7 @@ class ScatteredMatches(Following):
 
     def _forget_watches(self) -> None:
         self._watches.clear()
-        self._hopeful.clear()
+        self._candidates.clear()
 
     def _drop_empty(self) -> None:
         for stage in [stage for stage, group in self._groups.items() if not group.members]:
@@ -703,7 +620,7 @@ class ScatteredMatches(Following):
                     f"sets of events that partial matches have; any of {named} may be passed over", limit=most
                 )
             group = self._groups[stage] = StageGroup(stage.ranking, stage.deadlines)
-            self._hopeful.clear()
+            self._candidates.clear()
             group.floor = self._floor
         group.add(
             Member(

@@ -15,19 +15,18 @@ from collections import Counter
 from collections.abc import Callable, Container, Hashable, Iterator, Mapping, Sequence
 from copy import copy
 from itertools import chain, combinations, product
-from typing import Any, Final, NamedTuple, Self, TypeAlias
+from typing import Final, NamedTuple, Self, TypeAlias
 
-from rvaft.core.classifier import GuardTable
+from rvaft.core.part_numbers import PartKind
 from rvaft.core.patterns import Overlaps
 from rvaft.engine.compiled_tree import (
     NOTHING,
     QUIET,
     Admission,
     CompiledTree,
-    Effect,
     EventClass,
     Hit,
-    Op,
+    Inert,
     Reading,
     TreeLetters,
 )
@@ -88,7 +87,7 @@ def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> StartConditio
         own = frozenset([(node, 0)]) if compiled.own[node] and compiled.top_down else before
         for slot, child in enumerate(children):
             way = own
-            if slot > 0 and compiled.ops[node] is Op.SEQUENCE:
+            if slot > 0 and compiled.ops[node] is PartKind.SEQUENCE:
                 elder = children[slot - 1]
                 way = frozenset([(node, slot) if silent[elder] else (elder, -1)])
             found.parents[child].append(node)
@@ -145,9 +144,9 @@ def _beside(compiled: CompiledTree, one: int, other: int) -> tuple[bool, int]:
     while node not in known:
         node = compiled.parent[node]
         steps += 1
-    if node in (one, other) or compiled.ops[node] in (Op.SEQUENCE, Op.ONE):
+    if node in (one, other) or compiled.ops[node] in (PartKind.SEQUENCE, PartKind.ONE):
         return False, steps
-    return not (compiled.ops[node] is Op.AT_LEAST and compiled.need[node] == 1), steps
+    return not (compiled.ops[node] is PartKind.AT_LEAST and compiled.need[node] == 1), steps
 
 
 class UsefulEvents:
@@ -173,7 +172,7 @@ class UsefulEvents:
         """Nodes for which no event is worth keeping before another one is kept."""
 
     @property
-    def state(self) -> dict[str, Any]:
+    def state(self) -> dict[str, object]:
         """What changes, in copies."""
         return {"entries": list(self.entries), "own": dict(self.own), "_latest": dict(self._latest)}
 
@@ -236,7 +235,7 @@ class LinearRun:
         self._settle()
 
     @property
-    def state(self) -> dict[str, Any]:
+    def state(self) -> dict[str, object]:
         """What changes, in copies."""
         completed = {gate: dict(children) for gate, children in self._completed.items()}
         sets = {"listening": set(self.listening), "_started": set(self._started), "_done": set(self._done)}
@@ -317,7 +316,7 @@ class LinearRun:
             self._agenda.append((self._complete, node))
             return
         self._completed[node] = {}
-        first = children[:1] if self.compiled.ops[node] is Op.SEQUENCE else self._kept(node)
+        first = children[:1] if self.compiled.ops[node] is PartKind.SEQUENCE else self._kept(node)
         self._agenda.extend((self._start, child) for child in reversed(first))
         for child in first:
             if child in self._done:  # a shared child that was complete before; it does not tell again
@@ -335,7 +334,7 @@ class LinearRun:
         needed = compiled.need[gate]
         if len(complete) == needed or self.choices.get(gate, child) != child:
             return  # it has all it needs already, or the child is not what it keeps
-        in_order = compiled.ops[gate] is Op.SEQUENCE
+        in_order = compiled.ops[gate] is PartKind.SEQUENCE
         if in_order and child != compiled.children[gate][len(complete)]:
             return  # it is shared, and heard in its turn
         complete[child] = None
@@ -365,6 +364,13 @@ def possible_nodes(
     return able
 
 
+class LinearSnapshot(NamedTuple):
+    """What changes of the run, and of the events that are kept, if any are."""
+
+    run: dict[str, object]
+    useful: dict[str, object]
+
+
 class LinearMonitor:
     """The strategy: one run over everything, and the events from which the match of each branch can be found.
 
@@ -377,7 +383,7 @@ class LinearMonitor:
         self.limit = limit
         self.starts = starts
         self.run = LinearRun(compiled, starts)
-        self.useful = UsefulEvents(compiled, starts) if Op.ONE in compiled.ops else None
+        self.useful = UsefulEvents(compiled, starts) if PartKind.ONE in compiled.ops else None
         """Where no branch chooses, no event matters but to those that listen."""
         self.noted = True
         """Whether the last event may be part of a match."""
@@ -400,62 +406,45 @@ class LinearMonitor:
         """Equal states have equal futures: what has started and is complete follows from what has fired."""
         return frozenset(self.run.fired)
 
-    def snapshot(self) -> tuple[dict[str, Any], dict[str, Any]]:
+    def snapshot(self) -> LinearSnapshot:
         """What `restore` needs to bring a fresh strategy of the same tree into this state."""
-        return self.run.state, {} if self.useful is None else self.useful.state
+        return LinearSnapshot(self.run.state, {} if self.useful is None else self.useful.state)
 
-    def restore(self, snapshot: tuple[dict[str, Any], dict[str, Any]]) -> None:
+    def restore(self, snapshot: object) -> None:
         """Take over a snapshot."""
+        assert isinstance(snapshot, LinearSnapshot), "made by the same strategy"
         run, useful = snapshot
         self._matter.clear()
         vars(self.run).update(run)
         if self.useful is not None:
             vars(self.useful).update(useful, useless=set())
 
-    def read(self, event: Mapping[str, Json], event_class: EventClass | None = None) -> Reading:
-        """What an event means, as far as that matters now: letters that nobody waits for are not tried."""
-        if event_class is None:
-            event_class = self.letters.classify(event)
+    def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
+        """What an event of a class means, as far as that matters now."""
         if not event_class.serving:
             return NOTHING
-        if event_class.refined is None:
-            asked, sure = event_class.serving, False
-        else:
-            told = event_class.refined.of(event)
-            found = self._matter.get(told)
-            asked, sure = self._mattering(told) if found is None else found, True
-            if not asked:
-                return QUIET if told.serving and self.useful is not None else NOTHING
-        unheard = None if self.useful is not None else self.run.listening.isdisjoint
-        hits = []
-        for letter, nodes, _, test, values_of, _, _ in asked:
-            if sure or ((unheard is None or not unheard(nodes)) and (test is None or test(event))):
-                values = values_of(event)
-                if values is not None:
-                    hits.append(Hit(letter, nodes, values))
-        return Reading(False, hits) if hits else NOTHING
+        asked = self._matter.get(event_class)
+        if asked is None:
+            asked = self._mattering(event_class)
+        if not asked:
+            return NOTHING if self.useful is None else QUIET
+        return Reading(False, [Hit(one.letter, one.nodes, one.reader.values(event)) for one in asked])
 
-    def kinds(self, event_class: EventClass) -> GuardTable[EventClass] | None:
-        """From an event of a shape to its kind, for `effect`; None where the kind has to be asked of each event."""
-        return event_class.refined
+    def inert(self, event_class: EventClass) -> Inert:
+        """What is known to change nothing among events of a class, as long as nothing else is read."""
+        return Inert([(one.letter, ()) for one in self._mattering(event_class)], frozenset())
 
-    def effect(self, kind: EventClass) -> Effect:
-        """What events of a kind can do as long as nothing has changed."""
-        return Effect(
-            bool(kind.serving) and self.useful is not None, tuple((one.letter, ()) for one in self._mattering(kind))
-        )
-
-    def _mattering(self, told: EventClass) -> tuple[Admission, ...]:
+    def _mattering(self, event_class: EventClass) -> tuple[Admission, ...]:
         """Of the letters that an event is those that may change something."""
         deaf, useful = self.run.listening.isdisjoint, self.useful
         found = tuple(
             one
-            for one in told.serving
+            for one in event_class.serving
             if not deaf(one.nodes) or (useful is not None and not useful.useless.issuperset(one.nodes))
         )
         if len(self._matter) >= MEMORY:
             self._matter.clear()
-        self._matter[told] = found
+        self._matter[event_class] = found
         return found
 
     def advance(self, reading: Reading, position: int) -> Verdict:

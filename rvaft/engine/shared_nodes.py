@@ -17,7 +17,8 @@ from functools import cached_property
 from itertools import chain, combinations
 from typing import Final, TypeAlias
 
-from rvaft.engine.compiled_tree import CompiledTree, Op
+from rvaft.core.part_numbers import PartKind
+from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration, PartProgress
 from rvaft.errors import TooLarge
 from rvaft.support.bits import bits, mask_of, union
@@ -38,7 +39,7 @@ class SharedNodes:
         self.limit = limit
         self._mask = mask_of(compiled.core)
         inner = [node for node in compiled.core if compiled.children[node]]
-        self._ordered = any(compiled.own[node] or compiled.ops[node] is Op.SEQUENCE for node in inner)
+        self._ordered = any(compiled.own[node] or compiled.ops[node] is PartKind.SEQUENCE for node in inner)
         """Whether the core orders anything: by a sequence, or by an event that is not at a childless node."""
         self._memory: dict[Hashable, tuple[bool, bool]] = {}
 
@@ -93,7 +94,7 @@ class SharedNodes:
     def rivals(self) -> dict[int, tuple[int, ...]]:
         """For each part that a choice of one child in the core may keep the other such parts."""
         compiled = self.compiled
-        choices = (compiled.children[node] for node in compiled.core if compiled.ops[node] is Op.ONE)
+        choices = (compiled.children[node] for node in compiled.core if compiled.ops[node] is PartKind.ONE)
         parts = [[child for child in children if child not in compiled.members] for children in choices]
         return {one: tuple(other for other in some if other != one) for some in parts for one in some}
 
@@ -144,7 +145,7 @@ class SharedNodes:
             below = 0
             for child in kept[node]:
                 part = within[child] if child in kept else 1 << child & present
-                if below and compiled.ops[node] is Op.SEQUENCE:
+                if below and compiled.ops[node] is PartKind.SEQUENCE:
                     for element in bits(part):
                         before[element] |= below
                 below |= part
@@ -276,7 +277,7 @@ class SharedNodes:
         shared = [child for child in rest if child in compiled.members]
         silent = [child for child in rest if self._has(configuration, child, SURE if complete else DONE)]
         waiting = [child for child in rest if child not in compiled.members and child not in silent]
-        if compiled.ops[node] is Op.ONE:
+        if compiled.ops[node] is PartKind.ONE:
             # Waiting parts are alike, since what orders one orders the other, and so are silent ones, except that they
             # are in different branches.
             picks = silent if complete else [*silent[:1], *waiting[:1]]

@@ -60,10 +60,11 @@ comparable counts as equal only if nothing can tell the values apart (`fingerpri
 from collections.abc import Hashable, Mapping, Sequence
 from itertools import chain
 from operator import ge
-from typing import Any, Final, NamedTuple, assert_never
+from typing import Final, NamedTuple, assert_never
 
+from rvaft.core.part_numbers import PartKind
 from rvaft.core.times import Extreme
-from rvaft.engine.compiled_tree import CompiledTree, Op
+from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration
 from rvaft.engine.partial_matches import Matching
 from rvaft.model.guards import ORDERINGS, Guard, Operation, Operator, variables, walk
@@ -94,15 +95,15 @@ def commits(matching: Matching, before: Configuration, after: Configuration, nod
     def keeps(gate: int, child: int) -> bool:  # nothing is lost by what happened below the child
         siblings = compiled.children[gate]
         match compiled.ops[gate]:
-            case Op.ALL:
+            case PartKind.ALL | PartKind.EVENT | PartKind.CONDITION:
                 return True
-            case Op.SEQUENCE:
+            case PartKind.SEQUENCE:
                 return all(ends(elder, flags(before, elder)) for elder in siblings[: compiled.slot[child]])
-            case Op.ONE | Op.AT_LEAST as op:
+            case PartKind.ONE | PartKind.AT_LEAST as op:
                 able = sum(flags(before, sibling) & POSSIBLE > 0 for sibling in siblings)
                 if flags(before, child) & TOUCHED or able <= compiled.need[gate]:
                     return True
-                return op is Op.AT_LEAST and flags(after, child) & SURE > 0 and not compiled.picks >> child & 1
+                return op is PartKind.AT_LEAST and flags(after, child) & SURE > 0 and not compiled.picks >> child & 1
             case _ as never:
                 assert_never(never)
 
@@ -142,7 +143,7 @@ class Rank(NamedTuple):
     """Where a partial match stands among those of its stage: only in one `place` can one make another superfluous."""
 
     place: Hashable
-    values: tuple[Any, ...]
+    values: tuple[Json, ...]
     """Of each the greater can do more."""
     told_apart: tuple[Hashable, ...]
     """Values that others, yet to come, must differ from."""
@@ -175,7 +176,7 @@ class Ranking(NamedTuple):
         place: list[Hashable] = [exact(binding[name]) for name in self.exact]
         if not self.terms and not self.excluded:
             return Rank(tuple(place), (), ())
-        values: list[Any] = []
+        values: list[Json] = []
         for sign, extreme in self.terms:
             value = binding[extreme.names[0]] if len(extreme.names) == 1 else extreme.of(binding)
             kind = scale(value)

@@ -12,12 +12,12 @@ from hashlib import sha256
 from itertools import count, groupby
 from math import floor
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 
 import msgspec
 
 import rvaft
-from rvaft.api import loads, meant, narrowed
+from rvaft.api import loads, narrowed, resolve_semantics
 from rvaft.api import monitor as monitor_of
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.errors import OptionError, RvaftError, ToolMissing
@@ -36,7 +36,7 @@ from rvaft.stream.listeners import EventBuffer, Listener, VerdictChange
 from rvaft.stream.monitor_set import MonitorSet, Per, columns
 from rvaft.stream.order import OrderedField
 from rvaft.stream.plan import MonitoringPlan, Totals
-from rvaft.stream.run import TraceRun
+from rvaft.stream.run import RunState, TraceRun
 
 if TYPE_CHECKING:
     import pandas
@@ -144,7 +144,7 @@ def monitor(
         name or tree.root,
         (key,) if isinstance(key, str) else tuple(key),
         order_by,
-        meant(tree, semantics).value,
+        resolve_semantics(tree, semantics).value,
         branch,
         None if kind is None else str(kind),
         str(per),
@@ -262,7 +262,7 @@ class _KeyRun:
     def __init__(self, options: _Options, group: str, state: bytes | None = None) -> None:
         self._options = options
         plan = self._plan = _planned(options)
-        self.key = plan.key.told(tuple(json.loads(group)))
+        self.key = plan.key.as_json(tuple(json.loads(group)))
         self._listener = _Detections(plan, options, self.key)
         buffer = EventBuffer(reads=plan.run.reads)
         totals = Totals(None, DataWarnings(plan.run.monitors.types))
@@ -276,7 +276,8 @@ class _KeyRun:
                     "the state in the checkpoint of this query is of another tree, of other options or of another"
                     " version of rvaft: name another checkpointLocation to begin anew"
                 )
-            self._failure, self._rejected, self._unplaced, number, kept = unpacked(state[size:])
+            found = cast("tuple[str, int, int, int, RunState]", unpacked(state[size:]))
+            self._failure, self._rejected, self._unplaced, number, kept = found
             if not self._failure:
                 self._run.restore(kept, number)
         self._said = set(self._lines)

@@ -148,13 +148,13 @@ def message_event(message: object, topic: str, time: int) -> dict[str, Json]:
 
 def _object(message: object, elsewhere: Mapping[str, str] = MappingProxyType({})) -> dict[str, Json]:
     """The fields of a message as JSON, some of them under other names."""
-    kind: Any = type(message)
+    kind: Any = type(message)  # mypy takes the class of an object for one that has no hash
     names = _field_names(kind)
     return _fields(message, names, [elsewhere.get(name, name) for name in names])
 
 
 @cache
-def _field_names(kind: Any) -> Sequence[str]:
+def _field_names(kind: type) -> Sequence[str]:
     """The names of the fields of messages of a class, which says it as `rclpy` does, or is a dataclass of `rosbags`."""
     if (told := getattr(kind, "get_fields_and_field_types", None)) is not None:
         return tuple(told())
@@ -164,20 +164,20 @@ def _field_names(kind: Any) -> Sequence[str]:
     return tuple(name[:-1] if iskeyword(name[:-1]) else name for name in names)
 
 
-def _fields(message: Any, names: Sequence[str], keys: Sequence[str]) -> dict[str, Json]:
+def _fields(message: object, names: Sequence[str], keys: Sequence[str]) -> dict[str, Json]:
     """The values of these fields of a message, as JSON under these keys."""
     values = _getter(names)(message)
     return {key: value if type(value) in _PLAIN else _json(value) for key, value in zip(keys, values, strict=True)}
 
 
 @cache
-def _getter(names: Sequence[str]) -> Callable[[Any], Sequence[Any]]:
+def _getter(names: Sequence[str]) -> Callable[[object], Sequence[object]]:
     """What gives the values of these fields of a message."""
     own = [f"{name}_" if iskeyword(name) else name for name in names]
     return attrgetter(*own) if len(own) > 1 else lambda message: [getattr(message, name) for name in own]
 
 
-def _json(value: Any) -> Json:
+def _json(value: object) -> Json:
     """The value of a field as JSON: lists of arrays, numbers of single bytes, objects of messages."""
     match value:
         case str() | int() | float():
@@ -203,7 +203,7 @@ def _parts(types: "Typestore", name: str, fields: Collection[str] | None = None)
     while agenda:
         one, chosen = agenda.pop()
         for own, how in types.fielddefs[one][1]:
-            kind, about = cast("tuple[Any, Any]", how)
+            kind, about = cast("tuple[Any, Any]", how)  # rosbags nests its types in several ways
             base, of = (kind, about) if kind.name in ("BASE", "NAME") else about[0]
             if chosen is not None and own not in chosen:
                 continue

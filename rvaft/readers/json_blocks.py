@@ -10,7 +10,7 @@ from contextlib import suppress
 from io import DEFAULT_BUFFER_SIZE, BufferedIOBase
 from operator import attrgetter, methodcaller
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypedDict
+from typing import Any, Final, NamedTuple, TypeAlias, TypedDict
 
 import msgspec
 
@@ -42,6 +42,12 @@ _STRETCH: Final = 29_000
 """Bytes in which a key is counted at once."""
 _REFUSED: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 """What a decoder raises for a line that is not for it, malformed or not."""
+_Line: TypeAlias = Any
+"""What a decoder makes of a line: an object of a class that is made for the fields of one tree."""
+_Value: TypeAlias = Scalar | msgspec.UnsetType
+"""What an event has in a field, `msgspec.UNSET` where it lacks it."""
+_Values: TypeAlias = _Value | tuple[_Value, ...]
+"""What an event has in one field, or in several."""
 _DOUBT: Final = ("doubt",)
 """In place of the values on a line that `rvaft.readers.json_lines` has to read."""
 
@@ -58,7 +64,7 @@ class EventBlock(NamedTuple):
     total: int
     events: Sequence[tuple[int, JsonObject]]
     passed: Sequence[int] = ()
-    kept: Sequence[Any] = ()
+    kept: Sequence[Json] = ()
 
 
 def _blocks(
@@ -152,8 +158,8 @@ class JsonBlockReader:
         types = {field: Scalar if field not in kept else str | int | float | None for field in (*fields, *self._asked)}
         # A hook of msgspec is asked for what may be anything only.
         read = {field: Any if field == time else types[field] for field in fields}
-        event: Any = TypedDict("event", read, total=False)  # type: ignore[misc] # the names come with the tree
-        self._event = msgspec.json.Decoder(event, float_hook=_decimal)
+        event = TypedDict("event", read, total=False)  # type: ignore[misc] # the names come with the tree
+        self._event: msgspec.json.Decoder[_Line] = msgspec.json.Decoder(event, float_hook=_decimal)
         self._time = time
         told = tuple(dict.fromkeys((*self._asked, *kept)))
         names = {f"f{number}": field for number, field in enumerate(told)}
@@ -205,8 +211,8 @@ class JsonBlockReader:
             places = [place for place, values in enumerate(found) if values not in dead] if dead else range(len(found))
             self._dense = 2 * len(places) > len(found)
             passed: Sequence[int] = ()
-            kept: Sequence[Any] = ()
-            get: Callable[[Any], Any] | None = self._kept_of_event if dense else self._kept_of_head
+            kept: Sequence[_Values] = ()
+            get: Callable[[_Line], _Values] | None = self._kept_of_event if dense else self._kept_of_head
             if told is not None and not places:
                 passed, kept = range(len(found)), told
             elif get is not None and dead:
@@ -245,7 +251,7 @@ class JsonBlockReader:
             reached(size, len(lines) - (not text.endswith(b"\n")))
             yield EventBlock(len(found) - len(blank), events, _without(blank, passed), kept)
 
-    def _sound(self, text: bytes, lines: list[bytes]) -> list[Any] | None:
+    def _sound(self, text: bytes, lines: list[bytes]) -> list[_Line] | None:
         """The events of a block in which nothing can be wrong that the decoder does not see, or None where some may.
 
         The *skeleton* of a line is what remains without the characters that numbers are written
@@ -276,7 +282,7 @@ class JsonBlockReader:
                 return None
             self._skeletons.add(skeleton)
         with suppress(*_REFUSED):
-            heads: list[Any] = self._event.decode_lines(text)
+            heads: list[_Line] = self._event.decode_lines(text)
             if len(heads) == len(lines) and (self._time is None or not any(map(self._is_nested, heads))):
                 return heads
         return None
@@ -285,14 +291,14 @@ class JsonBlockReader:
         """Whether there is more than one value where the time is."""
         return self._time is not None and type(event.get(self._time)) in (dict, list)
 
-    def _heads(self, text: bytes, lines: list[bytes]) -> tuple[list[Any], list[Hashable], Sequence[Any] | None]:
+    def _heads(self, text: bytes, lines: list[bytes]) -> tuple[list[_Line], list[Hashable], Sequence[_Values] | None]:
         """For each line what the decoder makes of it and its values in the discriminating fields,
         `_DOUBT` where it cannot be trusted.
 
         Third what is kept of each, if that is known for all.
         """
         decoder = self._event if self._dense else self._head
-        get: Callable[[Any], Hashable] = self._of_event if self._dense else self._of_head
+        get: Callable[[_Line], Hashable] = self._of_event if self._dense else self._of_head
         doubts = _doubtful(text, lines)
         try:
             heads = list(map(decoder.decode, lines))
@@ -319,15 +325,15 @@ class JsonBlockReader:
         for place in doubts:
             found[place] = _DOUBT
         every = [columns[field] for field in self._kept] if columns else []
-        told: Sequence[Any] | None = every[0] if len(every) == 1 else list(zip(*every, strict=True))
+        told: Sequence[_Values] | None = every[0] if len(every) == 1 else list(zip(*every, strict=True))
         return heads, found, told if every else None
 
-    def _lookup(self, field: str) -> Callable[[Any], Any]:
+    def _lookup(self, field: str) -> Callable[[_Line], _Value]:
         """Gives the value in a field of what the present decoder makes of a line."""
         return methodcaller("get", field, msgspec.UNSET) if self._dense else attrgetter(self._short[field])
 
-    def _every(self, values: Hashable) -> Any:
-        return (values,) if len(self._asked) == 1 else values
+    def _every(self, values: Hashable) -> tuple[Json, ...]:
+        return values if isinstance(values, tuple) else (values,)
 
     def _meaning(self, values: Hashable) -> tuple[bool, tuple[bytes, ...]]:
         """Whether events with these values are looked at, and the quoted keys that they are not to repeat."""
@@ -344,7 +350,7 @@ class JsonBlockReader:
         return known
 
 
-def _gets(fields: Sequence[str]) -> Callable[[dict[str, Json]], Any]:
+def _gets(fields: Sequence[str]) -> Callable[[dict[str, Json]], _Values]:
     """Gives what an event has in a field, of several a tuple."""
     gets = [methodcaller("get", field, msgspec.UNSET) for field in fields]
     return gets[0] if len(gets) == 1 else lambda event: tuple([get(event) for get in gets])
@@ -406,7 +412,7 @@ def _quoted(field: str) -> bytes:
     return f'"{field}"'.encode()
 
 
-def _decoded(decoder: "msgspec.json.Decoder[Any]", line: bytes) -> Any:
+def _decoded(decoder: msgspec.json.Decoder[_Line], line: bytes) -> _Line:
     try:
         return decoder.decode(line)
     except _REFUSED:

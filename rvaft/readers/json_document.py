@@ -13,7 +13,7 @@ from contextlib import suppress
 from io import DEFAULT_BUFFER_SIZE, BufferedIOBase
 from itertools import count
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 from rvaft.errors import TraceError
 from rvaft.model.values import Json
@@ -168,7 +168,7 @@ class _Window:
             self.expect(",")
         self.expect(end)
 
-    def value(self) -> tuple[Any, str]:
+    def value(self) -> tuple[Json, str]:
         """The value that begins here, and its text."""
         if not (begin := self.next()):
             raise self.wrong("the document ends too early")

@@ -9,7 +9,7 @@ UTF-8, or else in base64.
 from base64 import b64encode
 from collections.abc import Iterator
 from itertools import accumulate, pairwise
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, TypeAlias
 
 from rvaft.errors import ToolMissing
 from rvaft.model.values import Json, decimal
@@ -18,6 +18,10 @@ from rvaft.readers.log import Log, LogReader
 
 _ROWS: Final = 4_096
 """Rows that are made events of at once."""
+_Batch: TypeAlias = Any
+"""A batch of rows of pyarrow, which has no types."""
+_Column: TypeAlias = Any
+"""A column of pyarrow, which has no types."""
 
 
 class ParquetReader(LogReader):
@@ -62,7 +66,7 @@ class ParquetReader(LogReader):
             raise log.error_at(f"this is no Parquet, or damaged: {reason}", number + 1 if number else None) from error
 
 
-def _events(batch: Any, log: Log, before: int) -> list[dict[str, Json] | None]:
+def _events(batch: _Batch, log: Log, before: int) -> list[dict[str, Json] | None]:
     """The events of a batch of rows; None for a row that is rejected."""
     try:
         columns = [_values(column) for column in batch.columns]
@@ -78,7 +82,7 @@ def _events(batch: Any, log: Log, before: int) -> list[dict[str, Json] | None]:
         return [None]
 
 
-def _has_floats(batch: Any) -> bool:
+def _has_floats(batch: _Batch) -> bool:
     """Whether a number in a batch may be one that is not finite."""
     from pyarrow import compute, types  # noqa: PLC0415 -- imported on use
 
@@ -90,7 +94,7 @@ def _has_floats(batch: Any) -> bool:
     )
 
 
-def _values(column: Any) -> list[Any]:
+def _values(column: _Column) -> list[Json]:
     """The values of a column as JSON; raises `ValueError` for what is not."""
     import pyarrow as pa  # noqa: PLC0415 -- imported on use
     from pyarrow import compute, types  # noqa: PLC0415 -- imported on use
@@ -130,13 +134,13 @@ def _values(column: Any) -> list[Any]:
         return [one if one is None else number(one) for one in column.to_pylist()]
     if types.is_binary(kind) or types.is_large_binary(kind) or types.is_fixed_size_binary(kind):
         return [None if one is None else _text(one) for one in column.to_pylist()]
-    found: list[Any] = column.to_pylist()
+    found: list[Json] = column.to_pylist()
     if not all(value is None or isinstance(value, (bool, int, float, str)) for value in found[:1]):
         raise ValueError(f"values of the type {kind} are no JSON")
     return found
 
 
-def _object(entries: list[Any]) -> Json:
+def _object(entries: list[dict[str, Json]]) -> Json:
     """A map whose keys are texts, as an object; raises `ValueError` where one is repeated."""
     if len({entry["key"] for entry in entries}) < len(entries):
         raise ValueError("a key of a map is repeated")

@@ -384,8 +384,9 @@ class LogReport(Listener):
     def _fitting(self, event: Json) -> tuple[int, ...]:
         """The nodes whose event it may be."""
         types = self.plan.monitors.types
-        found = types.entries_of(types.of(event), event)
-        return tuple(sorted({node for letter in found for node in self._nodes[letter]}))
+        found = (types.letters[number] for number in types.of(event).admitted)
+        letters = [letter for kind, _, letter in found if kind == "entry"]
+        return tuple(sorted({node for letter in letters for node in self._nodes[letter]}))
 
     def _note(self, watch: MonitoredTrace, number: int, event: Json, nodes: tuple[int, ...]) -> None:
         lists = self._lists
@@ -437,7 +438,7 @@ class LogReport(Listener):
                 [
                     titles[column],
                     change.verdicts[column].symbol,
-                    change.counts[column].told if column in change.counts else None,
+                    change.counts[column].notified if column in change.counts else None,
                 ]
                 for column in change.columns
             ],
@@ -496,7 +497,7 @@ class LogReport(Listener):
 
     def _watch(self, watch: MonitoredTrace) -> list[Any]:
         own = watch.monitors
-        ends = [[verdict.symbol, own.since.get(at), own.found[at].told] for at, verdict in enumerate(own.verdicts)]
+        ends = [[verdict.symbol, own.since.get(at), own.found[at].notified] for at, verdict in enumerate(own.verdicts)]
         return [None if watch.key is None else list(map(_text, watch.key)), watch.events, ends]
 
 

@@ -21,10 +21,9 @@ from typing import Final, TypeAlias, TypeVar, cast
 
 import msgspec
 
-from rvaft.core.classifier import GuardTable, PatternIndex, TreeReads, key_at
+from rvaft.core.classifier import GuardTable, TreeReads, key_at
 from rvaft.errors import RvaftError, TooLarge
 from rvaft.model.values import Json, JsonObject, exact
-from rvaft.model.verdict import Semantics
 from rvaft.readers import parallel_blocks
 from rvaft.readers.json_blocks import EventBlock, JsonBlockReader, exact_time, plain_fields
 from rvaft.readers.json_lines import LinesRead
@@ -191,8 +190,9 @@ class EventGroup:
         return found
 
 
-def groups(index: PatternIndex[T], events: Sequence[JsonObject]) -> list[tuple[T, EventGroup]] | None:
-    """The events of each shape, in order, with what the index derives for it; None if some cannot be told apart."""
+def groups(types: EventTypeIndex, events: Sequence[JsonObject]) -> list[tuple[EventKind, EventGroup]] | None:
+    """The events of each kind, in order; None if some cannot be told apart."""
+    index = types.shapes
     try:
         found = _by_shape(index.texts, events)
         if index.others or not all(map(_have_the_same_fields, found)):
@@ -202,7 +202,7 @@ def groups(index: PatternIndex[T], events: Sequence[JsonObject]) -> list[tuple[T
             found = by_shape.values()
     except TypeError:  # a list or an object where patterns have strings
         return None
-    return [(index.of(group[0]), EventGroup(group)) for group in found]
+    return [one for group in found for one in _split(index.of(group[0]), EventGroup(group))]
 
 
 def _by_shape(fields: tuple[str, ...], events: Sequence[JsonObject]) -> Collection[Sequence[JsonObject]]:
@@ -233,7 +233,7 @@ def _have_the_same_fields(events: Sequence[JsonObject]) -> bool:
     return True
 
 
-def split(table: GuardTable[H], group: EventGroup) -> list[tuple[H, EventGroup]]:
+def _split(table: GuardTable[H], group: EventGroup) -> list[tuple[H, EventGroup]]:
     """The events of a group by their entry in a table: mostly one for all, which few values show."""
     if _has_one_entry(table, group):
         return [(table.of(group.events[0]), group)]
@@ -257,24 +257,15 @@ def _has_one_entry(table: GuardTable[H], group: EventGroup) -> bool:
     return 0 < len(few) <= FEW_VALUES and len({table.held({table.field: value}) for value in few}) == 1
 
 
-def by_types(event_kind: EventKind, group: EventGroup) -> Sequence[tuple[tuple[str, ...] | None, EventGroup]] | None:
-    """The events of a group by the types of which they are relevant, None if ignored; None if that
-    is asked of each event.
-    """
-    if event_kind.decided.open or (event_kind.counted is None and (event_kind.constant is None or event_kind.ignored)):
-        return None
-    return split(event_kind.counted, group) if event_kind.counted is not None else [(event_kind.constant, group)]
-
-
 def needs_no_warning(warnings: DataWarnings, group: EventGroup, event_kind: EventKind) -> bool:
     """Whether it is known that there is nothing to warn of in events of one shape."""
-    if event_kind.looked_at == ():
+    if event_kind.checks.looked_at == ():
         return True
-    if event_kind.good is None or event_kind.good[:2] != (warnings, warnings.version):
+    if event_kind.checks.good is None or event_kind.checks.good[:2] != (warnings, warnings.version):
         return False
     if warnings.time is not None and event_kind.entries:
         return False
-    _, _, fields, known = event_kind.good
+    _, _, fields, known = event_kind.checks.good
     if not fields:
         return fields is not None and () in known
     if len(fields) == 1:
@@ -282,41 +273,36 @@ def needs_no_warning(warnings: DataWarnings, group: EventGroup, event_kind: Even
     return known.issuperset(zip(*(map(type, group.values(field)) for field in fields), strict=True))
 
 
-def can_be_skipped(monitors: MonitorSet, event_kind: EventKind, *, relevant: bool) -> bool:
-    """Whether events of a shape, relevant or not, change nothing and need not be read by the monitors."""
-    skips = monitors.semantics.projects or (
-        monitors.semantics is Semantics.SCATTERED and monitors.finds_no_more and not event_kind.ignored
-    )
-    return bool(monitors.engines) and skips and not relevant
+def changes_nothing(monitors: MonitorSet, group: EventGroup, event_kind: EventKind, *, keyed: bool) -> bool | None:
+    """For events of one kind, none of which changes anything: whether they concern the tree.
 
-
-def changes_nothing(monitors: MonitorSet, group: EventGroup, event_kind: EventKind) -> bool | None:
-    """For events of one shape, none of which changes anything: whether they fit the tree.
-
-    None if some event may change something.
+    None if some event may change something, or, where monitors are `keyed`, belongs to one that is not asked.
     """
-    if monitors.counts_all or monitors.may_be_late or monitors.rests:
-        return None
-    if monitors.live and (monitors.semantics.projects or monitors.live_columns != (0,)):
-        return None
-    engine, event_class = monitors.engines[0], (event_kind.classes or monitors.classes(event_kind))[0]
-    if monitors.semantics is Semantics.SCATTERED and not event_class.serving:
+    projects, event_class = monitors.semantics.projects, event_kind.classes[0]
+    if not event_kind.relevant and (projects or not event_kind.serves):
         return False
-    table = engine.kinds(event_class)
-    if table is None:
+    if keyed or monitors.rests:
         return None
-    fits = set[bool]()
-    for kind, some in split(table, group):
-        effect = engine.effect(kind)
-        fits.add(effect.fits)
-        for letter, fields in effect.letters:
-            values = [
-                some.values(field) if some.types(field) <= _OWN_KEYS else [*map(exact, some.values(field))]
-                for field in fields
-            ]
-            if not engine.inert.issuperset(zip([letter] * len(some.events), *values, strict=True)):
-                return None
-    return fits.pop() if len(fits) == 1 else None
+    if projects:
+        return None if monitors.live else True
+    if monitors.live and monitors.live_columns != (0,):
+        return None
+    if not event_class.serving:
+        return False
+    engine = monitors.engines[0]
+    inert = engine.inert(event_class)
+    if inert is None:
+        return None
+    for letter, fields in inert.letters:
+        if fields is None:
+            return None
+        values = [
+            group.values(field) if group.types(field) <= _OWN_KEYS else [*map(exact, group.values(field))]
+            for field in fields
+        ]
+        if not all(name in inert.known for name in zip([letter] * len(group.events), *values, strict=True)):
+            return None
+    return bool(engine.read(group.events[0], event_class).hits)
 
 
 def events_of_concern(
@@ -327,14 +313,13 @@ def events_of_concern(
     *,
     strict_json: bool,
     warnings: DataWarnings,
-    table: Callable[[EventKind], GuardTable[H] | None],
-    concerns: Callable[[H], bool],
+    concerns: Callable[[EventKind], bool],
 ) -> Iterator[tuple[int, JsonObject]] | None:
     """The events of JSON Lines that may concern a tree, with their numbers; None if all events have
     to be read one by one.
 
-    `table` refines the kind of an event, and `concerns` says whether such events matter. Of a block
-    in which none matters, and nothing is to be warned of, the last event stands for all.
+    `concerns` says whether events of a kind matter. Of a block in which none matters, and nothing
+    is to be warned of, the last event stands for all.
     """
     time = types.tree.time
     fields = plain_fields(reads, time.field[:1] if time else ()) if ENABLED else ()
@@ -343,14 +328,10 @@ def events_of_concern(
     times_count = time is not None and time.late is not None
 
     def is_quiet(events: Sequence[JsonObject]) -> bool:
-        found = groups(types.index, events) if set(map(type, events)) == {dict} else None
-        for event_kind, group in found or ():
-            kinds = table(event_kind)
-            if kinds is None or not needs_no_warning(warnings, group, event_kind):
-                return False
-            if any(concerns(kind) for kind, _ in split(kinds, group)):
-                return False
-        return bool(found)
+        found = groups(types, events) if set(map(type, events)) == {dict} else None
+        return bool(found) and not any(
+            concerns(kind) or not needs_no_warning(warnings, group, kind) for kind, group in found or ()
+        )
 
     def numbered(reader: JsonBlockReader) -> Iterator[tuple[int, JsonObject]]:
         before = 0
@@ -532,7 +513,7 @@ class BulkReading:
             run.number = before + events[-1][0] + 1
         else:
             try:
-                run.take(events, before, self._fill if monitors.counts_all else None)
+                run.take(self._filled(events, before) if monitors.counts_all else events, before)
             except TooLarge:
                 if run.keys is None:
                     run.watch.events = run.number
@@ -559,55 +540,45 @@ class BulkReading:
         totals, monitors = run.totals, run.watch.monitors
         if watches is None or set(map(type, bodies)) != {dict}:
             return False
-        found = groups(run.plan.monitors.types.index, bodies)
+        found = groups(run.plan.monitors.types, bodies)
         if found is None:
             return False
-        strange, concerned, entries = list[EventGroup](), list[EventGroup](), list[EventGroup]()
-        counts = list[tuple[EventKind, tuple[str, ...] | None, int]]()
+        concerned = list[EventGroup]()
         for event_kind, group in found:
-            fits = set[bool | None]()
-            parts = by_types(event_kind, group) if needs_no_warning(totals.data_warnings, group, event_kind) else None
-            for names, some in parts or ():
-                if event_kind.constant != ():
-                    counts.append((event_kind, names, len(some.events)))
-                if can_be_skipped(monitors, event_kind, relevant=bool(names)):
-                    fits.add(False)
-                else:
-                    fits.add(None if keyed_by else changes_nothing(monitors, some, event_kind))
-            if fits not in ({True}, {False}):
+            if not needs_no_warning(totals.data_warnings, group, event_kind):
                 return False
-            for belongs, those in (
-                (True in fits, concerned),
-                (event_kind.constant == (), strange),
-                (event_kind.entries, entries),
-            ):
-                if belongs:
-                    those.append(group)
+            fits = changes_nothing(monitors, group, event_kind, keyed=bool(keyed_by))
+            if fits is None:
+                return False
+            if fits:
+                concerned.append(group)
         if concerned and run.audience.of_concern and monitors.live:
             return False
         self._pause = self._tries = 0
 
-        def numbered(some: Sequence[EventGroup]) -> Iterable[tuple[int, JsonObject]]:
-            if len(some) in (0, len(found)):
-                return ((before + place + 1, event) for place, event in events if some)
-            own = {id(event) for one in some for event in one.events}
-            return ((before + place + 1, event) for place, event in events if id(event) in own)
+        def numbered(some: Sequence[EventGroup]) -> list[tuple[int, JsonObject]]:
+            wanted = {id(event) for one in some for event in one.events}
+            return [(before + place + 1, event) for place, event in events if id(event) in wanted]
 
-        if totals.statistics is not None:
-            for event_kind, names, number in counts:
-                totals.statistics.add_many(event_kind, names, number)
-            for number, event in numbered(strange):
-                totals.statistics.add(event, number, run.prefix)
+        statistics, hint = totals.statistics, totals.semantics_hint
+        if statistics is not None:
+            for event_kind, group in found:
+                if event_kind.entries:
+                    statistics.events += len(group.events)
+                    statistics.seen |= event_kind.types
+                    if event_kind.relevant is not None:
+                        statistics.tally[event_kind.relevant] += len(group.events)
+            for number, event in numbered([group for kind, group in found if not kind.entries]):
+                statistics.add(event, number, run.prefix)
         for watch, number in watches:
             watch.events += number
-        hint = totals.semantics_hint
         if hint is not None and not all(hint.is_full(id(watch)) for watch, _ in watches):
-            for number, event in numbered(entries):
+            for number, event in numbered([group for kind, group in found if kind.entries]):
                 own = run.watch if run.keys is None else run.keys.known[event[keyed_by],]
                 hint.keep(id(own), number, event)
         if run.clock is not None and concerned:
-            told = bodies if len(concerned) == len(found) else [event for _, event in numbered(concerned)]
-            see_all(run.clock, told, (number for number, _ in numbered(concerned)))
+            seen = numbered(concerned)
+            see_all(run.clock, [event for _, event in seen], (number for number, _ in seen))
         return True
 
     def _watches_of(self, events: Sequence[JsonObject], keyed_by: str) -> Sequence[tuple[MonitoredTrace, int]] | None:
@@ -678,12 +649,19 @@ class BulkReading:
         else:
             self._count_passed(block, events, block.total)
 
+    def _filled(self, events: Iterable[tuple[int, JsonObject]], before: int) -> Iterator[tuple[int, JsonObject]]:
+        """Events in turn, with those between them that fit no pattern read before each."""
+        for place, event in events:
+            self._fill(before + place + 1)
+            yield place, event
+
     def _fill(self, number: int) -> None:
         """Read events before that number that fit no pattern: under `strict` they end a match, and
         a text says itself.
         """
         run, monitors = self.run, self.run.watch.monitors
+        kind = run.plan.monitors.types.of(_NO_EVENT)
         while monitors.live and run.number + 1 < number:
-            run.number, changed = monitors.repeat_step(_NO_EVENT, run.number + 1, number - 1)
-            if changed:
+            run.number += 1
+            if changed := monitors.step(_NO_EVENT, run.number, kind):
                 run.tell(VerdictChange(run.watch, run.number, _NO_EVENT, changed))

@@ -32,7 +32,9 @@ from typing import Any, BinaryIO, Final
 import msgspec
 
 import rvaft
+from rvaft.engine.alternatives import AlternativesSnapshot
 from rvaft.engine.configuration import Configuration, Snapshot
+from rvaft.engine.scattered_linear import LinearSnapshot
 from rvaft.errors import CheckpointError, OptionError
 from rvaft.language.printer import dumps
 from rvaft.model.event_time import EventTime, TimeFormat
@@ -57,18 +59,20 @@ _GRACE: Final = 1.0
 """Seconds that writing checkpoints may take beyond what everything else takes: then they are written less often."""
 _EDGE: Final = 1 << 16
 """Bytes at the start of a trace, and before the place that was reached, by which it is known again."""
-_MAGIC: Final = b"rvaft checkpoint 4\n"
+_MAGIC: Final = b"rvaft checkpoint 5\n"
 _BLOCK: Final = 1 << 20
 _ANEW: Final = "remove it to begin anew"
 _BUILT_IN: Final = (dict, frozenset, list, set, Counter, OrderedDict)
 _OF_TREES: Final = (EventTime, Exact, Kind, NonFiniteEvent, Place, RepeatingObject, Semantics, TimeFormat, Verdict)
 _OF_MONITORS: Final = (
+    AlternativesSnapshot,
     Awaited,
     Backwards,
     Configuration,
     Ended,
     Explanation,
     Field,
+    LinearSnapshot,
     MatchedEvent,
     Ordering,
     Pending,
@@ -87,7 +91,7 @@ of a class that it can name.
 class _DataPickler(pickle.Pickler):
     """Writes what `_DataUnpickler` lets in and nothing else: better to fail at once than after the crash."""
 
-    def reducer_override(self, obj: Any) -> Any:
+    def reducer_override(self, obj: object) -> Any:  # NotImplemented has no type of its own
         kind = obj if isinstance(obj, type) else type(obj)
         if _ADMITTED.get((kind.__module__, kind.__qualname__)) is not kind:
             raise pickle.PicklingError(f"{kind.__module__}.{kind.__qualname__} has no place in a checkpoint")
@@ -95,7 +99,7 @@ class _DataPickler(pickle.Pickler):
 
 
 class _DataUnpickler(pickle.Unpickler):
-    def find_class(self, module: str, name: str) -> Any:
+    def find_class(self, module: str, name: str) -> type:
         found = _ADMITTED.get((module, name))
         if found is None:
             raise pickle.UnpicklingError(f"{module}.{name} has no place in a checkpoint")
@@ -116,7 +120,7 @@ def packed(state: object) -> bytes:
     return payload.getvalue()
 
 
-def unpacked(data: bytes | memoryview) -> Any:
+def unpacked(data: bytes | memoryview) -> object:
     """The state that was `packed`; raises whatever a pickle makes of a class where the bytes are not such."""
     return _DataUnpickler(io.BytesIO(data)).load()
 
@@ -245,8 +249,10 @@ class CheckpointFile:
         except ValueError as error:
             raise CheckpointError(self.path, str(error)) from error
         noted = self.noted if self.noted > events else 0
-        here: dict[str, Any] = {"offset": place.offset, "line": place.line, "events": events, "noted": noted}
-        about = msgspec.structs.replace(self._about, trace=identity(trace or self.trace, place.offset), **here)
+        known = identity(trace or self.trace, place.offset)
+        about = msgspec.structs.replace(
+            self._about, trace=known, offset=place.offset, line=place.line, events=events, noted=noted
+        )
         body = msgspec.json.encode(about) + b"\n" + payload
         self._digest = _sha(body)
         with telling("cannot write", self.path):
@@ -261,7 +267,7 @@ class CheckpointFile:
         with telling("cannot write", self.path):
             write_whole(self._told, f"{self._digest} {event}\n".encode())
 
-    def load(self) -> tuple[Checkpoint, Any] | None:
+    def load(self) -> tuple[Checkpoint, object] | None:
         """The checkpoint to go on from, and the state; None where there is no file yet.
 
         Raises `CheckpointError` for one that was made with anything else, and for a file that is damaged or no

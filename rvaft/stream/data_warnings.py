@@ -15,13 +15,12 @@ from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from enum import StrEnum
 from itertools import chain, product
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
-from rvaft.core.classifier import Reader, flat
+from rvaft.core.classifier import Values, flat, reader
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import Guard, Operation, Operator, time_points, value, variables, walk
-from rvaft.model.patterns import match, rigid
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.values import Json, at
 from rvaft.readers.json_lines import NonFiniteEvent, described
@@ -96,7 +95,7 @@ class _Asked:
     There are no fields where the pattern does not say where these stand, or where more than the types decides.
     """
 
-    reader: Reader
+    values: Values
     parts: Sequence[_Comparison]
     fields: Sequence[str] | None
     good: set[tuple[type, ...]] = field(default_factory=set)
@@ -118,13 +117,13 @@ class DataWarnings:
         self._types, self.time, self.version = types, types.tree.time, 0
         self._asked = dict(_asked(types))
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """The counts, without what the tree says."""
         return {"found": self.found, "_last": self._last}
 
     def see(self, event: Mapping[str, Json], number: int, prefix: str, event_kind: EventKind) -> None:
         """Look at an event of which something is asked, or that is a `NonFiniteEvent`."""
-        good = event_kind.good
+        good = event_kind.checks.good
         if (
             good is not None
             and self.time is None
@@ -135,12 +134,11 @@ class DataWarnings:
             fields = good[2]  # mostly; asked of every event
             if fields is not None and len(fields) == 1 and (type(event[fields[0]]),) in good[3]:
                 return
-        if event_kind.looked_at == UNSEEN:
-            event_kind = self._types.decided(event_kind, event) if event_kind.decided.open else event_kind
-            event_kind.looked_at = tuple(number for number in event_kind.decided.fits if number in self._asked)
+        if event_kind.checks.looked_at == UNSEEN:
+            event_kind.checks.looked_at = tuple(number for number in event_kind.fits if number in self._asked)
         if isinstance(event, NonFiniteEvent):
             place = f"{prefix}event {number}"
-            if event_kind.looked_at or self.time is None or event.field.split(".")[0] != self.time.field[0]:
+            if event_kind.checks.looked_at or self.time is None or event.field.split(".")[0] != self.time.field[0]:
                 self.note(Reason.NUMBER, "", place, f"{event.field} is {event.number}")
             return
         of, version, fields, known = good or (None, -1, None, ())
@@ -151,7 +149,7 @@ class DataWarnings:
             self._look(event, f"{prefix}event {number}", event_kind, kinds)
         if self.time is None or not event_kind.entries or self.time.read(event) is not None:
             return
-        if not any(admits(event) for admits in event_kind.ignored):
+        if event_kind.relevant is not None:
             name, found = ".".join(self.time.field), at(event, self.time.field, UNSEEN)
             wrong = "" if found is UNSEEN else f"{name} is {described(found)}, not {self.time.format}"
             self.note(Reason.TIME, "", f"{prefix}event {number}", wrong or f"the field {name} is missing")
@@ -160,11 +158,11 @@ class DataWarnings:
         """The fields that are asked of events of a shape, None where more than the types there
         decides, and types that are known to be good now.
         """
-        asked = [self._asked[letter].fields for letter in event_kind.looked_at]
+        asked = [self._asked[letter].fields for letter in event_kind.checks.looked_at]
         known = [fields for fields in asked if fields is not None]
         fields = tuple(dict.fromkeys(chain(*known))) if len(known) == len(asked) else None
         good = set[tuple[type, ...]]()
-        event_kind.good = self, self.version, fields, good
+        event_kind.checks.good = self, self.version, fields, good
         return fields, good
 
     def _look(
@@ -174,14 +172,14 @@ class DataWarnings:
         with values of these types.
         """
         version, good = self.version, True
-        for letter in event_kind.looked_at:
+        for letter in event_kind.checks.looked_at:
             one = self._asked[letter]
             types = None if one.fields is None else tuple([type(event[field]) for field in one.fields])
             if types is None or one.version != version or types not in one.good:
                 self._ask(one, event, types, place)
                 good = good and types in one.good
-        if good and kinds is not None and version == self.version and event_kind.good is not None:
-            event_kind.good[3].add(kinds)
+        if good and kinds is not None and version == self.version and event_kind.checks.good is not None:
+            event_kind.checks.good[3].add(kinds)
 
     def over(self, events: Iterable[tuple[int, Json]], prefix: str) -> Iterator[tuple[int, Json, EventKind | None]]:
         """The events of a trace, which have numbers, and what they are, nothing for one that is
@@ -198,7 +196,7 @@ class DataWarnings:
                 yield number, event, None
                 continue
             event_kind = look_up(event)
-            if event_kind.looked_at or type(event) is not dict:
+            if event_kind.checks.looked_at or type(event) is not dict:
                 self.see(event, number, prefix, event_kind)
             yield number, event, event_kind
 
@@ -231,11 +229,7 @@ class DataWarnings:
             yield f"{len(self.found) - MOST} other guards were undefined"
 
     def _ask(self, asked: _Asked, event: Mapping[str, Json], types: tuple[type, ...] | None, place: str) -> None:
-        reader = asked.reader
-        found = None if reader.plain else match(reader.pattern, event, {})
-        values = reader.values(event) if reader.plain else None if found is None else rigid(found)
-        if values is None:
-            return
+        values = asked.values(event)
         known, undefined = {**self._last, **values}, set[str]()
         for part in asked.parts:
             if part.text not in undefined and not any(_can_be_decided(guard, known) for guard in part.deciding):
@@ -260,17 +254,17 @@ def _asked(types: EventTypeIndex) -> Iterator[tuple[int, _Asked]]:
     tree = types.tree
     guards = [(node.when, f"of {node.name}") for node in tree.top_down() if node.when is not None]
     parts = [part for guard, whose in guards for part in _parts(guard, whose)]
-    for number, (kind, _, reader) in enumerate(types.letters):
-        names = set(pattern_variables(reader.pattern))
+    for number, (kind, _, letter) in enumerate(types.letters):
+        names, read = set(pattern_variables(letter.pattern)), reader(number, letter)
         own = [one for one in parts if not names.isdisjoint(one.names)] if kind == "entry" else []
-        if kind == "ignored" and (when := types.guards[number]) is not None:
-            own = [*_parts(when, "of an ignore")]
+        if kind == "ignored" and letter.when is not None:
+            own = [*_parts(letter.when, "of an ignore")]
         if own or (kind == "entry" and tree.time is not None):
             inside = (one for part in own for one in walk(part.deciding[0]))
             by_value = any(isinstance(one, Operation) and one.operator in _BY_VALUE for one in inside)
-            told, plain = {name for part in own for name in part.names}, flat(reader.pattern)
+            told, plain = {name for part in own for name in part.names}, flat(letter.pattern)
             fields = None if plain is None else [field for field, name in plain.variables.items() if name in told]
-            yield number, _Asked(reader, own, None if by_value else fields)
+            yield number, _Asked(read.values, own, None if by_value else fields)
 
 
 def _parts(guard: Guard, whose: str) -> Iterator[_Comparison]:

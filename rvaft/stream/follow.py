@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import Any, BinaryIO, Final, cast
+from typing import BinaryIO, Final, cast
 
 from rvaft.errors import OptionError
 from rvaft.readers.log import BOM
@@ -192,9 +192,7 @@ def stopping() -> Iterator[Callable[[], bool]]:
         asked = True
         restore()
 
-    before: dict[signal.Signals, Any] = {}
-    for each in (signal.SIGINT, signal.SIGTERM):
-        before[each] = signal.signal(each, ask)
+    before = {each: signal.signal(each, ask) for each in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield lambda: asked
     finally:

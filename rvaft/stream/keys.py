@@ -67,7 +67,7 @@ class Key:
         found = [field.of(event) for field in self.fields]
         return None if None in found else tuple(value[0] for value in found if value is not None)
 
-    def told(self, values: tuple[Json, ...]) -> Json:
+    def as_json(self, values: tuple[Json, ...]) -> Json:
         """The key as JSON: the value of a single field, or an object with those of several."""
         if len(self.fields) == 1:
             return values[0]

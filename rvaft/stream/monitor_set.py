@@ -14,7 +14,7 @@ from typing import Final, Self, TypeAlias, cast
 
 from rvaft.api import narrowed
 from rvaft.core.branches import branches
-from rvaft.engine.compiled_tree import NOTHING, QUIET, EventClass
+from rvaft.engine.compiled_tree import QUIET
 from rvaft.engine.monitor import Engine
 from rvaft.errors import OptionError, TooLarge, TreeError
 from rvaft.model.nodes import Kind
@@ -81,14 +81,14 @@ def columns(tree: RVAFT, per: Per = Per.TREE) -> tuple[Column, ...]:
 
 @dataclass(slots=True)
 class DetectionCount:
-    """What one monitor has detected: how many detections were told, the event of the last, how it
+    """What one monitor has detected: how many detections were reported, the event of the last, how it
     came about and when that was.
 
     Others were `suppressed`: so many, the first of them at that event, and so many `between` the
-    last two that were told.
+    last two that were reported.
     """
 
-    told: int = 0
+    notified: int = 0
     last: int | None = None
     explanation: Explanation | None = None
     time: int | None = None
@@ -98,15 +98,15 @@ class DetectionCount:
     _before: int = 0
 
     def add(self, number: int, time: int | None, cooldown: int | None) -> bool:
-        """Count the detection at the event of that number, and say whether it is told.
+        """Count the detection at the event of that number, and say whether it is reported.
 
-        It is not where its time is less than `cooldown` from that of the last one that was told.
+        It is not where its time is less than `cooldown` from that of the last one that was reported.
         """
         if cooldown and time is not None and self.time is not None and abs(time - self.time) < cooldown:
             self.suppressed += 1
             self.first_suppressed = self.first_suppressed or number
             return False
-        self.told += 1
+        self.notified += 1
         self.between, self._before = self.suppressed - self._before, self.suppressed
         self.last, self.time = number, self.time if time is None else time
         return True
@@ -114,7 +114,7 @@ class DetectionCount:
     @property
     def fields(self) -> dict[str, int]:
         """The number of the last detection, and how many before it were suppressed, as JSON has it."""
-        return {"detection": self.told, **({"suppressed": self.between} if self.between else {})}
+        return {"detection": self.notified, **({"suppressed": self.between} if self.between else {})}
 
 
 Snapshots: TypeAlias = tuple[list[dict[str, Json]], dict[int, int], list[DetectionCount]]
@@ -133,7 +133,7 @@ class MonitorSet:
     `late` whether it came too late for any. `found` counts the detections of each column.
 
     With `repeat` monitors begin afresh after each detection, and true is no final verdict; for
-    `cooldown` nanoseconds after one that was told others of the same column are suppressed:
+    `cooldown` nanoseconds after one that was reported others of the same column are suppressed:
     counted, and otherwise as if nothing had been detected. Raises `TooLarge` as its monitors do,
     and `OptionError` for a cooldown of a tree without times.
     """
@@ -155,13 +155,7 @@ class MonitorSet:
         self._strict = self.semantics is Semantics.STRICT
         made = [make(column.part) for column in self.columns]
         self._take_over(tuple(map(Repetition, made)) if self.repeat else tuple(made))
-        patterns = (pattern for engine in self.engines for pattern in engine.letters.patterns)
-        self.types = EventTypeIndex(self.columns[0].part, patterns)
-        told = (zip(engine.letters.letters, engine.letters.serves, strict=True) for engine in self.engines)
-        self.finds_no_more = bool(self.engines) and self.types.entries.issuperset(
-            letter for letters in told for letter, nodes in letters if nodes
-        )
-        """Whether an event that is not relevant, and not because it is ignored, fits no node."""
+        self.types = EventTypeIndex(self.columns[0].part, [engine.letters for engine in self.engines])
         self.since: dict[int, int] = {}
         self.found = [DetectionCount() for _ in self.columns]
         self.serves = self.concerned = self.late = False
@@ -241,17 +235,10 @@ class MonitorSet:
                 if engines[column].latest != engines[0].latest:
                     engines[column].pass_time(engines[0].latest)
             if self.late:
-                self.concerned = False
-                if not self._strict:
-                    return ()
-                for column in self._live:
-                    engines[column].take(NOTHING, number)
-                return self._changed(number, event)
-        if event_kind is None:
-            event_kind = self.types.of(event)
-        classes = event_kind.classes or self.classes(event_kind)
+                event_kind = self.types.late
+        classes = (event_kind or self.types.of(event)).classes
         if not self._live and self._projected:
-            self.concerned = engines[0].is_relevant(event, classes[0])
+            self.concerned = classes[0].relevant
             return ()
         reading = self._read(event, classes[0])
         if reading is QUIET and (not self._live or self._live[-1] == 0):
@@ -268,27 +255,6 @@ class MonitorSet:
             serves = serves or engine.noted
         self.serves = serves and bool(reading.hits)
         return self._changed(number, event) if final else ()
-
-    def classes(self, event_kind: EventKind) -> tuple[EventClass, ...]:
-        """What the kind of an event is to each engine."""
-        possible = self.types.possible_patterns(event_kind)
-        found = event_kind.classes = tuple([engine.letters.class_of(possible) for engine in self.engines])
-        return found
-
-    def repeat_step(self, event: Json, first: int, last: int) -> tuple[int, Sequence[int]]:
-        """Read one event under each of these numbers, until a verdict changes: the number of the
-        last, and the columns.
-        """
-        if self.engines or self._resting or len(self._live) > 1:
-            for number in range(first, last + 1):
-                if changed := self.step(event, number):
-                    return number, changed
-            return last, ()
-        step = self.monitors[self._live[0]].step
-        for number in range(first, last + 1):
-            if step(event) is not _UNKNOWN:
-                return number, self._changed(number, event)
-        return last, ()
 
     @property
     def live_columns(self) -> tuple[int, ...]:

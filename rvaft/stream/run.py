@@ -1,14 +1,14 @@
 """One trace from its first event to its last: events in time order, the monitors of each key, and the listeners."""
 
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass
 from io import IOBase
 from typing import BinaryIO, TypeAlias, cast
 
 from rvaft.errors import RvaftError, TooLarge
 from rvaft.model.values import Json, JsonObject
-from rvaft.model.verdict import Semantics, Verdict
+from rvaft.model.verdict import Verdict
 from rvaft.readers.json_lines import read
 from rvaft.readers.log import ALL, Log
 from rvaft.stream.data_warnings import DataWarnings
@@ -139,54 +139,50 @@ class TraceRun:
             raise failure
 
     def take(  # noqa: PLR0915
-        self, events: Iterable[tuple[int, JsonObject]], before: int, arrives: Callable[[int], object] | None = None
+        self, events: Iterable[tuple[int, JsonObject]], before: int
     ) -> None:
         """Give events to the monitors one by one; each comes with its place after the event of the number `before`.
 
-        `arrives` is called with the number of each event before that is read.
         Everything that is needed for an event stands in this loop: every call counts.
         """
         prefix, keys, fresh = self.prefix, self.keys, self.plan.monitors
         each, _, of_concern = self.audience
         skips = fresh.semantics.projects and bool(fresh.engines)  # what is not relevant changes nothing
-        unfit = fresh.semantics is Semantics.SCATTERED and fresh.finds_no_more
         keyed_by = keys.names[0] if keys is not None and len(keys.names) == 1 else ""
         known = {} if keys is None else keys.known
-        look_up, may_be_late = fresh.types.of, fresh.may_be_late
+        types, look_up = fresh.types, fresh.types.shapes.of
+        may_be_late, counts_all = fresh.may_be_late, fresh.counts_all
         data_warnings, semantics_hint = self.totals.data_warnings, self.totals.semantics_hint
         statistics, clock = self.totals.statistics, self.clock
         watch: MonitoredTrace | None = self.watch
         try:
             for place, event in events:
                 number = before + place + 1
-                if arrives is not None:
-                    arrives(number)
                 self.number = number
-                event_kind = look_up(event)
                 if keys is not None:
                     value = event.get(keyed_by) if keyed_by else None
                     watch = known.get((value,)) if type(value) is str else None
                     watch = watch or keys.of(event, number)
                 late = may_be_late and watch is not None and watch.monitors.engines[0].is_late(event)
-                relevant = True
+                event_kind = types.late if late else look_up(event).of(event)
                 if watch is not None and late:
                     data_warnings.note_late(event, number, prefix, watch.monitors.engines[0].latest)
-                elif event_kind.looked_at or type(event) is not dict:
+                elif event_kind.checks.looked_at or type(event) is not dict:
                     data_warnings.see(event, number, prefix, event_kind)
                 if statistics is not None:
-                    if late or (event_kind.plain and event_kind.noted is statistics):
+                    if event_kind.noted is statistics and event_kind.relevant is not None:
                         statistics.events += 1
-                        statistics.tally[() if late else event_kind.constant] += 1  # type: ignore[index]
+                        statistics.tally[event_kind.relevant] += 1
+                    elif late:
+                        statistics.events += 1
                     else:
-                        relevant = statistics.add(event, number, prefix, event_kind)
-                elif skips and event_kind.ignored and not (late or event_kind.decided.open):
-                    relevant = not any(admits(event) for admits in event_kind.ignored)
+                        statistics.add(event, number, prefix, event_kind)
                 if watch is None:
                     continue
                 watch.events += 1
-                if semantics_hint is not None and not late and (event_kind.entries or event_kind.decided.open):
+                if semantics_hint is not None and event_kind.entries:
                     semantics_hint.keep(id(watch), number, event)
-                if relevant or not (skips or (unfit and not event_kind.ignored and not event_kind.decided.open)):
+                if event_kind.relevant or counts_all or (event_kind.serves and not skips):
                     monitors = watch.monitors
                     changed = monitors.step(event, number, event_kind)
                     if clock is not None and monitors.concerned:
@@ -196,7 +192,7 @@ class TraceRun:
                     if changed:
                         self.tell(VerdictChange(watch, number, event, changed))
                         continue
-                    if of_concern and monitors.live and (monitors.concerned or not (skips or late or not relevant)):
+                    if of_concern and monitors.live and (monitors.concerned or (event_kind.relevant and not skips)):
                         for listener in of_concern:
                             listener.event(watch, number, event)
                 for listener in each:
@@ -270,7 +266,7 @@ class TraceRun:
     @property
     def found(self) -> bool:
         """Whether something was detected."""
-        return any(count.told for watch in self.watches for count in watch.monitors.found)
+        return any(count.notified for watch in self.watches for count in watch.monitors.found)
 
     @property
     def warnings(self) -> Iterator[str]:

@@ -2,9 +2,10 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Final
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import chain
+from typing import Final, cast
 
 from rvaft.core.branches import whole
 from rvaft.core.classifier import (
@@ -13,18 +14,17 @@ from rvaft.core.classifier import (
     GuardTable,
     Letter,
     PatternIndex,
-    Reader,
     TreeReads,
     guard_table,
+    joined_tables,
     literals_of,
     reader,
 )
-from rvaft.engine.compiled_tree import EventClass
+from rvaft.engine.compiled_tree import EngineLetters, EventClass
 from rvaft.model.expressions import pattern_text
-from rvaft.model.guards import Predicate
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern, match
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json, JsonObject, at
+from rvaft.model.values import Json, at
 from rvaft.support.terminal import cut
 
 LOOKED_AT: Final = 20
@@ -39,84 +39,50 @@ UNSEEN: Final[tuple[int, ...]] = (-1,)
 Path = tuple[str, ...]
 
 
+@dataclass(slots=True, eq=False)
+class WarningChecks:
+    """What data warnings ask of events that match the same patterns."""
+
+    looked_at: tuple[int, ...] = UNSEEN
+    """The letters of which they ask something."""
+    good: tuple[object, int, Sequence[str] | None, set[tuple[type, ...]]] | None = None
+    """What they know to be well: who knows it, since when, of which fields, and the types there."""
+
+
+@dataclass(slots=True, eq=False)
 class EventKind:
-    """What events of one shape are: the types they have, the entries of the alphabet and the
-    ignored letters that they fit.
+    """What events are that have one shape and of which the same guards hold; without arguments, nothing."""
 
-    All such events are relevant of the `constant` types unless they are ignored, or, where that is
-    None, this has to be asked of each; with `plain` whatever else they hold. `noted` are the
-    statistics that know these types as seen, `monitored` is what the shape says to each monitor,
-    `looked_at` the letters of which data_warnings ask something, and `good` what they know to be
-    well: who knows it, since when, of which fields, and the types there.
-    """
-
-    __slots__ = (
-        "_asked",
-        "classes",
-        "constant",
-        "counted",
-        "decided",
-        "entries",
-        "good",
-        "ignored",
-        "looked_at",
-        "noted",
-        "plain",
-        "types",
-    )
-
-    def __init__(self, decided: Decided, letters: Sequence[tuple[str, str, Reader]]) -> None:
-        self.decided = decided
-        self.types = frozenset(name for kind, name, _ in letters if kind == "type")
-        self.entries = tuple((name, one) for kind, name, one in letters if kind == "entry")
-        self.ignored: tuple[Predicate, ...] = tuple(
-            one.holds if one.plain and one.holds is not None else one.admits
-            for kind, _, one in letters
-            if kind == "ignored"
-        )
-        self._asked = tuple((name, one.holds if one.plain else one.admits) for name, one in self.entries)
-        asked = any(one.holds is not None for _, one in self.entries)
-        self.constant = None if asked else tuple(dict.fromkeys(name for name, _ in self.entries))
-        self.plain = bool(self.constant) and not self.ignored and not decided.open
-        self.counted: GuardTable[tuple[str, ...] | None] | None = None
-        """Where the fields of an event say it, from it to the types of which it is relevant, and
-        None where it is ignored.
-        """
-        ignored = [one for kind, _, one in letters if kind == "ignored"]
-        readers = [one for _, one in self.entries] + ignored
-        if (asked or ignored) and not decided.open and all(one.plain for one in readers):
-            self.counted = guard_table([one.asked for one in readers], self._types)
-        self.noted: object = None
-        self.classes: tuple[EventClass, ...] | None = None
-        self.looked_at = UNSEEN
-        self.good: tuple[object, int, Sequence[str] | None, set[tuple[type, ...]]] | None = None
-
-    def _types(self, holds: Callable[[int], bool]) -> tuple[str, ...] | None:
-        """The types of which an event is relevant, of which these letters hold; None where it is ignored."""
-        if any(holds(len(self.entries) + place) for place in range(len(self.ignored))):
-            return None
-        return tuple(dict.fromkeys(name for place, (name, _) in enumerate(self.entries) if holds(place)))
-
-    def relevant(self, event: Mapping[str, Json]) -> tuple[str, ...]:
-        """The types of which an event that is not ignored is relevant."""
-        found: tuple[str, ...] = ()
-        for name, admits in self._asked:
-            if (admits is None or admits(event)) and name not in found:
-                found = (*found, name)
-        return found
+    fits: tuple[int, ...] = ()
+    """The numbers of the letters whose patterns they match."""
+    admitted: tuple[int, ...] = ()
+    """Those of the letters that they are, guards included."""
+    classes: tuple[EventClass, ...] = ()
+    """What they are to each engine."""
+    types: frozenset[str] = field(default=frozenset(), init=False)
+    """The event types that they fit."""
+    entries: bool = field(default=False, init=False)
+    """Whether they fit entries of the alphabet."""
+    relevant: tuple[str, ...] | None = field(default=(), init=False)
+    """The types of which they are relevant, None where they are ignored."""
+    serves: bool = field(default=False, init=False)
+    """Whether they may be the event of a node."""
+    noted: object = field(default=None, init=False)
+    """The statistics that know these types as seen."""
+    checks: WarningChecks = field(default_factory=WarningChecks)
+    """Shared by all kinds that match the same patterns."""
 
 
 class EventTypeIndex:
-    """What events can be to a tree: of which types they are, by one look-up for the types and for
-    all monitors of the tree.
+    """What events can be to a tree, and to engines that monitor it: one look-up serves all of them.
 
     An event type is what an `on` names; the default event of a leaf is a type of the leaf's name.
-    `also` are patterns of monitors. `of` says what an event is as far as its shape decides;
     `compound` are the types with several fields, of which an event can miss one.
     """
 
-    def __init__(self, tree: RVAFT, also: Iterable[Pattern] = ()) -> None:
+    def __init__(self, tree: RVAFT, engines: Sequence[EngineLetters] = ()) -> None:
         self.tree = tree = whole(tree)
+        self._engines = engines
         types: dict[str, Pattern] = {}
         entries: dict[tuple[str, Letter], None] = {}
         for relevant in tree.alphabet:
@@ -125,28 +91,71 @@ class EventTypeIndex:
             types.setdefault(name, relevant.pattern if on is None else tree.events[on.event].pattern)
             entries[name, Letter(relevant.pattern, relevant.when)] = None
         self.names = tuple(types)
-        self.entries = frozenset(letter for _, letter in entries)
-        """What says of events that they are relevant, unless they are ignored."""
         letters = [("type", name, Letter(pattern)) for name, pattern in types.items()]
         letters += [("entry", name, letter) for name, letter in entries]
         letters += [("ignored", "", Letter(tree.instantiate(one.on), one.when)) for one in tree.ignores]
-        letters += [("monitor", "", Letter(pattern)) for pattern in dict.fromkeys(also)]
-        self.letters = [(kind, name, reader(number, one)) for number, (kind, name, one) in enumerate(letters)]
-        self.guards = {number: one.when for number, (_, _, one) in enumerate(letters)}
-        index = PatternIndex((letter.pattern for _, _, letter in letters), self._sight)
-        self.index, self.of = index, index.of
+        self.letters = letters
+        """The letters, by their numbers: of types, of entries of the alphabet, and of what is ignored."""
+        self._tests = [
+            (reader(number, Letter(one.pattern)).test, reader(number, one).test)
+            for number, (_, _, one) in enumerate(letters)
+        ]
+        """For each letter what is asked of an event for its pattern, and for its guard too."""
+        also = dict.fromkeys(pattern for one in engines for pattern in one.patterns)
+        self._patterns = (*(one.pattern for _, _, one in letters), *also)
+        self.shapes = PatternIndex(self._patterns, self._table)
+        self.late = EventKind(classes=(EventClass(),) * len(engines))
+        """What a late event is: nothing that a match could use."""
         reads = TreeReads(tree)
         self.discriminators: Discriminators = reads.discriminators
-        self._patterns = reads.patterns
+        self._read = reads.patterns
         self._texts: dict[str, frozenset[Json] | None] = {}
         """What may stand in a field in which every pattern asks for a text."""
         self._meant: dict[str, dict[Json, Json]] = {field: {} for field in self.discriminators.fields}
         for pattern in reads.patterns:
-            for field, value in pattern.fields if isinstance(pattern, ObjectPattern) else ():
-                if field in self._meant and isinstance(value, Literal) and isinstance(value.value, str):
-                    self._meant[field][_spelling(value.value)] = value.value
+            for name, value in pattern.fields if isinstance(pattern, ObjectPattern) else ():
+                if name in self._meant and isinstance(value, Literal) and isinstance(value.value, str):
+                    self._meant[name][_spelling(value.value)] = value.value
         fields = ((name, tuple(_leaves(letter.pattern))) for name, letter in entries)
         self.compound = tuple(dict.fromkeys(one for one in fields if len(one[1]) > 1))
+
+    def of(self, event: Mapping[str, Json]) -> EventKind:
+        """What an event is."""
+        return self.shapes.of(event).of(event)
+
+    def _table(self, decided: Decided) -> GuardTable[EventKind]:
+        """From an event of a shape to its kind."""
+        numbers = [number for number in sorted(chain(*decided)) if number < len(self.letters)]
+        tests = [test for number in numbers for test in self._tests[number]]
+
+        def derive(holds: Sequence[bool]) -> EventKind:
+            fits = tuple([number for number, found in zip(numbers, holds[::2], strict=True) if found])
+            admitted = tuple([number for number, found in zip(numbers, holds[1::2], strict=True) if found])
+            return EventKind(fits, admitted, checks=checks.setdefault(fits, WarningChecks()))
+
+        checks: dict[tuple[int, ...], WarningChecks] = {}
+        table: GuardTable[EventKind | EventClass] = guard_table(tests, derive)
+        possible = {self._patterns[number] for number in chain(*decided)}
+        tables = cast("list[GuardTable[EventKind | EventClass]]", [one.table(possible) for one in self._engines])
+        return joined_tables([table, *tables], self._joined)
+
+    def _joined(self, found: tuple[EventKind | EventClass, ...]) -> EventKind:
+        """The kind of events with these letters, and with these classes to the engines."""
+        kind, *classes = found
+        assert isinstance(kind, EventKind), "the first says which letters they are"
+        made = EventKind(kind.fits, kind.admitted, tuple(cast("list[EventClass]", classes)), checks=kind.checks)
+        relevant: dict[str, None] = {}
+        ignored = False
+        for number in made.admitted:
+            what, name, _ = self.letters[number]
+            if what == "entry":
+                relevant[name] = None
+            ignored = ignored or what == "ignored"
+        made.relevant = None if ignored else tuple(relevant)
+        made.types = frozenset([self.letters[number][1] for number in made.fits if self.letters[number][0] == "type"])
+        made.entries = any(self.letters[number][0] == "entry" for number in made.fits)
+        made.serves = any(one.serving for one in made.classes)
+        return made
 
     def possible(self, values: Iterable[Hashable]) -> bool:
         """Whether events with these values in the discriminating fields may fit a pattern, perhaps
@@ -163,31 +172,11 @@ class EventTypeIndex:
         perhaps if the text were spelled as it is there.
         """
         if field not in self._texts:
-            asked = [literals_of(pattern).get(field) for pattern in self._patterns]
+            asked = [literals_of(pattern).get(field) for pattern in self._read]
             texts = frozenset(_spelling(one) for one in asked if isinstance(one, str))
             self._texts[field] = texts if all(isinstance(one, str) for one in asked) else None
         known = self._texts[field]
         return known is None or _spelling(text) in known
-
-    def entries_of(self, event_kind: EventKind, event: JsonObject) -> list[Letter]:
-        """The entries of the alphabet that an event of a kind is, ignored or not."""
-        numbers = (number for number in (*event_kind.decided.fits, *event_kind.decided.open))
-        letters = ((self.letters[number], self.guards[number]) for number in numbers)
-        return [Letter(one.pattern, when) for (kind, _, one), when in letters if kind == "entry" and one.admits(event)]
-
-    def possible_patterns(self, event_kind: EventKind) -> frozenset[Pattern]:
-        """The patterns that events of a kind match, or may match."""
-        fits, open_ = event_kind.decided
-        return frozenset(self.letters[number][2].pattern for number in (*fits, *open_))
-
-    def decided(self, event_kind: EventKind, event: Mapping[str, Json]) -> EventKind:
-        """What the event itself decides beside its shape. Here only patterns count: guards are asked afterwards."""
-        fits, open_ = event_kind.decided
-        found = (number for number in open_ if match(self.letters[number][2].pattern, event, {}) is not None)
-        return self._sight(Decided((*fits, *found), ()))
-
-    def _sight(self, decided: Decided) -> EventKind:
-        return EventKind(decided, [self.letters[number] for number in decided.fits])
 
 
 @dataclass(slots=True)
@@ -225,7 +214,7 @@ class Statistics:
         self._looked_at: Counter[tuple[Hashable, ...]] = Counter()
         self._missed: dict[tuple[Hashable, ...], list[NearMissCount]] = {}
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """The counts, without what the tree says."""
         return {name: value for name, value in vars(self).items() if name != "types"}
 
@@ -235,35 +224,16 @@ class Statistics:
         """Count one event and say whether it is relevant to the tree; `number`, with a prefix, is its place."""
         self.events += 1
         event_kind = event_kind or self.types.of(event)
-        if event_kind.decided.open:
-            event_kind = self.types.decided(event_kind, event)
         if event_kind.noted is not self:
             self.seen |= event_kind.types
-            if event_kind.constant == ():
+            if not event_kind.entries:
                 self._look_at(event, f"{prefix}event {number}")
                 return False
             event_kind.noted = self
-        if event_kind.counted is not None:
-            found = event_kind.counted.of(event)
-            if found is None:
-                return False
-            self.tally[found] += 1
-            return bool(found)
-        for admits in event_kind.ignored:
-            if admits(event):
-                return False
-        names = event_kind.constant or event_kind.relevant(event)
-        self.tally[names] += 1
-        return bool(names)
-
-    def add_many(self, event_kind: EventKind, types: tuple[str, ...] | None, count: int) -> None:
-        """Count so many events of one shape, some type's own, that are relevant of these types,
-        None where they are ignored.
-        """
-        self.events += count
-        self.seen |= event_kind.types
-        if types is not None:
-            self.tally[types] += count
+        if event_kind.relevant is None:
+            return False
+        self.tally[event_kind.relevant] += 1
+        return bool(event_kind.relevant)
 
     @property
     def relevant(self) -> Counter[str]:

@@ -28,5 +28,14 @@ INJECTIONS: Final = (
     "%_*?",
     "x_ref",
     "type",
+    'a" or true or "',
+    "; any where true ;\n",
+    "]} [any where true] ",
+    '"""',
+    "// a",
+    "and",
+    "a.b[0]",
+    "*/ 1 /*",
+    "when\n//",
 )
 """Each is the name of a field, of a node, or a string that an event has."""

@@ -10,12 +10,9 @@ from backends import conformance
 from backends.event_columns import EventColumns
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import Shape, random_tree
-from rvaft import Semantics
+from rvaft import RVAFT, RvaftError, Semantics, Verdict
 from rvaft.backend import backend
-from rvaft.errors import RvaftError
-from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, is_finite
-from rvaft.model.verdict import Verdict
 from rvaft.semantics import Reference
 
 Told: TypeAlias = Sequence[int | None]

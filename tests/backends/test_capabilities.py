@@ -6,14 +6,12 @@ from typing import Any, ClassVar
 import pytest
 
 from backends.conformance import GROUPS
-from rvaft import loads
-from rvaft.backend import Backend, Metrics, SpecificationText
+from rvaft import Backend, Metrics, NotExpressible, Semantics, loads
+from rvaft.backend import SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value, described
 from rvaft.core.passes import expand_times, order_ends, windows_to_guards
 from rvaft.core.property import PARTS, All, Condition, Event, Property
-from rvaft.errors import NotExpressible
 from rvaft.model.guards import Operator
-from rvaft.model.verdict import Semantics
 from tests.cli.runs import run
 
 EVENTS = "event e(v) = { v: v }; event f(v) = { w: v }; "

@@ -8,13 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from backends.rml.writer.terms import RESERVED
-from rvaft import Semantics, load, loads, translate
-from rvaft.backend import all_backends, backend
+from rvaft import RVAFT, EventType, Gate, Node, On, Semantics, all_backends, dumps, load, loads, translate
+from rvaft.backend import backend
 from rvaft.export.latex import listing
-from rvaft.language.printer import dumps
-from rvaft.model.nodes import EventType, Gate, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern
-from rvaft.model.tree import RVAFT
 from tests.backends.texts import readable
 from tests.cli.runs import PRUNED, failed, run
 from tests.tex import compiled, needs_tex

@@ -9,13 +9,12 @@ import rvaft
 from cross_check.comparison import Roster
 from cross_check.participants import Absent, faithful_backends
 from cross_check.results import Job
+from rvaft import Backend, Metrics, Semantics, ToolFailed
 from rvaft import backend as backends
-from rvaft.backend import Backend, Metrics, SpecificationText
+from rvaft.backend import SpecificationText
 from rvaft.capabilities import JSON_VALUES, Feature, Ties
 from rvaft.core.property import PARTS, Property
-from rvaft.errors import ToolFailed
 from rvaft.model.guards import Operator
-from rvaft.model.verdict import Semantics
 from tests.cli.runs import TREES, failed, run
 
 TREE = TREES / "gates" / "and.rvaft"

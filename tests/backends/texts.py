@@ -10,15 +10,9 @@ import pytest
 from backends.conformance import asks_of_strings
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape
 from cross_check.participants import detected, detections
-from rvaft.api import loads
-from rvaft.backend import Backend
-from rvaft.errors import NotExpressible, TooLarge
-from rvaft.language.printer import dumps
-from rvaft.model.nodes import Gate, Node
-from rvaft.model.tree import RVAFT
+from rvaft import RVAFT, Backend, Gate, Monitor, Node, NotExpressible, Semantics, TooLarge, Verdict, dumps, loads
 from rvaft.model.values import Json, is_finite
-from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import DetectionMonitor, Monitor
+from rvaft.monitors import DetectionMonitor
 from rvaft.semantics import Reference
 
 needs_spot: Final = pytest.mark.skipif(find_spec("spot") is None, reason="needs Spot (spottl)")

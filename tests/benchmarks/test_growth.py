@@ -12,8 +12,8 @@ from typing import Any, Final
 import pytest
 
 import rvaft
+from rvaft import Verdict
 from rvaft.engine import Engine
-from rvaft.model.verdict import Verdict
 
 pytestmark = pytest.mark.benchmark
 

@@ -31,10 +31,9 @@ from typing import Any, Final
 import orjson
 import pytest
 
-from rvaft import Monitor, NotExpressible, load, loads, monitor, translate
+from rvaft import Monitor, NotExpressible, Semantics, load, loads, monitor, translate
 from rvaft.backend import backend
 from rvaft.cli import main
-from rvaft.model.verdict import Semantics
 from tests.benchmarks.logs import BOUND, ENDING, TREE, Log, ignoring_tree, inspections, telemetry
 
 TYPES: Final = ("move", "result", "inspect", "radiation", "goal")

@@ -19,14 +19,11 @@ from pathlib import Path
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from rvaft import dumps
-from rvaft.api import loads
+from rvaft import Gate, Semantics, dumps, loads
 from rvaft.backend import backend
 from rvaft.cli import main
 from rvaft.core.branches import branch, branches
 from rvaft.engine import Engine
-from rvaft.model.nodes import Gate
-from rvaft.model.verdict import Semantics
 from tests.benchmarks.logs import TREE
 from tests.benchmarks.trees import chain, flat, text_of_size
 

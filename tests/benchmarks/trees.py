@@ -1,7 +1,6 @@
 """The trees that benchmarks speak of."""
 
-from rvaft.model.nodes import Gate, Node
-from rvaft.model.tree import RVAFT
+from rvaft import RVAFT, Gate, Node
 
 
 def flat(gate: Gate, size: int, threshold: int | None = None) -> RVAFT:

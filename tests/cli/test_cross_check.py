@@ -80,7 +80,7 @@ def test_traces_without_a_detection_are_vacuous_and_no_agreement(sand: Path, tmp
 
 
 def test_random_trees_may_be_vacuous_unless_it_is_refused() -> None:
-    drawn = ("cross-check", "--random", 30, "--max-nodes", 5, *RML)
+    drawn = ("cross-check", "--random", 8, "--max-nodes", 4, *RML)
     result = run(*drawn)
     assert (result.exit_code, "vacuous results; no disagreement" in result.stdout) == (0, True)
     assert re.search(r"engine +\d+ +vacuous: nothing was detected in any trace", result.stdout)

@@ -12,8 +12,8 @@ from typing import Any, Final
 import pytest
 
 import rvaft
+from rvaft import Semantics
 from rvaft.export.svg import svg_text
-from rvaft.model.verdict import Semantics
 from rvaft.readers.log import open_log
 from rvaft.reports import log_report
 from rvaft.stream import bulk

@@ -8,13 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from rvaft import load, loads, to_dot, translate
-from rvaft.backend import all_backends, backend
+from rvaft import Semantics, ToolMissing, all_backends, load, loads, to_dot, translate
+from rvaft.backend import backend
 from rvaft.core.branches import branches
-from rvaft.errors import ToolMissing
 from rvaft.export import Format, draw
 from rvaft.export.property_text import align_latex
-from rvaft.model.verdict import Semantics
 from tests.cli.runs import FULL, PRUNED, SAND, run
 from tests.tex import unsound
 

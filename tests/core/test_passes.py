@@ -8,14 +8,11 @@ import pytest
 
 from cross_check.generate.traces import NoTraceFound, guided, random_trace
 from cross_check.generate.trees import random_tree
+from rvaft import RVAFT, Kind, Semantics, TooLarge, TreeError
 from rvaft.core import passes
 from rvaft.core.branches import branches, restrict
 from rvaft.core.passes import property_of
 from rvaft.core.property import Property
-from rvaft.errors import TooLarge, TreeError
-from rvaft.model.nodes import Kind
-from rvaft.model.tree import RVAFT
-from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
 from rvaft.semantics.properties import PropertyReference
 from tests.engine.checking import small_valid_trees
@@ -31,7 +28,11 @@ CHAINS = {
 }
 """The passes in the orders in which they are used."""
 
-SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 11))]
+SEEDS = [
+    (0, 2),
+    pytest.param(0, 4, marks=pytest.mark.ci),
+    *(pytest.param(seed, 40, marks=pytest.mark.slow) for seed in range(1, 11)),
+]
 
 
 def through(prop: Property, chain: str) -> Property:
@@ -68,17 +69,12 @@ def run(monitor: Reference | PropertyReference, trace: list[object]) -> list[str
     return [monitor.step(event).symbol for event in trace]
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize(("seed", "count"), SEEDS)
 @pytest.mark.parametrize("shape", WILD)
-def test_random_trees(shape: str, seed: int) -> None:
+def test_random_trees(shape: str, seed: int, count: int) -> None:
     random = Random(f"core {shape} {seed}")
     compared = 0
-    for tree in islice(
-        small_valid_trees(
-            lambda: tree_of(random, shape),
-        ),
-        40 if seed else 4,
-    ):
+    for tree in islice(small_valid_trees(lambda: tree_of(random, shape)), count):
         compared += agree(tree, random)
         number = random.randint(1, len(list(islice(branches(tree), 5))))
         compared += agree(tree, random, branch=number)

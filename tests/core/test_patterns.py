@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from rvaft import RvaftError
 from rvaft.core.patterns import LeastEvent, Overlaps, Unknown, compatible, implies, least, overlaps
-from rvaft.errors import RvaftError
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match, rigid
 from rvaft.support.bits import bits
 from rvaft.support.budget import Budget

@@ -8,6 +8,7 @@ from typing import TypeAlias
 
 import pytest
 
+from rvaft import RVAFT, TooLarge
 from rvaft.core.build import build
 from rvaft.core.passes import restrict
 from rvaft.core.property import EndInOrder, Property, Source
@@ -24,9 +25,8 @@ from rvaft.core.scenario_space import (
 )
 from rvaft.core.scenarios import resolutions
 from rvaft.core.scenarios import scenarios as of_property
-from rvaft.errors import TooLarge
 from rvaft.model.guards import holds, variables
-from rvaft.model.tree import RVAFT, find_cycle
+from rvaft.model.tree import find_cycle
 from rvaft.semantics import Scenario, branches, feasible_scenarios, scenarios
 from rvaft.semantics.scenarios import of_branch
 from rvaft.support.budget import Budget, Undecided

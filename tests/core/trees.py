@@ -5,13 +5,13 @@ from dataclasses import replace
 from itertools import permutations, product
 from random import Random
 
+from rvaft import RVAFT, Causality, EventType, Gate, Node, On
 from rvaft.core.build import build
 from rvaft.core.property import EndInOrder, Times
 from rvaft.model.event_time import EventTime, TimeFormat
 from rvaft.model.guards import POINTS, Duration, Guard, Operation, Operator, TimePoint
-from rvaft.model.nodes import Argument, Causality, EventType, Gate, Node, On
+from rvaft.model.nodes import Argument
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Variable
-from rvaft.model.tree import RVAFT
 
 _EVENTS = (
     EventType("one", ("x",), ObjectPattern((("kind", Literal("one")), ("value", Variable("x"))))),

@@ -34,8 +34,8 @@ def test_a_branch_is_compiled_once_and_alone(monkeypatch: pytest.MonkeyPatch, se
     sizes: list[int] = []
     plain = TreeLetters.__init__
 
-    def counting(self: TreeLetters, compiled: CompiledTree) -> None:
-        plain(self, compiled)
+    def counting(self: TreeLetters, compiled: CompiledTree, *, decide: bool = False) -> None:
+        plain(self, compiled, decide=decide)
         sizes.append(len(self.letters))
 
     monkeypatch.setattr(TreeLetters, "__init__", counting)

@@ -16,10 +16,7 @@ from cross_check.generate.trees import random_tree
 from cross_check.participants import Absent, Participant
 from cross_check.results import Job, Result, Status
 from cross_check.traces import Effort
-from rvaft import loads
-from rvaft.language.printer import dumps
-from rvaft.model.nodes import Causality, Gate
-from rvaft.model.verdict import Semantics
+from rvaft import Causality, Gate, Semantics, dumps, loads
 from rvaft.rules import require_valid
 
 ROSTER = Roster(backends=("rml",))

@@ -20,12 +20,20 @@ from cross_check.participants import (
 )
 from cross_check.results import Difference, Job, Result, Status, exit_status
 from cross_check.traces import Effort
-from rvaft import loads
-from rvaft.backend import Metrics, Observed, Specification
-from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolMissing
+from rvaft import (
+    Metrics,
+    Monitor,
+    NotExpressible,
+    RvaftError,
+    Semantics,
+    Specification,
+    TooLarge,
+    ToolMissing,
+    Verdict,
+    loads,
+)
+from rvaft.backend import Observed
 from rvaft.model.values import Json
-from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import Monitor
 from rvaft.semantics import Reference
 from rvaft.support.budget import Expired, within
 

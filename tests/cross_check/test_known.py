@@ -10,8 +10,7 @@ from cross_check.counterexamples import shrunk
 from cross_check.participants import verdicts_of
 from cross_check.results import Job, Status
 from cross_check.traces import Effort
-from rvaft import dumps, loads
-from rvaft.model.verdict import Semantics
+from rvaft import Semantics, dumps, loads
 from tests.tables import rows
 
 KNOWN = {what.partition(":")[0]: row for what, *row in rows(__file__, "known.txt")}

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from cross_check.generate.strategies import randoms
 from cross_check.generate.values import fitting
 from cross_check.letters import UNBOUND, VARIABLES, Letters, answers, letters
+from rvaft import TooLarge
 from rvaft.backend import Observed
-from rvaft.errors import TooLarge
 from rvaft.language.parser import parse_guard, parse_pattern
 from rvaft.model.guards import Guard, Operation, Operator
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, variables

@@ -14,11 +14,19 @@ import pytest
 from backends import conformance
 from backends.conformance import examples
 from cross_check.participants import MONA, Absent, Participant, translated
-from rvaft.api import loads
+from rvaft import (
+    LanguageError,
+    Monitor,
+    NotExpressible,
+    OptionError,
+    Semantics,
+    TooLarge,
+    ToolFailed,
+    ToolMissing,
+    Verdict,
+    loads,
+)
 from rvaft.backend import backend
-from rvaft.errors import LanguageError, NotExpressible, OptionError, TooLarge, ToolFailed, ToolMissing
-from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import Monitor
 from rvaft.semantics import Reference
 from tests.backends import ltlf
 from tests.tables import rows

@@ -15,11 +15,9 @@ from backends.conformance import examples
 from cross_check.generate.traces import random_trace
 from cross_check.participants import Answer
 from cross_check.published_monitor import run
-from rvaft.api import load, loads
+from rvaft import LanguageError, NotExpressible, Semantics, ToolFailed, ToolMissing, Verdict, load, loads
 from rvaft.backend import backend
-from rvaft.errors import LanguageError, NotExpressible, ToolFailed, ToolMissing
 from rvaft.model.values import Json
-from rvaft.model.verdict import Semantics, Verdict
 from rvaft.readers.json_lines import read
 from rvaft.semantics import Reference
 

@@ -23,7 +23,7 @@ from cross_check.results import (
     summary_lines,
     unable_lines,
 )
-from rvaft.model.verdict import Semantics, Verdict
+from rvaft import Semantics, Verdict
 
 HOSTILE = 'a|b <b>&"\'`*_[x](y)\n\x1b[31m\x00,;"'
 DIFFERENCE = Difference(({"event": "a\n<x>"},), "reference", (Verdict.TRUE,), (Verdict.FALSE,))

@@ -23,14 +23,17 @@ NEEDS = {
     "stix2matcher": re.compile(r"findings/\w+\.stix|stix2matcher"),
     "reelay": re.compile(r"findings/\w+\.mtl"),
 }
+LONG = re.compile(r"rvaft compare --(gates|timeout)|cross-check trees/gates/\*")
+"""Commands that compare or measure many trees."""
 
 
 def params(found: Iterable[Block]) -> list[ParameterSet]:
     """The blocks; those that need a library which is not installed are left out."""
     absent = {name: asks for name, asks in NEEDS.items() if find_spec(name) is None}
     lacking = {b: [name for name, asks in absent.items() if asks.search(b.text)] for b in found}
-    skips = {b: [pytest.mark.skip(reason=f"needs {name}") for name in names[:1]] for b, names in lacking.items()}
-    return [pytest.param(b, id=str(b), marks=marks) for b, marks in skips.items()]
+    marks = {b: [pytest.mark.skip(reason=f"needs {name}") for name in names[:1]] for b, names in lacking.items()}
+    late = {b: [pytest.mark.ci] for b in marks if LONG.search(b.text)}
+    return [pytest.param(b, id=str(b), marks=[*own, *late.get(b, [])]) for b, own in marks.items()]
 
 
 @pytest.mark.parametrize("block", params(blocks("sh")))

@@ -15,7 +15,7 @@ from rvaft.model.nodes import Gate, Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Verdict
 
-MANY = 2_000
+MANY = 1_100
 LEAVES = [f"l{index}" for index in range(MANY)]
 
 

@@ -115,6 +115,7 @@ def tree(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("options", [{}, {"repeat": True}, {"repeat": True, "cooldown": "3 s"}, {"per": "branch"}])
 def test_a_table_has_the_detections_of_the_command(
     session: Any, tree: Path, tmp_path: Path, options: dict[str, Any]
@@ -214,6 +215,7 @@ def killed_and_resumed(session: Any, tree: Path, folder: Path, lines: list[str],
     return found
 
 
+@pytest.mark.ci
 def test_a_stream_that_is_killed_goes_on_and_tells_each_detection_once(
     session: Any, tree: Path, tmp_path: Path
 ) -> None:

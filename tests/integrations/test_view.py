@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rvaft
-from rvaft.model.verdict import Semantics
+from rvaft import Semantics
 from rvaft.reports import log_report as report
 from rvaft.reports.log_report import LogReport
 from rvaft.stream.data_warnings import DataWarnings

@@ -4,6 +4,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
+from rvaft import RVAFT, Causality, EventType, Gate, Ignore, Kind, Node, On, Semantics, Topic
 from rvaft.model.event_time import EventTime, TimeFormat
 from rvaft.model.guards import (
     COMPARISONS,
@@ -18,10 +19,7 @@ from rvaft.model.guards import (
     substitute,
     time_points,
 )
-from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
-from rvaft.model.tree import RVAFT
-from rvaft.model.verdict import Semantics
 
 WORDS = [
     "",

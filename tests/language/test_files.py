@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rvaft import LanguageError, dumps, load, loads
-from rvaft.errors import WrongType
+from rvaft import LanguageError, WrongType, dumps, load, loads
 from rvaft.language.draft import UNMENTIONED, Draft
 from rvaft.language.parser import parse_file
 

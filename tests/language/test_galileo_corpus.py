@@ -12,15 +12,10 @@ from random import Random
 import pytest
 
 from cross_check.generate.trees import PLAIN, random_tree
-from rvaft.api import load, loads, monitor
-from rvaft.errors import LanguageError, RvaftError
+from rvaft import RVAFT, Gate, LanguageError, RvaftError, Severity, dumps, load, loads, monitor
 from rvaft.export import Format, draw, losses
 from rvaft.language.parser import parse
-from rvaft.language.printer import dumps
-from rvaft.model.nodes import Gate
-from rvaft.model.tree import RVAFT
 from rvaft.rules import check
-from rvaft.rules.rule import Severity
 from rvaft.semantics.scenarios import Resolution, Scenario, branches, of_branch, scenarios
 from tests.cli.runs import run
 from tests.tables import rows

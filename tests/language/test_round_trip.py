@@ -6,13 +6,12 @@ from typing import Any
 import pytest
 from hypothesis import given
 
-from rvaft import LanguageError, dumps, loads
+from rvaft import RVAFT, Gate, Kind, LanguageError, Node, dumps, loads
 from rvaft.language.parser import parse, parse_guard, parse_pattern
 from rvaft.model.expressions import guard_text, name_text, pattern_text
 from rvaft.model.guards import Guard, Operation, Operator
-from rvaft.model.nodes import Gate, Kind, Node, Place
+from rvaft.model.nodes import Place
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
-from rvaft.model.tree import RVAFT
 from tests.language import strategies as some
 from tests.tables import rows
 

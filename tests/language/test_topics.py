@@ -6,14 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from rvaft import monitor
-from rvaft.api import load, loads
+from rvaft import RVAFT, Node, Topic, TreeError, dumps, load, loads, monitor
 from rvaft.core.branches import restrict
-from rvaft.errors import TreeError
 from rvaft.language.parser import parse
-from rvaft.language.printer import dumps
-from rvaft.model.nodes import Node, Place, Topic
-from rvaft.model.tree import RVAFT
+from rvaft.model.nodes import Place
 from tests.cli.runs import run
 from tests.tables import rows
 

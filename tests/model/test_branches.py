@@ -6,11 +6,8 @@ from random import Random
 
 import pytest
 
-from rvaft.api import loads
+from rvaft import RVAFT, Gate, Kind, Node, TreeError, loads
 from rvaft.core.branches import alternatives, branch, branches, number_of, restrict
-from rvaft.errors import TreeError
-from rvaft.model.nodes import Gate, Kind, Node
-from rvaft.model.tree import RVAFT
 from rvaft.semantics import branches as listed
 from tests.benchmarks.trees import chain
 

@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cross_check.generate.trees import random_tree
-from rvaft import TooLarge
-from rvaft.api import load, loads
-from rvaft.core.branches import Branch, branch, branches, restrict
+from rvaft import RVAFT, Branch, EventType, Gate, Node, On, TooLarge, load, loads
+from rvaft.core.branches import branch, branches, restrict
 from rvaft.export import latex
 from rvaft.export.property_text import (
     STYLE,
@@ -24,9 +23,8 @@ from rvaft.export.property_text import (
 from rvaft.language.parser import parse, parse_guard
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import Duration, Operation, Operator, TimePoint
-from rvaft.model.nodes import Argument, EventType, Gate, Node, On
+from rvaft.model.nodes import Argument
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
-from rvaft.model.tree import RVAFT
 from tests.cli.runs import PRUNED, TREES
 from tests.tables import rows
 from tests.tex import compiled, needs_tex, unsound

@@ -4,12 +4,9 @@ from typing import Any
 
 import pytest
 
-from rvaft.api import loads
-from rvaft.backend import all_backends, backend
+from rvaft import Monitor, Semantics, ToolMissing, TraceError, Verdict, all_backends, loads
+from rvaft.backend import backend
 from rvaft.engine import Engine
-from rvaft.errors import ToolMissing, TraceError
-from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import Monitor
 from rvaft.semantics import Reference
 
 TREE = loads("top sand a b;")

@@ -13,6 +13,7 @@ import pytest
 import yaml
 from packaging.requirements import Requirement
 
+pytestmark = pytest.mark.ci
 ROOT = Path(__file__).parents[2]
 
 

@@ -11,7 +11,7 @@ from papers.fmas2022.findings import State, findings
 from papers.fmas2022.found import FINDINGS, Finding, Step
 from papers.fmas2022.places import ROOT
 from papers.fmas2022.shell import Need, run
-from rvaft.errors import ToolFailed, ToolMissing
+from rvaft import ToolFailed, ToolMissing
 from tests.backends.rml.published import needs_published
 
 EXPECTED = Path(making.__file__).parent / "expected" / "findings.md"

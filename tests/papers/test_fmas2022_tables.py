@@ -21,9 +21,7 @@ from papers.fmas2022.places import GATES, PRUNED, TREES
 from papers.fmas2022.transitions import transitions
 from papers.fmas2022.verdict_tex import verdict_tables
 from papers.fmas2022.verdicts import Disagreement, Enlisted, enlist, monitors, symbols, traces
-from rvaft import Verdict, loads
-from rvaft.errors import ToolMissing
-from rvaft.model.tree import RVAFT
+from rvaft import RVAFT, ToolMissing, Verdict, loads
 from tests.backends.rml.published import compiled, needs_published
 from tests.tex import document, needs_tex
 

@@ -20,8 +20,7 @@ from papers.fmas2022.overhead_runs import NONE, SETUPS, Run
 from papers.fmas2022.overhead_statement import statement
 from papers.fmas2022.overhead_tables import COLUMNS, detected_tex, nominal_tex
 from papers.fmas2022.places import PRUNED, ROOT
-from rvaft import Verdict
-from rvaft.errors import OptionError
+from rvaft import OptionError, Verdict
 
 TREE = rvaft.load(PRUNED)
 SIZES = (2, 5, 9)
@@ -137,6 +136,7 @@ def table(quick: measuring.Overhead, name: str) -> list[dict[str, str]]:
     return list(csv.DictReader(written(quick, name).read_text(encoding="utf-8").splitlines()))
 
 
+@pytest.mark.ci
 def test_every_cell_is_measured_and_every_run_is_kept(quick: measuring.Overhead) -> None:
     rows = table(quick, "overhead.csv")
     assert tuple(rows[0]) == COLUMNS
@@ -169,6 +169,7 @@ def test_every_cell_is_measured_and_every_run_is_kept(quick: measuring.Overhead)
     )
 
 
+@pytest.mark.ci
 def test_what_is_written_of_it(quick: measuring.Overhead) -> None:
     for name, rows, columns in (("overhead", 1 + len(quick.cells) // 3, 6), ("overhead_detected", 1 + 2 * 2 * 3, 7)):
         text = written(quick, f"{name}.tex").read_text(encoding="utf-8")
@@ -182,6 +183,7 @@ def test_what_is_written_of_it(quick: measuring.Overhead) -> None:
     assert quick.statement.count(" ms at 2 and 4 waypoints; ") == 3 * 3, "the dearest event of each mode and setup"
 
 
+@pytest.mark.ci
 def test_the_figure_is_one_column_wide_and_not_blank(quick: measuring.Overhead) -> None:
     from matplotlib.image import imread
 
@@ -256,6 +258,7 @@ def test_growth_finds_what_comes_once_and_what_each_event_adds() -> None:
     assert line.once == pytest.approx(12.03e-3)
 
 
+@pytest.mark.ci
 def test_equal_numbers_are_equal_bytes(quick: measuring.Overhead, tmp_path: Path) -> None:
     draw(quick.cells, tmp_path)
     for form in ("pdf", "png"):

@@ -35,6 +35,7 @@ def test_nothing_of_a_run_or_a_machine_is_kept() -> None:
     assert set(nbformat.read(NOTEBOOK, as_version=4).metadata) == {"kernelspec", "language_info"}
 
 
+@pytest.mark.ci
 @pytest.mark.usefixtures("quick")
 @pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
 def test_every_cell_does_what_it_says(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

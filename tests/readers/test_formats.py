@@ -20,8 +20,9 @@ import pytest
 import zstandard
 
 import rvaft
+from rvaft import LogReader
 from rvaft.readers import json_document, registry
-from rvaft.readers.log import Log, LogReader
+from rvaft.readers.log import Log
 from tests.cli.runs import SAND, failed, jsonl, run, started, written
 from tests.docs.examples import ROOT
 from tests.readers.samples import LOGS, mission

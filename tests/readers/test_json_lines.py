@@ -16,9 +16,8 @@ import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rvaft import RVAFT, EventType, Ignore, Node, On, TraceError, loads
+from rvaft import RVAFT, EventType, Ignore, Node, On, ToolMissing, TraceError, loads
 from rvaft.core.classifier import Reads, Scope, TreeReads
-from rvaft.errors import ToolMissing
 from rvaft.model.patterns import Anything, ObjectPattern, Variable
 from rvaft.model.values import finite
 from rvaft.readers import json_lines

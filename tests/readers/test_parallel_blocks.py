@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from rvaft.readers import parallel_blocks
 from rvaft.stream import bulk
 from tests.cli.runs import children, run, started, written
+from tests.tables import sampled
 
 TREE = """
 event a(v) = { topic: "t", value: v };
@@ -53,8 +55,7 @@ OPTIONS = (
 )
 
 
-@pytest.mark.parametrize("options", OPTIONS)
-@pytest.mark.parametrize("name", LOGS)
+@pytest.mark.parametrize(("name", "options"), sampled(product(LOGS, OPTIONS), 3))
 def test_the_same_is_said(name: str, options: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(parallel_blocks, "STRETCH", 2_000)
     monkeypatch.setattr(bulk, "STRETCH", 2_000)

@@ -7,17 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from rvaft.api import loads
-from rvaft.errors import RvaftError, TreeError
+from rvaft import RVAFT, EventType, Gate, Ignore, Node, On, RvaftError, Severity, TreeError, loads
 from rvaft.language.parser import parse, parse_file
 from rvaft.model import nodes, tree
 from rvaft.model.guards import Operation, Operator
-from rvaft.model.nodes import EventType, Gate, Ignore, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern, Variable
-from rvaft.model.tree import RVAFT
 from rvaft.rules import RULES, UnknownRule, check, check_draft, check_tree, explain, meanings, require_valid
 from rvaft.rules.registry import CODES, page
-from rvaft.rules.rule import Severity
 from tests.tables import rows
 
 ROOT = Path(__file__).parents[2]

@@ -9,15 +9,13 @@ from typing import TypeAlias
 
 import pytest
 
+from rvaft import RVAFT, EventType, Finding, Gate, Node, On
 from rvaft.core.patterns import overlaps
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import Operation, Operator, holds, time_points
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import EventType, Gate, Node, On
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
-from rvaft.model.tree import RVAFT
 from rvaft.rules import check_tree
-from rvaft.rules.rule import Finding
 from rvaft.semantics import Scenario, feasible_scenarios, scenarios
 from tests.core.trees import random_tree, with_times
 
@@ -212,6 +210,7 @@ def test_scenarios_are_not_enumerated() -> None:
     assert check_tree(RVAFT("top", nodes, [EVENT])) == []
 
 
+@pytest.mark.ci
 def test_guards_over_some_thousand_variables() -> None:
     """More than are looked at together."""
     assert check_tree(_wide(Gate.SAND, 1_000, same=False, guarded=True)) == []

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from itertools import product
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -13,6 +14,7 @@ from rvaft.readers import json_blocks
 from rvaft.stream import bulk
 from tests.benchmarks.logs import ignoring_tree, inspections
 from tests.cli.runs import TREES, lines, run
+from tests.tables import sampled
 from tests.trees import shipped
 
 OPTIONS = [
@@ -69,8 +71,7 @@ def test_shipped_trees(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert True in detected
 
 
-@pytest.mark.parametrize("semantics", Semantics)
-@pytest.mark.parametrize("options", OPTIONS)
+@pytest.mark.parametrize(("options", "semantics"), sampled(product(OPTIONS, Semantics), 3))
 def test_long_logs(options: list[str], semantics: Semantics, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tree, log = ignoring_tree(tmp_path), tmp_path / "log.jsonl"
     inspections(log, 400, readings=1)

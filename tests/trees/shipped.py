@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import rvaft
+from rvaft import RVAFT, Semantics
 from rvaft.core.branches import branches
-from rvaft.model.tree import RVAFT
-from rvaft.model.verdict import Semantics
 from rvaft.semantics import Reference
 
 TREES = Path(__file__).parents[2] / "trees"

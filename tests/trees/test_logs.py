@@ -7,7 +7,7 @@ from typing import Final
 import pytest
 
 import rvaft
-from rvaft.model.verdict import Semantics, Verdict
+from rvaft import Semantics, Verdict
 from rvaft.semantics import Reference
 from tests.trees import logs, shipped
 

@@ -12,11 +12,9 @@ from typing import Any, Final
 import pytest
 
 import rvaft
-from rvaft import Ended, Pending, Verdict
+from rvaft import RVAFT, Awaited, Ended, Monitor, Pending, Verdict
 from rvaft.coverage import Coverage
 from rvaft.export import fired_text
-from rvaft.model.tree import RVAFT
-from rvaft.monitors import Awaited, Monitor
 from rvaft.readers.json_lines import read
 from rvaft.semantics import Reference
 from tests.cli.runs import PRUNED

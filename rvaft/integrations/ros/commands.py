@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import click
 
-from rvaft.api import meant, narrowed
+from rvaft.api import narrowed, resolve_semantics
 from rvaft.cli import options, warn
 from rvaft.errors import NotExpressible, OptionError, TooLarge
 from rvaft.integrations.ros import configuration as ros
@@ -61,7 +61,7 @@ def rosmonitoring_command(*, tree: str, output: str, force: bool, **how: Any) ->
     options.refuse(output in ("", "-"), f"-o names a folder, and '{output}' is none")
     options.refuse(how["repeat"] and how["oracle"] is ros.Oracle.RML, "--repeat is for --oracle rvaft")
     loaded = options.load_tree(tree)
-    wanted = ros.RosOptions(**{**how, "semantics": meant(loaded, how["semantics"])})
+    wanted = ros.RosOptions(**{**how, "semantics": resolve_semantics(loaded, how["semantics"])})
     if wanted.oracle is ros.Oracle.RVAFT:
         folder = Path(tree).parent.resolve()
         passing = folder == Path("/dev") or Path("/proc") in (folder, *folder.parents)

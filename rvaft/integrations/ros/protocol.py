@@ -17,7 +17,7 @@ from dataclasses import KW_ONLY, dataclass
 from enum import StrEnum
 from typing import Any, Final, Self
 
-from rvaft.api import meant, monitor
+from rvaft.api import monitor, resolve_semantics
 from rvaft.core.classifier import TreeReads
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.errors import TooLarge
@@ -86,7 +86,7 @@ class Session:
         repeat: bool = False,
         cooldown: int | None = None,
     ) -> None:
-        self.semantics = meaning = meant(tree, semantics)
+        self.semantics = meaning = resolve_semantics(tree, semantics)
         self.repeat = repeat
         make = lambda part: monitor(part, semantics=meaning, limit=limit)  # noqa: E731
         repeating: Any = {"repeat": repeat, "cooldown": cooldown}

@@ -117,7 +117,7 @@ class Server:
         read = refused = 0
         try:
             async for message in connection:
-                events, detected, verdict = session.events, session.count.told, session.verdict()
+                events, detected, verdict = session.events, session.count.notified, session.verdict()
                 doubts, failures = len(session.data_warnings.found), len(session.failures)
                 reply = self.protocol.reply(message, session)
                 if session.events == events:
@@ -125,10 +125,10 @@ class Server:
                     if refused <= _TOLD:
                         more = "; of more it is not told" if refused == _TOLD else ""
                         self._tell(f"{name}: message refused: {reply['error']}{more}")
-                elif session.count.told > detected:
+                elif session.count.notified > detected:
                     branch = [] if reply.get("branch") is None else [f"branch {reply['branch']}"]
                     how = ", ".join([*branch, *reply.get("kinds", [])])
-                    which = f" (detection {session.count.told})" if session.repeat else ""
+                    which = f" (detection {session.count.notified})" if session.repeat else ""
                     self._tell(f"{name}: detected at event {session.events}{f': {how}' if how else ''}{which}")
                 elif session.verdict() is Verdict.FALSE is not verdict:
                     why = f"under {session.semantics} nothing can be detected after event {session.events}"

@@ -9,7 +9,6 @@ import pytest
 from backends.automaton import AutomatonBackend
 from backends.ltlf import LtlfBackend
 from backends.ltlf.reader import spot
-from rvaft.errors import LanguageError
 from rvaft.language.parser import parse_pattern
 from rvaft.model.expressions import guard_text, pattern_text
 from rvaft.model.patterns import Literal, ObjectPattern, Variable
@@ -45,16 +44,6 @@ def test_atoms_of_the_caller() -> None:
 @pytest.mark.parametrize(("lines", "trace", "expected"), rows(__file__, "headers.txt"))
 def test_with_a_header(lines: list[str], trace: list[Json], expected: str) -> None:
     assert signed("\n".join(["/* rvaft", *lines[:-1], "*/", lines[-1]]), trace) == expected
-
-
-@pytest.mark.parametrize(("text", "line", "column", "message"), rows(__file__, "malformed.txt"))
-def test_malformed(text: str, line: int, column: int, message: str) -> None:
-    for read in (BACKEND.read, BACKEND.observed):
-        with pytest.raises(LanguageError) as raised:
-            read(text)
-    assert (raised.value.line, raised.value.column) == (line, column)
-    assert message in raised.value.message
-    assert "\n" not in raised.value.message
 
 
 def test_states_are_shared_and_tell_futures_apart() -> None:

@@ -9,20 +9,16 @@ from random import Random
 
 import pytest
 
-from backends import conformance
 from backends.match_recognize import flink
 from backends.match_recognize.flink import RowHeader
 from cross_check import comparison
 from cross_check.judges import FLINK
 from cross_check.results import Job, Status
 from cross_check.traces import ONE_TREE
-from rvaft import Semantics, loads
+from rvaft import RVAFT, EventType, Gate, LanguageError, Node, On, Semantics, TooLarge, ToolFailed, ToolMissing, loads
 from rvaft.backend import backend
-from rvaft.errors import LanguageError, NotExpressible, TooLarge, ToolFailed, ToolMissing
 from rvaft.model.guards import Operation, Operator
-from rvaft.model.nodes import EventType, Gate, Node, On
 from rvaft.model.patterns import Literal, ObjectPattern, Variable, substitute
-from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from tests.backends.injections import INJECTIONS
 from tests.backends.judged import all_show, cases, first
@@ -44,19 +40,6 @@ def emitted(tree: str | RVAFT, semantics: Semantics = Semantics.SCATTERED, **opt
 @pytest.mark.parametrize(("tree", "semantics", "text"), rows(__file__, "texts.txt"))
 def test_texts(tree: str, semantics: str, text: str) -> None:
     assert emitted(tree, Semantics(semantics)) == text
-
-
-@pytest.mark.parametrize(("tree", "reason"), rows(__file__, "refused.txt"))
-def test_what_cannot_be_said_is_refused_with_the_reason(tree: str, reason: str) -> None:
-    with pytest.raises(NotExpressible, match=reason):
-        emitted(EVENTS + tree)
-
-
-def test_every_tree_is_said() -> None:
-    for one in conformance.examples():
-        for semantics in Semantics:
-            if conformance.no_texts_of_several(one, semantics):
-                assert "SELECT trace, " in emitted(one.tree, semantics)
 
 
 def test_orders_are_bounded() -> None:

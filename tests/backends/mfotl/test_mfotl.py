@@ -9,19 +9,14 @@ from random import Random
 
 import pytest
 
-from backends import conformance
-from backends.conformance import Example
 from backends.mfotl import MfotlBackend
 from backends.mfotl.monpoly import MfotlHeader, first_detections
 from cross_check import comparison
 from cross_check.results import Job, Status
 from cross_check.traces import ONE_TREE
-from rvaft import Semantics, load, loads
+from rvaft import RVAFT, Semantics, ToolFailed, ToolMissing, load, loads
 from rvaft.backend import backend
-from rvaft.errors import NotExpressible, ToolFailed, ToolMissing
-from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
-from rvaft.semantics import Reference
 from tests.backends.judged import all_show, cases, first
 from tests.cli.runs import failed, run
 from tests.tables import rows
@@ -39,20 +34,6 @@ def emitted(tree: str) -> str:
 @pytest.mark.parametrize(("tree", "text"), rows(__file__, "texts.txt"))
 def test_texts(tree: str, text: str) -> None:
     assert emitted(tree) == text
-
-
-@pytest.mark.parametrize(("tree", "reason"), rows(__file__, "refused.txt"))
-def test_what_cannot_be_said_is_refused_with_the_reason(tree: str, reason: str) -> None:
-    with pytest.raises(NotExpressible, match=reason):
-        emitted(EVENTS + tree)
-
-
-def test_every_tree_is_said_under_scattered() -> None:
-    def required(example: Example, semantics: Semantics) -> bool:
-        return semantics is Semantics.SCATTERED and conformance.no_texts_of_several(example, semantics)
-
-    report = conformance.run(backend("mfotl"), Reference, required=required)
-    assert report.passed, report
 
 
 def test_the_signature_and_the_facts_of_an_event() -> None:

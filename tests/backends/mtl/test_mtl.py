@@ -3,7 +3,6 @@
 import os
 import re
 import stat
-import sys
 from pathlib import Path
 from random import Random
 
@@ -14,17 +13,26 @@ from backends.mtl.r2u2 import MtlR2u2Backend, first_detections
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import VARIABLE_FREE, random_tree
 from cross_check.participants import faithful_backends
-from rvaft.api import loads
-from rvaft.errors import LanguageError, NotExpressible, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
-from rvaft.model.nodes import EventType, Gate, Node, On
+from rvaft import (
+    RVAFT,
+    EventType,
+    Gate,
+    Node,
+    On,
+    OptionError,
+    RvaftError,
+    Semantics,
+    TooLarge,
+    ToolFailed,
+    ToolMissing,
+    loads,
+)
 from rvaft.model.patterns import Literal, ObjectPattern
-from rvaft.model.tree import RVAFT
-from rvaft.model.verdict import Semantics
 from rvaft.monitors import DetectionMonitor
 from rvaft.semantics import Reference
 from tests.backends.injections import INJECTIONS
 from tests.backends.judged import first
-from tests.backends.texts import events, signs, tree
+from tests.backends.texts import events, signs
 from tests.cli.runs import run
 from tests.tables import rows
 
@@ -39,20 +47,6 @@ def test_text(text: str, expected: str) -> None:
     assert BACKEND.translate(loads(text), Semantics.SCATTERED).text.splitlines()[-1] == expected
 
 
-@pytest.mark.parametrize(("text", "semantics", "reason"), rows(__file__, "refused.txt"))
-def test_what_it_cannot_say_is_refused(text: str, semantics: str, reason: str | None) -> None:
-    with pytest.raises(TooLarge if reason is None else NotExpressible, match=reason or "too large"):
-        BACKEND.translate(tree(text), Semantics(semantics))
-
-
-@pytest.mark.parametrize(("text", "line", "column", "message"), rows(__file__, "malformed.txt"))
-def test_malformed(text: str, line: int, column: int, message: str) -> None:
-    """Reelay itself ends the process at any of these."""
-    with pytest.raises(LanguageError, match=message) as raised:
-        BACKEND.read(text)
-    assert (raised.value.line, raised.value.column) == (line, column)
-
-
 def test_what_is_too_deep() -> None:
     with pytest.raises(TooLarge):
         BACKEND.read("not " * 5_000 + "{a: true}")
@@ -65,17 +59,6 @@ def test_hand_written(text: str, word: str, number: int | None) -> None:
     assert isinstance(monitor, DetectionMonitor)
     trace = events(word)
     assert monitor.first_detections([trace, [], trace, trace[:-1], trace])[::2] == [number] * 3
-
-
-@pytest.mark.parametrize("text", INJECTIONS)
-def test_nothing_breaks_out(text: str) -> None:
-    event = EventType("seen", (), ObjectPattern(((text, Literal(text)),)))
-    made = RVAFT(
-        "top", [Node("top", Gate.SAND, ("x", text)), Node("x", label=text), Node(text, on=On("seen", ()))], [event]
-    )
-    written = BACKEND.translate(made, Semantics.SCATTERED).text
-    monitor = BACKEND.read(written)
-    assert (written.count("*/"), signs(monitor, [{"event": "x"}, {text: "a"}, {text: text}])) == (1, "??T")
 
 
 @pytest.mark.parametrize(("text", "inputs", "formula"), rows(__file__, "r2u2.txt"))
@@ -97,12 +80,6 @@ def test_the_form_is_only_emitted_and_misses_what_is_beyond_the_horizon() -> Non
     assert signs(found.monitor(), events("b a b")) == "??T"  # that of the formula for Reelay
     with pytest.raises(OptionError, match="mtl-r2u2 is only emitted"):
         BOUNDED.read(found.text)
-
-
-@pytest.mark.parametrize(("text", "semantics", "reason"), rows(__file__, "refused.txt")[:6])
-def test_the_form_refuses_what_mtl_refuses(text: str, semantics: str, reason: str | None) -> None:
-    with pytest.raises(TooLarge if reason is None else NotExpressible, match=reason or "too large"):
-        BOUNDED.translate(tree(text), Semantics(semantics))
 
 
 @pytest.mark.parametrize("text", INJECTIONS)
@@ -152,13 +129,6 @@ def test_a_formula_is_held_against_a_tree(tmp_path_factory: pytest.TempPathFacto
     assert (good.exit_code, "detections only" in good.output) == (0, True)
     file.write_text("{c: true} and once({b: true} and once({a: true")
     assert run("cross-check", "trees/gates/sand.rvaft", "--against", file).exit_code == 2
-
-
-def test_without_the_package_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "reelay", None)
-    text = BACKEND.translate(loads("toplevel r; r and never_read_before b;"), Semantics.SCATTERED).text
-    with pytest.raises(ToolMissing, match=r"pip install '\.\[mtl\]'"):
-        BACKEND.read(text)
 
 
 COMPILES = """

@@ -1,7 +1,6 @@
 """Correlations of trees, pinned; what is refused; rules written by hand; and mistakes in a correlation."""
 
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,14 +11,9 @@ import yaml
 from backends.sigma.reader import SigmaMonitor
 from cross_check.comparison import cross_check
 from cross_check.traces import Effort
-from rvaft.api import loads, translate
-from rvaft.errors import LanguageError, NotExpressible, TooLarge, ToolMissing, TraceError
-from rvaft.model.nodes import EventType, Gate, Node, On
-from rvaft.model.patterns import Literal, ObjectPattern
-from rvaft.model.tree import RVAFT
+from rvaft import Gate, TooLarge, TraceError, loads, translate
 from rvaft.model.values import Json
 from rvaft.monitors import DetectionMonitor
-from tests.backends.injections import INJECTIONS
 from tests.backends.texts import events, flat
 from tests.tables import rows
 
@@ -40,42 +34,6 @@ def test_correlations(text: str, correlation: object, selections: object) -> Non
 def test_correlations_of_correlations(text: str, correlations: object) -> None:
     documents = yaml.safe_load_all(translate(loads(DECLARED + text), "sigma", semantics="scattered").text)
     assert {one.get("name", ""): one["correlation"] for one in documents if "correlation" in one} == correlations
-
-
-@pytest.mark.parametrize(("text", "reason"), rows(__file__, "refusals.txt"))
-def test_refusals(text: str, reason: str) -> None:
-    with pytest.raises(NotExpressible) as error:
-        translate(loads(DECLARED + text), "sigma", semantics="scattered")
-    assert error.value.reason == reason
-
-
-@pytest.mark.parametrize(("text", "message"), rows(__file__, "malformed.txt"))
-def test_malformed_correlations(text: str, message: str) -> None:
-    with pytest.raises(LanguageError, match=re.escape(message)) as error:
-        SigmaMonitor(text)
-    assert "\n" not in error.value.message
-
-
-def test_names_and_values_stay_in_their_place() -> None:
-    said = 0
-    for place, odd in enumerate(INJECTIONS):
-        field = EventType(odd, (), ObjectPattern(((odd, Literal(odd)), ("x", Literal(1)))))
-        value = EventType(odd, (), ObjectPattern((("v", Literal(odd)), ("x", Literal(1)))))
-        for event, name in ((field, odd), (value, "v")):
-            nodes = [Node(f"{odd} ", Gate.SAND, (odd, "b"), label=odd), Node(odd, on=On(odd, ())), Node("b")]
-            other = EventType("b", (), ObjectPattern((("x", Literal(2)),)))
-            nodes[2] = Node("b", on=On("b", ()))
-            made = RVAFT(f"{odd} ", nodes, [event, other])
-            try:
-                text = translate(made, "sigma", semantics="scattered").text
-            except NotExpressible:
-                continue
-            said += 1
-            assert len([*yaml.safe_load_all(text)]) == 3
-            wrong: list[list[Json]] = [[{name: INJECTIONS[place - 1], "x": 1}, {"x": 2}], [{"x": 1}, {"x": 2}]]
-            traces: list[list[Json]] = [[{name: odd, "x": 1}, {"x": 2}], *wrong]
-            assert SigmaMonitor(text).first_detections(traces) == [2, None, None], odd
-    assert said > 30
 
 
 @pytest.mark.parametrize(("text", "field", "correlation", "trace"), rows(__file__, "by_hand.txt"))
@@ -161,10 +119,3 @@ def test_sizes_and_limits() -> None:
         with pytest.raises(TooLarge, match="rules of the correlation"):
             translate(flat(gate, size, least), "sigma", semantics="scattered")
     assert translate(flat(Gate.VOT, 5, 2), "sigma", semantics="scattered").metrics.symbols == 158
-
-
-def test_without_pysigma_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "sigma.collection", None)
-    text = translate(loads("r and never_read_before b;"), "sigma", semantics="scattered").text
-    with pytest.raises(ToolMissing, match="sigma"):
-        SigmaMonitor(text)

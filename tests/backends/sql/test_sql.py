@@ -14,14 +14,29 @@ import pytest
 
 from backends.sql import SqlBackend, SqlDuckdbBackend, SqlPostgresBackend
 from cross_check.comparison import cross_check
+from rvaft import (
+    RVAFT,
+    Backend,
+    EventType,
+    Gate,
+    LanguageError,
+    Node,
+    NotExpressible,
+    On,
+    OptionError,
+    Semantics,
+    TooLarge,
+    ToolFailed,
+    ToolMissing,
+    TraceError,
+    Verdict,
+    load,
+    loads,
+    translate,
+)
 from rvaft import backend as backends
-from rvaft.api import load, loads, translate
-from rvaft.backend import Backend, backend
-from rvaft.errors import LanguageError, NotExpressible, OptionError, TooLarge, ToolFailed, ToolMissing, TraceError
-from rvaft.model.nodes import EventType, Gate, Node, On
+from rvaft.backend import backend
 from rvaft.model.patterns import Literal, ObjectPattern
-from rvaft.model.tree import RVAFT
-from rvaft.model.verdict import Semantics, Verdict
 from rvaft.semantics import Reference, matches
 from tests.backends.injections import INJECTIONS
 from tests.backends.texts import flat, signs
@@ -89,13 +104,6 @@ def test_a_text_for_postgres_is_one_statement_on_one_table() -> None:
             made.monitor()
 
 
-@pytest.mark.parametrize(("text", "reason"), rows("refused.txt"))
-def test_what_sql_cannot_say_is_refused(text: str, reason: str) -> None:
-    with pytest.raises(NotExpressible) as raised:
-        SqlBackend().translate(loads(text), Semantics.SCATTERED)
-    assert (raised.value.reason, raised.value.backend) == (reason, "sql")
-
-
 @pytest.mark.parametrize("language", READING)
 def test_parts_of_a_comparison_that_are_calculated_stand_once(language: Backend) -> None:
     guard = "((number(V) / 4 + 1) * 3 - number(lower(V))) / 7 + abs(number(V)) < max(number(V) * 2, 8) / 3"
@@ -106,19 +114,6 @@ def test_parts_of_a_comparison_that_are_calculated_stand_once(language: Backend)
     assert first(language, long, Semantics.SCATTERED, [{"x": 0.5}]) == 1
     with pytest.raises(NotExpressible, match="a comparison calculates in more than 100 steps"):
         language.translate(longer, Semantics.SCATTERED)
-
-
-@pytest.mark.parametrize(("text", "message"), rows("malformed.txt"))
-def test_what_is_no_query_is_one_line(text: str, message: str, tmp_path: Path) -> None:
-    with pytest.raises(LanguageError, match=message):
-        SqlBackend().read(text)
-    (tmp_path / "wrong.sql").write_text(text, "utf-8")
-    done = run("cross-check", "trees/gates/and.rvaft", "--against", str(tmp_path / "wrong.sql"))
-    assert (
-        done.exit_code,
-        len(re.findall(r"^rvaft: error: ", done.stderr, re.MULTILINE)),
-        "Traceback" in done.stderr,
-    ) == (2, 1, False)
 
 
 @pytest.mark.parametrize("event", [{"x": float("nan")}, {"x": [2**63]}, {"a\0": 1}, {"t": 10**30, "event": "a"}])
@@ -154,7 +149,7 @@ def test_the_limit_counts_events_that_are_joined() -> None:
 @pytest.mark.parametrize("dialect", ["sqlite", "duckdb", "postgres"])
 def test_pinned(dialect: str, semantics: str) -> None:
     pinned = HERE / "pinned" / f"sensor.{semantics}.{dialect}.sql"
-    name = SqlBackend.spoken(dialect)
+    name = SqlBackend.dialect_backend(dialect)
     assert translate(load(str(HERE / "pinned" / "sensor.rvaft")), name, semantics=semantics).text == pinned.read_text(
         "utf-8"
     )

@@ -1,8 +1,6 @@
 """The patterns of trees, pinned; what is refused; patterns written by hand; mappings; and mistakes in a pattern."""
 
-import json
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,16 +11,21 @@ from backends.stix import StixBackend
 from backends.stix.reader import StixMonitor
 from cross_check.comparison import cross_check
 from cross_check.traces import Effort
-from rvaft.api import loads, translate
-from rvaft.api import monitor as monitor_of
-from rvaft.errors import LanguageError, NotExpressible, OptionError, TooLarge, ToolFailed, ToolMissing, TraceError
-from rvaft.model.nodes import EventType, Gate, Node, On
-from rvaft.model.patterns import Literal, ObjectPattern
-from rvaft.model.tree import RVAFT
+from rvaft import (
+    Gate,
+    NotExpressible,
+    OptionError,
+    Semantics,
+    TooLarge,
+    ToolFailed,
+    TraceError,
+    Verdict,
+    loads,
+    translate,
+)
+from rvaft import monitor as monitor_of
 from rvaft.model.values import Json
-from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor
-from tests.backends.injections import INJECTIONS
 from tests.backends.texts import events, flat, tree
 from tests.tables import rows
 
@@ -36,20 +39,6 @@ DECLARED = (
 def test_patterns(text: str, pattern: str) -> None:
     assert translate(loads(DECLARED + text), "stix", semantics="scattered").text == pattern
     Pattern(pattern)
-
-
-@pytest.mark.parametrize(("text", "reason"), rows(__file__, "refusals.txt"))
-def test_refusals(text: str, reason: str) -> None:
-    with pytest.raises(NotExpressible) as error:
-        translate(loads(DECLARED + text), "stix", semantics="scattered")
-    assert error.value.reason.startswith(reason)
-
-
-@pytest.mark.parametrize(("text", "message"), rows(__file__, "malformed.txt"))
-def test_malformed_patterns(text: str, message: str) -> None:
-    with pytest.raises(LanguageError, match=re.escape(message)) as error:
-        StixMonitor(text)
-    assert "\n" not in error.value.message
 
 
 @pytest.mark.parametrize(("mapping", "message"), rows(__file__, "mappings.txt"))
@@ -72,24 +61,6 @@ def test_a_mapping_is_read_back() -> None:
         None,
         3,
     ]
-
-
-def test_names_and_values_stay_in_their_place() -> None:
-    for place, odd in enumerate(INJECTIONS):
-        field = ObjectPattern(((odd, ObjectPattern(((odd, Literal(odd)),))),))
-        nodes = [Node(f"{odd} ", Gate.SAND, (odd, "b"), label=odd), Node(odd, on=On(odd, ())), Node("b")]
-        made = RVAFT(f"{odd} ", nodes, [EventType(odd, (), field)])
-        text = translate(made, "stix", semantics="scattered").text
-        inspected = Pattern(text).inspect()
-        assert (inspected.observation_ops, [*inspected.comparisons]) == ({"FOLLOWEDBY"}, ["x-rvaft"])
-        other = INJECTIONS[place - 1]
-        near: list[list[Json]] = [
-            [{odd: {odd: other}}, {"event": "b"}],
-            [{odd: {other: odd}}, {"event": "b"}],
-            [{odd: odd}, {"event": "b"}],
-        ]
-        traces: list[list[Json]] = [[{odd: {odd: odd}}, {"event": "b"}], *near]
-        assert StixMonitor(text).first_detections(traces) == [2, None, None, None], odd
 
 
 @pytest.mark.parametrize(("text", "pattern", "trace"), rows(__file__, "by_hand.txt"))
@@ -194,14 +165,3 @@ def test_sizes_and_limits() -> None:
     monitor = translate(flat(Gate.SAND, 250), "stix", semantics="scattered").monitor()
     assert isinstance(monitor, DetectionMonitor)
     assert monitor.first_detections([[{"event": f"e{number}"} for number in range(250)]]) == [250]
-
-
-def test_without_the_matcher_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "stix2matcher.matcher", None)
-    text = translate(loads("r and never_read_before b;"), "stix", semantics="scattered").text
-    with pytest.raises(ToolMissing, match="stix"):
-        StixMonitor(text)
-
-
-def test_the_table_of_odd_names_is_json() -> None:
-    assert json.loads(json.dumps(INJECTIONS)) == [*INJECTIONS]

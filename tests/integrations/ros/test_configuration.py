@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from rvaft import Kind, load, monitor, translate
-from rvaft.api import meant
+from rvaft.api import resolve_semantics
 from rvaft.cli import main
 from tests.cli.runs import TREES, failed, run, written
 from tests.tables import rows
@@ -109,7 +109,11 @@ def test_the_configuration_the_specifications_and_the_commands(
         assert command is not None
         asked = command.make_context("serve", words[2:], parent=context).params
         assert (asked["port"], asked["host"]) == (oracle["port"], oracle["url"].strip("[]"))
-        assert (asked["branch"], asked["kind"], meant(TREE, asked["semantics"])) == (branch, kind, semantics)
+        assert (asked["branch"], asked["kind"], resolve_semantics(TREE, asked["semantics"])) == (
+            branch,
+            kind,
+            semantics,
+        )
         assert asked["repeat"] is ("--repeat" in options)
         assert load(asked["tree"]) == TREE
     assert {path.name for path in tmp_path.iterdir()} == files

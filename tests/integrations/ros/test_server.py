@@ -17,8 +17,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from rvaft import loads
-from rvaft.errors import OptionError
+from rvaft import OptionError, loads
 from rvaft.integrations.ros import connections_page, server
 from rvaft.integrations.ros.connections_page import ConnectionsPage
 from rvaft.integrations.ros.protocol import Session

@@ -138,6 +138,7 @@ def test_ctrl_c(tmp_path: Path) -> None:
 # -- files ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ci
 def test_latex_and_plots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")
     pytest.importorskip("pandas")

@@ -31,19 +31,18 @@ from papers.languages.measurement import (
     measured,
     walks,
 )
+from rvaft import Backend, Gate, Metrics, Monitor, OptionError, Semantics, Verdict, all_backends
 from rvaft import backend as registry
-from rvaft.backend import Backend, Metrics, SpecificationText, all_backends, backend
+from rvaft.backend import SpecificationText, backend
 from rvaft.capabilities import JSON_VALUES, Feature, Ties
 from rvaft.core.property import PARTS, Property
 from rvaft.engine import Engine
-from rvaft.errors import OptionError
 from rvaft.model.guards import Operator
-from rvaft.model.nodes import Gate
 from rvaft.model.values import Json
-from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import DetectionMonitor, Monitor
+from rvaft.monitors import DetectionMonitor
 from rvaft.rules import require_valid
 from tests.cli.runs import PRUNED
+from tests.tables import sampled
 
 pytestmark = pytest.mark.usefixtures("quick")
 SUBJECTS = {subject.name: subject for subject in gate_subjects()}
@@ -189,7 +188,7 @@ ODD = [  # how the translation and the run ended, and why
 ]
 
 
-@pytest.mark.parametrize(("odd", "settings", "ended"), ODD)
+@pytest.mark.parametrize(("odd", "settings", "ended"), sampled(ODD, 2))
 def test_what_goes_wrong_is_in_the_row(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], odd: Odd, settings: dict[str, Any], ended: Any
 ) -> None:
@@ -198,7 +197,7 @@ def test_what_goes_wrong_is_in_the_row(
     monkeypatch.setattr(measurement, "GRACE", 0 if odd.translating is waiting else measurement.GRACE)
     start = time.monotonic()
     row = one(**settings)
-    assert time.monotonic() - start < 10
+    assert time.monotonic() - start < 40  # who waits would take 60 s; others may use this machine
     assert (row.result, row.reason, row.run, row.run_reason) == ended
     assert row.symbols == (7 if row.result is Outcome.OK else None)
     assert row.events_per_second is None

@@ -15,9 +15,7 @@ from cross_check.results import DETECTIONS_ONLY
 from papers.languages.measurement import ONLY_EMITTED, Measurement, Outcome, default_languages
 from papers.languages.plots import _STYLES, figures, plots
 from papers.languages.tables import COLUMNS, Width, csv_text, latex_text, read_rows, text_lines, unable
-from rvaft.errors import LanguageError
-from rvaft.model.nodes import Gate
-from rvaft.model.verdict import Semantics
+from rvaft import Gate, LanguageError, Semantics
 
 ROW = Measurement(
     tree="and 3",
@@ -221,7 +219,10 @@ MANY = [*TREES, *(replace(ROW, tree=f"{number}", gate=None) for number in range(
     ("few", "width", "centimetres", "names"),
     [
         (ROWS, Width.PAGE, 17.4, ["gates-symbols-strict.pdf", "gates-symbols-strict.png"]),
-        (MANY, Width.COLUMN, 8.5, ["trees-symbols-1.pdf", "trees-symbols-1.png", "trees-symbols-2.pdf"]),
+        pytest.param(
+            *(MANY, Width.COLUMN, 8.5, ["trees-symbols-1.pdf", "trees-symbols-1.png", "trees-symbols-2.pdf"]),
+            marks=pytest.mark.ci,
+        ),
     ],
 )
 def test_pictures(few: list[Measurement], width: Width, centimetres: float, names: list[str]) -> None:

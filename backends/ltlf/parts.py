@@ -20,7 +20,7 @@ from rvaft.model.guards import Guard
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import rigid_variables
 from rvaft.support.bits import bits, in_at_least, union
-from rvaft.support.budget import CellBudget
+from rvaft.support.budget import Work
 
 
 def simplified(form: NumberedParts, *, monotone: bool) -> tuple[NumberedPart, ...]:
@@ -237,7 +237,7 @@ GuardsOf: TypeAlias = Mapping[Event, tuple[Guard, ...]]
 """For each event the guards that it is under in all scenarios."""
 
 
-def settled(form: NumberedParts, *, monotone: bool, limit: int) -> Iterator[tuple[NumberedParts, GuardsOf]]:
+def settled(form: NumberedParts, *, monotone: bool, work: Work) -> Iterator[tuple[NumberedParts, GuardsOf]]:
     """All scenarios, divided so that it is settled for each event which guards it is under.
 
     A guard counts in every scenario that contains its condition, and is conjoined to every event of
@@ -247,11 +247,10 @@ def settled(form: NumberedParts, *, monotone: bool, limit: int) -> Iterator[tupl
     if not form.guards:
         yield form, {}
         return
-    budget = CellBudget("the choices that guards depend on take more than the limit allows", limit)
 
     def look(candidate: NumberedParts) -> GuardsOf | int:
         kept = candidate.kept()
-        budget.spend(len(kept))
+        work.step(10 * len(kept))
         return _placed(candidate, kept)
 
     yield from divided(form, look, at_least=not monotone)

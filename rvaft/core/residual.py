@@ -15,7 +15,7 @@ The events and choices of each start are laid out as bit sets, and a move is a h
 on integers. Guards have the lowest bits, chosen by the caller.
 
 Backends that follow partial matches use residuals: automata (states are sets of residuals) and LTLf
-(the general sum has one formula for each residual). RML does not. There a partial match has
+(the general sum has one formula for each set of residuals). RML does not: there a partial match has
 registers, which depend on the events that happened, and a guard is asked once, where its last
 variable is bound. A residual forgets the events, and asks a guard at each of them.
 """
@@ -158,17 +158,12 @@ def _urgent(form: NumberedParts, work: Work) -> int | None:
     if all(count == 1 for count in references.values()):
         return None
     work.step(len(kept))
-    rank = {number: index for index, number in enumerate(kept)}
-    parents = dict.fromkeys(kept, 0)
+    parents, inside, entered = dict.fromkeys(kept, 0), form.below(), dict[int, int]()
     for number in kept:
         for child in form.parts[number].parts:
-            parents[child] |= 1 << rank[number]
-    inside: dict[int, int] = {}
-    entered: dict[int, int] = {}
+            parents[child] |= 1 << number
     for number in kept:
-        below = form.parts[number].parts
-        inside[number] = 1 << rank[number] | union(inside[child] for child in below)
-        entered[number] = union(entered[child] | parents[child] for child in below)
+        entered[number] = union(entered[child] | parents[child] for child in form.parts[number].parts)
     for number in reversed(kept):
         part = form.parts[number]
         if part.chooses and any(references[child] > 1 or entered[child] & ~inside[child] for child in part.parts):
@@ -289,7 +284,7 @@ class _Plan:
                 mask = mask_of(option[child] for child in this.parts)
                 quiet = mask_of(one for one in bits(mask) if self.alternatives[one].silent)
                 self.choices[bit[part]] = _Choice(mask, quiet, this.need, at_least and this.op is PartKind.AT_LEAST)
-        before, after = _around(graph, whole, backwards=False), _around(graph, whole, backwards=True)
+        before, after = form.around(whole), form.around(whole, backwards=True)
         alike = layout.alike(graph, asks, guards)
         self.occurrences: dict[int, _Occurrence] = {}
         self._binders = dict.fromkeys(bits(self._guards), 0)
@@ -541,18 +536,6 @@ def _silent(ways: list[tuple[int, ...]], part: NumberedPart, work: Work) -> tupl
             work.check(len(together), "ways to decide choices by guards alone")
         found.update(together)
     return _smallest(found)
-
-
-def _around(graph: Mapping[int, NumberedPart], whole: Mapping[int, int], *, backwards: bool) -> dict[int, int]:
-    """What sequences put before each part, or after it."""
-    around = dict.fromkeys(graph, 0)
-    for number, part in graph.items():
-        outside = around[number]
-        for child in reversed(part.parts) if backwards else part.parts:
-            around[child] |= outside
-            if part.op is PartKind.SEQUENCE:
-                outside |= whole[child]
-    return around
 
 
 def _smallest(sets: Iterable[int]) -> tuple[int, ...]:

@@ -10,8 +10,7 @@ The formula of a part with what must come strictly after it (`after`):
     otherwise          the general sum over what may come next
 
 The sum goes over sets of residuals (`rvaft.core.residual`): what may be left after the events so
-far. There may be exponentially many; parts that ask for the same events are put into one order, so
-symmetric residuals are one.
+far. There may be exponentially many; residuals that ask for the same events are one.
 """
 
 from collections.abc import Callable, Iterable, Sequence

@@ -1,9 +1,10 @@
 """What is left of a property after some events: residuals, and the moves between them.
 
 A *residual* is what remains of a set of scenarios after some events have been matched. It forgets
-everything that cannot matter any more, so equal residuals have equal futures, and parts that ask
-for the same are put into one order. A *move* matches one more event. A word is matched by a
-scenario exactly when moves with its labels lead from a start to a residual that is complete.
+everything that cannot matter any more, so equal residuals have equal futures, and of residuals that
+differ only in which of several parts that ask for the same has happened one stands for all. A *move*
+matches one more event. A word is matched by a scenario exactly when moves with its labels lead from
+a start to a residual that is complete.
 
 A choice is made when an event decides it, or when something that comes after it happens and it can
 be made without an event. A choice can wait for that when everything below each of its alternatives
@@ -22,7 +23,6 @@ variable is bound. A residual forgets the events, and asks a guard at each of th
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from itertools import combinations, product
 from math import comb
 from types import MappingProxyType
@@ -203,7 +203,7 @@ class _Occurrence(NamedTuple):
     """One event of a plan.
 
     Its label, the guards on its variables, the alternative it is below, what comes before it and
-    what after, and the groups of alike parts it is below, inner ones first.
+    what after.
     """
 
     label: int
@@ -211,40 +211,6 @@ class _Occurrence(NamedTuple):
     alternative: int | None
     before: int
     after: int
-    alike: tuple["_Alike", ...]
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _Alike:
-    """Parts that ask for the same, unordered: each has `mask` of the bits from one of the `places` on.
-
-    To exchange what is left of two of them changes nothing.
-    """
-
-    mask: int
-    places: tuple[int, ...]
-
-    def slices(self, left: Residual) -> list[tuple[int, int]]:
-        """What is left of each of the parts."""
-        return [(left.open >> place & self.mask, left.taken >> place & self.mask) for place in self.places]
-
-    def repeated(self, left: Residual) -> int:
-        """The bits of the parts of which the same is left as of the part before."""
-        found = self.slices(left)
-        again = (place for one, other, place in zip(found, found[1:], self.places[1:], strict=False) if one == other)
-        return union(self.mask << place for place in again)
-
-    def ordered(self, left: Residual) -> Residual:
-        """The same residual but for the order of these parts: the part with most left comes first."""
-        found = self.slices(left)
-        wanted = sorted(found, reverse=True)
-        if found == wanted:
-            return left
-        change_open = change_taken = 0
-        for place, (old_open, old_taken), (new_open, new_taken) in zip(self.places, found, wanted, strict=True):
-            change_open |= (old_open ^ new_open) << place
-            change_taken |= (old_taken ^ new_taken) << place
-        return left._replace(open=left.open ^ change_open, taken=left.taken ^ change_taken)
 
 
 class _Plan:
@@ -267,9 +233,9 @@ class _Plan:
         self._moves: dict[Residual, tuple[Move, ...]] = {}
         graph: dict[int, NumberedPart] = {part: form.parts[part] for part in reversed(form.kept())}
         self._guards = mask_of(guards.values())
-        layout = _Layout(graph, self._guards.bit_length())
-        bit, option = layout.bit, layout.option
+        bit, option = _laid_out(graph, self._guards.bit_length())
         whole, mandatory, first, silent = _extents(graph, bit, guards, work)
+        self._whole, self._root = whole, form.root
         above: dict[int, int | None] = dict.fromkeys(graph)  # the alternative that a part is below
         self.alternatives: dict[int, _Alternative] = {}
         self.choices: dict[int, _Choice] = {}
@@ -285,16 +251,20 @@ class _Plan:
                 quiet = mask_of(one for one in bits(mask) if self.alternatives[one].silent)
                 self.choices[bit[part]] = _Choice(mask, quiet, this.need, at_least and this.op is PartKind.AT_LEAST)
         before, after = form.around(whole), form.around(whole, backwards=True)
-        alike = layout.alike(graph, asks, guards)
         self.occurrences: dict[int, _Occurrence] = {}
         self._binders = dict.fromkeys(bits(self._guards), 0)
         for part in filter(asks.__contains__, graph):
             event, asked = bit[part], asks[part]
-            self.occurrences[event] = _Occurrence(*asked, above[part], before[part], after[part], alike[part])
+            self.occurrences[event] = _Occurrence(*asked, above[part], before[part], after[part])
             self._binders.update((guard, self._binders[guard] | 1 << event) for guard in bits(asked[1]))
         self._choosing = mask_of(self.choices)
         self._events = mask_of(self.occurrences)
         self.width = (self._events | self._guards).bit_length()
+        several = len(self.occurrences) > len({asks[part] for part in graph if part in asks})
+        self._rests = _Rests(graph, asks, guards, bit, option) if several else None
+        """None where no two events ask for the same."""
+        self._size = len(graph)
+        self._known: dict[tuple[int, ...], Residual] = {}
         self.start = self._tidy(Residual(number, mandatory[form.root]))
 
     def moves(self, left: Residual) -> tuple[Move, ...]:
@@ -319,15 +289,11 @@ class _Plan:
         return not behind or not any(self.choices[choice].mask & behind for choice in bits(one.open & self._choosing))
 
     def _find(self, left: Residual) -> Iterator[Move]:
-        repeated: dict[_Alike, int] = {}
+        repeated = 0 if self._rests is None else self._rests.repeated(left, self._whole)
         for event in self._candidates(left):
-            occurrence = self.occurrences[event]
-            for alike in occurrence.alike:
-                if alike not in repeated:
-                    repeated[alike] = alike.repeated(left)
-                    self._work.step(len(alike.places))
-            if any(repeated[alike] >> event & 1 for alike in occurrence.alike):
+            if repeated >> event & 1:
                 continue
+            occurrence = self.occurrences[event]
             entered = self._enter(left, event)
             if entered is None or occurrence.before & entered.open & self._events:
                 continue
@@ -336,10 +302,7 @@ class _Plan:
                 needed = occurrence.bound & settled.open
                 noted = occurrence.bound & ~needed
                 noted &= self._possible(target) if noted else 0
-                target = self._tidy(target)
-                for alike in occurrence.alike:
-                    target = alike.ordered(target)
-                yield Move(occurrence.label, needed, noted, target)
+                yield Move(occurrence.label, needed, noted, self._tidy(target))
 
     def _candidates(self, left: Residual) -> Iterator[int]:
         """Events that may be next: nothing that waits is known to come before them."""
@@ -409,14 +372,18 @@ class _Plan:
         return _smallest(union(one) for some in combinations(able, missing) for one in product(*some))
 
     def _tidy(self, left: Residual) -> Residual:
-        """Forget guards that no event and no choice to come can touch."""
+        """Forget guards that no event and no choice to come can touch; one residual for all that are alike."""
         required = left.open & self._guards
-        if not (required or left.broken):
+        if required or left.broken:
+            possible = self._possible(left)
+            coming = left.open | possible
+            idle = mask_of(guard for guard in bits(required) if not self._binders[guard] & coming)
+            left = left._replace(open=left.open & ~idle, broken=left.broken & possible)
+        if self._rests is None:
             return left
-        possible = self._possible(left)
-        coming = left.open | possible
-        idle = mask_of(guard for guard in bits(required) if not self._binders[guard] & coming)
-        return left._replace(open=left.open & ~idle, broken=left.broken & possible)
+        self._work.step(10 * self._size)
+        key = (self._rests.of(left)[self._root], left.open & self._guards, left.broken)
+        return self._known.setdefault(key, left)
 
 
 def _on_variables(event: Event, guards: Mapping[Guard, int]) -> int:
@@ -425,65 +392,81 @@ def _on_variables(event: Event, guards: Mapping[Guard, int]) -> int:
     return mask_of(number for guard, number in guards.items() if not names.isdisjoint(variables(guard)))
 
 
-class _Layout:
-    """The bits of choices and events (`bit`) and of alternatives (`option`), by part, from `least` on.
+def _laid_out(graph: dict[int, NumberedPart], least: int) -> tuple[dict[int, int], dict[int, int]]:
+    """The bits of choices and events, and of alternatives, by part, in the order of the graph."""
+    bit: dict[int, int] = {}
+    option: dict[int, int] = {}
+    for part, this in graph.items():
+        if this.chooses or this.op is PartKind.EVENT:
+            bit[part] = least + len(bit) + len(option)
+        for child in this.parts if this.chooses else ():
+            option[child] = least + len(bit) + len(option)
+    return bit, option
 
-    They are numbered in the order of the tree, so that what is below a part has neighbouring bits.
+
+class _Rests:
+    """What is left of parts, as numbers: equal where it differs only in which of several alike events it has.
+
+    A part that is used several times is like no other. The number 0 stands for nothing; `full` has
+    the numbers of whole parts.
     """
 
-    def __init__(self, graph: Mapping[int, NumberedPart], least: int) -> None:
-        self.bit: dict[int, int] = {}
-        self.option: dict[int, int] = {}
-        self._least: dict[int, int] = {}
-        root = next(iter(graph))
-        todo, choosable = [root], set[int]()
-        while todo:
-            part = todo.pop()
-            if part in self._least:
-                continue
-            this = graph[part]
-            self._least[part] = least
-            if part in choosable:
-                self.option[part] = least
-                least += 1
-            if this.chooses or this.op is PartKind.EVENT:
-                self.bit[part] = least
-                least += 1
-            if this.chooses:
-                choosable.update(this.parts)
-            todo.extend(reversed(this.parts))
-
-    def alike(
-        self, graph: dict[int, NumberedPart], asks: Mapping[int, tuple[int, int]], guards: Mapping[Guard, int]
-    ) -> dict[int, tuple[_Alike, ...]]:
-        """For each part the groups of alike parts it is below or in, inner ones first.
-
-        Parts are alike when they and all below them are used once, by the same part, in any order,
-        and ask for the same.
-        """
+    def __init__(
+        self,
+        graph: dict[int, NumberedPart],
+        asks: Mapping[int, tuple[int, int]],
+        guards: Mapping[Guard, int],
+        bit: Mapping[int, int],
+        option: Mapping[int, int],
+    ) -> None:
         uses = Counter(child for part in graph.values() for child in part.parts)
-        numbers: dict[tuple[object, ...], int] = {}
-        shape: dict[int, int | None] = {}
-        length: dict[int, int] = {}
+        self._graph, self._bit, self._option = graph, bit, option
+        self._shared = frozenset(part for part, count in uses.items() if count > 1)
+        self._numbers: dict[tuple[object, ...], int] = {(): 0}
+        self._inside: dict[int, list[int]] = {0: []}
+        """The numbers that the number of an unordered part is made of."""
+        self.full: dict[int, int] = {}
         for part, this in reversed(graph.items()):
-            inside = [shape[child] if uses[child] == 1 else None for child in this.parts]
             own = guards[this.of.guard] if isinstance(this.of, Condition) else asks.get(part)
-            key = (this.op, this.need, own, *inside)
-            shape[part] = None if None in inside else numbers.setdefault(key, len(numbers))
-            length[part] = (part in self.bit) + (part in self.option) + sum(length[child] for child in this.parts)
-        found: dict[int, tuple[_Alike, ...]] = dict.fromkeys(graph, ())
-        for part, this in graph.items():
-            groups: dict[int, list[int]] = {}
-            for child in this.parts:
-                found[child] = found[part]
-                one = shape[child]
-                if this.op is not PartKind.SEQUENCE and uses[child] == 1 and one is not None and length[child]:
-                    groups.setdefault(one, []).append(child)
-            for group in groups.values():
-                if len(group) > 1:
-                    places = tuple(self._least[child] for child in group)
-                    both = (_Alike((1 << length[group[0]]) - 1, places), *found[part])
-                    found.update(dict.fromkeys(group, both))
+            inner = [self.full[child] for child in this.parts]
+            key = (this.op, this.need, own, *(inner if this.op is PartKind.SEQUENCE else sorted(inner)))
+            self.full[part] = self._number(part, *key) if part in self._shared else self._number(*key)
+
+    def _number(self, *key: object) -> int:
+        return self._numbers.setdefault(key, len(self._numbers))
+
+    def of(self, left: Residual) -> dict[int, int]:
+        """What is left of each part."""
+        rests: dict[int, int] = {}
+        for part, this in reversed(self._graph.items()):
+            is_open = part in self._bit and left.open >> self._bit[part] & 1
+            inner = [rests[child] for child in this.parts if rests[child]]
+            if this.op is PartKind.EVENT:
+                rest = self.full[part] if is_open else 0
+            elif this.op is PartKind.SEQUENCE:
+                rest = self._number(this.op, *inner) if len(inner) > 1 else sum(inner)
+            else:
+                found = [one for rest in inner for one in self._inside.get(rest, (rest,))]
+                if is_open:
+                    untaken = sorted(self.full[one] for one in this.parts if not left.taken >> self._option[one] & 1)
+                    need = max(0, this.need + len(untaken) - len(this.parts))
+                    found.append(self._number(this.op, need, *untaken))
+                found.sort()
+                rest = self._number(PartKind.ALL, *found) if len(found) > 1 else sum(found)
+                if len(found) > 1:
+                    self._inside[rest] = found
+            rests[part] = self._number(part, rest) if rest and part in self._shared else rest
+        return rests
+
+    def repeated(self, left: Residual, whole: Mapping[int, int]) -> int:
+        """The bits of parts of which the same is left as of another part of the same unordered part."""
+        rests, found = self.of(left), 0
+        for this in self._graph.values():
+            seen: dict[tuple[int, int, int], int] = {}
+            for child in this.parts if this.op is not PartKind.SEQUENCE else ():
+                taken = left.taken >> self._option[child] & 1 if this.chooses else 0
+                first = seen.setdefault((rests[child], rests[child] or self.full[child], taken), child)
+                found |= 0 if first == child else whole[child] & ~whole[first]
         return found
 
 

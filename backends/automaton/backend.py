@@ -14,7 +14,7 @@ from rvaft.backend import Backend, Observed, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
 from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
 from rvaft.core.property import Condition, Part, Property
-from rvaft.core.residual import Residuals
+from rvaft.core.residual import ResidualSpace
 from rvaft.errors import TooLarge
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
@@ -100,7 +100,7 @@ def _built(prop: Property, semantics: Semantics, work: Work) -> tuple[Automaton,
     letters = FeasibleLetters(parts.patterns, _relevance(prop, semantics))
     automaton = Automaton(HOPELESS)
     if parts.form.feasible:  # constant guards may leave no scenario
-        residuals = Residuals(parts.form, parts.atom_of, parts.guard_bits, at_least=not scattered, work=work)
+        residuals = ResidualSpace(parts.form, parts.atom_of, parts.guard_bits, at_least=not scattered, work=work)
         automaton = determinised(residuals, letters, work, semantics)
     if semantics is Semantics.CONSECUTIVE:
         return refined(automaton, letters, work), parts, letters

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from backends.automaton.letters import FeasibleLetters
-from rvaft.core.residual import Move, Residual, Residuals
+from rvaft.core.residual import Move, Residual, ResidualSpace
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, mask_of, union
 from rvaft.support.budget import Work
@@ -64,7 +64,7 @@ class Automaton:
         return order
 
 
-def determinised(residuals: Residuals, letters: FeasibleLetters, work: Work, semantics: Semantics) -> Automaton:
+def determinised(residuals: ResidualSpace, letters: FeasibleLetters, work: Work, semantics: Semantics) -> Automaton:
     """The automaton of the residuals; raises `TooLarge`."""
     scattered = semantics is Semantics.SCATTERED
     number: dict[frozenset[Residual], int] = {}
@@ -113,7 +113,7 @@ class _Successors:
 
     def __init__(
         self,
-        residuals: Residuals,
+        residuals: ResidualSpace,
         state: Sequence[Residual],
         kept: Sequence[Residual],
         *,

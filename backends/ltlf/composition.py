@@ -20,7 +20,7 @@ from typing import assert_never
 from backends.ltlf.formulas import FALSE, TRUE, Formulas
 from backends.ltlf.parts import Anatomy
 from rvaft.core.part_numbers import NumberedPart, NumberedParts, PartKind
-from rvaft.core.residual import Residual, Residuals
+from rvaft.core.residual import Residual, ResidualSpace
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import union
 from rvaft.support.budget import Call, Work, run
@@ -60,7 +60,7 @@ class Composer:
         self._known: dict[tuple[int, int], int] = {}
         self._free: set[int] = set()
         """Parts below a separable one: they are translated one by one although they share occurrences."""
-        self._residuals: dict[tuple[int, ...], Residuals] = {}
+        self._residuals: dict[tuple[int, ...], ResidualSpace] = {}
 
     def whole(self) -> int:
         """The formula of the root, from the first position on; `consecutive`: from some relevant one, `F(rel & f)`."""
@@ -195,12 +195,14 @@ class Composer:
         """The general form of some parts in any order; they share no occurrence with other parts.
 
         There is one shared formula G for each set of residuals: what follows, if one of them is
-        complete, or one of the events that may come next, with G of the residuals after it.
+        complete, or one of the events that may come next, with G of the residuals after it. The
+        residuals after one event part are one set. All residuals after equal events would be fewer
+        formulas for some trees, and exponentially many for others.
         """
         key, disjunction = tuple(some), self._formulas.disjunction
         if key not in self._residuals:
             parts = (*self._anatomy.parts[: max(key) + 1], NumberedPart(PartKind.ALL, key, len(key)))
-            self._residuals[key] = Residuals(
+            self._residuals[key] = ResidualSpace(
                 NumberedParts(parts), self._event_of, at_least=not self._monotone, work=self._work
             )
         residuals = self._residuals[key]
@@ -212,13 +214,16 @@ class Composer:
                 if ends and (after == TRUE or self._monotone):  # nothing longer can say more
                     known[left] = after
                     return after
-                following: dict[int, set[Residual]] = {}
-                for move in chain.from_iterable(map(residuals.moves, left)):
-                    following.setdefault(move.label, set()).add(move.target)
-                self._work.step(20 * len(left) + 10 * sum(map(len, following.values())))
+                following: dict[int, dict[int, set[Residual]]] = {}
+                for move in chain.from_iterable(map(residuals.moves, sorted(left))):
+                    following.setdefault(move.label, {}).setdefault(move.event, set()).add(move.target)
+                    self._work.step(20)
                 ways: list[tuple[int, int]] = []
                 for event in sorted(following):
-                    ways += [(event, (yield of(frozenset(following[event]))))]
+                    rests = []
+                    for targets in dict.fromkeys(map(frozenset, following[event].values())):
+                        rests += [(yield of(targets))]
+                    ways.append((event, disjunction(sorted(rests))))
                 known[left] = disjunction([after if ends else FALSE, self._steps(ways)])
             return known[left]
 

@@ -60,18 +60,19 @@ class Residual(NamedTuple):
 
 
 class Move(NamedTuple):
-    """One more event with `label`.
+    """One more event with `label`; `event` is the number of its part, one of several that would lead to the same.
 
     The guards `needed` must hold at it; those of `noted` that do not hold are broken from then on.
     """
 
+    event: int
     label: int
     needed: int
     noted: int
     target: Residual
 
 
-class Residuals:
+class ResidualSpace:
     """The residuals of a graph of parts. `label` gives the label of the number of an event part.
 
     `guards` gives the bit of each guard; all other bits are higher. `at_least` keeps the ways to
@@ -82,7 +83,7 @@ class Residuals:
     >>> from rvaft.core.build import build
     >>> from rvaft.core.part_numbers import numbered
     >>> form = numbered(build(rvaft.loads("t sand v c; v or a b;")))
-    >>> left = Residuals(form, lambda number: number, at_least=True, work=Work(100))
+    >>> left = ResidualSpace(form, lambda number: number, at_least=True, work=Work(100))
     >>> [start] = left.starts
     >>> first, other = left.moves(start)
     >>> [form.parts[move.label].event.source.node for move in (first, other)], first.target == other.target
@@ -104,30 +105,30 @@ class Residuals:
         events = (number for number in reversed(form.kept()) if form.parts[number].op is PartKind.EVENT)
         asks = {number: (label(number), _on_variables(form.parts[number].event, guards)) for number in events}
         graphs = enumerate(_decided(form, at_least=at_least, work=work))
-        self._plans = [_Plan(graph, number, asks, guards, at_least=at_least, work=work) for number, graph in graphs]
-        self.starts = tuple(plan.start for plan in self._plans)
+        self._of_start = [_Start(graph, number, asks, guards, at_least=at_least, work=work) for number, graph in graphs]
+        self.starts = tuple(plan.start for plan in self._of_start)
         """What is left before any event: together they have the scenarios of the graph."""
-        self.width = max(plan.width for plan in self._plans)
+        self.width = max(plan.width for plan in self._of_start)
         """How many bits the sets may have: what moves cost grows with it."""
 
     def moves(self, left: Residual) -> tuple[Move, ...]:
         """The moves from a residual, in a stable order; found once."""
-        return self._plans[left.start].moves(left)
+        return self._of_start[left.start].moves(left)
 
     def breaking(self, move: Move, holding: int) -> Residual:
         """Where a move leads when of the guards it notes only these hold."""
-        return self._plans[move.target.start].breaking(move, holding)
+        return self._of_start[move.target.start].breaking(move, holding)
 
     def is_complete(self, left: Residual) -> bool:
         """Whether nothing more needs to happen."""
-        return self._plans[left.start].is_complete(left)
+        return self._of_start[left.start].is_complete(left)
 
     def dominates(self, one: Residual, other: Residual) -> bool:
         """Whether `one` completes on every word on which `other` does, when events may be skipped.
 
         Where the answer is no, it may be so all the same.
         """
-        return one.start == other.start and self._plans[one.start].dominates(one, other)
+        return one.start == other.start and self._of_start[one.start].dominates(one, other)
 
 
 def _decided(form: NumberedParts, *, at_least: bool, work: Work) -> list[NumberedParts]:
@@ -200,12 +201,13 @@ class _Choice(NamedTuple):
 
 
 class _Occurrence(NamedTuple):
-    """One event of a plan.
+    """One event of a graph.
 
-    Its label, the guards on its variables, the alternative it is below, what comes before it and
-    what after.
+    The number of its part, its label, the guards on its variables, the alternative it is below, what
+    comes before it and what after.
     """
 
+    part: int
     label: int
     bound: int
     alternative: int | None
@@ -213,7 +215,7 @@ class _Occurrence(NamedTuple):
     after: int
 
 
-class _Plan:
+class _Start:
     """The tables of one graph whose choices can wait, and the moves of its residuals.
 
     `TooLarge` when a choice has too many ways to be made silently.
@@ -255,21 +257,29 @@ class _Plan:
         self._binders = dict.fromkeys(bits(self._guards), 0)
         for part in filter(asks.__contains__, graph):
             event, asked = bit[part], asks[part]
-            self.occurrences[event] = _Occurrence(*asked, above[part], before[part], after[part])
+            self.occurrences[event] = _Occurrence(part, *asked, above[part], before[part], after[part])
             self._binders.update((guard, self._binders[guard] | 1 << event) for guard in bits(asked[1]))
         self._choosing = mask_of(self.choices)
         self._events = mask_of(self.occurrences)
         self.width = (self._events | self._guards).bit_length()
-        several = len(self.occurrences) > len({asks[part] for part in graph if part in asks})
-        self._rests = _Rests(graph, asks, guards, bit, option) if several else None
-        """None where no two events ask for the same."""
+        self._rests = _Rests(graph, asks, guards, bit, option) if self._has_alike() else None
         self._size = len(graph)
         self._known: dict[tuple[int, ...], Residual] = {}
         self.start = self._tidy(Residual(number, mandatory[form.root]))
 
+    def _has_alike(self) -> bool:
+        """Whether two events without an order between them ask for the same."""
+        asking: dict[tuple[int, int], int] = {}
+        for event, one in self.occurrences.items():
+            asking[one.label, one.bound] = asking.get((one.label, one.bound), 0) | 1 << event
+        return any(
+            asking[one.label, one.bound] & ~(one.before | one.after | 1 << event)
+            for event, one in self.occurrences.items()
+        )
+
     def moves(self, left: Residual) -> tuple[Move, ...]:
         if left not in self._moves:
-            self._moves[left] = found = tuple(dict.fromkeys(self._find(left)))
+            self._moves[left] = found = tuple({move[1:]: move for move in self._find(left)}.values())
             self._work.step(len(found) * (20 + self.width // 5))
         return self._moves[left]
 
@@ -302,7 +312,7 @@ class _Plan:
                 needed = occurrence.bound & settled.open
                 noted = occurrence.bound & ~needed
                 noted &= self._possible(target) if noted else 0
-                yield Move(occurrence.label, needed, noted, self._tidy(target))
+                yield Move(occurrence.part, occurrence.label, needed, noted, self._tidy(target))
 
     def _candidates(self, left: Residual) -> Iterator[int]:
         """Events that may be next: nothing that waits is known to come before them."""

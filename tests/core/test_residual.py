@@ -10,7 +10,7 @@ from rvaft.api import loads
 from rvaft.core.build import build
 from rvaft.core.part_numbers import numbered
 from rvaft.core.property import Condition, Part, Property
-from rvaft.core.residual import Residual, Residuals
+from rvaft.core.residual import Residual, ResidualSpace
 from rvaft.core.scenarios import Scenario, scenarios
 from rvaft.model.guards import Guard, variables
 from rvaft.model.patterns import rigid_variables
@@ -56,7 +56,7 @@ class ByResidual:
         conditions = (part for part in prop.parts if isinstance(part, Condition))
         guards = {guard: place for place, guard in enumerate(dict.fromkeys(one.guard for one in conditions))}
         self.holding = mask_of(place for guard, place in guards.items() if guard not in false)
-        self.residuals = Residuals(
+        self.residuals = ResidualSpace(
             form, lambda number: labels[form.parts[number].event], guards, at_least=not skipping, work=Work(10**6)
         )
         self.start = frozenset(self.residuals.starts)

@@ -6,12 +6,12 @@ from typing import Final, TypeAlias
 
 import pytest
 
-from rvaft.api import loads
 from rvaft.core.build import build
 from rvaft.core.part_numbers import numbered
 from rvaft.core.property import Condition, Part, Property
 from rvaft.core.residual import Residual, ResidualSpace
 from rvaft.core.scenarios import Scenario, scenarios
+from rvaft.language.parser import parse
 from rvaft.model.guards import Guard, variables
 from rvaft.model.patterns import rigid_variables
 from rvaft.support.bits import mask_of
@@ -115,11 +115,23 @@ def test_random_properties(seed: int, skipping: bool) -> None:
         "t and x y z; x sand s1 a1; y sand s1 a2; z sand a1 a2 a3;",
         "t and x y z; x or s1 a1; y or s1 a2; z sand s1 a3;",
         "t or x y; x sand a1 b1; y sand a2 b2;",
+        (
+            "t or x y; x and x1 x2; x1 sand g a1; x2 sand g b1; g and p1 q1;"
+            "y and y1 y2; y1 sand h a2; y2 sand k b2; h and p2 q2; k and p3 q3;"
+        ),
+        (
+            "event e(p) = {e: p}; t or x y; x and a1 b1 when X > 1; y and a2 b2;"
+            "a1 on e(X); a2 on e(X); b1 on e(X); b2 on e(X);"
+        ),
+        "event e(p) = {e: p}; t and k v m1 m2; k or a1 c1; v or u w; u and d1 when X > 1; w and e1; a1 on e(X);",
         "t and x y; x 2of3 u1 u2 c1; y 2of3 w1 w2 c2; u1 or a1 b1; u2 or a2 b2; w1 or a3 b3; w2 or a4 b4;",
     ],
 )
 @pytest.mark.parametrize("skipping", [True, False])
 def test_alike_parts(text: str, skipping: bool) -> None:
-    """The label of an event is the first letter of its name."""
-    prop = build(loads(text))
-    assert agree(prop, {event: ord(event.source.node[0]) for event in prop.events}, skipping=skipping)
+    """The label of an event is the first letter of its name; guards never hold."""
+    prop = build(parse(text).build())
+    labels: Labels = {event: ord(event.source.node[0]) for event in prop.events}
+    false = {part.guard for part in prop.parts if isinstance(part, Condition)}
+    assert agree(prop, labels, skipping=skipping)
+    assert agree(prop, labels, false, skipping=skipping)

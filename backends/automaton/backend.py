@@ -4,23 +4,24 @@ from collections.abc import Mapping
 from functools import partial
 from typing import ClassVar
 
-from backends.automaton.configurations import Plan
 from backends.automaton.determinise import HOPELESS, Automaton, determinised, minimised, refined
 from backends.automaton.diagram import BEFORE, READABLE, diagram
 from backends.automaton.hoa_reader import HoaMonitor, program
 from backends.automaton.hoa_writer import title_of, write
 from backends.automaton.letters import FeasibleLetters, Relevance
-from backends.automaton.structure import Structure, Work, decided, structure
+from backends.automaton.structure import Structure, structure
 from rvaft.backend import Backend, Observed, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
 from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
 from rvaft.core.property import Condition, Part, Property
+from rvaft.core.residual import ResidualSpace
 from rvaft.errors import TooLarge
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
+from rvaft.support.budget import Work
 
 
 class AutomatonBackend(Backend):
@@ -99,9 +100,8 @@ def _built(prop: Property, semantics: Semantics, work: Work) -> tuple[Automaton,
     letters = FeasibleLetters(parts.patterns, _relevance(prop, semantics))
     automaton = Automaton(HOPELESS)
     if parts.form.feasible:  # constant guards may leave no scenario
-        graphs = decided(parts.form, at_least=not scattered, work=work)
-        plans = [Plan(parts, graph, number, at_least=not scattered, work=work) for number, graph in enumerate(graphs)]
-        automaton = determinised(plans, letters, work, semantics)
+        residuals = ResidualSpace(parts.form, parts.atom_of, parts.guard_bits, at_least=not scattered, work=work)
+        automaton = determinised(residuals, letters, work, semantics)
     if semantics is Semantics.CONSECUTIVE:
         return refined(automaton, letters, work), parts, letters
     return minimised(automaton, letters, work, looping=scattered), parts, letters

@@ -10,11 +10,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from backends.automaton.configurations import Move, Plan, Remainder
 from backends.automaton.letters import FeasibleLetters
-from backends.automaton.structure import Work
+from rvaft.core.residual import Move, Residual, ResidualSpace
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, mask_of, union
+from rvaft.support.budget import Work
 
 DETECTED: Final = 0
 HOPELESS: Final = 1
@@ -64,13 +64,13 @@ class Automaton:
         return order
 
 
-def determinised(plans: Sequence[Plan], letters: FeasibleLetters, work: Work, semantics: Semantics) -> Automaton:
-    """The automaton of the configurations that the plans start with; raises `TooLarge`."""
+def determinised(residuals: ResidualSpace, letters: FeasibleLetters, work: Work, semantics: Semantics) -> Automaton:
+    """The automaton of the residuals; raises `TooLarge`."""
     scattered = semantics is Semantics.SCATTERED
-    number: dict[frozenset[Remainder], int] = {}
-    waiting: list[frozenset[Remainder]] = []
+    number: dict[frozenset[Residual], int] = {}
+    waiting: list[frozenset[Residual]] = []
 
-    def numbered(state: frozenset[Remainder]) -> int:
+    def numbered(state: frozenset[Residual]) -> int:
         if not state:
             return HOPELESS
         if state not in number:
@@ -79,15 +79,15 @@ def determinised(plans: Sequence[Plan], letters: FeasibleLetters, work: Work, se
             work.check(len(number), "states of the automaton")
         return number[state]
 
-    start = [plan.start for plan in plans]
-    if any(plan.is_complete(plan.start) for plan in plans):
+    start = list(residuals.starts)
+    if any(map(residuals.is_complete, start)):
         return Automaton(DETECTED)
     automaton = Automaton(numbered(frozenset(start)))
-    edges, cost = 0, 50 + max(plan.width for plan in plans) // 10  # steps for a letter
+    edges, cost = 0, 50 + residuals.width // 10  # steps for a letter
     for state in waiting:
         configurations = sorted(state)
         kept = configurations if scattered else start if semantics is Semantics.CONSECUTIVE else ()
-        successors = _Successors(plans, configurations, kept, scattered=scattered, work=work)
+        successors = _Successors(residuals, configurations, kept, scattered=scattered, work=work)
         row = StateRow(mask_of(successors.by_atom), {}, {})
         for atoms in letters.over(row.sees):
             row.asks[atoms] = union(successors.guards[atom] for atom in bits(atoms))
@@ -113,20 +113,20 @@ class _Successors:
 
     def __init__(
         self,
-        plans: Sequence[Plan],
-        state: Sequence[Remainder],
-        kept: Sequence[Remainder],
+        residuals: ResidualSpace,
+        state: Sequence[Residual],
+        kept: Sequence[Residual],
         *,
         scattered: bool,
         work: Work,
     ) -> None:
-        self._plans = plans
+        self._residuals = residuals
         self._work = work
         self._scattered = scattered
         self.by_atom: dict[int, list[Move]] = {}
         for configuration in state:
-            for move in plans[configuration.plan].moves(configuration):
-                self.by_atom.setdefault(move.atom, []).append(move)
+            for move in residuals.moves(configuration):
+                self.by_atom.setdefault(move.label, []).append(move)
         self.guards = {atom: union(one.needed | one.noted for one in own) for atom, own in self.by_atom.items()}
         """The guards that matter when an atom is true."""
         self._kept = kept
@@ -134,9 +134,9 @@ class _Successors:
         self._bit = {} if scattered else {one: 1 << number for number, one in enumerate(kept)}
         self._worse = [0] * len(self._found)  # for each configuration found, those that it dominates
         self._reached: dict[tuple[int, int], int | None] = {}
-        self._best: dict[int, frozenset[Remainder]] = {}
+        self._best: dict[int, frozenset[Residual]] = {}
 
-    def of(self, atoms: int, holding: int) -> frozenset[Remainder] | None:
+    def of(self, atoms: int, holding: int) -> frozenset[Residual] | None:
         """The configurations after a letter, or None where one of them is complete."""
         together = (1 << len(self._kept)) - 1
         for atom in bits(atoms):
@@ -158,26 +158,26 @@ class _Successors:
         moves = self.by_atom[atom]
         self._work.step(20 * len(moves))
         possible = (move for move in moves if not move.needed & ~holding)
-        moved = [self._plans[move.target.plan].breaking(move, holding) for move in possible]
-        if any(self._plans[configuration.plan].is_complete(configuration) for configuration in moved):
+        moved = [self._residuals.breaking(move, holding) for move in possible]
+        if any(map(self._residuals.is_complete, moved)):
             return None
         for configuration in moved:
             if configuration not in self._bit:
                 self._bit[configuration] = self._new(configuration)
         return union(self._bit[configuration] for configuration in moved)
 
-    def _new(self, configuration: Remainder) -> int:
+    def _new(self, configuration: Residual) -> int:
         """The bit of a configuration; none where one that is kept dominates it."""
-        plan = self._plans[configuration.plan]
+        dominates = self._residuals.dominates
         bit, worse = 1 << len(self._found), 0
         if self._scattered:
-            self._work.step(len(self._found) * (10 + plan.width // 50))
-            if any(plan.dominates(other, configuration) for other in self._kept):
+            self._work.step(len(self._found) * (10 + self._residuals.width // 50))
+            if any(dominates(other, configuration) for other in self._kept):
                 return 0
             for index, other in enumerate(self._found):
-                if plan.dominates(other, configuration):
+                if dominates(other, configuration):
                     self._worse[index] |= bit
-                elif plan.dominates(configuration, other):
+                elif dominates(configuration, other):
                     worse |= 1 << index
         self._found.append(configuration)
         self._worse.append(worse)

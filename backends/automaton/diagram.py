@@ -14,7 +14,7 @@ from typing import Final
 from backends.automaton.determinise import DETECTED, HOPELESS, Automaton, StateRow
 from backends.automaton.hoa_writer import Cube, cubes, title_of
 from backends.automaton.letters import FeasibleLetters
-from backends.automaton.structure import Structure, Work
+from backends.automaton.structure import Structure
 from rvaft.core.property import Property
 from rvaft.errors import TooLarge
 from rvaft.export.dot import html, html_lines, table, title
@@ -24,6 +24,7 @@ from rvaft.model.guards import variables
 from rvaft.model.patterns import rigid_variables
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, mask_of
+from rvaft.support.budget import Work
 
 READABLE: Final = 100
 """The most states that are drawn unless more are asked for; with more than that nobody follows an edge."""

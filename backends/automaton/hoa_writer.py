@@ -20,7 +20,7 @@ from typing import Final, NamedTuple
 
 from backends.automaton.determinise import DETECTED, HOPELESS, Automaton, StateRow
 from backends.automaton.letters import FeasibleLetters, Relevance
-from backends.automaton.structure import Structure, Work
+from backends.automaton.structure import Structure
 from rvaft.backend import Metrics
 from rvaft.core.property import Property
 from rvaft.core.times import untimed
@@ -28,6 +28,7 @@ from rvaft.model.event_time import EventTime
 from rvaft.model.expressions import guard_text, pattern_text, time_text
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, in_at_least, union
+from rvaft.support.budget import Work
 
 ALIVE: Final = "alive"
 RELEVANT: Final = "relevant"

@@ -2,61 +2,20 @@
 
 The parts are those of the normal form; what is nested for no reason is flattened, so that a chain
 of thousands of gates is one sequence. A node that several parents share stays one part.
-
-A choice can wait when everything below each of its alternatives is reached through that alternative
-alone: then an event below it is the decision. Where an alternative reaches a part that is also
-reached otherwise, the decision may add an order between events that have happened by then, so it is
-taken before anything happens, each way in a graph of its own.
 """
 
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import comb
-from typing import Final, assert_never
+from typing import assert_never
 
-from rvaft.core.part_numbers import NumberedPart, NumberedParts, PartKind, divided, numbered
+from rvaft.core.part_numbers import NumberedPart, NumberedParts, PartKind, numbered
 from rvaft.core.property import Condition, Event, Property
-from rvaft.errors import TooLarge
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import guard_text, name_text
-from rvaft.model.guards import Guard, variables
-from rvaft.model.patterns import Pattern, rigid_variables
-from rvaft.support.bits import union
-
-STEPS: Final = 1000
-"""How many steps of the construction the limit allows for each state it allows."""
-QUICK: Final = 10_000_000
-"""So many steps take about a second, and are allowed under any limit."""
-CHARACTERS: Final = 100
-"""How long the text may be for each state that the limit allows."""
-SHORT: Final = 1_000_000
-"""A text of so many characters is allowed under any limit."""
-
-
-class Work:
-    """What is built and done, counted; raises `TooLarge` beyond `limit` states, and what goes with them."""
-
-    def __init__(self, limit: int) -> None:
-        self.limit = limit
-        self._steps = 0
-
-    def step(self, many: int) -> None:
-        """So many more steps are done; each takes about a tenth of a microsecond."""
-        self._steps += many
-        if self._steps > QUICK:
-            self.check(self._steps, f"steps of the construction, {STEPS} allowed for each state", STEPS)
-
-    def size(self, characters: int) -> None:
-        """Refuse a text that is longer."""
-        if characters > SHORT:
-            self.check(characters, f"characters of the text, {CHARACTERS} allowed for each state", CHARACTERS)
-
-    def check(self, reached: int, what: str, each: int = 1) -> None:
-        """Refuse more of something than `each` for each state."""
-        if reached > self.limit * each:
-            raise TooLarge(what, limit=self.limit)
+from rvaft.model.guards import Guard
+from rvaft.model.patterns import Pattern
 
 
 @dataclass(frozen=True)
@@ -81,13 +40,9 @@ class Structure:
         """The number of each guard among the propositions."""
         return {guard: number for number, guard in enumerate(self.guards, len(self.patterns))}
 
-    @cached_property
-    def bound(self) -> tuple[int, ...]:
-        """For each atom the guards that have one of its variables."""
-        having: dict[str, int] = {}
-        for guard, number in self.guard_bits.items():
-            having.update((name, having.get(name, 0) | 1 << number) for name in variables(guard))
-        return tuple(union(having.get(name, 0) for name in rigid_variables(pattern)) for pattern in self.patterns)
+    def atom_of(self, number: int) -> int:
+        """The atom of an event part."""
+        return self.atoms[self.form.parts[number].event.pattern]
 
 
 def structure(prop: Property) -> Structure:
@@ -152,50 +107,3 @@ def written(condition: Condition) -> str:
     if condition.window is not None:
         return f"{name_text(condition.source.node)} within {duration_text(condition.window)}"
     return guard_text(condition.written or condition.guard)
-
-
-def decided(form: NumberedParts, *, at_least: bool, work: Work) -> list[NumberedParts]:
-    """The graphs, in a stable order, whose remaining choices can all wait; together they have the
-    scenarios of the tree.
-
-    `at_least` keeps the ways to choose more than K; raises `TooLarge` beyond so many graphs as states are allowed.
-    """
-    what = "ways to decide choices between parts that share nodes"
-
-    def look(graph: NumberedParts) -> int | None:
-        choice = _urgent(graph, work)
-        if choice is not None:
-            part = graph.parts[choice]
-            work.check(comb(len(set(part.parts)), part.need), what)
-        return choice
-
-    done: list[NumberedParts] = []
-    for graph, _ in divided(form, look, at_least=at_least):
-        done.append(graph)
-        work.check(len(done), what)
-    return done
-
-
-def _urgent(form: NumberedParts, work: Work) -> int | None:
-    """The first choice with an alternative that reaches a part which is also reached otherwise."""
-    kept = form.kept()
-    references = Counter(child for number in kept for child in form.parts[number].parts)
-    if all(count == 1 for count in references.values()):
-        return None
-    work.step(len(kept))
-    rank = {number: index for index, number in enumerate(kept)}
-    parents = dict.fromkeys(kept, 0)
-    for number in kept:
-        for child in form.parts[number].parts:
-            parents[child] |= 1 << rank[number]
-    inside: dict[int, int] = {}
-    entered: dict[int, int] = {}
-    for number in kept:
-        below = form.parts[number].parts
-        inside[number] = 1 << rank[number] | union(inside[child] for child in below)
-        entered[number] = union(entered[child] | parents[child] for child in below)
-    for number in reversed(kept):
-        part = form.parts[number]
-        if part.chooses and any(references[child] > 1 or entered[child] & ~inside[child] for child in part.parts):
-            return number
-    return None

@@ -8,19 +8,17 @@ Sets of parts and of events are bits, so that a tree of thousands of nodes is no
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import Final, TypeAlias, assert_never
-
-import networkx as nx
 
 from rvaft.core.part_numbers import EMPTY, NumberedPart, NumberedParts, PartKind, divided
 from rvaft.core.patterns import Overlaps
 from rvaft.core.property import Event
+from rvaft.core.scenarios import transitive
 from rvaft.model.guards import Guard
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import rigid_variables
-from rvaft.support.bits import bits, in_at_least, union
-from rvaft.support.budget import CellBudget
+from rvaft.support.bits import bits, in_at_least, meet, union
+from rvaft.support.budget import Work
 
 
 def simplified(form: NumberedParts, *, monotone: bool) -> tuple[NumberedPart, ...]:
@@ -167,20 +165,12 @@ class Anatomy:
 
     def is_entangled(self, part: int) -> bool:
         """Whether two parts that one scenario may keep share an occurrence."""
-        return self.parts[part].op is not PartKind.ONE and self._meet(part, self.events)
+        this = self.parts[part]
+        return this.op is not PartKind.ONE and meet((self.events[inner], self.events[inner]) for inner in this.parts)
 
     def rivals_apart(self, part: int) -> bool:
         """Whether no event can serve occurrences in two different parts of this one."""
-        return not self._meet(part, self.rivals)
-
-    def _meet(self, part: int, sets: Sequence[int]) -> bool:
-        """Whether the set of some part contains an event of a part before it."""
-        seen = 0
-        for inner in self.parts[part].parts:
-            if sets[inner] & seen:
-                return True
-            seen |= self.events[inner]
-        return False
+        return not meet((self.events[inner], self.rivals[inner]) for inner in self.parts[part].parts)
 
     def below(self, part: int) -> list[int]:
         """The part and all below it, parts before wholes."""
@@ -198,7 +188,7 @@ class Anatomy:
         """
         kept = self.below(root)
         unordered = (part for part in kept if self.parts[part].op in (PartKind.ALL, PartKind.AT_LEAST))
-        return all(map(self.rivals_apart, unordered)) and self._uses_agree(kept) and self._always_feasible(kept)
+        return all(map(self.rivals_apart, unordered)) and self._uses_agree(kept) and self._always_feasible(root)
 
     def _uses_agree(self, kept: Sequence[int]) -> bool:
         """Whether for every part all its uses are followed by the same, or all are preceded by the same."""
@@ -217,27 +207,18 @@ class Anatomy:
                 contexts[inner] = (agreed[0], agreed[1])
         return True
 
-    def _always_feasible(self, kept: Sequence[int]) -> bool:
+    def _always_feasible(self, root: int) -> bool:
         """Whether no scenario can be cyclic: not even the precedences of all scenarios together are."""
-        graph = nx.DiGraph()
-        for number in kept:
-            parts = [part for part in self.parts[number].parts if self.events[part]]
-            if not self.parts[number].parts:
-                graph.add_edge(("begin", number), ("end", number))
-            for part in parts:
-                graph.add_edge(("begin", number), ("begin", part))
-                graph.add_edge(("end", part), ("end", number))
-            if self.parts[number].op is PartKind.SEQUENCE:
-                for earlier, later in pairwise(parts):
-                    graph.add_edge(("end", earlier), ("begin", later))
-        return bool(nx.is_directed_acyclic_graph(graph))
+        around = NumberedParts(tuple(self.parts[: root + 1])).around(dict(enumerate(self.events)))
+        events = (number for number, part in enumerate(self.parts) if part.op is PartKind.EVENT)
+        return transitive([around.get(number, 0) for number in events]) is not None
 
 
 GuardsOf: TypeAlias = Mapping[Event, tuple[Guard, ...]]
 """For each event the guards that it is under in all scenarios."""
 
 
-def settled(form: NumberedParts, *, monotone: bool, limit: int) -> Iterator[tuple[NumberedParts, GuardsOf]]:
+def settled(form: NumberedParts, *, monotone: bool, work: Work) -> Iterator[tuple[NumberedParts, GuardsOf]]:
     """All scenarios, divided so that it is settled for each event which guards it is under.
 
     A guard counts in every scenario that contains its condition, and is conjoined to every event of
@@ -247,25 +228,22 @@ def settled(form: NumberedParts, *, monotone: bool, limit: int) -> Iterator[tupl
     if not form.guards:
         yield form, {}
         return
-    budget = CellBudget("the choices that guards depend on take more than the limit allows", limit)
 
     def look(candidate: NumberedParts) -> GuardsOf | int:
-        kept = candidate.kept()
-        budget.spend(len(kept))
-        return _placed(candidate, kept)
+        work.step(10 * len(candidate.parts))
+        return _placed(candidate)
 
     yield from divided(form, look, at_least=not monotone)
 
 
-def _placed(form: NumberedParts, kept: Sequence[int]) -> GuardsOf | int:
+def _placed(form: NumberedParts) -> GuardsOf | int:
     """The guards of each event, or a part whose choice decides about one."""
-    below: dict[int, int] = {}
-    """Of each part itself and all it reaches."""
+    below = form.below()
+    kept = list(below)
     always: dict[int, int] = {}
     """Of each part itself and what is in every scenario that contains it, looking downwards only."""
     for number in kept:
         part = form.parts[number]
-        below[number] = 1 << number | union(below[inner] for inner in part.parts)
         missable = len(part.parts) - part.need + 1
         always[number] = 1 << number | in_at_least(missable, [always[inner] for inner in part.parts])
     above: dict[int, int] = {kept[-1]: 0}

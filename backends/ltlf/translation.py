@@ -12,20 +12,15 @@ from rvaft.backend import Metrics
 from rvaft.core.part_numbers import NumberedParts, numbered
 from rvaft.core.property import Property
 from rvaft.core.times import untimed
-from rvaft.errors import TooLarge, TreeError
+from rvaft.errors import TreeError
 from rvaft.model.verdict import Semantics
+from rvaft.support.budget import Work
 
 _RESERVED: Final = ("true", "false", "xor", "rvaft", "atom", "relevant", "ignored")
 _ILLEGAL: Final = re.compile(r"[^a-z0-9_]+")
 _TOKEN: Final = re.compile(r"X\[!\]|[A-Za-z0-9_]+|[^\s]")
 _LEAVES: Final = frozenset({Connective.TRUE, Connective.FALSE, Connective.ATOM})
 _PREFIX: Final = frozenset({Connective.NOT, Connective.NEXT, Connective.EVENTUALLY})
-
-
-CHARACTERS: Final = 20
-"""How long the text may be for each subformula that the limit allows."""
-SHORT: Final = 1_000_000
-"""A text of so many characters is allowed under any limit."""
 
 
 class Translation:
@@ -38,7 +33,7 @@ class Translation:
     def __init__(self, prop: Property, semantics: Semantics, limit: int) -> None:
         self._prop = prop
         self._semantics = semantics
-        self._limit = limit
+        self._work = Work(limit, item="subformula", steps=200, characters=20)
         self._header = Header(time=prop.time)
         self._formulas = Formulas(limit)
         self._atoms: dict[Observation, int] = {}
@@ -55,7 +50,7 @@ class Translation:
         formulas, header, form = self._formulas, self._header, numbered(self._prop)
         relevant = self._relevance() if self._semantics.projects else TRUE
         monotone = self._semantics is Semantics.SCATTERED
-        some = settled(form, monotone=monotone, limit=self._limit) if form.feasible else ()
+        some = settled(form, monotone=monotone, work=self._work) if form.feasible else ()
         root = formulas.disjunction(self._formula(parts, guards, monotone, relevant) for parts, guards in some)
         if root == FALSE:
             root_node = self._prop.tree.root
@@ -66,9 +61,7 @@ class Translation:
         header.atoms = {name: header.atoms[name] for name in in_order if name in used}
         texts = [formula, *(f"{name} = {text}" for name, text in header.definitions.items())]
         written = f"{header}{formula}\n"
-        if len(written) > max(SHORT, CHARACTERS * self._limit):
-            what = f"characters of the LTLf text, {CHARACTERS} allowed for each subformula"
-            raise TooLarge(what, limit=self._limit)
+        self._work.size(len(written))
         symbols = sum(len(_TOKEN.findall(text)) for text in texts)
         return written, Metrics(symbols=symbols, subformulas=formulas.size(root))
 
@@ -89,7 +82,7 @@ class Translation:
             return self._atoms[observation]
 
         return Composer(
-            self._formulas, anatomy, event_of, semantics=self._semantics, relevant=relevant, limit=self._limit
+            self._formulas, anatomy, event_of, semantics=self._semantics, relevant=relevant, work=self._work
         ).whole()
 
     def _relevance(self) -> int:

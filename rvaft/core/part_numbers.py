@@ -3,7 +3,7 @@
 A graph of parts has no windows, counted events and ends in order: passes remove these before.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 from functools import partial
@@ -26,6 +26,7 @@ from rvaft.core.property import (
     fewest,
 )
 from rvaft.model.guards import Guard
+from rvaft.support.bits import union
 
 Seen = TypeVar("Seen")
 
@@ -100,6 +101,27 @@ class NumberedParts:
                 for part in self.parts[number].parts:
                     seen[part] = 1
         return [number for number in range(len(self.parts)) if seen[number]]
+
+    def below(self) -> dict[int, int]:
+        """For each part that the root reaches, inner parts first, the part itself and all that it reaches, as bits."""
+        found: dict[int, int] = {}
+        for number in self.kept():
+            found[number] = 1 << number | union(found[inner] for inner in self.parts[number].parts)
+        return found
+
+    def around(self, events: Mapping[int, int], *, backwards: bool = False) -> dict[int, int]:
+        """For each part that the root reaches what its sequences put before it, or after it (`backwards`).
+
+        `events` has the events of each part, as bits.
+        """
+        found = dict.fromkeys(reversed(self.kept()), 0)
+        for number in found:
+            part, outside = self.parts[number], found[number]
+            for child in reversed(part.parts) if backwards else part.parts:
+                found[child] |= outside
+                if part.op is PartKind.SEQUENCE:
+                    outside |= events[child]
+        return found
 
     def resolve(self, number: int, chosen: Iterable[int]) -> "NumberedParts":
         """The same with one choice made: exactly the chosen parts of that part."""

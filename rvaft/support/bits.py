@@ -35,6 +35,20 @@ def union(sets: Iterable[int]) -> int:
     return reduce(or_, sets, 0)
 
 
+def meet(pairs: Iterable[tuple[int, int]]) -> bool:
+    """Whether the second set of a pair has a member of the first set of a pair before it.
+
+    >>> meet([(0b001, 0b110), (0b010, 0b100)]), meet([(0b001, 0b110), (0b010, 0b101)])
+    (False, True)
+    """
+    seen = 0
+    for own, others in pairs:
+        if others & seen:
+            return True
+        seen |= own
+    return False
+
+
 def in_at_least(count: int, sets: Iterable[int]) -> int:
     """What is in at least so many of the sets (`count` >= 1), counted in binary, all members side by side.
 

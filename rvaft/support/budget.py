@@ -19,23 +19,44 @@ Call: TypeAlias = Generator[Any, Any, T]
 
 DEFAULT_LIMIT: Final = 500_000
 """Elementary steps that one question may cost on questions that are hard in general."""
-CELLS: Final = 20
-"""How many cells (members of states and scenarios) may be made for each subformula that the limit allows."""
+QUICK: Final = 10_000_000
+"""So many steps take about a second, and are allowed under any limit."""
+SHORT: Final = 1_000_000
+"""A text of so many characters is allowed under any limit."""
 
 
-class CellBudget:
-    """Cells that may still be made; `TooLarge` names what they are and the caller's limit."""
+class Work:
+    """What a construction builds and does, counted; raises `TooLarge` beyond `limit` items, and what goes with them.
 
-    def __init__(self, what: str, limit: int) -> None:
-        self._what = what
-        self._limit = limit
-        self._left = limit * CELLS
+    `item` names what the limit counts. For each item, `steps` and `characters` are allowed, and
+    `QUICK` steps and a text of `SHORT` characters under any limit.
+    """
 
-    def spend(self, cells: int) -> None:
-        """Make some cells; raises `TooLarge` when there were not so many left."""
-        self._left -= cells
-        if self._left < 0:
-            raise TooLarge(self._what, limit=self._limit)
+    def __init__(self, limit: int, *, item: str = "state", steps: int = 1000, characters: int = 100) -> None:
+        self.limit = limit
+        self._item = item
+        self._each = steps
+        self._characters = characters
+        self._steps = 0
+
+    def step(self, many: int) -> None:
+        """So many more steps are done; each takes about a tenth of a microsecond."""
+        self._steps += many
+        if self._steps > QUICK:
+            self.check(
+                self._steps, f"steps of the construction, {self._each} allowed for each {self._item}", self._each
+            )
+
+    def size(self, characters: int) -> None:
+        """Refuse a text that is longer."""
+        if characters > SHORT:
+            what = f"characters of the text, {self._characters} allowed for each {self._item}"
+            self.check(characters, what, self._characters)
+
+    def check(self, reached: int, what: str, each: int = 1) -> None:
+        """Refuse more of something than `each` for each item."""
+        if reached > self.limit * each:
+            raise TooLarge(what, limit=self.limit)
 
 
 class Undecided(RvaftError):

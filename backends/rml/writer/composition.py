@@ -36,7 +36,7 @@ from rvaft.core.property import Condition, Event, parts_below
 from rvaft.model.guards import Operation, Operator, variables
 from rvaft.model.patterns import variables as variables_of
 from rvaft.model.verdict import Semantics
-from rvaft.support.bits import bits, union
+from rvaft.support.bits import bits, meet, union
 from rvaft.support.budget import Call, run
 
 
@@ -199,15 +199,11 @@ class Composition:
                 return facts.single_events
             case PartKind.AT_LEAST if self._scattered:
                 return False
-            case PartKind.ONE | PartKind.ALL | PartKind.AT_LEAST:
-                seen = 0
-                for child in children:
-                    near, events = (
-                        (child.near_first, child.first) if joined is PartKind.ONE else (child.near, child.events)
-                    )
-                    if near & seen:
-                        return False
-                    seen |= events
+            case PartKind.ONE:
+                return not meet((child.first, child.near_first) for child in children)
+            case PartKind.ALL | PartKind.AT_LEAST:
+                if meet((child.events, child.near) for child in children):
+                    return False
                 return joined is not PartKind.AT_LEAST or not any(
                     child.near & child.follow or not child.marks or child.near_marks & child.events & ~child.marks
                     for child in children

@@ -13,13 +13,13 @@ from backends.automaton import AutomatonBackend
 from backends.automaton.backend import _built, _relevance
 from backends.automaton.diagram import joined, possible
 from backends.automaton.hoa_writer import Cube, write
-from backends.automaton.structure import Work
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import Shape, random_tree
 from rvaft import NotExpressible, Semantics, TooLarge, Verdict, load, loads, monitor
 from rvaft.backend import all_backends, backend
 from rvaft.core.branches import restrict
 from rvaft.export import picture
+from rvaft.support.budget import Work
 from tests.backends.texts import tree
 from tests.cli.runs import PRUNED, TREES
 from tests.export.geometry import measured, overlaps

@@ -1,0 +1,544 @@
+"""What is left of a property after some events: residuals, and the moves between them.
+
+A *residual* is what remains of a set of scenarios after some events have been matched. It forgets
+everything that cannot matter any more, so equal residuals have equal futures, and of residuals that
+differ only in which of several parts that ask for the same has happened one stands for all. A *move*
+matches one more event. A word is matched by a scenario exactly when moves with its labels lead from
+a start to a residual that is complete.
+
+A choice is made when an event decides it, or when something that comes after it happens and it can
+be made without an event. A choice can wait for that when everything below each of its alternatives
+is reached through that alternative alone: then an event below it is the decision. Where an
+alternative reaches a part that is also reached otherwise, the decision may add an order between
+events that have happened by then, so it is made before anything happens: each way is a start.
+
+The events and choices of each start are laid out as bit sets, and a move is a handful of operations
+on integers. Guards have the lowest bits, chosen by the caller.
+
+Backends that follow partial matches use residuals: automata (states are sets of residuals) and LTLf
+(the general sum has one formula for each set of residuals). RML does not: there a partial match has
+registers, which depend on the events that happened, and a guard is asked once, where its last
+variable is bound. A residual forgets the events, and asks a guard at each of them.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import combinations, product
+from math import comb
+from types import MappingProxyType
+from typing import Final, NamedTuple, assert_never
+
+from rvaft.core.part_numbers import NumberedPart, NumberedParts, PartKind, divided
+from rvaft.core.property import Condition, Event
+from rvaft.model.guards import Guard, variables
+from rvaft.model.patterns import rigid_variables
+from rvaft.support.bits import bits, mask_of, union
+from rvaft.support.budget import Work
+
+_WIDE: Final = 1 << 61
+
+
+class Residual(NamedTuple):
+    """What is left: sets of bits. Equal residuals have equal futures.
+
+    `start` is the number of the start it comes from. `open`: events that must still happen, choices
+    that are not made, guards that must still hold at an event to come. `taken`: alternatives of
+    open choices that are taken already. `broken`: guards that did not hold, so that no choice may
+    bring them in.
+    """
+
+    start: int
+    open: int
+    taken: int = 0
+    broken: int = 0
+
+    def __hash__(self) -> int:
+        """By bytes: integers of many bits hash alike when one is the other shifted."""
+        if self.open < _WIDE:
+            return hash((self.start, self.open, self.taken, self.broken))
+        return hash((self.start, self.open.to_bytes(self.open.bit_length() // 8 + 1), self.taken))
+
+
+class Move(NamedTuple):
+    """One more event with `label`; `event` is the number of its part, one of several that would lead to the same.
+
+    The guards `needed` must hold at it; those of `noted` that do not hold are broken from then on.
+    """
+
+    event: int
+    label: int
+    needed: int
+    noted: int
+    target: Residual
+
+
+class ResidualSpace:
+    """The residuals of a graph of parts. `label` gives the label of the number of an event part.
+
+    `guards` gives the bit of each guard; all other bits are higher. `at_least` keeps the ways to
+    choose more than K parts of an `AtLeast`; where events may be skipped, they add nothing. Raises
+    `TooLarge` by `work`.
+
+    >>> import rvaft
+    >>> from rvaft.core.build import build
+    >>> from rvaft.core.part_numbers import numbered
+    >>> form = numbered(build(rvaft.loads("t sand v c; v or a b;")))
+    >>> left = ResidualSpace(form, lambda number: number, at_least=True, work=Work(100))
+    >>> [start] = left.starts
+    >>> first, other = left.moves(start)
+    >>> [form.parts[move.label].event.source.node for move in (first, other)], first.target == other.target
+    (['a', 'b'], True)
+    >>> [last] = left.moves(first.target)
+    >>> [left.is_complete(one) for one in (start, first.target, last.target)]
+    [False, False, True]
+    """
+
+    def __init__(
+        self,
+        form: NumberedParts,
+        label: Callable[[int], int],
+        guards: Mapping[Guard, int] = MappingProxyType({}),
+        *,
+        at_least: bool,
+        work: Work,
+    ) -> None:
+        events = (number for number in reversed(form.kept()) if form.parts[number].op is PartKind.EVENT)
+        asks = {number: (label(number), _on_variables(form.parts[number].event, guards)) for number in events}
+        graphs = enumerate(_decided(form, at_least=at_least, work=work))
+        self._of_start = [_Start(graph, number, asks, guards, at_least=at_least, work=work) for number, graph in graphs]
+        self.starts = tuple(plan.start for plan in self._of_start)
+        """What is left before any event: together they have the scenarios of the graph."""
+        self.width = max(plan.width for plan in self._of_start)
+        """How many bits the sets may have: what moves cost grows with it."""
+
+    def moves(self, left: Residual) -> tuple[Move, ...]:
+        """The moves from a residual, in a stable order; found once."""
+        return self._of_start[left.start].moves(left)
+
+    def breaking(self, move: Move, holding: int) -> Residual:
+        """Where a move leads when of the guards it notes only these hold."""
+        return self._of_start[move.target.start].breaking(move, holding)
+
+    def is_complete(self, left: Residual) -> bool:
+        """Whether nothing more needs to happen."""
+        return self._of_start[left.start].is_complete(left)
+
+    def dominates(self, one: Residual, other: Residual) -> bool:
+        """Whether `one` completes on every word on which `other` does, when events may be skipped.
+
+        Where the answer is no, it may be so all the same.
+        """
+        return one.start == other.start and self._of_start[one.start].dominates(one, other)
+
+
+def _decided(form: NumberedParts, *, at_least: bool, work: Work) -> list[NumberedParts]:
+    """The graphs, in a stable order, whose remaining choices can all wait.
+
+    Together they have the scenarios of the form; raises `TooLarge` beyond the limit of `work`.
+    """
+    what = "ways to decide choices between parts that share nodes"
+
+    def look(graph: NumberedParts) -> int | None:
+        choice = _urgent(graph, work)
+        if choice is not None:
+            part = graph.parts[choice]
+            work.check(comb(len(set(part.parts)), part.need), what)
+        return choice
+
+    done: list[NumberedParts] = []
+    for graph, _ in divided(form, look, at_least=at_least):
+        done.append(graph)
+        work.check(len(done), what)
+    return done
+
+
+def _urgent(form: NumberedParts, work: Work) -> int | None:
+    """The first choice with an alternative that reaches a part which is also reached otherwise."""
+    kept = form.kept()
+    references = Counter(child for number in kept for child in form.parts[number].parts)
+    if all(count == 1 for count in references.values()):
+        return None
+    work.step(len(kept))
+    parents, inside, entered = dict.fromkeys(kept, 0), form.below(), dict[int, int]()
+    for number in kept:
+        for child in form.parts[number].parts:
+            parents[child] |= 1 << number
+    for number in kept:
+        entered[number] = union(entered[child] | parents[child] for child in form.parts[number].parts)
+    for number in reversed(kept):
+        part = form.parts[number]
+        if part.chooses and any(references[child] > 1 or entered[child] & ~inside[child] for child in part.parts):
+            return number
+    return None
+
+
+class _Alternative(NamedTuple):
+    """One child of a choice. `up` is the alternative that contains the choice, if any.
+
+    `mandatory` comes with choosing it, `whole` is all that may; `first` are the events it can begin with, `silent` the
+    smallest sets of guards with which it is complete without an event.
+    """
+
+    choice: int
+    up: int | None
+    mandatory: int
+    whole: int
+    first: int
+    silent: tuple[int, ...]
+
+
+class _Choice(NamedTuple):
+    """A choice.
+
+    Its alternatives, those of them that can be complete without an event, how many at least, and
+    whether more may be taken.
+    """
+
+    mask: int
+    silent: int
+    least: int
+    more: bool
+
+
+class _Occurrence(NamedTuple):
+    """One event of a graph.
+
+    The number of its part, its label, the guards on its variables, the alternative it is below, what
+    comes before it and what after.
+    """
+
+    part: int
+    label: int
+    bound: int
+    alternative: int | None
+    before: int
+    after: int
+
+
+class _Start:
+    """The tables of one graph whose choices can wait, and the moves of its residuals.
+
+    `TooLarge` when a choice has too many ways to be made silently.
+    """
+
+    def __init__(
+        self,
+        form: NumberedParts,
+        number: int,
+        asks: Mapping[int, tuple[int, int]],
+        guards: Mapping[Guard, int],
+        *,
+        at_least: bool,
+        work: Work,
+    ) -> None:
+        self._work = work
+        self._moves: dict[Residual, tuple[Move, ...]] = {}
+        graph: dict[int, NumberedPart] = {part: form.parts[part] for part in reversed(form.kept())}
+        self._guards = mask_of(guards.values())
+        bit, option = _laid_out(graph, self._guards.bit_length())
+        whole, mandatory, first, silent = _extents(graph, bit, guards, work)
+        self._whole, self._root = whole, form.root
+        above: dict[int, int | None] = dict.fromkeys(graph)  # the alternative that a part is below
+        self.alternatives: dict[int, _Alternative] = {}
+        self.choices: dict[int, _Choice] = {}
+        for part, this in graph.items():
+            up = above[part]
+            for child in this.parts:
+                above[child] = option.get(child, up)
+                if this.chooses:
+                    known = (mandatory[child], whole[child], first[child], silent[child])
+                    self.alternatives[option[child]] = _Alternative(bit[part], up, *known)
+            if this.chooses:
+                mask = mask_of(option[child] for child in this.parts)
+                quiet = mask_of(one for one in bits(mask) if self.alternatives[one].silent)
+                self.choices[bit[part]] = _Choice(mask, quiet, this.need, at_least and this.op is PartKind.AT_LEAST)
+        before, after = form.around(whole), form.around(whole, backwards=True)
+        self.occurrences: dict[int, _Occurrence] = {}
+        self._binders = dict.fromkeys(bits(self._guards), 0)
+        for part in filter(asks.__contains__, graph):
+            event, asked = bit[part], asks[part]
+            self.occurrences[event] = _Occurrence(part, *asked, above[part], before[part], after[part])
+            self._binders.update((guard, self._binders[guard] | 1 << event) for guard in bits(asked[1]))
+        self._choosing = mask_of(self.choices)
+        self._events = mask_of(self.occurrences)
+        self.width = (self._events | self._guards).bit_length()
+        self._rests = _Rests(graph, asks, guards, bit, option) if self._has_alike() else None
+        self._size = len(graph)
+        self._known: dict[tuple[int, ...], Residual] = {}
+        self.start = self._tidy(Residual(number, mandatory[form.root]))
+
+    def _has_alike(self) -> bool:
+        """Whether two events without an order between them ask for the same."""
+        asking: dict[tuple[int, int], int] = {}
+        for event, one in self.occurrences.items():
+            asking[one.label, one.bound] = asking.get((one.label, one.bound), 0) | 1 << event
+        return any(
+            asking[one.label, one.bound] & ~(one.before | one.after | 1 << event)
+            for event, one in self.occurrences.items()
+        )
+
+    def moves(self, left: Residual) -> tuple[Move, ...]:
+        if left not in self._moves:
+            self._moves[left] = found = tuple({move[1:]: move for move in self._find(left)}.values())
+            self._work.step(len(found) * (20 + self.width // 5))
+        return self._moves[left]
+
+    def breaking(self, move: Move, holding: int) -> Residual:
+        broken = move.noted & ~holding
+        return self._tidy(move.target._replace(broken=move.target.broken | broken)) if broken else move.target
+
+    def is_complete(self, left: Residual) -> bool:
+        if left.open & self._events:
+            return False
+        return all(self._silently(left, choice) for choice in bits(left.open & self._choosing))
+
+    def dominates(self, one: Residual, other: Residual) -> bool:
+        if one.open & ~other.open or one.broken & ~other.broken:
+            return False
+        behind = other.taken & ~one.taken
+        return not behind or not any(self.choices[choice].mask & behind for choice in bits(one.open & self._choosing))
+
+    def _find(self, left: Residual) -> Iterator[Move]:
+        repeated = 0 if self._rests is None else self._rests.repeated(left, self._whole)
+        for event in self._candidates(left):
+            if repeated >> event & 1:
+                continue
+            occurrence = self.occurrences[event]
+            entered = self._enter(left, event)
+            if entered is None or occurrence.before & entered.open & self._events:
+                continue
+            for settled in self._settle(entered, occurrence.before & entered.open & self._choosing):
+                target = settled._replace(open=settled.open & ~(1 << event))
+                needed = occurrence.bound & settled.open
+                noted = occurrence.bound & ~needed
+                noted &= self._possible(target) if noted else 0
+                yield Move(occurrence.part, occurrence.label, needed, noted, self._tidy(target))
+
+    def _candidates(self, left: Residual) -> Iterator[int]:
+        """Events that may be next: nothing that waits is known to come before them."""
+        waiting = left.open & self._events
+        while waiting:
+            event = (waiting & -waiting).bit_length() - 1
+            yield event
+            waiting &= ~(1 << event | self.occurrences[event].after)
+        yield from bits(union(self.alternatives[number].first for number in bits(self._untaken(left))))
+
+    def _untaken(self, left: Residual) -> int:
+        """The alternatives of undecided choices that are not taken."""
+        masks = (self.choices[choice].mask for choice in bits(left.open & self._choosing))
+        return union(masks) & ~left.taken
+
+    def _possible(self, left: Residual) -> int:
+        """All that a choice may still bring in."""
+        return union(self.alternatives[number].whole for number in bits(self._untaken(left)))
+
+    def _enter(self, left: Residual, event: int) -> Residual | None:
+        """Take the alternatives that an event is below, or None where that is no longer possible."""
+        if left.open >> event & 1:
+            return left
+        path: list[int] = []
+        above = self.occurrences[event].alternative
+        while above is not None:
+            path.append(above)
+            if left.open >> self.alternatives[above].choice & 1:
+                break
+            above = self.alternatives[above].up
+        else:
+            return None
+        self._work.step(len(path) * (10 + self.width // 50))
+        still, taken = left.open, left.taken
+        for number in reversed(path):
+            alternative = self.alternatives[number]
+            if taken >> number & 1 or alternative.mandatory & left.broken:
+                return None
+            choice = self.choices[alternative.choice]
+            chosen = taken & choice.mask | 1 << number
+            if chosen == choice.mask or (not choice.more and chosen.bit_count() == choice.least):
+                still &= ~(1 << alternative.choice)
+                taken &= ~choice.mask
+            else:
+                taken |= chosen
+            still |= alternative.mandatory
+        return left._replace(open=still, taken=taken)
+
+    def _settle(self, left: Residual, choices: int) -> Iterator[Residual]:
+        """Decide these choices without an event, in every way that is not worse than another."""
+        if not choices:
+            yield left
+            return
+        ways = [self._silently(left, choice) for choice in bits(choices)]
+        taken = left.taken & ~union(self.choices[choice].mask for choice in bits(choices))
+        for guards in _smallest(union(chosen) for chosen in product(*ways)):
+            yield left._replace(open=left.open & ~choices | guards, taken=taken)
+
+    def _silently(self, left: Residual, number: int) -> tuple[int, ...]:
+        """The smallest sets of guards with which a choice is decided without an event."""
+        choice = self.choices[number]
+        missing = choice.least - (left.taken & choice.mask).bit_count()
+        if missing <= 0:
+            return (0,)
+        untaken = (self.alternatives[one].silent for one in bits(choice.silent & ~left.taken))
+        able = [ways for silent in untaken if (ways := [one for one in silent if not one & left.broken])]
+        return _smallest(union(one) for some in combinations(able, missing) for one in product(*some))
+
+    def _tidy(self, left: Residual) -> Residual:
+        """Forget guards that no event and no choice to come can touch; one residual for all that are alike."""
+        required = left.open & self._guards
+        if required or left.broken:
+            possible = self._possible(left)
+            coming = left.open | possible
+            idle = mask_of(guard for guard in bits(required) if not self._binders[guard] & coming)
+            left = left._replace(open=left.open & ~idle, broken=left.broken & possible)
+        if self._rests is None:
+            return left
+        self._work.step(10 * self._size)
+        key = (self._rests.of(left)[self._root], left.open & self._guards, left.broken)
+        return self._known.setdefault(key, left)
+
+
+def _on_variables(event: Event, guards: Mapping[Guard, int]) -> int:
+    """The guards that have a variable of an event."""
+    names = set(rigid_variables(event.pattern)) if guards else set()
+    return mask_of(number for guard, number in guards.items() if not names.isdisjoint(variables(guard)))
+
+
+def _laid_out(graph: dict[int, NumberedPart], least: int) -> tuple[dict[int, int], dict[int, int]]:
+    """The bits of choices and events, and of alternatives, by part, in the order of the graph."""
+    bit: dict[int, int] = {}
+    option: dict[int, int] = {}
+    for part, this in graph.items():
+        if this.chooses or this.op is PartKind.EVENT:
+            bit[part] = least + len(bit) + len(option)
+        for child in this.parts if this.chooses else ():
+            option[child] = least + len(bit) + len(option)
+    return bit, option
+
+
+class _Rests:
+    """What is left of parts, as numbers: equal where it differs only in which of several alike events it has.
+
+    A part that is used several times is like no other. The number 0 stands for nothing; `full` has
+    the numbers of whole parts.
+    """
+
+    def __init__(
+        self,
+        graph: dict[int, NumberedPart],
+        asks: Mapping[int, tuple[int, int]],
+        guards: Mapping[Guard, int],
+        bit: Mapping[int, int],
+        option: Mapping[int, int],
+    ) -> None:
+        uses = Counter(child for part in graph.values() for child in part.parts)
+        self._graph, self._bit, self._option = graph, bit, option
+        self._shared = frozenset(part for part, count in uses.items() if count > 1)
+        self._numbers: dict[tuple[object, ...], int] = {(): 0}
+        self._inside: dict[int, list[int]] = {0: []}
+        """The numbers that the number of an unordered part is made of."""
+        self.full: dict[int, int] = {}
+        for part, this in reversed(graph.items()):
+            own = guards[this.of.guard] if isinstance(this.of, Condition) else asks.get(part)
+            inner = [self.full[child] for child in this.parts]
+            key = (this.op, this.need, own, *(inner if this.op is PartKind.SEQUENCE else sorted(inner)))
+            self.full[part] = self._number(part, *key) if part in self._shared else self._number(*key)
+
+    def _number(self, *key: object) -> int:
+        return self._numbers.setdefault(key, len(self._numbers))
+
+    def of(self, left: Residual) -> dict[int, int]:
+        """What is left of each part."""
+        rests: dict[int, int] = {}
+        for part, this in reversed(self._graph.items()):
+            is_open = part in self._bit and left.open >> self._bit[part] & 1
+            inner = [rests[child] for child in this.parts if rests[child]]
+            if this.op is PartKind.EVENT:
+                rest = self.full[part] if is_open else 0
+            elif this.op is PartKind.SEQUENCE:
+                rest = self._number(this.op, *inner) if len(inner) > 1 else sum(inner)
+            else:
+                found = [one for rest in inner for one in self._inside.get(rest, (rest,))]
+                if is_open:
+                    untaken = sorted(self.full[one] for one in this.parts if not left.taken >> self._option[one] & 1)
+                    need = max(0, this.need + len(untaken) - len(this.parts))
+                    found.append(self._number(this.op, need, *untaken))
+                found.sort()
+                rest = self._number(PartKind.ALL, *found) if len(found) > 1 else sum(found)
+                if len(found) > 1:
+                    self._inside[rest] = found
+            rests[part] = self._number(part, rest) if rest and part in self._shared else rest
+        return rests
+
+    def repeated(self, left: Residual, whole: Mapping[int, int]) -> int:
+        """The bits of parts of which the same is left as of another part of the same unordered part."""
+        rests, found = self.of(left), 0
+        for this in self._graph.values():
+            seen: dict[tuple[int, int, int], int] = {}
+            for child in this.parts if this.op is not PartKind.SEQUENCE else ():
+                taken = left.taken >> self._option[child] & 1 if this.chooses else 0
+                first = seen.setdefault((rests[child], rests[child] or self.full[child], taken), child)
+                found |= 0 if first == child else whole[child] & ~whole[first]
+        return found
+
+
+def _extents(
+    graph: dict[int, NumberedPart], bit: Mapping[int, int], guards: Mapping[Guard, int], work: Work
+) -> tuple[dict[int, int], dict[int, int], dict[int, int], dict[int, tuple[int, ...]]]:
+    """Of each part all that may happen for it, what must, what may be first, and the guards with
+    which it is complete silently.
+    """
+    whole: dict[int, int] = {}
+    mandatory: dict[int, int] = {}
+    first: dict[int, int] = {}
+    silent: dict[int, tuple[int, ...]] = {}
+    for part, this in reversed(graph.items()):
+        own = 1 << bit[part] if part in bit else 0
+        match this.op:
+            case PartKind.EVENT:
+                whole[part] = mandatory[part] = first[part] = own
+                silent[part] = ()
+            case PartKind.CONDITION:
+                assert isinstance(this.of, Condition)
+                whole[part] = mandatory[part] = guard = 1 << guards[this.of.guard]
+                first[part], silent[part] = 0, (guard,)
+            case PartKind.ALL | PartKind.SEQUENCE | PartKind.ONE | PartKind.AT_LEAST:
+                whole[part] = own | union(whole[child] for child in this.parts)
+                mandatory[part] = own or union(mandatory[child] for child in this.parts)
+                silent[part] = _silent([silent[child] for child in this.parts], this, work)
+                first[part] = 0
+                for child in this.parts:
+                    first[part] |= first[child]
+                    if this.op is PartKind.SEQUENCE and not silent[child]:
+                        break
+            case _:
+                assert_never(this.op)
+    return whole, mandatory, first, silent
+
+
+def _silent(ways: list[tuple[int, ...]], part: NumberedPart, work: Work) -> tuple[int, ...]:
+    """The smallest sets of guards with which a part is complete without an event, given those of its parts."""
+    able = [way for way in ways if way]
+    need = part.need if part.chooses else len(ways)
+    if part.chooses and need > 1:
+        work.check(comb(len(able), need), "ways to decide choices by guards alone")
+    found: set[int] = set()
+    for chosen in combinations(able, need):
+        together: tuple[int, ...] = (0,)
+        for way in chosen:
+            if way != (0,):
+                together = _smallest(one | other for one in together for other in way)
+            work.check(len(together), "ways to decide choices by guards alone")
+        found.update(together)
+    return _smallest(found)
+
+
+def _smallest(sets: Iterable[int]) -> tuple[int, ...]:
+    """The sets that contain no other of them, in a stable order.
+
+    >>> _smallest([0b110, 0b011, 0b010, 0b101])
+    (2, 5)
+    """
+    kept: list[int] = []
+    for one in sorted(set(sets), key=lambda mask: (mask.bit_count(), mask)):
+        if not any(other & ~one == 0 for other in kept):
+            kept.append(one)
+    return tuple(kept)

@@ -79,6 +79,7 @@ def test_traces_without_a_detection_are_vacuous_and_no_agreement(sand: Path, tmp
     assert "no disagreement" in run("cross-check", sand, *short).stdout  # all is proved
 
 
+@pytest.mark.ci
 def test_random_trees_may_be_vacuous_unless_it_is_refused() -> None:
     drawn = ("cross-check", "--random", 8, "--max-nodes", 4, *RML)
     result = run(*drawn)
@@ -251,6 +252,7 @@ def test_a_campaign_is_reproducible_and_another_seed_makes_other_trees(tmp_path:
     assert [one["symbols"] for one in found[0]] != [one["symbols"] for one in found[2]]
 
 
+@pytest.mark.ci
 def test_a_short_timeout_is_said_and_no_agreement(sand: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("backends.ltlf.LtlfBackend.translate", lambda *_, **__: time.sleep(60))
     options = ("--semantics", "strict", "--backends", "ltlf", "--timeout", "1", "--fail-on-timeout")
@@ -272,6 +274,7 @@ def test_a_state_limit_turns_a_proof_into_a_test_and_a_broken_tree_stops_nothing
     assert re.search(r"rml\s.*tested: \d+ traces up to length \d+ \(state limit 2 reached\)", result.stdout)
 
 
+@pytest.mark.ci
 def test_an_interrupted_run_ends_at_once_and_reports_what_it_has(tmp_path: Path) -> None:
     leaves = " ".join(f"a{number}" for number in range(14))
     slow = written(tmp_path / "slow.rvaft", f"toplevel t; t and {leaves};")

@@ -27,6 +27,7 @@ def test_a_growing_file_is_followed_until_it_is_interrupted(tmp_path: Path) -> N
     assert said.endswith("warning: no event of type goal\n")
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("replaced", [False, True])
 def test_a_last_line_without_an_end_and_a_file_that_is_replaced_are_said(replaced: bool, tmp_path: Path) -> None:
     events = row1()
@@ -54,6 +55,7 @@ def kept_events(state: Path) -> int:
     return int(json.loads(state.read_bytes().split(b"\n")[2])["events"]) if state.exists() else 0
 
 
+@pytest.mark.ci
 def test_a_run_that_was_killed_goes_on_with_the_same_verdicts(tmp_path: Path) -> None:
     state, part = tmp_path / "state", tmp_path / "part.jsonl"
     options = ["--per", "branch", "--key", "robot", "--order-by", "time", "--window", "3"]

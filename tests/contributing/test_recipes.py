@@ -15,6 +15,7 @@ from tests.contributing.copies import Copy, Edit, Recipe, conformance
 from tests.contributing.recipes import BACKEND, ESPER, GATE, OPERATOR, READER
 from tests.tables import sampled
 
+pytestmark = pytest.mark.ci
 SAY = "event say(text) = { say: text }; "
 LENGTH = f'{SAY}top sand a b; a on say("hello"); b on say(X) when length(X) == length("abc");'
 INHIBIT = "top sand x d; x inhibit a b c; a; b; c; d;"

@@ -138,6 +138,7 @@ def test_it_is_readable_at_80_columns() -> None:
     assert "longer-name.jsonl" in "".join(text.split())
 
 
+@pytest.mark.ci
 def test_what_is_too_much_is_an_error_that_says_what_to_do(folder: Path) -> None:
     empty = log("empty.jsonl", "")
     (folder / "tree").write_text(CHOICES)

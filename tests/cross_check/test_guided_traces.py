@@ -305,6 +305,7 @@ def test_people_believe_a_plain_log(semantics: Semantics) -> None:
         assert all(5000 <= event["bytes"] <= 5010 for event in trace if "bytes" in event)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("gate", [Gate.SAND_RL, Gate.OR])
 def test_thousands_of_nodes_below_one_another(gate: Gate) -> None:
     length = sys.getrecursionlimit() + 200

@@ -189,6 +189,7 @@ def merged(one: Json, other: Json) -> Json:
     return other
 
 
+@pytest.mark.ci
 @settings(max_examples=80)
 @given(st.lists(questions(), min_size=2, max_size=4), randoms())
 def test_no_event_is_outside_the_letters(asked: list[Observed], random: Random) -> None:

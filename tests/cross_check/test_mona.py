@@ -60,6 +60,7 @@ def test_names_that_differ_in_case_only() -> None:
     assert [verdict.symbol for verdict in monitor.run([{"X": 1}, {"x": 1}, {"p0": 1}])] == ["?", "?", "⊤"]
 
 
+@pytest.mark.ci
 @needs_mona
 def test_emitted_formulas_have_the_verdicts_of_the_reference() -> None:
     found = set()

@@ -60,6 +60,7 @@ LATE = Answer(error="timeout: no answer within 1 s", expired=True)
 DEAD = [Answer(error="type_error(x)"), Answer(error="the monitor ended early: Stack!")]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("script", "said"),  # a `swipl`, and what comes of two traces, or why the text does not load
     [

@@ -78,6 +78,7 @@ def found(seed: int, wrong: str, semantics: str) -> tuple[RVAFT, Trace, Callable
                 return tree, trace, disagrees
 
 
+@pytest.mark.ci
 @SETTINGS
 @given(SEEDS, FAULTS, SEMANTICS)
 def test_every_result_disagrees_is_valid_and_minimal(seed: int, wrong: str, semantics: str) -> None:
@@ -178,6 +179,7 @@ def way() -> list[tuple[str, Trace]]:
     return asked
 
 
+@pytest.mark.ci
 def test_the_way_does_not_depend_on_hashing() -> None:
     asked = way()
     seed = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"

@@ -23,8 +23,8 @@ NEEDS = {
     "stix2matcher": re.compile(r"findings/\w+\.stix|stix2matcher"),
     "reelay": re.compile(r"findings/\w+\.mtl"),
 }
-LONG = re.compile(r"rvaft compare --(gates|timeout)|cross-check trees/gates/\*")
-"""Commands that compare or measure many trees."""
+LONG = re.compile(r"rvaft (cross-check|compare)|--backend|--to (sigma|automaton|dot|stix)|python3 -c")
+"""Commands that run other programs, or compare many trees: only the README has them in every run."""
 
 
 def params(found: Iterable[Block]) -> list[ParameterSet]:
@@ -32,7 +32,7 @@ def params(found: Iterable[Block]) -> list[ParameterSet]:
     absent = {name: asks for name, asks in NEEDS.items() if find_spec(name) is None}
     lacking = {b: [name for name, asks in absent.items() if asks.search(b.text)] for b in found}
     marks = {b: [pytest.mark.skip(reason=f"needs {name}") for name in names[:1]] for b, names in lacking.items()}
-    late = {b: [pytest.mark.ci] for b in marks if LONG.search(b.text)}
+    late = {b: [pytest.mark.ci] for b in marks if LONG.search(b.text) and b.page.name != "README.md"}
     return [pytest.param(b, id=str(b), marks=[*own, *late.get(b, [])]) for b, own in marks.items()]
 
 

@@ -20,6 +20,7 @@ from rvaft.model.verdict import Semantics, Verdict
 TYPES = "event e(v) = { v: v }; event f(v) = { f: v }; "
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "semantics", ["strict", "projected", "scattered"]
 )  # under `consecutive` there are as many as events

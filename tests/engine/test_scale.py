@@ -46,6 +46,7 @@ DEEP_AND_WIDE = {
 }
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", DEEP_AND_WIDE)
 @pytest.mark.parametrize("semantics", ["strict", "projected", "scattered"])
 def test_large_trees(name: str, semantics: str) -> None:

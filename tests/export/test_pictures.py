@@ -163,6 +163,7 @@ def _latin(text: str) -> bool:
     return not any(letter.isalpha() and letter > "\u0250" and not "\u0370" < letter < "\u0400" for letter in text)
 
 
+@pytest.mark.ci
 @needs_tex
 def test_tex_compiles_the_drawings(tmp_path: Path) -> None:
     """All in one document, which has the head of the first."""

@@ -79,6 +79,7 @@ def test_good_trees_pass_and_leave_reports(repository: Path) -> None:
     assert (repository / "rvaft-reports" / "results.csv").read_text().count("proved") >= 4
 
 
+@pytest.mark.ci
 def test_what_is_found_is_an_annotation_and_a_report(repository: Path) -> None:
     """What cannot be compared fails the run, too, and still leaves reports."""
     (repository / "bad.rvaft").write_text(BAD)

@@ -235,6 +235,7 @@ def test_the_command_monitors_until_it_is_asked_to_end(broker: Broker, tmp_path:
     assert ran[0]["events"]["1"]["topic"] == "doors/n"
 
 
+@pytest.mark.ci
 @broker_needed
 def test_a_page_shows_messages_as_they_come(broker: Broker) -> None:
     with started("view", SAND, f"{broker.url}/doors/#", "--follow", "--semantics", "scattered") as running:
@@ -323,6 +324,7 @@ class Cable:
         self._ends.clear()
 
 
+@pytest.mark.ci
 @broker_needed
 def test_a_broker_keeps_messages_for_a_connection_that_was_cut(broker: Broker) -> None:
     cable, told = Cable(broker.port), list[str]()
@@ -354,6 +356,7 @@ def test_messages_without_room_are_counted(broker: Broker, monkeypatch: pytest.M
     assert sum(int(line.split(": ")[2].split()[0]) for line in told) == 9 - len(sent) > 0
 
 
+@pytest.mark.ci
 @broker_needed
 def test_a_broker_that_asks_who_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if shutil.which("mosquitto_passwd") is None:
@@ -377,6 +380,7 @@ def test_a_broker_that_asks_who_it_is(tmp_path: Path, monkeypatch: pytest.Monkey
         broker.stop()
 
 
+@pytest.mark.ci
 @broker_needed
 def test_a_connection_that_is_encrypted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if shutil.which("openssl") is None:

@@ -134,6 +134,7 @@ def test_a_table_has_the_detections_of_the_command(
     assert any(line.startswith("1 event rejected (first: not JSON") for line in warnings)
 
 
+@pytest.mark.ci
 def test_rows_are_events_and_a_number_is_their_order(session: Any) -> None:
     from rvaft.integrations import spark as fleets
 

@@ -117,6 +117,7 @@ def test_whatever_comes_is_answered_and_the_page_goes_on(tmp_path: Path) -> None
         assert ended(running) == (0, [f"rvaft: the page at {url} is closed"])
 
 
+@pytest.mark.ci
 def test_the_page_grows_with_its_log(tmp_path: Path) -> None:
     with viewing(tmp_path, *WAYS) as (running, url, log):
         data = fetched(url)
@@ -317,6 +318,7 @@ def test_nodes_light_up_as_the_log_grows(quiet: Any, tmp_path: Path) -> None:
         assert ended(running)[0] == 1
 
 
+@pytest.mark.ci
 def test_the_page_of_the_server_shows_what_a_client_caused(quiet: Any, tmp_path: Path) -> None:
     client = pytest.importorskip("websockets.sync.client", reason="needs websockets")
     tree = written(tmp_path / "tree.rvaft", TREE)

@@ -72,6 +72,7 @@ def test_the_corpus_is_complete() -> None:
     assert kinds == {"static": 66, "dynamic": 347}
 
 
+@pytest.mark.ci
 @needs_corpus
 def test_how_many_files_are_read_and_why_others_are_not() -> None:
     found: Counter[str] = Counter()

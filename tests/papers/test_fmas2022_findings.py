@@ -99,6 +99,7 @@ def test_the_findings_are_those_that_are_promised() -> None:
 # -- the real ones ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.ci
 def test_a_quick_one_is_as_stored() -> None:
     made, stored = findings([FINDINGS[3]]).text, EXPECTED.read_text(encoding="utf-8")
     one, other = made.split("\n## ")[1], stored.split("\n## ")[4]

@@ -82,6 +82,7 @@ def test_events_and_what_is_told_of_the_rest(row: list[Any], tmp_path: Path) -> 
     assert (result.exit_code == 2) == (bool(told) and not told.startswith("warning"))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("size", [1, 2, 7, 64])
 def test_a_document_is_read_in_pieces(size: int, monkeypatch: pytest.MonkeyPatch) -> None:
     events = [
@@ -98,6 +99,7 @@ def test_a_document_is_read_in_pieces(size: int, monkeypatch: pytest.MonkeyPatch
         assert told
 
 
+@pytest.mark.ci
 def test_a_document_of_which_nothing_is_kept(tmp_path: Path) -> None:
     """A hundred times the items take no more room."""
     import tracemalloc
@@ -530,6 +532,7 @@ def test_a_type_that_nobody_defines(tmp_path: Path) -> None:
     assert run("monitor", other, file).exit_code == 1
 
 
+@pytest.mark.ci
 def test_an_expression_that_never_ends_is_stopped_at_its_line(tmp_path: Path) -> None:
     log = written(tmp_path / "door.log", "by a\nby " + "a" * 60 + "b\nby a\n")
     tree = written(tmp_path / "tree.rvaft", "top or a b; a; b;")

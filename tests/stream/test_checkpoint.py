@@ -439,6 +439,7 @@ def test_being_killed_changes_no_verdict(tmp_path: Path, suffix: str, semantics:
     assert middle > 0
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("options", [["--key", "robot", "--per", "kind"], ["--order-by", "time", "--cooldown", "9 s"]])
 def test_being_killed_tells_no_detection_twice_without_a_mark(tmp_path: Path, options: list[str]) -> None:
     """Monitors that repeat: each detection is there, with the number that it has in a run that
@@ -475,6 +476,7 @@ def test_being_killed_tells_no_detection_twice_without_a_mark(tmp_path: Path, op
     assert marked
 
 
+@pytest.mark.ci
 def test_large_monitors_are_kept(tmp_path: Path, trace: Path) -> None:
     """A match that is deeper than Python can recurse, and values as deep as a trace may have them."""
     leaves = tuple(f"n{number}" for number in range(2000))

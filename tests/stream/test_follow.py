@@ -143,6 +143,7 @@ def test_a_line_is_given_when_it_is_whole(log: Log) -> None:
     assert (stream.offset, stream.line) == (4, 1)
 
 
+@pytest.mark.ci
 @settings(max_examples=30)
 @given(
     st.lists(st.binary(max_size=5) | st.sampled_from([b"\n", b"1\n2", BOM, BOM[:1]]), max_size=12),

@@ -80,6 +80,7 @@ def test_rows_and_what_they_cannot_hold() -> None:
     assert sums.left_open([{"e": 2**46}]) == "a number of 2**46 or more is no exact one there"
 
 
+@pytest.mark.ci
 def test_the_conditions_say_what_the_definition_says() -> None:
     detections = 0
     for text, traces, wanted in cases("match-recognize", RowHeader, Random("match"), 40, 2, limit=40):
@@ -133,6 +134,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.ci
 def test_planted_faults_show() -> None:
     """Each text that is edited detects something else than the tree, on one of these traces."""
     tree, random = loads(TIED), Random("faults")

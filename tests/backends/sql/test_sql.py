@@ -134,6 +134,7 @@ def test_a_query_is_text() -> None:
             backend(dialect).read("SELECT 1 AS trace, 1 AS detected WHERE '\ud800' > ''")
 
 
+@pytest.mark.ci
 def test_the_limit_counts_events_that_are_joined() -> None:
     with pytest.raises(TooLarge, match=r"\(limit 3\)"):
         SqlBackend().translate(loads("r or a b c d;"), Semantics.STRICT, limit=3)

@@ -324,6 +324,7 @@ async def test_each_repeated_detection_is_said_and_that_there_can_be_no_other() 
     ]
 
 
+@pytest.mark.ci
 @live
 async def test_what_happens_is_said(tmp_path: Path) -> None:
     """Also of connections beyond what is allowed, and beyond the files that there may be; it goes on all the same."""
@@ -366,6 +367,7 @@ async def test_what_happens_is_said(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.ci
 @live
 async def test_it_ends_at_the_limit_of_open_files_while_clients_hold_connections_and_nobody_reads_stderr() -> None:
     with serving(SAND, preexec_fn=FEW_FILES) as (running, url):

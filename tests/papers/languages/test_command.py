@@ -25,6 +25,7 @@ def kept(path: Path) -> list[Measurement]:
     return list(read_rows(path.read_text(encoding="utf-8"), str(path)))
 
 
+@pytest.mark.ci
 def test_a_table_for_people() -> None:
     result = run("compare", "--gates", "and,vot", "--max-arity", 2, "--semantics", "strict,scattered", *RML)
     assert result.exit_code == 0, result.stderr
@@ -38,6 +39,7 @@ def test_a_table_for_people() -> None:
     assert last == "10 measurements: 10 ok"
 
 
+@pytest.mark.ci
 def test_trees_of_the_user_alone_or_with_gates(tmp_path: Path) -> None:
     table = tmp_path / "x.csv"
     result = run("compare", VOT, PRUNED, VOT, "--languages", "rml,rml-paper", "--csv", table)
@@ -100,6 +102,7 @@ def test_an_interrupted_run_keeps_what_it_has_and_goes_on(tmp_path: Path, monkey
     assert result.stdout.splitlines()[-1] == "6 measurements: 6 ok"
 
 
+@pytest.mark.ci
 def test_resuming_measures_again_what_was_late_or_has_changed_and_keeps_the_rest(tmp_path: Path) -> None:
     table, tree = tmp_path / "x.csv", tmp_path / "t.rvaft"
     shutil.copy(VOT, tree)

@@ -188,6 +188,7 @@ ODD = [  # how the translation and the run ended, and why
 ]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("odd", "settings", "ended"), sampled(ODD, 2))
 def test_what_goes_wrong_is_in_the_row(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], odd: Odd, settings: dict[str, Any], ended: Any
@@ -204,6 +205,7 @@ def test_what_goes_wrong_is_in_the_row(
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.ci
 def test_events_are_not_found_at_the_expense_of_a_language(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(measurement, "walks", lambda *of, **more: busy() or walks(*of, **more))
     row = one("and 1", STRICT, "rml", timeout=0.35)
@@ -218,6 +220,7 @@ def test_a_tree_that_is_too_much_for_the_engine(monkeypatch: pytest.MonkeyPatch)
     assert row.run_reason.startswith("no events: ")
 
 
+@pytest.mark.ci
 def test_several_at_a_time_hinder_nobody_and_nothing_is_left_behind(monkeypatch: pytest.MonkeyPatch) -> None:
     plant(monkeypatch, Odd(endless))
     odd, nobody = (Cell(SUBJECTS["and 2"], STRICT, language) for language in ("odd", "nobody"))
@@ -289,6 +292,7 @@ def test_events_have_times_where_a_tree_reads_them() -> None:
     assert {walk.verdicts[-1] for walk in found[:-1]} == {Verdict.TRUE}
 
 
+@pytest.mark.ci
 def test_the_papers_translation_is_caught() -> None:
     """Its union of branches commits to the first, and misses what the others would detect."""
     pruned = Subject("pruned", rvaft.load(PRUNED))
@@ -310,6 +314,7 @@ class Slow(Monitor):
         return Verdict.TRUE
 
 
+@pytest.mark.ci
 def test_the_first_time_is_that_of_readers_that_have_met_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Under OR each trace is one event, nearly always one of five: one reader for all of them would have met it."""
     plant(monkeypatch, Odd(reader=lambda _text: Slow()))

@@ -44,6 +44,7 @@ def test_the_pages_are_those_of_the_measurements(rows: list[Measurement]) -> Non
         assert (FOLDER / name).read_text(encoding="utf-8") == text, name
 
 
+@pytest.mark.ci
 @pytest.mark.spot
 def test_committed_sizes_are_those_of_the_texts(rows: list[Measurement]) -> None:
     pytest.importorskip("spot")

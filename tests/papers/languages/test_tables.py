@@ -215,6 +215,7 @@ def test_panels() -> None:
 MANY = [*TREES, *(replace(ROW, tree=f"{number}", gate=None) for number in range(4))]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("few", "width", "centimetres", "names"),
     [
@@ -237,6 +238,7 @@ def test_pictures(few: list[Measurement], width: Width, centimetres: float, name
     assert 0.005 < (pixels[:, :, :3].min(axis=2) < 0.5).mean() < 0.2
 
 
+@pytest.mark.ci
 def test_a_picture_is_the_same_each_time() -> None:
     pytest.importorskip("matplotlib")
     assert next(plots(ROWS[:1])) == next(plots(ROWS[:1]))

@@ -7,11 +7,10 @@ the program.
 import posixpath
 import re
 import sys
-from collections.abc import Iterator, Set
+from collections.abc import Set
 from pathlib import Path
 from typing import Final
 
-import click
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -19,12 +18,12 @@ from mkdocs.structure.pages import Page
 ROOT: Final = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "docs")]  # the checkout, also where another rvaft is installed
 
+import commands  # noqa: E402
 from drawings import style_sheet  # noqa: E402
 from playground import ASSETS  # noqa: E402
 
 from rvaft.backend import all_backends, backend  # noqa: E402
 from rvaft.capabilities import table  # noqa: E402
-from rvaft.cli import loaded, main  # noqa: E402
 from rvaft.rules.registry import page as rules  # noqa: E402
 
 CASES: Final = sorted(page.parent.name for page in (ROOT / "trees").glob("*/README.md"))
@@ -36,10 +35,7 @@ COPIED: Final = {
     **{f"trees/{case}/README.md": f"examples/{case}.md" for case in CASES},
 }
 """Files of the checkout that are pages of the site, with their names on the site."""
-BAR: Final = "\\|"
-"""What stands for a bar in a cell of a table."""
 _LINK: Final = re.compile(r"(?<!!)\[([^\[\]]*)\]\((?!https?:|#)([^)#]*)(#[^)]*)?\)")
-_ESCAPES: Final = str.maketrans({"|": "\\|", "<": "&lt;", "[": "\\["})
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -88,7 +84,7 @@ def generated() -> dict[str, str]:
     copies = {name: (ROOT / source).read_text(encoding="utf-8") for source, name in COPIED.items()}
     return {
         **copies,
-        "reference/cli.md": command_line(),
+        "reference/cli.md": commands.page(),
         "reference/rules.md": rules(),
         "reference/capabilities.md": capabilities(),
         "reference/grammar.md": grammar(),
@@ -104,43 +100,11 @@ def grammar() -> str:
     )
 
 
-def command_line() -> str:
-    """Return the reference of the command line, from the parser of each command."""
-    context = click.Context(main, info_name="rvaft")
-    introduction = (
-        "# Commands and options\n\nThis page is generated from the parser. `rvaft COMMAND --help` prints the same text."
-        "\n[Command line](command-line.md) explains formats and the exit status.\n"
-    )
-    parts = [introduction]
-    for name in main.list_commands(context):
-        command = loaded(name)
-        inner = click.Context(command, info_name=name, parent=context)
-        usage = command.get_usage(inner).removeprefix("Usage: ")
-        summary = "\n".join(line.strip() for line in (command.help or "").replace("\b", "").splitlines())
-        rows = "".join(f"| {option} | {_cell(text)} |\n" for option, text in _options(command, inner))
-        parts.append(
-            f"## {name}\n\n```text\n{' '.join(usage.split())}\n```\n\n{summary}\n\n"
-            f"| option | meaning |\n| --- | --- |\n{rows}"
-        )
-    return "\n".join(parts)
-
-
-def _options(command: click.Command, context: click.Context) -> Iterator[tuple[str, str]]:
-    for parameter in command.get_params(context):
-        if isinstance(parameter, click.Option) and (record := parameter.get_help_record(context)):
-            names, text = record
-            yield f"`{names.replace('|', BAR)}`", text
-
-
-def _cell(text: str) -> str:
-    return " ".join(text.split()).translate(_ESCAPES)
-
-
 def capabilities() -> str:
     """Return the table of what each language can express."""
     found = {name: one for name in all_backends() if (one := backend(name)).form_of is None}
     header, *rows = table({name: one.capabilities() for name, one in found.items()})
-    lines = [f"| {' | '.join(map(_cell, row))} |" for row in (header, ["---"] * len(header), *rows)]
+    lines = [f"| {' | '.join(map(commands.cell, row))} |" for row in (header, ["---"] * len(header), *rows)]
     return (
         "# Capabilities\n\nWhat each backend lists, as `rvaft backends --capabilities` prints it. A tree that needs "
         "something\nelse is refused with the reason. A backend may refuse a combination of things that it lists.\n\n"

@@ -8,6 +8,7 @@ import posixpath
 import re
 import sys
 from collections.abc import Set
+from html import escape
 from pathlib import Path
 from typing import Final
 
@@ -19,6 +20,7 @@ ROOT: Final = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "docs")]  # the checkout, also where another rvaft is installed
 
 import commands  # noqa: E402
+from commands import BAR  # noqa: E402
 from drawings import style_sheet  # noqa: E402
 from playground import ASSETS  # noqa: E402
 
@@ -36,6 +38,8 @@ COPIED: Final = {
 }
 """Files of the checkout that are pages of the site, with their names on the site."""
 _LINK: Final = re.compile(r"(?<!!)\[([^\[\]]*)\]\((?!https?:|#)([^)#]*)(#[^)]*)?\)")
+_BARS: Final = re.compile(r"`([^`\n]*\\\|[^`\n]*)`")
+"""A code span with an escaped bar."""
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -55,7 +59,12 @@ def on_page_markdown(markdown: str, *, page: Page, files: Files, **_: object) ->
     """Change the links of a page that lead out of the folder `docs`."""
     name = page.file.src_uri
     source = next((source for source, copy in COPIED.items() if copy == name), f"docs/{name}")
-    return linked(markdown, source, name, set(files.src_uris))
+    return _BARS.sub(_code, linked(markdown, source, name, set(files.src_uris)))
+
+
+def _code(found: re.Match[str]) -> str:
+    """Return a code span of a table as HTML: Python-Markdown shows the backslash before a bar."""
+    return f"<code>{escape(found[1].replace(BAR, '|')).replace('|', '&#124;')}</code>"
 
 
 def linked(text: str, source: str, name: str, known: Set[str]) -> str:

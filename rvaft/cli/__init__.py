@@ -1,12 +1,11 @@
-"""The `rvaft` command. Each command is an entry point of the group `rvaft.commands` and is imported when it is used.
+"""The `rvaft` command. Commands are entry points of the group `rvaft.commands`, imported on use.
 
-The package that a command needs contributes it: `cross_check` the command `cross-check`,
-`rvaft.integrations` the command `serve`. A third-party package adds a command in the same way.
+The package that implements a command registers it, as a third-party package does: `cross_check`
+registers `cross-check`, `rvaft.integrations` registers `serve`.
 
-Exit status: 0 nothing found, 1 found (a detection, a finding of severity error, a disagreement), 2
-could not do it; 2 wins over 1. An interrupt ends with 130 and a closed pipe with 141, as if the
-signal had done it. Whatever fails is one line on standard error that says what, where and what to
-do.
+Exit status: 0 nothing found; 1 found (a detection, a finding of severity error, a disagreement); 2
+an error, which wins over 1; 130 interrupted; 141 closed pipe. An error is one line on standard
+error with the problem, its place and a remedy.
 """
 
 import io
@@ -32,37 +31,45 @@ INTERRUPTED: Final = 130
 BROKEN_PIPE: Final = 141
 
 _WIDTH: Final = 100
-"""Columns of a source line that are shown around the caret."""
+"""Columns of a source line shown around the caret."""
 _LONGEST: Final = 2000
-"""Characters of a message; what is longer quotes the input at length."""
+"""Characters after which a message is cut."""
 GROUP: Final = "rvaft.commands"
-"""The entry points of commands: the name of each, and where its `click.Command` is."""
-_LISTED: Final = {
-    "check": "Report what is wrong or doubtful in trees.",
-    "show": "Draw a tree, or write it in another format.",
-    "branches": "List the branches of a tree: number, kinds, property.",
-    "emit": "Write a specification of a tree.",
-    "test": "Compare a tree's own traces with the verdicts expected of them.",
-    "monitor": "Watch events for a tree and give verdicts.",
-    "report": "Write a page about what happened in logs.",
-    "view": "Show browsers that page, also while a log grows.",
-    "coverage": "Say which branches some logs exercise.",
-    "traces": "Write example logs for a tree.",
-    "serve": "Answer ROSMonitoring over WebSocket.",
-    "rosmonitoring": "Write a configuration of ROSMonitoring for a tree.",
-    "cross-check": "Compare the specifications of trees.",
-    "compare": "Compare specification languages: sizes and speeds.",
-    "backends": "List the specification languages.",
-    "explain": "Explain what a finding means.",
+"""The entry-point group of the commands; each value is `module:attribute` of a `click.Command`."""
+_GROUPS: Final[dict[str, dict[str, str]]] = {
+    "Model": {
+        "check": "Report errors and doubtful parts of trees.",
+        "explain": "Explain the code of a finding.",
+        "test": "Compare verdicts on a tree's traces with the expected ones.",
+        "show": "Draw a tree, or write it in another format.",
+        "branches": "List the branches of a tree: number, kinds, property.",
+    },
+    "Monitor": {
+        "monitor": "Monitor the events of logs and print verdicts.",
+        "report": "Write an HTML page about the events in logs.",
+        "view": "Serve that page to browsers, also while a log grows.",
+        "coverage": "Report which branches logs exercise.",
+        "traces": "Write example logs for a tree.",
+        "serve": "Serve verdicts to ROSMonitoring over WebSocket.",
+        "rosmonitoring": "Write a ROSMonitoring configuration for a tree.",
+    },
+    "Translate": {
+        "emit": "Write a specification of a tree in another language.",
+        "backends": "List the specification languages.",
+    },
+    "Check": {"cross-check": "Compare the specifications of trees on traces."},
+    "Papers": {"compare": "Compare specification languages: sizes and speeds."},
 }
-"""The order of the commands in `rvaft --help` and their summaries, so that the help text imports
-none; others follow.
+"""The commands by the headings of `rvaft --help`, with their summaries, so that the help text
+imports no command.
 """
+_OTHERS: Final = "Other commands"
+_LISTED: Final = {name: text for group in _GROUPS.values() for name, text in group.items()}
 _UNREADABLE: Final = "(cannot be loaded)"
 
 
 class Stopped(Exception):
-    """The run ends here with this status; all that had to be said has been said."""
+    """Ends the run with this status; all messages have been printed."""
 
     def __init__(self, status: int) -> None:
         self.status = status
@@ -71,9 +78,7 @@ class Stopped(Exception):
 
 @contextmanager
 def guarded() -> Iterator[None]:
-    """Turn a closed pipe and an interrupt into an end of the run; all output is flushed here, where
-    failure is noticed.
-    """
+    """Flush standard output at the end; turn a closed pipe and an interrupt into `Stopped`."""
     try:
         yield
         sys.stdout.flush()
@@ -92,7 +97,7 @@ def guarded() -> Iterator[None]:
 
 
 def _discard_output() -> None:
-    """Make the flush at the end of the interpreter go nowhere."""
+    """Redirect standard output to the null device, so that the interpreter's last flush succeeds."""
     with suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
@@ -100,7 +105,7 @@ def _discard_output() -> None:
 
 
 def report(error: BaseException) -> None:
-    """Say on standard error what went wrong, after whatever standard output already holds."""
+    """Print an error on standard error, after the pending standard output."""
     try:
         if sys.stdout is not None:
             sys.stdout.flush()
@@ -110,13 +115,15 @@ def report(error: BaseException) -> None:
 
 
 class Failures:
-    """Reports what fails, so that the rest still runs."""
+    """Reports errors and lets the remaining work continue."""
 
     met = False
 
     @contextmanager
     def reported(self, *, parts: bool = False) -> Iterator[None]:
-        """Do something that may fail; with `parts` a file that only declares what trees import is no failure."""
+        """Report an error of the block; with `parts`, a file that only declares imports is no
+        error.
+        """
         try:
             yield
         except (RvaftError, OSError) as error:
@@ -125,22 +132,19 @@ class Failures:
                 self.met = True
 
     def collect(self, make: Callable[[S], T], given: Iterable[S]) -> Iterator[T]:
-        """What can be made of these; files that only declare what trees import are left out."""
+        """Yield `make(one)` for each; skip files that only declare what trees import."""
         for one in given:
             with self.reported(parts=True):
                 yield make(one)
 
 
 def warn(said: str) -> None:
-    """Say on standard error what is doubtful."""
+    """Print a warning on standard error."""
     click.echo(visible(f"rvaft: warning: {said}"), err=True)
 
 
 def described(error: BaseException) -> list[str]:
-    """The error line, and for a text that is not in its language the place in it.
-
-    The source line around the column, and a caret.
-    """
+    """Return the error line; for a syntax error also the source line and a caret."""
     place: list[str] = []
     match error:
         case LanguageError(source=source, column=column):
@@ -171,12 +175,12 @@ def described(error: BaseException) -> list[str]:
 
 @cache
 def registered() -> dict[str, str]:
-    """Return the commands of all installed distributions by name, in the order of `rvaft --help`,
-    as `module:attribute`.
+    """Return the commands of all installed distributions as `{name: "module:attribute"}`, in help
+    order.
 
-    Reads the files of the entry points itself: importing `importlib.metadata` takes half as long as
-    all of `rvaft --help`. For a name that several distributions register, rvaft's own wins, then
-    the first on the path of Python.
+    Parses the entry-point files directly: importing `importlib.metadata` takes half as long as
+    `rvaft --help`. If several distributions register a name, rvaft's own wins, then the first on
+    `sys.path`.
     """
     own: dict[str, str] = {}
     others: dict[str, str] = {}
@@ -192,7 +196,7 @@ def registered() -> dict[str, str]:
 
 
 def _entries(file: str) -> Iterator[tuple[str, str]]:
-    """The commands that a file of entry points lists; none where there is no such file."""
+    """Yield the commands in an entry-point file; none if the file does not exist."""
     try:
         with open(file, "rb") as stream:  # noqa: PTH123 (pathlib is slow to import)
             data = stream.read()
@@ -208,7 +212,7 @@ def _entries(file: str) -> Iterator[tuple[str, str]]:
 
 
 def loaded(name: str) -> click.Command:
-    """Import the command of that name; raises `ToolFailed` where this fails."""
+    """Import a command; raises `ToolFailed`."""
     module, _, attribute = registered()[name].partition(":")
     try:
         found = getattr(import_module(module), attribute)
@@ -216,12 +220,12 @@ def loaded(name: str) -> click.Command:
         reason = f"it cannot be loaded: {type(error).__name__}: {error}"
         raise ToolFailed(f"the command {name}", reason=reason) from error
     if not isinstance(found, click.Command):
-        raise ToolFailed(f"the command {name}", reason=f"{module}:{attribute} is no command of click")
+        raise ToolFailed(f"the command {name}", reason=f"{module}:{attribute} is not a click command")
     return found
 
 
 def _summary(name: str) -> str:
-    """What the help text says of a command; only one of a third party is imported for it."""
+    """Return the summary for the help text; only third-party commands are imported for it."""
     if name in _LISTED:
         return _LISTED[name]
     try:
@@ -231,17 +235,16 @@ def _summary(name: str) -> str:
 
 
 class Commands(click.Group):
-    """The commands, imported on use, and one way for all of them to fail.
-
-    A line on standard error, never a traceback.
+    """The group of commands: imports them on use and prints errors as one line, never as a
+    traceback.
     """
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 (the interface of click)
-        """The names, in the order of use."""
+        """Return the names in help order."""
         return list(registered())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command of that name, imported now; an unknown one is an error that lists those there are."""
+        """Import and return a command; the error for an unknown name lists the known ones."""
         known = registered()
         if cmd_name in known:
             return loaded(cmd_name)
@@ -257,30 +260,34 @@ class Commands(click.Group):
         raise click.UsageError(f"unknown command {cmd_name!r}; known: {', '.join(known)}{hint}", ctx)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """The list of commands in the help text."""
-        if rows := [(name, _summary(name)) for name in registered()]:
-            with formatter.section("Commands"):
-                formatter.write_dl(rows)
+        """Write the commands, grouped by purpose, into the help text."""
+        known = registered()
+        widest = max(map(len, known), default=0)
+        others = [name for name in known if name not in _LISTED]
+        for heading, names in (*_GROUPS.items(), (_OTHERS, others)):
+            if rows := [(name.ljust(widest), _summary(name)) for name in names if name in known]:
+                with formatter.section(heading):
+                    formatter.write_dl(rows)
 
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
     ) -> click.Context:
-        """As click does it; the help text is printed here."""
+        """Make the context as click does; the help text is printed here."""
         with guarded():
             return super().make_context(info_name, args, parent, **extra)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; its result is the exit status."""
+        """Run the command and return the exit status."""
         with guarded():
             return super().invoke(ctx)
 
     def main(self, *args: Any, standalone_mode: bool = True, **extra: Any) -> Any:
-        """Run and exit; with `standalone_mode` off return the exit status instead."""
+        """Run and exit; without `standalone_mode` return the exit status."""
         extra["prog_name"] = extra.get("prog_name") or "rvaft"
         main: Any = super().main
         try:
             if isinstance(sys.stdout, io.TextIOWrapper):
-                sys.stdout.reconfigure(errors="backslashreplace")  # it takes every text
+                sys.stdout.reconfigure(errors="backslashreplace")
             if sys.stdout is None:
                 report(click.ClickException("standard output is closed"))
                 status = FAILED
@@ -312,7 +319,7 @@ def _version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     cls=Commands,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="Exit status: 0 nothing found, 1 found (a detection, an error in a tree), 2 could not do it.",
+    epilog="Exit status: 0 nothing found, 1 found (a detection, an error in a tree), 2 error.",
 )
 @click.option(
     "--version", is_flag=True, is_eager=True, expose_value=False, callback=_version, help="Print the version and exit."

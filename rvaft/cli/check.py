@@ -1,6 +1,5 @@
-"""`rvaft check`: what is wrong or doubtful in trees, as text, JSON, annotations of GitHub or SARIF.
-
-`rvaft explain` says more.
+"""`rvaft check`: findings about trees as text, JSON, GitHub annotations or SARIF; and `rvaft
+explain`.
 """
 
 import json
@@ -21,18 +20,19 @@ from rvaft.rules.registry import SYNTAX
 from rvaft.rules.rule import Finding, Severity
 from rvaft.support.terminal import columns, visible
 
-_FORMATS: Final = "What to print: github are annotations of a workflow, sarif is SARIF 2.1.0."
+_FORMATS: Final = "Output format; github prints workflow annotations, sarif prints SARIF 2.1.0."
 
 
 @click.command("check")
 @click.argument("trees", nargs=-1, required=True, metavar="TREE...")
 @options.reading_options
-@click.option("--strict", is_flag=True, help="Warnings count as errors do.")
+@click.option("--strict", is_flag=True, help="Exit with status 1 on warnings, too.")
 @options.output_format("text", "json", "github", "sarif", text=_FORMATS)
 def check_command(*, trees: tuple[str, ...], strict: bool, form: str) -> int:
-    """Report what is wrong or doubtful in trees, one finding per line; `rvaft explain CODE` says more.
+    """Report errors and doubtful parts of trees, one finding per line. `rvaft explain CODE`
+    explains a finding.
 
-    The TREE - is standard input. A file that only declares what trees import has nothing to be checked.
+    Use - as TREE for standard input. Files that only declare events for import are skipped.
     """
     findings: list[Finding] = []
     unreadable: list[Finding] = []
@@ -64,7 +64,6 @@ def check_command(*, trees: tuple[str, ...], strict: bool, form: str) -> int:
 
 
 def _json(findings: Sequence[Finding]) -> str:
-    """A list of objects."""
     said = [
         {**one.place._asdict(), "severity": one.severity.value, "code": one.code, "message": one.message}
         for one in findings
@@ -77,7 +76,7 @@ _IN_PROPERTIES: Final = _IN_MESSAGES | str.maketrans({":": "%3A", ",": "%2C"})
 
 
 def _github(findings: Sequence[Finding]) -> str:
-    """A command of a workflow for each, which shows it at its line."""
+    """Return one GitHub workflow command per finding."""
     lines = []
     for finding in findings:
         file, line, column = finding.place
@@ -89,7 +88,7 @@ def _github(findings: Sequence[Finding]) -> str:
 
 
 def _sarif(findings: Sequence[Finding]) -> str:
-    """One run, with the rules that are broken."""
+    """Return a SARIF 2.1.0 log of one run, with the rules that have findings."""
     results = []
     for finding in findings:
         file, line, column = finding.place
@@ -112,9 +111,9 @@ _FORMS: Final[dict[str, Callable[[Sequence[Finding]], str]]] = {"json": _json, "
 @click.command("explain")
 @click.argument("code", metavar="[CODE]", required=False)
 def explain_command(*, code: str | None) -> int:
-    """Explain a CODE in square brackets.
+    """Explain the CODE of a finding: its meaning, a tree with the finding, and a corrected tree.
 
-    What it means, a tree that has it and the same tree mended; without one, list all.
+    Without CODE, list all codes.
     """
     if code is None:
         severity = {code: rule.severity.value for code, rule in RULES.items()}

@@ -1,4 +1,4 @@
-"""`rvaft coverage`: which branches some logs exercise, and how far they come in the others."""
+"""`rvaft coverage`: the branches that logs exercise, and the progress in the other branches."""
 
 import shutil
 import sys
@@ -16,9 +16,9 @@ from rvaft.readers.log import Interest, Log, LogSource, expanded, required_strea
 from rvaft.stream.detection import told_fields
 
 _NARROWEST: Final = 60
-"""Columns below which the table is not made narrower."""
+"""Minimum width of the table in columns."""
 
-_CONFIGURATIONS: Final = "Partial matches that are followed in each branch."
+_CONFIGURATIONS: Final = "Maximum number of partial matches per branch."
 
 
 @click.command("coverage")
@@ -26,13 +26,13 @@ _CONFIGURATIONS: Final = "Partial matches that are followed in each branch."
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...")
 @options.semantics_option
 @options.part_options
-@options.number("--limit", default=DEFAULT_BRANCHES, text="The most branches to look at.")
+@options.number("--limit", default=DEFAULT_BRANCHES, text="Maximum number of branches.")
 @click.option(
     "--fail-under",
     type=click.FloatRange(0, 100),
     callback=options.finite,
     metavar="PERCENT",
-    help="Exit with 1 if fewer of the branches are exercised.",
+    help="Exit with status 1 if a smaller share of the branches is exercised.",
 )
 @options.number("--max-configurations", "configurations", default=DEFAULT_LIMIT, text=_CONFIGURATIONS)
 @options.log_format
@@ -48,10 +48,10 @@ def coverage_command(
     form: str,
     **chosen: Any,
 ) -> int:
-    """Say which branches of a tree some LOG detects, and how far the logs came in the others.
+    """Report which branches of a tree the LOGs detect, and how far they progress in the others.
 
-    A LOG is as for `monitor`: JSON Lines, or what its name or --input says; - is standard input,
-    and a pattern such as 'runs/*.jsonl' stands for the files that match it.
+    Each LOG is a file in JSON Lines or the format given by its suffix or --input. Use - for
+    standard input; quote a pattern such as 'runs/*.jsonl' to read all matching files.
     """
     whole = options.load_tree(tree)
     coverage = Coverage(whole, **chosen)
@@ -75,7 +75,7 @@ def coverage_command(
             if log.fault is not None:
                 warn(str(log.fault))
     found = coverage.report()
-    # A terminal has so many columns; what is piped keeps whole lines.
+    # Fit the table to the terminal; do not cut piped output.
     width = max(shutil.get_terminal_size((80, 24)).columns, _NARROWEST) if sys.stdout.isatty() else None
     sys.stdout.write(json_text(found) if form == "json" else table_text(found, width=width))
     low = fail_under is not None and 100 * found.exercised < fail_under * len(found.branches)

@@ -1,4 +1,4 @@
-"""`rvaft emit`: a specification of a tree, or a drawing of its automaton; `rvaft backends`: the languages there are."""
+"""`rvaft emit` writes a specification or draws the automaton; `rvaft backends` lists the languages."""
 
 from collections.abc import Iterator
 from pathlib import PurePath
@@ -19,13 +19,13 @@ from rvaft.model.verdict import Semantics
 from rvaft.support.files import deliver
 from rvaft.support.terminal import columns, visible
 
-_FORMATS: Final = "latex: a listing for the package listings, with the definition of the language."
-_TO: Final = "A name that `rvaft backends` lists, or dot: the automaton, drawn."
+_FORMATS: Final = "Output format; latex writes a listing with its language definition (package listings)."
+_TO: Final = "A language that `rvaft backends` lists, or dot for a drawing of the automaton."
 
 
 @runtime_checkable
 class _WithSignature(Protocol):
-    """A backend whose texts have a signature in a file of its own."""
+    """A backend that writes the signature of a specification to a separate file."""
 
     def signature(self, text: str) -> str: ...
 
@@ -33,12 +33,12 @@ class _WithSignature(Protocol):
 @click.command("emit")
 @options.tree_argument
 @click.option("--to", "language", metavar="LANGUAGE", required=True, help=_TO)
-@click.option("--dialect", metavar="DIALECT", help="Of SQL: sqlite, duckdb or postgres.  [default: sqlite]")
-@click.option("--signature", metavar="FILE", help="Of MFOTL: also write the signature of its predicates, here.")
+@click.option("--dialect", metavar="DIALECT", help="SQL dialect: sqlite, duckdb or postgres.  [default: sqlite]")
+@click.option("--signature", metavar="FILE", help="For MFOTL: also write the predicate signature to FILE.")
 @options.semantics_option
 @options.part_options
 @options.output_format("text", "latex", text=_FORMATS)
-@options.number("--limit", text="The largest size, in the language's own unit; of a drawing, in states.")
+@options.number("--limit", text="Maximum size, in the unit of the language; for a drawing, in states.")
 @options.mapping_option
 @options.output_option
 def emit_command(
@@ -51,15 +51,15 @@ def emit_command(
     output: str | None,
     **chosen: Any,
 ) -> int:
-    """Write a specification of a tree that means the tree under the chosen semantics."""
+    """Write a specification of a tree in another language, equivalent under the chosen semantics."""
     drawing = None if output is None else format_of(output)
     drawn, suffix = drawing in (*PICTURES, Format.DOT), PurePath(output or "").suffix
     if language == "dot":
-        options.refuse(dialect, "--to dot is a drawing, which has no --dialect")
-        options.refuse(signature, "--to dot is a drawing, which has no --signature")
+        options.refuse(dialect, "--to dot writes a drawing: omit --dialect")
+        options.refuse(signature, "--to dot writes a drawing: omit --signature")
         loaded = options.read_tree(tree)
-        options.refuse(form != "text", f"--to dot is a drawing, which has no --format {form}")
-        options.refuse(chosen["mapping"] is not None, "--to dot is a drawing, which takes no --mapping")
+        options.refuse(form != "text", f"--to dot writes a drawing: omit --format {form}")
+        options.refuse(chosen["mapping"] is not None, "--to dot writes a drawing: omit --mapping")
         part = narrowed(loaded, chosen["branch"], chosen["kind"])
         known = "known: .dot, .gv, .svg, .pdf, .png"
         options.refuse(suffix and not drawn, f"no drawing of an automaton has the suffix {suffix}; {known}")
@@ -73,9 +73,11 @@ def emit_command(
         deliver(picture(text, str(drawing)) if drawing in PICTURES else text.encode(), output)
         return 0
     if language in PICTURES:
-        raise OptionError(f"{language} is no language: --to dot -o FILE.{language} draws the automaton")
+        raise OptionError(
+            f"{language} is not a specification language: --to dot -o FILE.{language} draws the automaton"
+        )
     mend = f"--to dot -o {output} draws the automaton"
-    options.refuse(drawn, f"{language} is written as text, which {output} would not be: {mend}")
+    options.refuse(drawn, f"{language} is written as text, but {output} names a drawing: {mend}")
     with options.suggesting():
         try:
             language = language if dialect is None else backend(language).dialect_backend(dialect)
@@ -85,7 +87,7 @@ def emit_command(
     if signature is not None:
         signed = backend(language)
         if not isinstance(signed, _WithSignature):
-            raise OptionError(f"a text of {language} has no signature: leave --signature out")
+            raise OptionError(f"{language} specifications have no signature: omit --signature")
         deliver(signed.signature(text).encode(), signature)
     if form == "latex":
         text = listing(text, backend(language).highlighting)
@@ -94,9 +96,9 @@ def emit_command(
 
 
 @click.command("backends")
-@click.option("--capabilities", is_flag=True, help="Show which language can express what, as a table.")
+@click.option("--capabilities", is_flag=True, help="Print a table of what each language can express.")
 def backends_command(*, capabilities: bool) -> int:
-    """List the specification languages, what each can do, and what is missing for it."""
+    """List the specification languages, the semantics they support, and missing tools."""
     if capabilities:
         found = {name: one for name in all_backends() if (one := _loaded(name)) is not None and one.form_of is None}
         click.echo("\n".join(columns(table({name: one.capabilities() for name, one in found.items()}))))
@@ -106,7 +108,7 @@ def backends_command(*, capabilities: bool) -> int:
 
 
 def _loaded(name: str) -> Backend | None:
-    """The backend of that name, None where it cannot be loaded."""
+    """Return the backend of that name, or None if it cannot be loaded."""
     try:
         return backend(name)
     except ToolFailed:
@@ -121,8 +123,8 @@ def _languages() -> Iterator[tuple[str, ...]]:
             yield name, "?", "?", "?", visible(f"no: {type(error).__name__}: {error}")
             continue
         semantics = [choice for choice in Semantics if choice in found.semantics]
-        available = "yes" if found.readable else "yes, only emitted"
-        try:  # a smallest tree
+        available = "yes" if found.readable else "yes, emit only"
+        try:
             specification = found.translate(RVAFT("a", [Node("a")]), semantics[-1])
             if found.readable:
                 specification.monitor()

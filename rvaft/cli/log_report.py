@@ -1,4 +1,4 @@
-"""`rvaft report`: one page about what happened in logs, to be opened in a browser."""
+"""`rvaft report`: an HTML page about the events and detections in logs."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -21,11 +21,11 @@ from rvaft.stream.plan import Totals
 from rvaft.support.files import deliver
 
 _OUTPUT: Final = "Write the page to this file instead of standard output."
-MOST: Final = "Events that have a place on the page."
+MOST: Final = "Maximum number of events on the page."
 
 
 class PageReporter(Reporter):
-    """Makes a page of what it is told, once all logs have been read."""
+    """Collects the messages of a run and makes the page after all logs have been read."""
 
     sums = True
 
@@ -37,11 +37,11 @@ class PageReporter(Reporter):
         sink.kept = []
 
     def stop(self, watch: MonitoredTrace) -> None:  # noqa: ARG002 (the interface)
-        """A log cannot be read further."""
+        """Note that a log cannot be read further."""
         self.stopped = True
 
     def told(self, said: Sequence[str] = ()) -> Told:
-        """What was said, and more of that, and what the logs held so far."""
+        """Return all messages so far with the additional ones, and the summary of the logs."""
         totals, kept = self.totals, self.sink.kept or []
         assert totals is not None
         semantics_hint = totals.semantics_hint
@@ -51,7 +51,7 @@ class PageReporter(Reporter):
         return {"said": [*kept, *said], "held": [*summed, *meant, *doubts]}
 
     def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:  # noqa: ARG002 (the interface)
-        """All logs have been read, one at least to its end: make the page."""
+        """Make the page; called after all logs, if at least one was read to its end."""
         for line in self.report.left_out:
             self.sink.warn(line)
         self.page = self.report.page(self.settings.name, self.told())
@@ -62,7 +62,7 @@ _OPTIONS: Final = (
     options.semantics_option,
     options.part_options,
     click.argument("logs", nargs=-1, required=True, metavar="LOG..."),
-    options.choice("--per", words=Per, default=Per.TREE, text="Monitor also each branch or each kind."),
+    options.choice("--per", words=Per, default=Per.TREE, text="Also monitor each branch or each kind."),
     options.repeat_options,
     stream_options,
     options.log_format,
@@ -72,14 +72,14 @@ _OPTIONS: Final = (
 
 
 def page_options(function: options.F) -> options.F:
-    """What is monitored for a page, and how."""
+    """Add the options that select what is monitored for a page."""
     for option in reversed(_OPTIONS):
         function = option(function)
     return function
 
 
 class PageRequest:
-    """What logs a page is about, read as the options say."""
+    """The logs of a page and how they are read and monitored."""
 
     def __init__(
         self, tree: str, logs: Sequence[str], branch: int | None, kind: Kind | None, *, follow: bool, given: Any
@@ -110,11 +110,11 @@ class PageRequest:
 
     @property
     def files(self) -> set[Path]:
-        """The files that are read."""
+        """The resolved paths of the log files."""
         return {Path(one.file).resolve() for one in self._traces.sources if one.file is not None}
 
     def run(self, make: Callable[[MonitorSettings, Sink], Reporter]) -> int:
-        """Read the logs; the exit status."""
+        """Read the logs and return the exit status."""
         status = run(self.settings, self._traces.sources, report=make)
         return FAILED if self._traces.missing.met else status
 
@@ -126,19 +126,18 @@ class PageRequest:
 def report_command(
     *, tree: str, logs: tuple[str, ...], branch: int | None, kind: Kind | None, output: str | None, **given: Any
 ) -> int:
-    """Write a page about what happened in each LOG.
+    """Write an HTML page about the events in each LOG: the tree, the events, detections and near
+    misses.
 
-    The tree, event by event, detections, and what could have been missed.
-
-    A LOG is as for `monitor`. The page is one HTML file that needs no network. The exit status is 1
-    when the tree is detected in some log.
+    A LOG is given as for `monitor`. The page is one file and needs no network. The exit status is 1
+    if a log detects the tree.
     """
-    options.refuse(tree == "-", "TREE is a file: what standard input has is the log")
+    options.refuse(tree == "-", "TREE is a file: standard input is read as a log")
     require_companions(given)
     options.require_writable([output or "-"], [tree])
     request = PageRequest(tree, logs, branch, kind, follow=False, given=given)
     if output is not None and Path(output).resolve() in request.files:
-        raise OptionError(f"{output} would be written over, but it is one of the logs: name another file")
+        raise OptionError(f"{output} is one of the logs and would be overwritten: name another file")
     made: list[PageReporter] = []
 
     def make(settings: MonitorSettings, sink: Sink) -> Reporter:

@@ -34,14 +34,16 @@ from rvaft.stream.order import DEFAULT_WINDOW
 from rvaft.stream.plan import MonitoringPlan
 
 TERMINAL: Final = "-"
-"""In place of a file: draw among the text."""
+"""The value of `--explain` without FILE: draw in the text output."""
 
 
 class MonitorCommand(click.Command):
-    """`--explain` takes a FILE only where one follows that it can draw to: else the next word is a TRACE."""
+    """Parses `--explain` with an optional FILE: the next word is FILE only if it has a drawing
+    suffix.
+    """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """As click does it, with what `--explain` means without FILE written out."""
+        """Parse as click does, after making a bare `--explain` explicit."""
         made: list[str] = []
         for place, word in enumerate(args):
             if word == "--":
@@ -59,17 +61,17 @@ def _drawable(_context: click.Context, _parameter: click.Parameter, value: str |
     return value
 
 
-_KEY: Final = "Monitor each value of this field by itself; several are one key."
-_ORDER: Final = "Put events in the order of this number, or time of ISO 8601, first."
-_MOST: Final = f"Partial matches that are followed.  [default: {DEFAULT_LIMIT}]"
+_KEY: Final = "Monitor each value of this field separately; repeat for a key of several fields."
+_ORDER: Final = "Sort events by this field, a number or an ISO 8601 time."
+_MOST: Final = f"Maximum number of partial matches per monitor.  [default: {DEFAULT_LIMIT}]"
 
 
 def stream_options(function: options.F) -> options.F:
-    """How the events of a trace are told apart and put in order: `--key`, `--max-keys`, `--order-by` and `--window`."""
+    """Add `--key`, `--max-keys`, `--order-by` and `--window`."""
     for option in (
-        options.number("--window", text=f"Events held back by --order-by.  [default: {DEFAULT_WINDOW}]"),
+        options.number("--window", text=f"Number of events that --order-by holds back.  [default: {DEFAULT_WINDOW}]"),
         click.option("--order-by", metavar="FIELD", help=_ORDER),
-        options.number("--max-keys", text=f"Values of --key.  [default: {MAX_KEYS}]"),
+        options.number("--max-keys", text=f"Maximum number of values of --key.  [default: {MAX_KEYS}]"),
         click.option("--key", multiple=True, metavar="FIELD", help=_KEY),
     ):
         function = option(function)
@@ -77,7 +79,7 @@ def stream_options(function: options.F) -> options.F:
 
 
 limit_option: Final = options.number("--max-configurations", text=_MOST)
-"""`--max-configurations`, which the error beyond the limit names, too."""
+"""`--max-configurations`; the error beyond the limit also names this option."""
 
 
 @click.command("monitor", cls=MonitorCommand)
@@ -85,35 +87,37 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 @options.semantics_option
 @options.part_options
 @click.argument("traces", nargs=-1, metavar="[TRACE]...")
-@click.option("--word", metavar='"b a c"', help="Watch the default events of these names instead of a trace.")
+@click.option("--word", metavar='"b a c"', help="Monitor the default events of these names instead of a trace.")
 @click.option("--backend", metavar="BACKEND", help="Run the specification of this backend instead of the engine.")
-@options.choice("--per", words=Per, default=Per.TREE, text="Monitor also each branch or each kind.")
+@options.choice("--per", words=Per, default=Per.TREE, text="Also monitor each branch or each kind.")
 @options.output_format(*REPORTERS)
-@click.option("--detections", is_flag=True, help="With --format jsonl, only the events that detect something.")
-@click.option("--explain", metavar="[FILE]", callback=_drawable, help="Draw a detection, in the text or to FILE.")
+@click.option("--detections", is_flag=True, help="With --format jsonl, print only events that detect.")
+@click.option(
+    "--explain", metavar="[FILE]", callback=_drawable, help="Draw the detections in the text, or the first one to FILE."
+)
 @options.repeat_options
 @stream_options
-@click.option("--follow", is_flag=True, help="Go on as the file grows, until Ctrl-C.")
+@click.option("--follow", is_flag=True, help="Keep reading as the file grows, until Ctrl-C.")
 @options.log_format
 @options.strict_json
-@options.number("--jobs", default=1, text="Processes.")
-@click.option("--exec", "execute", metavar="CMD", help="Run this command on detection.")
-@click.option("--exec-fault", metavar="CMD", help="Run it on detection of a fault.")
-@click.option("--exec-attack", metavar="CMD", help="Run it on detection of an attack.")
+@options.number("--jobs", default=1, text="Number of processes.")
+@click.option("--exec", "execute", metavar="CMD", help="Run this command on each detection.")
+@click.option("--exec-fault", metavar="CMD", help="Run this command on each detection of a fault.")
+@click.option("--exec-attack", metavar="CMD", help="Run this command on each detection of an attack.")
 @click.option(
-    "--foxglove", metavar="PORT|FILE", help="Serve detections to Foxglove at PORT, or write them to FILE.mcap."
+    "--foxglove", metavar="PORT|FILE", help="Send detections to Foxglove at PORT, or write them to FILE.mcap."
 )
-@click.option("--checkpoint", metavar="FILE", help="Keep the state in FILE, and go on from it.")
-@options.number("--checkpoint-every", text=f"Events between checkpoints.  [default: {EVERY}]")
+@click.option("--checkpoint", metavar="FILE", help="Save the state in FILE, and continue from it.")
+@options.number("--checkpoint-every", text=f"Number of events between checkpoints.  [default: {EVERY}]")
 @limit_option
 def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given: Any) -> int:
-    """Watch the events of each TRACE for a tree and give verdicts.
+    """Monitor the events of each TRACE and print changes of the verdict.
 
-    A TRACE is JSON Lines, or what its name or --input says, and may be a pattern such as
-    'logs/**/*.jsonl', or a URL such as mqtt://HOST/TOPIC. No TRACE, or -, reads standard input as
-    it comes. The exit status is 1 when the tree is detected in some trace.
+    A TRACE is a file in JSON Lines or the format given by its suffix or --input, a pattern such as
+    'logs/**/*.jsonl', or a URL such as mqtt://HOST/TOPIC. Without a TRACE, or with -, events come
+    from standard input. The exit status is 1 if a trace detects the tree.
     """
-    options.refuse(tree == "-", "TREE is a file: what standard input has is the log")
+    options.refuse(tree == "-", "TREE is a file: standard input is read as a log")
     _check(given)
     whole = options.load_tree(tree)
     part, semantics, backend = (
@@ -125,15 +129,16 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     names = given["traces"] or ("-",)
     if given["word"] is not None:
         options.refuse(
-            given["log_format"] != options.LogFormat(None, InputOptions()), "--word is no log: it has no format"
+            given["log_format"] != options.LogFormat(None, InputOptions()),
+            "--word is no log: omit --input and the options of formats",
         )
         names = ()
     traces = TracesGiven(names, given["log_format"], live=True)
     if given["word"] is not None:
         traces.sources.append(_word(given["word"], whole))
     if traces.live:
-        options.refuse(traces.several, "a URL is watched alone, since events come from it without end: name one TRACE")
-        why = "--checkpoint needs a log that is there again later: what came from a URL is gone"
+        options.refuse(traces.several, "events from a URL do not end: name one TRACE only")
+        why = "--checkpoint needs a log that can be read again: events from a URL cannot"
         options.refuse(given["checkpoint"] is not None, why)
         given["follow"] = False
     for option in ("follow", "checkpoint"):
@@ -185,10 +190,10 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
 def _with_foxglove(
     settings: MonitorSettings, traces: Sequence[TraceSource], target: str, jobs: int, *, endless: bool
 ) -> int:
-    """Run all traces, of which Foxglove is told, too."""
-    options.refuse(jobs > 1, "--foxglove is for one process: leave out --jobs")
+    """Run all traces and send the detections to Foxglove."""
+    options.refuse(jobs > 1, "--foxglove needs a single process: omit --jobs")
     foxglove = publisher_class("foxglove")
-    why = "--foxglove PORT is for events that come by themselves: --follow, a URL, standard input; name a FILE.mcap"
+    why = "--foxglove PORT needs live events (--follow, a URL or standard input); for a finished log name a FILE.mcap"
     options.refuse(foxglove.serves(target) and not endless, why)
     with foxglove(settings.tree, target, name=settings.name, key=settings.key, warn=warn) as sink:
         if sink.url:
@@ -197,10 +202,7 @@ def _with_foxglove(
 
 
 def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any]) -> MonitoringPlan:
-    """What the options say is done with every trace, by the monitors of a part of a tree.
-
-    Without a backend the engine's.
-    """
+    """Return how each trace is monitored; without a backend the engine monitors."""
     semantics, backend, limit = (
         resolve_semantics(whole, given["semantics"]),
         given.get("backend"),
@@ -222,7 +224,7 @@ def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any]) -> MonitoringPl
     repeating = {"repeat": given["repeat"], "cooldown": given["cooldown"]}
     monitors = MonitorSet(columns(part, given["per"]), make, semantics, **repeating)
     if given["order_by"] is not None:
-        Field.parse(given["order_by"])  # what is no field is refused now
+        Field.parse(given["order_by"])  # raises OptionError for an invalid field
     return MonitoringPlan(
         monitors,
         Key.parse(given["key"]) if given["key"] else None,
@@ -234,36 +236,32 @@ def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any]) -> MonitoringPl
 
 
 def _check(given: dict[str, Any]) -> None:
-    """Refuse options that do not go together, and a drawing that cannot be made, now rather than at
-    a detection, hours from here.
-    """
+    """Refuse incompatible options and impossible drawings before the run starts."""
     refuse, form, explain = options.refuse, given["form"], given["explain"]
     refuse(given["word"] is not None and given["traces"], "--word and TRACE exclude each other")
-    # A text explains nothing, keeps nothing, and knows no kinds: commands for these would never run.
+    # Backends provide neither explanations nor kinds nor snapshots.
     for name in ("explain", "checkpoint", "max_configurations", "exec_fault", "exec_attack"):
         wrong = given["backend"] is not None and given[name] is not None
-        refuse(wrong, f"--{name.replace('_', '-')} needs the engine: leave out --backend")
+        refuse(wrong, f"--{name.replace('_', '-')} needs the engine: omit --backend")
     require_companions(given)
     why = "--explain draws among the text: name a FILE for it with --format jsonl"
     refuse(explain == TERMINAL and form == "jsonl", why)
     refuse(form == "table" and given["key"], "--format table is for whole traces, not for --key")
-    why = "--detections needs --format jsonl: the text tells changes of verdict alone"
+    why = "--detections needs --format jsonl: text output already has only changes of the verdict"
     refuse(given["detections"] and form != "jsonl", why)
     if PurePath(explain or "").suffix.lower().removeprefix(".") in PICTURES and shutil.which("dot") is None:
         raise ToolMissing("dot", remedy="install Graphviz (apt-get install graphviz), or name a file .dot or .txt")
 
 
 def require_companions(given: Mapping[str, Any]) -> None:
-    """Refuse an option that means nothing without another one."""
+    """Refuse an option that requires another, missing option."""
     for name, needed in (("max_keys", "key"), ("window", "order_by"), ("checkpoint_every", "checkpoint")):
         wrong = given.get(name) is not None and given[needed] in (None, ())
         options.refuse(wrong, f"--{name.replace('_', '-')} needs --{needed.replace('_', '-')}")
 
 
 class TracesGiven:
-    """What the names on a command line stand for; those of files that are not there are told, and
-    noted in `missing`.
-    """
+    """The traces that the command line names; missing files are reported and noted in `missing`."""
 
     def __init__(self, names: Sequence[str], log_format: options.LogFormat, *, live: bool) -> None:
         self.missing = Failures()
@@ -275,24 +273,24 @@ class TracesGiven:
 
     @property
     def live(self) -> bool:
-        """Whether events of some come by themselves, from a URL."""
+        """Whether some events come from a URL."""
         return any(one.live for one in self.sources)
 
     @property
     def streams(self) -> bool:
-        """Whether some are no files."""
+        """Whether some traces are not files."""
         return any(one.file is None for one in self.sources)
 
     def require_growing(self, option: str, noun: str) -> None:
-        """Refuse an option that needs one log which can be read on where it ended."""
+        """Refuse an option that needs a single log of lines that can be read on later."""
         readers = [one.reader for one in self.sources if one.reader is not None]
         wrong = next((reader.name for reader in readers if not (reader.by_lines or reader.schemes)), None)
-        options.refuse(wrong, f"{option} needs a log of lines (jsonl, regex, syslog): {wrong} is none")
+        options.refuse(wrong, f"{option} needs a log of lines (jsonl, regex, syslog): {wrong} is not one")
         options.refuse(self.several or self.streams, f"{option} needs one {noun}, a file")
 
 
 def source_of(file: str, reader: LogReader) -> TraceSource:
-    """A file, or standard input, of which a terminal is told what is waited for."""
+    """Return a file or standard input as a trace; on a terminal print a prompt."""
     other = None if isinstance(reader, JsonLinesReader) else reader
     if file != "-":
         return TraceSource(click.format_filename(reader.shown(file)), file, reader=other)
@@ -304,7 +302,7 @@ def source_of(file: str, reader: LogReader) -> TraceSource:
 
 
 def _word(word: str, tree: RVAFT) -> TraceSource:
-    """Each letter as the default event of that name, also where the node of that name has another event."""
+    """Return each letter as the default event of that name; warn if that node has another event."""
     letters = word.split()
     unknown: list[str] = []
     for letter in dict.fromkeys(letters):

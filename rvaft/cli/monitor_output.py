@@ -1,6 +1,5 @@
-"""What `rvaft monitor` prints.
-
-A line per change of verdict and how it came about, a table, or one JSON object per event.
+"""The output of `rvaft monitor`: changes of the verdict as text, a table, or a JSON object per
+event.
 """
 
 import json
@@ -29,28 +28,28 @@ from rvaft.stream.statistics import Statistics
 from rvaft.support.terminal import ProgressBar, columns, cut, visible
 
 ENDS: Final = 1_000
-"""Keys for which it is said what was waited for in vain: finding out takes time, and among very
-many keys nobody reads it.
-"""
+"""Maximum number of keys whose missing events are listed: computing the list takes time."""
 ALL: Final = 100
-"""Rows of the summary up to which all are shown; beyond it those of a detection or an error."""
+"""Maximum number of rows in a full summary; a longer one has only rows with a detection or error."""
 MOST: Final = 1_000
-"""Rows of the summary; and events up to which all have a row in a table, beyond it those that change a verdict."""
+"""Maximum number of rows of a summary, and of events in a table; later events have a row only if
+they change a verdict.
+"""
 WIDE: Final = 8
-"""Columns up to which each has one in the summary; beyond it those of a detection are listed."""
+"""Maximum number of monitors with a column in the summary; beyond it, detecting ones are listed."""
 TYPES: Final = 20
-"""Event types that are listed one by one."""
+"""Maximum number of event types listed individually."""
 WAITING: Final = 10
-"""Branches of which it is said what they waited for."""
+"""Maximum number of branches whose missing events are listed."""
 LISTED: Final = 20
-"""Events of a counted leaf that are named one by one."""
+"""Maximum number of events listed for a counted leaf."""
 
 
 class Sink:
-    """Where a run writes: standard output and standard error, or a file and the lines for standard
-    error, which another process passes on.
+    """The destination of a run's output: standard output and error, or a file and a list of error
+    lines.
 
-    The progress bar makes room for what is printed.
+    The file and list are passed on by another process. Writing hides the progress bar.
     """
 
     def __init__(self, file: TextIO | None = None, progress: ProgressBar | None = None) -> None:
@@ -58,30 +57,30 @@ class Sink:
         self._progress = progress
         self.errors: list[str] = []
         self.kept: list[str] | None = None
-        """All that was said on standard error, where somebody wants it again."""
+        """The lines printed on standard error, if they are wanted later."""
 
     def write(self, text: str) -> None:
-        """Print text as it is."""
+        """Write text unchanged."""
         if self._progress is not None:
             self._progress.hide()
         (self._file or sys.stdout).write(text)
 
     def line(self, text: str) -> None:
-        """Print one line, made safe to show."""
+        """Write one line with control characters escaped."""
         self.write(f"{visible(text)}\n")
 
     def flush(self) -> None:
-        """Let all that was printed be seen."""
+        """Flush standard output."""
         if self._file is None:
             self.write("")
             sys.stdout.flush()
 
     def warn(self, said: str) -> None:
-        """Say on standard error what is doubtful."""
+        """Print a warning on standard error."""
         self._say([visible(f"rvaft: warning: {said}")])
 
     def report(self, error: BaseException) -> None:
-        """Say on standard error what went wrong."""
+        """Print an error on standard error."""
         self._say(described(error))
 
     def _say(self, lines: Sequence[str]) -> None:
@@ -91,7 +90,7 @@ class Sink:
         self.pass_on()
 
     def pass_on(self) -> None:
-        """Let standard error have its lines, after all that was printed before them."""
+        """Print the collected error lines, after the pending output."""
         if self._file is None and self.errors:
             self.flush()
             click.echo("\n".join(self.errors), err=True)
@@ -100,11 +99,11 @@ class Sink:
 
 @dataclass(frozen=True, slots=True)
 class MonitorSettings:
-    """How every trace is run and what is told of it: `name` is that of the tree, with `several` traces are named.
+    """How all traces are run and what is reported; `name` is the tree's name.
 
-    `unchosen` says that neither the tree nor the command line says a semantics. The `others` are
-    told of the runs, too. With `detections` only these are told, with `drawn` as drawings among the
-    text; `drawing` is the file to draw one to.
+    With `several`, lines name their trace. `unchosen`: neither tree nor command line chose a
+    semantics. `others` are further listeners. With `detections` only detections are printed; with
+    `drawn` they are drawn in the text. The first detection is drawn to the file `drawing`.
     """
 
     plan: MonitoringPlan
@@ -124,18 +123,18 @@ class MonitorSettings:
 
     @property
     def summed(self) -> bool:
-        """Whether there is a summary at the end."""
+        """Whether a summary is printed at the end."""
         return self.several or self.plan.key is not None
 
     def key(self, watch: MonitoredTrace) -> dict[str, Json]:
-        """What of several in a trace was watched, as JSON has it."""
+        """The key of a monitored trace as JSON output has it."""
         return {} if watch.key is None or self.plan.key is None else {"key": self.plan.key.as_json(watch.key)}
 
 
 class SummaryRow(NamedTuple):
-    """How the monitors of one trace or key ended, for the summary.
+    """The final state of the monitors of one trace or key, for the summary.
 
-    `since` are the events that made the verdicts final, `found` counts detections.
+    `since` has the events that made the verdicts final, `found` the counts of detections.
     """
 
     trace: str
@@ -149,14 +148,14 @@ class SummaryRow(NamedTuple):
 
     @classmethod
     def of(cls, watch: MonitoredTrace, *, failed: bool) -> "SummaryRow":
-        """The row of a trace that has come to its end."""
+        """Return the row of a trace that has ended."""
         own = watch.monitors
         how = own.explanation(0) or own.found[0].explanation
         return cls(watch.trace, watch.key, watch.events, own.verdicts, own.since, own.found, how, failed)
 
 
 class Reporter(Listener):
-    """Prints what it is told, to a sink; one that `sums` prints at the end what the traces held, too."""
+    """Prints verdicts to a sink; with `sums` it ends with a summary of the traces."""
 
     sums = False
 
@@ -167,12 +166,10 @@ class Reporter(Listener):
         self.fields = detection.told_fields(settings.tree)
         self._ends = 0
         self.totals: Totals | None = None
-        """What the traces held so far, once the run has begun."""
+        """The totals of all traces so far, once the run has begun."""
 
     def ends(self, change: VerdictChange) -> dict[int, Ended]:
-        """For the columns that can no longer detect how their last hope ended, unless that was said
-        of very many keys.
-        """
+        """Return why columns can no longer detect; nothing once `ENDS` keys have been explained."""
         if self._ends >= ENDS:
             return {}
         ended = {column: change.watch.monitors.ended(column) for column in change.columns}
@@ -180,19 +177,14 @@ class Reporter(Listener):
         if change.watch.key is not None and found:
             self._ends += 1
             if self._ends == ENDS:
-                self.sink.warn(f"{ENDS} keys can no longer match: for others it is not said what was waited for")
+                self.sink.warn(f"{ENDS} keys can no longer match: missing events are not listed for further keys")
         return found
 
     def pause(self, run: TraceRun) -> None:
-        """Nothing of the present trace is being read: between two batches of events, and now and
-        then while nothing comes.
-        """
+        """Called while no event is being read: between batches, and regularly while no events come."""
 
     def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:
-        """All traces have been read, one at least to its end.
-
-        `totals` are what they held, what could have been missed, and what ⊥ means.
-        """
+        """Called after all traces, if at least one was read to its end."""
         doubts, semantics_hint = totals.data_warnings.lines, totals.semantics_hint
         if self.sums and totals.statistics is not None:
             meant = [f"note: {semantics_hint.line}"] if semantics_hint is not None and semantics_hint.line else []
@@ -205,14 +197,14 @@ class Reporter(Listener):
 
 
 class _JsonLines(Reporter):
-    """One JSON object per event, and nothing else; with `detections` only for those that detect something."""
+    """Prints one JSON object per event; with `detections` only for events that detect."""
 
     def __init__(self, settings: MonitorSettings, sink: Sink) -> None:
         super().__init__(settings, sink)
         self.every = not settings.detections
         self._alike: tuple[object, ...] = ()
-        """The trace and verdicts of the last event that changed nothing, and what its line has
-        before and after the number.
+        """The trace and verdicts of the last event without a change, and its line around the event
+        number.
         """
 
     def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:  # noqa: ARG002 (the interface)
@@ -220,7 +212,7 @@ class _JsonLines(Reporter):
 
     def events(self, watch: MonitoredTrace, first: int, last: int, verdicts: Sequence[Verdict]) -> None:
         if self._alike[:2] != (watch, verdicts):
-            # A key may look the same; what comes after does not.
+            # Compare the watch too: monitors of different keys may have equal verdicts.
             before, after = json.dumps(self._said(watch, 0, verdicts)).rsplit('"event": 0, "verdict": ', 1)
             self._alike = watch, verdicts, f'{before}"event": ', f', "verdict": {after}\n'
         _, _, head, tail = self._alike
@@ -253,9 +245,9 @@ class _JsonLines(Reporter):
 
 
 class _Text(Reporter):
-    """A line per change of verdict with the explanation, and at the end what the traces held.
+    """Prints a line per change of the verdict with its explanation, and a summary at the end.
 
-    With `drawn` each detection is followed by a drawing of the tree with the path that fired.
+    With `drawn` each detection is drawn as the tree with the matched nodes.
     """
 
     sums = True
@@ -280,7 +272,7 @@ class _Text(Reporter):
                 self.sink.line(f"  {line}")
 
     def where(self, watch: MonitoredTrace) -> str:
-        """The trace and the key that a line is about, where there are several."""
+        """Return the prefix with the trace and key, if there are several."""
         parts = [watch.trace] if self.settings.several else []
         if watch.key is not None and self.settings.plan.key is not None:
             values = zip(self.settings.plan.key.fields, watch.key, strict=True)
@@ -288,12 +280,12 @@ class _Text(Reporter):
         return "".join(f"{part}: " for part in parts)
 
     def lines(self, change: VerdictChange, where: str = "") -> Iterator[str]:
-        """A change of verdict, the matches, each once, and what was waited for in vain."""
+        """Yield the lines for a change: verdicts, distinct matches, and the missing events."""
         titles, verdicts = [column.title for column in self.columns], change.verdicts
         many = len(titles) > 1
         said = {place: f"{verdicts[place]}{_numbered(change.counts.get(place))}" for place in change.columns}
         changed = ", ".join(f"{titles[place]} {verdict}" for place, verdict in said.items())
-        again = " (told before)" if change.number <= self.told_before else ""
+        again = " (reported before)" if change.number <= self.told_before else ""
         yield f"{where}event {change.number}: {changed if many else said[0]}{again}"
         for which, explanation in detection.unlike(change.explanations):
             title = f"{', '.join(titles[place] for place in which)}: " if many else ""
@@ -322,11 +314,11 @@ class _Text(Reporter):
         tree = self.settings.tree
         for node, numbers in explanation.events.items():
             label, number = tree.nodes[node].label if node in tree.nodes else None, numbers[-1]
-            place = " (no longer known)"
+            place = " (no longer stored)"
             if number in events:
                 known = detection.places(events[number], tree)
                 if isinstance(known.get("time"), Mapping) and tree.time and (time := tree.time.read(events[number])):
-                    known["time"] = f"{time // UNITS['s']}.{time % UNITS['s']:09}"  # a stamp of ROS
+                    known["time"] = f"{time // UNITS['s']}.{time % UNITS['s']:09}"  # ROS time stamp
                 said = [f" {word} {_short(known[it])}" for word, it in (("at", "time"), ("on", "topic")) if it in known]
                 others = detection.other_fields(node, events[number], tree, self.fields)
                 more = ", ".join(f"{name} {_short(value)}" for name, value in others.items())
@@ -339,8 +331,8 @@ class _Text(Reporter):
 
 
 class _Table(_Text):
-    """For each trace a table with a row per event and a column per verdict, as Tables 2 and 3 of
-    the paper, and how the verdicts came about.
+    """Prints a table per trace with a row per event and a column per verdict (Tables 2 and 3 of the
+    paper).
     """
 
     every, whole, sums = True, True, False
@@ -380,7 +372,7 @@ REPORTERS: Final = {"text": _Text, "table": _Table, "jsonl": _JsonLines}
 
 
 def held(statistics: Statistics) -> Iterator[str]:
-    """What all traces held, and what looks like a mistake in them or in the tree."""
+    """Yield the summary lines: counts by event type, missing types and near misses."""
     names, counts, never = statistics.names, statistics.relevant, statistics.never_seen
     listed = [name for name in names if len(names) <= TYPES or counts[name]]
     zero = [f"{len(names) - len(listed)} other types 0"] if len(listed) < len(names) else []
@@ -397,7 +389,7 @@ def held(statistics: Statistics) -> Iterator[str]:
 
 
 def _summary(settings: MonitorSettings, rows: Sequence[SummaryRow]) -> Iterator[str]:
-    """How each trace and each key ended, a row for each; where there are very many, for those worth a look."""
+    """Yield the summary table, a row per trace and key; long tables keep only noteworthy rows."""
     fields = () if settings.plan.key is None else settings.plan.key.fields
     titles = [column.title for column in settings.plan.monitors.columns]
     repeat = settings.plan.monitors.repeat
@@ -421,7 +413,7 @@ def _summary(settings: MonitorSettings, rows: Sequence[SummaryRow]) -> Iterator[
             cells += _ended(row, 0, repeat=repeat)
         branch, kinds = (None, []) if row.explanation is None else (row.explanation.branch, row.explanation.kinds)
         cells += ["-" if branch is None else str(branch), ", ".join(sorted(kinds)) or "-"]
-        if len(titles) > WIDE:  # the columns beside the first that were detected, each with its event
+        if len(titles) > WIDE:  # the other detecting columns
             found = [at for at in detections if at]
             first = ", ".join(f"{titles[at]} {row.found[at].last}" for at in found[:3])
             cells.append(f"{first} and {len(found) - 3} more" if len(found) > 3 else first or "-")
@@ -435,7 +427,7 @@ def _summary(settings: MonitorSettings, rows: Sequence[SummaryRow]) -> Iterator[
 
 
 def _numbered(count: DetectionCount | None) -> str:
-    """Which of several detections this is, and how many before it were suppressed."""
+    """Return the number of the detection and of those suppressed before it, as text."""
     if count is None:
         return ""
     return f" (detection {count.notified}{f', {count.between} suppressed before it' if count.between else ''})"
@@ -445,8 +437,8 @@ _ENDS: Final = {True: ("DETECTIONS", "LAST", "FALSE SINCE"), False: ("VERDICT", 
 
 
 def _ended(own: SummaryRow | MonitorSet, column: int, *, repeat: bool) -> tuple[str, ...]:
-    """How a monitor ended and since when, or how many detections there were, the event of the last,
-    and since when there can be none.
+    """Return the cells of a monitor: verdict and event, or the count, last detection and final
+    event.
     """
     since, count = str(own.since.get(column, "-")), own.found[column]
     return (str(count.notified), str(count.last or "-"), since) if repeat else (str(own.verdicts[column]), since)

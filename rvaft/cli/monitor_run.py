@@ -1,6 +1,4 @@
-"""A run of `rvaft monitor` over its traces: who listens, one trace after the other or several at
-once, and what is told in the end.
-"""
+"""Runs `rvaft monitor` over its traces, one after the other or in several processes."""
 
 import gc
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -36,21 +34,17 @@ from rvaft.support.processes import Killed, in_processes
 from rvaft.support.terminal import ProgressBar
 
 SUFFIXES: Final = (".svg", ".dot", ".gv", ".pdf", ".png", ".txt")
-"""Of the files that the path that fired is drawn to."""
+"""Suffixes of files for drawings of a detection."""
 _OFTEN: Final = 1_000
-"""Events between checkpoints that are more than a block of lines has; where fewer are asked for,
-events are read one by one.
+"""Minimum checkpoint interval, in events, for reading in blocks; below it events are read one by
+one.
 """
 _CHUNK: Final = 1 << 20
-"""Characters that are passed on at once."""
+"""Characters copied at a time."""
 
 
 class TraceSource(NamedTuple):
-    """One trace.
-
-    A file, or else events that are there already or come by a stream; and what reads it, if it is
-    no JSON Lines.
-    """
+    """One trace: a file, or events from memory or a stream; `reader` is None for JSON Lines."""
 
     name: str
     file: str | None = None
@@ -59,20 +53,20 @@ class TraceSource(NamedTuple):
 
     @property
     def live(self) -> bool:
-        """Whether its events come by themselves, from a URL."""
+        """Whether the events come from a URL."""
         return self.reader is not None and bool(self.reader.schemes)
 
     def log(self, source: object, plan: MonitoringPlan, line: int, live: Live, sink: Sink | None) -> Log | None:
-        """How its source is read from that line on, if it is no JSON Lines.
+        """Return the log from that line on, or None for JSON Lines.
 
-        The first that is left out is told to the sink at once, if there is one.
+        Warns the sink, if there is one, of the first malformed event.
         """
         if self.reader is None:
             return None
 
         def told(first: TraceError) -> None:
             if sink is not None:
-                sink.warn(f"{first}; left out, as others like it will be")
+                sink.warn(f"{first}; skipped, as are later ones like it")
 
         needed = tuple((one.text, one.path[0]) for one in (plan.key.fields if plan.key else ()))
         given, strict = cast("LogSource", source), plan.strict_json
@@ -80,19 +74,19 @@ class TraceSource(NamedTuple):
 
     @property
     def is_plain(self) -> bool:
-        """Whether it is a file of JSON Lines that is not compressed."""
+        """Whether the trace is an uncompressed file of JSON Lines."""
         return self.reader is None and self.file is not None and Path(self.file).suffix.lower() not in COMPRESSED
 
     @property
     def size(self) -> int:
-        """The bytes of a regular file on the disk, else 0."""
+        """The size of a regular file in bytes, else 0."""
         return Path(self.file).stat().st_size if self.file is not None and Path(self.file).is_file() else 0
 
 
 class TraceOutcome(NamedTuple):
-    """What a trace has come to: what was found, the drawing still to be written.
+    """The result of one trace: exit status, summary rows, drawing and number of detections.
 
-    `keyless` names a key that no event has; whether it was read to its end.
+    `keyless` names key fields that no event has; `ended` is true if the trace was read to its end.
     """
 
     status: int
@@ -105,9 +99,8 @@ class TraceOutcome(NamedTuple):
 
 
 class _OnDetection(Listener):
-    """Runs commands for what an event detected, draws the first detection, and counts them.
-
-    A failure is told and stops nothing.
+    """Runs commands for detections, draws the first one, and counts them; a failure is only
+    reported.
     """
 
     def __init__(self, settings: MonitorSettings, sink: Sink, *, deliver: bool) -> None:
@@ -126,7 +119,7 @@ class _OnDetection(Listener):
         for explanation, kinds, count in change.detections:
             self.count += 1
             if settings.hooks:
-                with suppress(BrokenPipeError):  # that nobody reads what is printed is no reason not to run the command
+                with suppress(BrokenPipeError):  # run the command even if standard output is closed
                     self._sink.flush()
                 counted = {} if count is None else count.fields
                 told = detection({**about, **counted}, explanation, change.events, settings.tree)
@@ -148,7 +141,7 @@ class _OnDetection(Listener):
             self.failed = True
 
     def take(self, outcome: TraceOutcome) -> None:
-        """Count the detections of another process, and write the first drawing."""
+        """Add the detections of another process, and write the first drawing."""
         self.count += outcome.detections
         self.failed = self.failed or outcome.undrawn
         if self.first is None and (drawn := outcome.drawn) is not None:
@@ -156,8 +149,9 @@ class _OnDetection(Listener):
 
 
 class _Run(Listener):
-    """Runs traces one after the other and adds up their statistics; notes of each detection for a
-    checkpoint, before it is told.
+    """Runs traces in turn and sums their statistics.
+
+    A checkpoint notes each detection before it is reported.
     """
 
     def __init__(
@@ -173,13 +167,15 @@ class _Run(Listener):
         self.settings = settings
         self.sink = sink
         self.jobs = jobs
-        """Processes that read one trace."""
+        """Number of processes that read one trace."""
         self.progress = progress
         monitors, tried = settings.plan.monitors, settings.checkpoints is None
         self.reporter = reporter or REPORTERS[settings.form](settings, sink)
         sums = self.reporter.sums
         self.totals = Totals(
-            Statistics(monitors.types) if sums or not tried else None,  # what is told now, or when the run goes on
+            Statistics(monitors.types)
+            if sums or not tried
+            else None,  # needed for this summary, or for that of a resumed run
             DataWarnings(monitors.types),
             SemanticsHint(monitors.columns[0].part, tried=tried) if settings.unchosen and sums else None,
         )
@@ -188,7 +184,7 @@ class _Run(Listener):
         reacts = bool(settings.hooks) or settings.drawing is not None
         self.listeners: list[Listener] = [self, *settings.others, self.reporter, *([self.reaction] if reacts else [])]
         self._log: Log | None = None
-        """The present log, if it is no JSON Lines."""
+        """The current log, or None for JSON Lines."""
 
     def change(self, change: VerdictChange) -> None:
         kept = self.settings.checkpoints
@@ -196,7 +192,7 @@ class _Run(Listener):
             kept.note(change.number)
 
     def watch(self, trace: TraceSource) -> TraceOutcome:
-        """Run one trace; a malformed one is reported up to the fault."""
+        """Run one trace; report an error after the events before it."""
         settings, reaction, path = self.settings, self.reaction, Path(trace.file or "")
         plan = settings.plan
         again = trace.file is not None and (path.is_file() or path.is_dir()) and plan.plain and not settings.follow
@@ -229,7 +225,8 @@ class _Run(Listener):
         concerned = any(watch.monitors.concerned for watch in run.watches)
         if ended and run.number == 1 and not concerned and trace.reader is None and suffix(path) == ".json":
             self.sink.warn(
-                f"{trace.name} is one event, as JSON Lines; of a document say where the events are with --records PATH"
+                f"{trace.name} was read as JSON Lines with one event; "
+                "for a JSON document name its list of events with --records PATH"
             )
         rows = [SummaryRow.of(watch, failed=failed) for watch in run.watches] if settings.summed else []
         status = FAILED if failed else FOUND if run.found else 0
@@ -238,25 +235,27 @@ class _Run(Listener):
         return TraceOutcome(status, rows, reaction.first, reaction.count - before, reaction.failed, keyless, ended)
 
     def _readers(self, trace: TraceSource) -> int:
-        """How many processes read a trace. What is not printed when they begin would be printed by each."""
+        """Return how many processes read a trace. Flushes first, since forked processes inherit the
+        buffer.
+        """
         if not trace.is_plain or trace.size <= bulk.STRETCH:
             return 1
         self.sink.flush()
         return self.jobs
 
     def _read(self, run: TraceRun, trace: TraceSource) -> None:
-        """Give a run all events of its trace, from the last checkpoint on; after each batch of them
-        somebody may wait for something.
+        """Feed the run all events since the last checkpoint; after each batch save checkpoints and
+        flush.
         """
         follow, kept, sink = self.settings.follow, self.settings.checkpoints, self.sink
         stream: LinesRead | FollowedFile | None = None
         offset = line = flushed = 0
 
         def keep(*, ended: bool = False, idle: bool = False) -> None:
-            """Write a checkpoint where one is due; what was printed before it would not be printed
-            again, so it leaves us first.
+            """Write a checkpoint if one is due, after flushing the output that precedes it.
 
-            Events that were held back until the end have none: they come again when the trace goes on.
+            Events held back by `--order-by` until the end are not saved: a resumed run reads them
+            again.
             """
             nonlocal flushed
             self.reporter.pause(run)
@@ -273,7 +272,7 @@ class _Run(Listener):
             offset, line = found[0].offset, found[0].line
             try:
                 run.restore(cast("RunState", found[1]), found[0].events)
-            except Exception as error:  # whatever somebody may have put into it
+            except Exception as error:  # a damaged or manipulated pickle
                 raise kept.unreadable(error) from error
             for listener in self.listeners:
                 listener.told_before = kept.noted
@@ -292,7 +291,7 @@ class _Run(Listener):
                 source = stack.enter_context(
                     source_of(trace.reader, trace.file) if trace.reader else open_log(trace.file)
                 )
-            at_once = trace.file is None or follow  # what is said is seen while events come
+            at_once = trace.file is None or follow  # flush at once, since events arrive live
             live = stack.enter_context(_listening(trace, sink, partial(keep, idle=True)))
             self._log = trace.log(stream or source, self.settings.plan, line + 1, live, sink if follow else None)
             seldom = not follow and (kept is None or kept.every >= _OFTEN)
@@ -307,14 +306,14 @@ class _Run(Listener):
                 if self.progress is not None:
                     self.progress.reach(source)
             if isinstance(stream, FollowedFile) and stream.unfinished:
-                sink.warn(f"{trace.name}: the last line has no end yet and is not read ({stream.unfinished} bytes)")
+                sink.warn(f"{trace.name}: the last line is incomplete and was not read ({stream.unfinished} bytes)")
             if self.progress is not None:
                 self.progress.finish(trace.size)
 
 
 @contextmanager
 def _listening(trace: TraceSource, sink: Sink, idle: Callable[[], object]) -> Iterator[Live]:
-    """How the events of a URL are waited for, until Ctrl-C."""
+    """Wait for the events of a URL until Ctrl-C."""
     if not trace.live:
         yield Live()
         return
@@ -341,10 +340,8 @@ def run(
     jobs: int = 1,
     report: Callable[[MonitorSettings, Sink], Reporter] | None = None,
 ) -> int:
-    """Run all traces and return the exit status; in one process `report` may make what tells of
-    them, in place of the reporter of the form.
-    """
-    gc.freeze()  # spare the collector, which the decoding of events sets going, what is there already
+    """Run all traces and return the exit status. `report` may replace the reporter of the format."""
+    gc.freeze()  # exempt existing objects from garbage collection, which decoding triggers often
     try:
         sizes = sum(trace.size for trace in traces)
         watched = not settings.follow and all(trace.file is not None for trace in traces)
@@ -360,7 +357,7 @@ def run(
         if any(outcome.ended for outcome in outcomes):
             alone.reporter.finish(rows, alone.totals)
         if (names := "".join({one.keyless for one in outcomes})) and not rows:
-            sink.report(OptionError(f"no event has what --key names ({names}), so nothing was monitored"))
+            sink.report(OptionError(f"no event has the key field ({names}), so nothing was monitored"))
             return FAILED
         reaction = alone.reaction
         if settings.drawing is not None and not reaction.failed:
@@ -375,7 +372,9 @@ def run(
 
 
 def _in_processes(alone: _Run, traces: Sequence[TraceSource], jobs: int) -> Iterator[TraceOutcome]:
-    """Run traces in several processes; what each prints is passed on, complete, in the order of the traces."""
+    """Run traces in several processes; yield the outcomes and print the output in the order of
+    traces.
+    """
     sink = alone.sink
     with TemporaryDirectory(prefix="rvaft-") as folder:
 

@@ -1,4 +1,4 @@
-"""Options that several commands share, as decorators, and how their values are checked."""
+"""Options that several commands share, as decorators, and checks of their values."""
 
 import json
 import math
@@ -37,7 +37,7 @@ Word = TypeVar("Word", bound=StrEnum)
 def number(
     *names: str, text: str, least: int = 1, most: int | None = None, default: int | None = None, metavar: str = "N"
 ) -> Callable[[F], F]:
-    """An option whose value is a whole number, `least` or more."""
+    """An option with an integer value of at least `least`."""
     kind, shown = click.IntRange(least, most), default is not None
     return click.option(*names, type=kind, default=default, show_default=shown, metavar=metavar, help=text)
 
@@ -51,13 +51,13 @@ def choice(*names: str, words: Iterable[str], text: str, default: str | None = N
     return click.option(*names, type=kind, default=first, show_default=shown, callback=callback, help=text)
 
 
-def output_format(*words: str, text: str = "What to print.") -> Callable[[F], F]:
-    """`--format`, of which the first word is the default."""
+def output_format(*words: str, text: str = "Output format.") -> Callable[[F], F]:
+    """The option `--format`; the first word is the default."""
     return choice("--format", "form", words=words, text=text, default=words[0])
 
 
 def timeout_option(text: str, default: float | None = None) -> Callable[[F], F]:
-    """`--timeout SECONDS`."""
+    """Return the option `--timeout SECONDS`."""
     kind, shown = click.FloatRange(0, 1_000_000, min_open=True), default is not None
     return click.option(
         "--timeout", type=kind, callback=finite, default=default, show_default=shown, metavar="SECONDS", help=text
@@ -65,12 +65,12 @@ def timeout_option(text: str, default: float | None = None) -> Callable[[F], F]:
 
 
 flag: Final = partial(click.option, is_flag=True, default=None)
-"""An option that is given, refused by its other name, or left open."""
+"""A Boolean option with a negative form; None if neither is given."""
 _READING: Final = {
-    "strict_galileo": "Refuse Galileo's dynamic gates instead of reading them as observed failures.",
+    "strict_galileo": "Refuse dynamic gates of Galileo; by default they are read as observed failures.",
     "confine_imports": "Refuse imports of files outside the folder of the tree.",
 }
-"""The options of how trees are read, with their help."""
+"""The options for reading trees, with their help texts."""
 
 
 def _remember(context: click.Context, parameter: click.Parameter, value: bool) -> None:
@@ -78,7 +78,9 @@ def _remember(context: click.Context, parameter: click.Parameter, value: bool) -
 
 
 def reading_options(function: F) -> F:
-    """`--strict-galileo` and `--confine-imports`, for commands that use `load_tree`, `read_tree` or `read_draft`."""
+    """Add `--strict-galileo` and `--confine-imports`; for `load_tree`, `read_tree` and
+    `read_draft`.
+    """
     for name, text in reversed(_READING.items()):
         option = f"--{name.replace('_', '-')}"
         function = click.option(option, name, is_flag=True, expose_value=False, callback=_remember, help=text)(function)
@@ -86,27 +88,26 @@ def reading_options(function: F) -> F:
 
 
 def tree_argument(function: F) -> F:
-    """The argument TREE, and how it is read."""
+    """Add the argument TREE and the options for reading it."""
     return click.argument("tree", metavar="TREE")(reading_options(function))
 
 
 strict_json: Final = click.option(
-    "--strict-json", is_flag=True, help="Refuse NaN, infinities and numbers that overflow, which JSON does not have."
+    "--strict-json", is_flag=True, help="Refuse NaN, infinities and overflowing numbers, which are not valid JSON."
 )
 
 
 @dataclass(frozen=True, slots=True)
 class LogFormat:
-    """What the options say of the format of logs."""
+    """The log format chosen by the options."""
 
     form: str | None
     options: InputOptions
 
     def readers(self, files: Sequence[str], *, live: bool = False) -> list[LogReader]:
-        """For each file, or standard input by the name `-`, what reads it; raises `OptionError`,
-        `UnknownFormat` and `ToolFailed`.
+        """Return a reader for each file (`-` is standard input).
 
-        Unless `live`, URLs from which events come by themselves are refused.
+        Raises `OptionError`, `UnknownFormat` and `ToolFailed`. URLs are refused unless `live`.
         """
         found: list[LogReader] = []
         unused = self.options.given
@@ -117,7 +118,7 @@ class LogFormat:
             found.append(reader(name, self.options.only(takes)))
             refuse(
                 found[-1].schemes and not live,
-                "a URL is for rvaft monitor and rvaft view --follow: events come from it without end",
+                "only rvaft monitor and rvaft view --follow read URLs, since their events do not end",
             )
         names = listing(sorted({one.name for one in found}), "nor")
         refuse(
@@ -128,13 +129,13 @@ class LogFormat:
 
 
 def _types(_context: object, _parameter: object, given: Sequence[str]) -> dict[str, FieldType]:
-    """The types of fields, which are written as `FIELD=TYPE`."""
+    """Parse `FIELD=TYPE` lists."""
     found: dict[str, FieldType] = {}
     for part in (part for text in given for part in text.split(",")):
         name, _, kind = part.rpartition("=")
         if not name or kind not in tuple(FieldType):
             known = ", ".join(FieldType)
-            raise click.BadParameter(f"{part!r} is not FIELD=TYPE, where a type is one of {known}")
+            raise click.BadParameter(f"{part!r} is not FIELD=TYPE with one of the types {known}")
         if found.get(name, kind) != kind:
             raise click.BadParameter(f"{name} has two types: {found[name]} and {kind}")
         found[name] = FieldType(kind)
@@ -142,7 +143,7 @@ def _types(_context: object, _parameter: object, given: Sequence[str]) -> dict[s
 
 
 def log_format(function: F) -> F:
-    """`--input FORMAT` and what else is said of the format of logs, as a `LogFormat` in the argument `log_format`."""
+    """Add `--input` and the options of formats, passed on as a `LogFormat` in `log_format`."""
 
     @wraps(function)
     def gathered(**given: Any) -> Any:
@@ -151,14 +152,16 @@ def log_format(function: F) -> F:
         return function(**given, log_format=log_format)
 
     known = "bag, csv, json, jsonl, mqtt, parquet, regex, syslog, xes"
-    what = f"The format of the logs: {known}, or somebody else's.  [default: by the name of the file, or else jsonl]"
+    what = f"Log format: {known}, or that of a plug-in.  [default: by the suffix of the file, else jsonl]"
     form = click.option("--input", "input_form", metavar="FORMAT", help=what)
     records = click.option(
-        "--records", metavar="PATH", help="Where a JSON document has its list of events.  [default: Records]"
+        "--records", metavar="PATH", help="Path of the list of events in a JSON document.  [default: Records]"
     )
-    kinds = "What texts in fields stand for: number, text or bool."
+    kinds = "Types of fields that the log has as texts: number, text or bool."
     types = click.option("--types", multiple=True, metavar="FIELD=TYPE,...", callback=_types, help=kinds)
-    pattern = click.option("--pattern", metavar="REGEX", help="With --input regex: its named groups are the fields.")
+    pattern = click.option(
+        "--pattern", metavar="REGEX", help="With --input regex: the pattern of a line; named groups are the fields."
+    )
     return cast("F", form(records(types(pattern(gathered)))))
 
 
@@ -166,14 +169,12 @@ output_option = click.option("-o", "--output", metavar="FILE", help="Write to th
 semantics_option: Final = choice(
     "--semantics",
     words=Semantics,
-    text="Which events of a trace a match may use.  [default: what the tree states, or projected]",
+    text="Which events of a trace a match may use.  [default: that of the tree, else projected]",
 )
 
 
 def part_options(function: F) -> F:
-    """`--branch N | --kind K`, of which one excludes the other, and any but the first choice of
-    `--per` excludes both.
-    """
+    """Add `--branch` and `--kind`, which exclude each other and every `--per` but the first."""
 
     @wraps(function)
     def checked(**given: Any) -> Any:
@@ -181,13 +182,13 @@ def part_options(function: F) -> F:
         exclusive(branch=given["branch"], kind=given["kind"], per=None if per == "tree" else per)
         return function(**given)
 
-    kind = choice("--kind", words=Kind, text="Only the branches that have this kind.")
-    branch = click.option("--branch", type=int, metavar="N", help="Only this branch, counted from 1.")
+    kind = choice("--kind", words=Kind, text="Only the branches of this kind.")
+    branch = click.option("--branch", type=int, metavar="N", help="Only this branch; numbers start at 1.")
     return cast("F", branch(kind(checked)))
 
 
 def _mapping(_context: object, _parameter: object, path: str | None) -> dict[str, Any] | None:
-    """What a file of TOML, or of JSON, holds; raises `OptionError` and `OSError`."""
+    """Return the contents of a TOML or JSON file; raises `OptionError` and `OSError`."""
     if path is None:
         return None
     data = Path(path).read_bytes()
@@ -195,10 +196,10 @@ def _mapping(_context: object, _parameter: object, path: str | None) -> dict[str
         text = data.decode("utf-8-sig")
         found = json.loads(text) if path.endswith(".json") else tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise OptionError(f"{click.format_filename(path)} holds no mapping: {error}") from None
+        raise OptionError(f"{click.format_filename(path)} is not a valid mapping: {error}") from None
     if not isinstance(found, dict):
         raise OptionError(
-            f"{click.format_filename(path)} holds no mapping, which is an object: of each event type its fields"
+            f"{click.format_filename(path)} is not a valid mapping: expected an object from event types to fields"
         )
     return found
 
@@ -207,11 +208,11 @@ mapping_option = click.option(
     "--mapping",
     metavar="FILE",
     callback=_mapping,
-    help="For stix: which property of which object each field of an event type is, in TOML, or JSON in a .json.",
+    help="For stix: a TOML or .json file that maps the fields of each event type to STIX object properties.",
 )
 
 
-_COOLDOWN: Final = "With --repeat, after a detection tell no other for so long by the time of events, as in '10 min'."
+_COOLDOWN: Final = "With --repeat: suppress detections within this event time after a reported one, as in '10 min'."
 
 
 def _duration(_context: object, _parameter: object, text: str | None) -> int | None:
@@ -222,57 +223,58 @@ def _duration(_context: object, _parameter: object, text: str | None) -> int | N
 
 
 def repeat_options(function: F) -> F:
-    """`--repeat`, and `--cooldown DURATION`, which needs it."""
-    repeat = click.option("--repeat", is_flag=True, help="Begin afresh after each detection.")
+    """Add `--repeat`, and `--cooldown DURATION`, which needs it."""
+    repeat = click.option("--repeat", is_flag=True, help="Restart the monitor after each detection.")
     return repeat(click.option("--cooldown", metavar="DURATION", callback=_duration, help=_COOLDOWN)(function))
 
 
 def refuse(wrong: object, why: str) -> None:
-    """Refuse options that do not go together, for this reason, with a hint at the command's help."""
+    """Raise a usage error with this reason if `wrong` holds."""
     if wrong:
         raise click.UsageError(why, click.get_current_context())
 
 
 def exclusive(**options: object) -> None:
-    """Refuse that more than one of these options is given; the keywords are the options' names."""
+    """Refuse more than one of these options; the keywords are the option names."""
     given = [f"--{name}" for name, value in options.items() if value is not None and value is not False]
     refuse(len(given) > 1, f"{' and '.join(given)} exclude each other")
 
 
 def require_writable(outputs: Iterable[str], trees: Iterable[str] = (), folder: str | None = None) -> None:
-    """Refuse what cannot be written at the end, or would cost what is there, before anything runs;
-    raises `OSError`, and `OptionError`.
+    """Refuse outputs that cannot be written or would overwrite an input, before anything runs.
+
+    Raises `OSError` and `OptionError`.
     """
     given = list(outputs)
     places = {file: Path(file).resolve() for file in given if file != "-"}
     if len({*places.values()}) + ("-" in given) < len(given):
-        raise OptionError("two reports go to one file")
+        raise OptionError("two outputs name the same file")
     folders: dict[str, Path] = {}
     for file, place in places.items():
         if place in {Path(tree).resolve() for tree in trees}:
-            raise OptionError(f"{file} would be written over, but it is one of the trees: name another file")
+            raise OptionError(f"{file} is one of the trees and would be overwritten: name another file")
         if place.is_dir():
-            raise IsADirectoryError(EISDIR, "cannot write: it is a folder; name a file", file)
-        if place.is_file() or not place.exists():  # a pipe or a device is written to where it is
+            raise IsADirectoryError(EISDIR, "cannot write to a folder: name a file", file)
+        if place.is_file() or not place.exists():  # pipes and devices are written in place
             folders[file] = place.parent
     if folder is not None:
         absolute = Path(folder).resolve()
         folders[folder] = next(there for there in (absolute, *absolute.parents) if there.exists())
     for output, there in folders.items():
         if not there.is_dir():
-            raise NotADirectoryError(ENOTDIR, f"cannot write: {there} is no folder", output)
+            raise NotADirectoryError(ENOTDIR, f"cannot write: {there} is not a folder", output)
         if not os.access(there, os.W_OK | os.X_OK):
             raise PermissionError(EACCES, f"cannot write: no permission for {there}", output)
 
 
 def standard_input(argument: str) -> BinaryIO:
-    """Standard input, which the argument of that name stands for; refused where it is closed."""
+    """Return standard input; raises a usage error if it is closed."""
     refuse(sys.stdin is None, f"standard input is closed: name a {argument}")
     return sys.stdin.buffer
 
 
 def _standard_text() -> str:
-    """The tree that standard input holds; raises `OSError` where it cannot be read."""
+    """Return the text of standard input; raises `OSError`."""
     stream = standard_input("TREE")
     try:
         return decoded(stream.read(), "<stdin>")
@@ -281,35 +283,32 @@ def _standard_text() -> str:
 
 
 def load_tree(path: str) -> RVAFT:
-    """The tree in a file, read as strictly as the command line asks; raises as `rvaft.load` does."""
+    """Load a tree with the reading options of the command line; raises as `rvaft.load` does."""
     return load(path, **_reading())
 
 
 def read_tree(tree: str) -> RVAFT:
-    """The tree in a file, or for `-` on standard input; raises as `rvaft.load` does."""
+    """Load a tree from a file or, for `-`, standard input; raises as `rvaft.load` does."""
     if tree != "-":
         return load_tree(tree)
     return loads(_standard_text(), "<stdin>", **_reading())
 
 
 def read_draft(tree: str) -> Draft:
-    """The draft in a file, or for `-` on standard input; raises as `parse` does, and `OSError`."""
+    """Parse a draft from a file or, for `-`, standard input; raises as `parse` does, and `OSError`."""
     if tree != "-":
         return parse_file(tree, **_reading())
     return parse(_standard_text(), "<stdin>", **_reading())
 
 
 def _reading() -> dict[str, bool]:
-    """How the command line asks trees to be read."""
     meta = click.get_current_context().meta
     return {name: bool(meta.get(name)) for name in _READING}
 
 
 @contextmanager
 def suggesting() -> Iterator[None]:
-    """Add to the error about an unknown backend the name that was probably meant, and to that about
-    a size the option.
-    """
+    """Add hints to errors: a similar backend name, and `--limit` for `TooLarge`."""
     try:
         yield
     except UnknownBackend as error:
@@ -320,22 +319,22 @@ def suggesting() -> Iterator[None]:
         given = click.get_current_context().params
         has_limit = {"language", "limit"} <= given.keys()
         if has_limit and error.limit == (given["limit"] or backend(given["language"]).default_limit):
-            error.add_note("raise it with --limit N")  # that limit, and not one of another computation
+            error.add_note("raise it with --limit N")  # not the limit of another computation
         raise
 
 
-# Callbacks of options: what a text stands for. Without the option it is None.
+# Callbacks of options: they convert a text, and return None for a missing option.
 
 
 def finite(_context: object, _parameter: object, value: float | None) -> float | None:
-    """Refuse NaN, which is in every range, since no comparison with it holds."""
+    """Refuse NaN, which passes every range check."""
     if value is not None and math.isnan(value):
-        raise click.BadParameter("nan is no number")
+        raise click.BadParameter("NaN is not allowed")
     return value
 
 
 def some(words: type[Word]) -> Callable[[object, object, str | None], tuple[Word, ...] | None]:
-    """Those of an enumeration that a list names, `all` being all."""
+    """Return a callback for a list of members of an enumeration; `all` means all."""
 
     def chosen(_context: object, _parameter: object, value: str | None) -> tuple[Word, ...] | None:
         if value is None or value == "all":
@@ -350,7 +349,7 @@ def some(words: type[Word]) -> Callable[[object, object, str | None], tuple[Word
 
 
 def some_backends(named: str | None) -> tuple[str, ...] | None:
-    """The backends that a list names; raises `OptionError` for an unknown one."""
+    """Return the backends named in a list; raises `OptionError` for an unknown one."""
     if named is None:
         return None
     names = tuple(dict.fromkeys(_words(named)))

@@ -1,4 +1,4 @@
-"""`rvaft show` and `rvaft branches`: a tree drawn, written in another format, or branch by branch."""
+"""`rvaft show` draws or converts a tree; `rvaft branches` lists its branches."""
 
 import re
 import sys
@@ -26,25 +26,27 @@ from rvaft.stream.detection import counted, matched_events
 from rvaft.support.files import deliver
 from rvaft.support.terminal import visible
 
-_FORMAT: Final = "The format; by default that of FILE's suffix, else tree. svg, pdf and png need Graphviz."
-_EVENTS: Final = "Runtime events and guards under the label; by default in the terminal only."
+_FORMAT: Final = "Output format; by default that of FILE's suffix, else tree. svg, pdf and png need Graphviz."
+_EVENTS: Final = "Show runtime events and guards below labels; by default only in the terminal."
 
 
 @click.command("show")
 @options.tree_argument
 @options.choice("--format", "form", words=Format, text=_FORMAT)
 @options.flag("--events/--no-events", help=_EVENTS)
-@options.flag("--names/--no-names", help="The names of nodes that have a label; by default shown.")
-@options.number("--wrap", least=NARROWEST, text=f"Columns of text in a box, {WIDTH} by default.")
-@options.number("--depth", least=0, text="Only so many levels below the root.")
-@click.option("--collapse", multiple=True, metavar="NODE", help="Leave out what is below this node; repeatable.")
-@click.option("--highlight", multiple=True, metavar="branch:N|TRACE", help="Mark a branch, or what a trace detects.")
+@options.flag("--names/--no-names", help="Show the names of labelled nodes; the default.")
+@options.number("--wrap", least=NARROWEST, text=f"Width of the text in a box, in columns; default: {WIDTH}.")
+@options.number("--depth", least=0, text="Draw only N levels below the root.")
+@click.option("--collapse", multiple=True, metavar="NODE", help="Hide the nodes below this node; repeatable.")
+@click.option(
+    "--highlight", multiple=True, metavar="branch:N|TRACE", help="Mark a branch, or the detection in a trace."
+)
 @options.semantics_option
-@options.flag("--legend", help="Say below the tree what its signs mean.")
-@options.flag("--stagger", help="Set every other leaf of a gate lower: a narrower tree (Graphviz only).")
+@options.flag("--legend", help="Add a legend of the symbols.")
+@options.flag("--stagger", help="Place every other leaf of a gate lower, for a narrower tree (Graphviz only).")
 @options.output_option
 def show_command(*, tree: str, form: Format | None, output: str | None, highlight: tuple[str, ...], **look: Any) -> int:
-    """Draw a tree, or write it in another format. The TREE - is standard input."""
+    """Draw a tree, or write it in another format. Use - as TREE for standard input."""
     chosen, semantics = form or _suggested(output), look.pop("semantics")
     given = {name: value for name, value in {**look, "highlight": highlight}.items() if value not in (None, ())}
     everywhere, in_boxes = ("events", "depth", "collapse", "highlight"), ("names", "wrap", "legend", "stagger")
@@ -71,7 +73,7 @@ def show_command(*, tree: str, form: Format | None, output: str | None, highligh
 
 
 def _suggested(output: str | None) -> Format:
-    """The format of a file without `--format`: that of its suffix, and a drawing for the terminal where it has none."""
+    """Return the format for the suffix of a file, or a terminal drawing without a suffix."""
     suffix = PurePath(output or "").suffix
     if output is None or not suffix:
         return Format.TREE
@@ -83,7 +85,7 @@ def _suggested(output: str | None) -> Format:
 
 
 def _highlighted(tree: RVAFT, what: str, semantics: Semantics | None) -> Marks:
-    """The marks for `branch:N`, or for what the trace of that name detects."""
+    """Return the marks for `branch:N` or for the detection in a trace file."""
     is_number = re.compile(r"[0-9]{1,9}").fullmatch
     if what.startswith("branch:"):
         branch = what.removeprefix("branch:")
@@ -105,21 +107,21 @@ def _highlighted(tree: RVAFT, what: str, semantics: Semantics | None) -> Marks:
     return marks(tree, explanation, {place: events[place] for place in matched_events([explanation])})
 
 
-_SIGNS = "unicode and latex write properties with the signs of papers; latex as one align*."
+_SIGNS = "Output format; unicode and latex use mathematical notation, latex in one align* environment."
 
 
 @click.command("branches")
 @options.tree_argument
 @options.output_format("text", "unicode", "latex", text=_SIGNS)
-@click.option("--whole", is_flag=True, help="The property of the whole tree instead of its branches.")
+@click.option("--whole", is_flag=True, help="Print the property of the whole tree instead of its branches.")
 @options.number(
-    "--width", text=f"With latex: break formulas that are wider than N characters.  [default: {LATEX_WIDTH}]"
+    "--width", text=f"With --format latex: break formulas longer than N characters.  [default: {LATEX_WIDTH}]"
 )
-@options.number("--limit", text="Only the first N branches.")
+@options.number("--limit", text="List only the first N branches.")
 def branches_command(*, tree: str, form: str, whole: bool, width: int | None, limit: int | None) -> int:
     """List the branches of a tree, one line each: number, kinds (- for none), property.
 
-    The TREE - is standard input.
+    Use - as TREE for standard input.
     """
     wrong = width is not None and form != "latex"
     options.refuse(wrong, f"--width: not for the format {form}; with it, each property is one line")
@@ -131,8 +133,8 @@ def branches_command(*, tree: str, form: str, whole: bool, width: int | None, li
 
 
 def _counted(found: Iterator[Branch], limit: int | None) -> Iterator[Branch]:
-    """The branches up to a limit; every few seconds standard error is told how many there were,
-    where nobody sees them pass.
+    """Yield up to `limit` branches; report progress on standard error every few seconds if output
+    is piped.
     """
     shown = time.monotonic()
     for branch in islice(found, limit):
@@ -145,7 +147,7 @@ def _counted(found: Iterator[Branch], limit: int | None) -> Iterator[Branch]:
 
 
 def _rows(parts: Iterable[RVAFT | Branch], form: str) -> Iterator[str]:
-    """Number or sign, kinds, and property, with tabs between."""
+    """Yield number or sign, kinds and property of each part, separated by tabs."""
     for part in parts:
         kinds = ",".join(sorted(kind.value for kind in kinds_of(part))) or "-"
         if form == "unicode":

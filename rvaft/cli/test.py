@@ -1,7 +1,6 @@
-"""`rvaft test`.
+"""`rvaft test`: compares the verdicts of a tree on its traces with the expected verdicts.
 
-A tree's own traces against the verdicts that are expected of them; what the file does not state is
-not looked at.
+Verdicts that the file of expectations does not state are not checked.
 """
 
 import json
@@ -31,16 +30,18 @@ from rvaft.support.files import write_whole
 from rvaft.support.terminal import visible
 
 TREE: Final = "tree"
-"""The word for the whole tree in place of the number of a branch."""
+"""The key for the whole tree, in place of a branch number."""
 MOST_BRANCHES: Final = 1_000
-"""How many branches get a row in a new file."""
+"""Maximum number of branches with a row in a new file."""
 
 ExpectedVerdicts: TypeAlias = dict[str, dict[Semantics, dict[str, str]]]
-"""Trace name -> semantics -> "tree" or the number of a branch -> the signs ⊤, ⊥ and ? after every event."""
+"""Trace name -> semantics -> "tree" or a branch number -> ⊤, ⊥ or ? after each event."""
 
 
 class Expectation(NamedTuple):
-    """What was expected of one trace, and what came; None where the trace, or what is expected of it, is not there."""
+    """The expected and actual verdicts of one trace; None where the expectation or trace is
+    missing.
+    """
 
     tree: str
     trace: str
@@ -51,13 +52,13 @@ class Expectation(NamedTuple):
 
     @property
     def complaint(self) -> str:
-        """What differs, or nothing."""
+        """The difference as a message, or ""."""
         if self.expected == self.actual:
             return ""
         if self.expected is None:
-            return f"{self.trace}: no verdicts are expected of this trace; --update writes them"
+            return f"{self.trace}: the trace has no expected verdicts; --update writes them"
         if self.actual is None:
-            return f"{self.trace}: verdicts are expected of this trace, which is not there"
+            return f"{self.trace}: the expected verdicts name this trace, but it does not exist"
         pairs = enumerate(zip_longest(self.expected, self.actual), 1)
         first = next(place for place, (expected, actual) in pairs if expected != actual)
         part = TREE if self.part == TREE else f"branch {self.part}"
@@ -66,15 +67,15 @@ class Expectation(NamedTuple):
 
 @click.command("test")
 @click.argument("trees", nargs=-1, required=True, metavar="TREE...")
-@click.option("--update", is_flag=True, help="Write NAME.verdicts.json anew from what the engine says now.")
+@click.option("--update", is_flag=True, help="Write the verdicts of the engine to NAME.verdicts.json.")
 @options.reading_options
 @options.output_format("text", "junit")
 def test_command(*, trees: tuple[str, ...], update: bool, form: str) -> int:
-    """Run the traces NAME.traces/*.jsonl, or in another format, beside each TREE, and compare with
-    the verdicts in NAME.verdicts.json.
+    """Compare the verdicts of each TREE on its traces with the expected verdicts.
 
-    Exit with 1 where a verdict differs. With --update the verdicts are those of the engine: look at
-    the difference before you commit it.
+    The traces are the files NAME.traces/*.jsonl (or another log format) beside the tree, the
+    expected verdicts are in NAME.verdicts.json. The exit status is 1 if a verdict differs. --update
+    writes the verdicts of the engine: review the difference before you commit it.
     """
     failures, rows = Failures(), list[Expectation]()
     for tree in trees:
@@ -101,7 +102,9 @@ def _compared(name: str) -> Iterator[Expectation]:
     try:
         expected = msgspec.json.decode(path.read_bytes(), type=ExpectedVerdicts)
     except FileNotFoundError as error:
-        raise OSError(error.errno, "no verdicts are expected yet; --update writes them", str(path)) from None
+        raise OSError(
+            error.errno, "the file of expected verdicts does not exist; --update writes it", str(path)
+        ) from None
     except msgspec.MsgspecError as error:
         raise OptionError(f"{path}: not a file of expected verdicts: {error}") from error
     for trace in sorted(expected.keys() | traces.keys()):
@@ -116,7 +119,6 @@ def _compared(name: str) -> Iterator[Expectation]:
 
 
 def _update(name: str) -> None:
-    """Write the file of a tree anew."""
     path, tree, traces = _opened(name)
     parts = [TREE, *(str(branch.number) for branch in islice(branches(tree), MOST_BRANCHES))]
     found = {
@@ -127,11 +129,11 @@ def _update(name: str) -> None:
     same = path.exists() and path.read_text(encoding="utf-8") == text
     if not same:
         write_whole(path, text.encode())
-    click.echo(f"{path}: {'as it was' if same else 'written from the engine'}, {len(traces)} traces", err=True)
+    click.echo(f"{path}: {'unchanged' if same else 'written from the engine'}, {len(traces)} traces", err=True)
 
 
 def _opened(name: str) -> tuple[Path, RVAFT, dict[str, list[Json]]]:
-    """The file of verdicts, the tree and its traces by name."""
+    """Return the path of the expected verdicts, the tree, and its traces by name."""
     folder = Path(name).with_suffix(".traces")
     tree = options.load_tree(name)
     files = sorted(file for file in folder.glob("*") if suffix(file) in suffixes())
@@ -148,7 +150,9 @@ def _opened(name: str) -> tuple[Path, RVAFT, dict[str, list[Json]]]:
 
 
 def _signs(tree: RVAFT, semantics: Semantics, part: str, events: list[Json]) -> str:
-    """What the engine says after every event; nothing can be detected in a branch without a feasible scenario."""
+    """Return the engine's verdicts after each event; all ⊥ for a branch without a feasible
+    scenario.
+    """
     try:
         engine = monitor(tree, semantics=semantics, branch=None if part == TREE else int(part))
     except ValueError as error:
@@ -161,7 +165,7 @@ def _signs(tree: RVAFT, semantics: Semantics, part: str, events: list[Json]) -> 
 
 
 def _junit(rows: list[Expectation]) -> str:
-    """A suite for each tree and a case for each row."""
+    """Return a JUnit suite for each tree with a test case for each row."""
     root = ET.Element("testsuites")
     for tree in dict.fromkeys(row.tree for row in rows):
         own = [row for row in rows if row.tree == tree]

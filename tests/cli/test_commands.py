@@ -50,8 +50,8 @@ def _plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 def listed() -> list[str]:
     """The names in the help text."""
-    lines = run("--help").stdout.split("Commands:\n")[1].split("\n\n")[0].splitlines()
-    return [line.split()[0] for line in lines if line[2] != " "]
+    groups = run("--help").stdout.split("Model:\n")[1].split("  Exit status")[0].splitlines()
+    return [line.split()[0] for line in groups if line.startswith("  ") and line[2] != " "]
 
 
 def test_every_command_of_the_project_is_registered_and_has_its_place_in_the_help_text() -> None:
@@ -64,8 +64,9 @@ def test_every_command_of_the_project_is_registered_and_has_its_place_in_the_hel
 
 @pytest.mark.usefixtures("_plugin")
 def test_commands_of_others_come_after_those_of_the_project() -> None:
-    assert listed()[-4:] == ["explain", "greet", "number", "zebra"]
+    assert listed()[-4:] == ["compare", "greet", "number", "zebra"]
     text = run("--help").stdout
+    assert "Other commands:\n  greet " in text
     assert "Greet somebody by name." in text
     assert text.count("(cannot be loaded)") == 2
 
@@ -79,7 +80,7 @@ def test_a_command_of_others_runs_and_gives_the_exit_status() -> None:
 @pytest.mark.usefixtures("_plugin")
 def test_a_broken_command_is_an_error_that_gives_the_reason() -> None:
     failed(run("zebra"), "the command zebra failed: it cannot be loaded: ModuleNotFoundError")
-    failed(run("number"), "the command number failed: greeting:number is no command of click")
+    failed(run("number"), "the command number failed: greeting:number is not a click command")
     assert run("explain", "cycle").exit_code == 0
 
 
@@ -91,4 +92,4 @@ def test_nobody_replaces_a_command_of_the_project() -> None:
 def test_a_command_of_the_project_that_is_not_installed_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cli, "registered", dict)
     failed(run("compare"), "the command compare is not installed: install rvaft again")
-    assert "Commands:" not in run("--help").stdout
+    assert "Model:" not in run("--help").stdout

@@ -208,7 +208,7 @@ def test_a_report_that_cannot_be_written_is_an_error_and_the_others_are_not_lost
     result = run("cross-check", tree, *RML, "--csv", tmp_path / "no" / "out.csv")
     assert result.exit_code == 2
     assert "no/out.csv" in result.stderr
-    assert "it is a folder" in run("cross-check", tree, *RML, "--json", tmp_path).stderr
+    assert "cannot write to a folder" in run("cross-check", tree, *RML, "--json", tmp_path).stderr
     files = ("--json", "/dev/full", "--csv", tmp_path / "out.csv")
     assert run("cross-check", tree, *RML, *files).exit_code == 2
     assert "bad" in (tmp_path / "out.csv").read_text()

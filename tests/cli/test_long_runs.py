@@ -41,7 +41,7 @@ def test_a_last_line_without_an_end_and_a_file_that_is_replaced_are_said(replace
             assert json.loads(running.stdout.readline())["verdict"] == "true"
         running.send_signal(signal.SIGINT)
         assert running.wait(timeout=30) == replaced
-        lost = f"{log}: the last line has no end yet and is not read ({len(torn)} bytes)"
+        lost = f"{log}: the last line is incomplete and was not read ({len(torn)} bytes)"
         assert ("was replaced" if replaced else f"rvaft: warning: {lost}\n") in running.stderr.read()
 
 
@@ -107,7 +107,7 @@ def test_what_a_run_that_was_killed_has_told_is_told_as_such(tmp_path: Path) -> 
         assert running.stdout.readline() == "event 4: true\n"
         soon((tmp_path / ".state.told").exists)
     kept = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    assert run(*words).stdout.splitlines()[0] == "event 4: true (told before)"
+    assert run(*words).stdout.splitlines()[0] == "event 4: true (reported before)"
     for form in ([], ["--detections"]):
         for name, data in kept.items():
             (tmp_path / name).write_bytes(data)

@@ -135,7 +135,7 @@ def test_very_many_keys_are_summed_up(tmp_path: Path) -> None:
     said = run("monitor", TREES / "gates" / "or.rvaft", log, "--key", "id").stdout.splitlines()
     assert (said[-2].split()[0], said[-1]) == ("999", "and 1 more: 1 true")
     dead = run("monitor", SAND, log, "--key", "id")
-    more = "1000 keys can no longer match: for others it is not said what was waited for"
+    more = "1000 keys can no longer match: missing events are not listed for further keys"
     assert (dead.stderr, dead.stdout.count("waited for")) == (f"rvaft: warning: {more}\n", 1000)
 
 

@@ -57,12 +57,12 @@ def test_events_of_a_stream_that_are_forgotten_are_not_made_up(monkeypatch: pyte
     monkeypatch.setattr("rvaft.stream.listeners.BOUND", 2)
     data = ROW1.read_text(encoding="utf-8")
     said = run("monitor", PRUNED, data=data).stdout
-    assert "  event 1 (no longer known) is ev1" in said
+    assert "  event 1 (no longer stored) is ev1" in said
     assert "  event 4 at 30.241 on /command is ev6" in said
     last = jsonl(PRUNED, data=data)[-1]
     assert last["matched"][0] == {"node": "ev1", "occurrence": 1, "event": 1}
     assert last["matched"][3] == {"node": "ev6", "occurrence": 1, "event": 4, "time": 30.241, "topic": "/command"}
-    assert "no longer known" not in run("monitor", PRUNED, ROW1).stdout
+    assert "no longer stored" not in run("monitor", PRUNED, ROW1).stdout
 
 
 def test_a_limit_of_partial_matches_ends_the_run(tmp_path: Path) -> None:

@@ -137,7 +137,11 @@ def test_what_cannot_be_read_or_written(tmp_path: Path) -> None:
     assert [line[:50] for line in alone.stderr.splitlines()][1:] == [f"rvaft: warning: {output} is not"[:50]]
     assert run("report", SAND, bad, good, "-o", output).exit_code == 2
     assert any("bad.jsonl:2: not JSON" in line for line in page(output)["told"]["said"])
-    for where, said in ((good, "one of the logs"), (SAND, "one of the trees"), (tmp_path / "no" / "x", "is no folder")):
+    for where, said in (
+        (good, "one of the logs"),
+        (SAND, "one of the trees"),
+        (tmp_path / "no" / "x", "is not a folder"),
+    ):
         done = run("report", SAND, good, "-o", where)
         assert (done.exit_code, said in done.stderr, done.stderr.count("\n")) == (2, True, 1)
     if Path("/dev/full").exists():

@@ -17,7 +17,7 @@ def tree(tmp_path: Path) -> Path:
 
 
 def test_expectations_are_written_compared_and_written_again(tree: Path) -> None:
-    failed(run("test", tree), "door.verdicts.json: no verdicts are expected yet; --update writes them")
+    failed(run("test", tree), "door.verdicts.json: the file of expected verdicts does not exist; --update writes it")
     assert run("test", tree, "--update").exit_code == 0
     verdicts = tree.with_suffix(".verdicts.json")
     assert json.loads(verdicts.read_text())["in"]["strict"] == {"tree": "?⊤", "1": "?⊤"}
@@ -28,8 +28,8 @@ def test_expectations_are_written_compared_and_written_again(tree: Path) -> None
     assert "in.jsonl: projected, branch 1: expected ?⊤, got ⊥⊥ (event 1)" in result.stdout
     root = ET.fromstring(run("test", tree, "--format", "junit").stdout)
     assert [(suite.get("tests"), suite.get("failures")) for suite in root] == [("8", "8")]
-    assert "as it was" not in run("test", tree, "--update").stderr
-    assert "as it was" in run("test", tree, "--update").stderr
+    assert "unchanged" not in run("test", tree, "--update").stderr
+    assert "unchanged" in run("test", tree, "--update").stderr
     assert run("test", tree).exit_code == 0
     tree.write_text('event a(v) = { event: "a", v: v }; time t as s; door or x y; x on a(X) when X > 1; y;')
     written(tree.with_name("door.traces") / "in.jsonl", '{"event": "a", "v": "1", "t": 1}\n')

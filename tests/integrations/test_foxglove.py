@@ -129,10 +129,10 @@ def test_foxglove_connects_and_sees_what_is_detected(tmp_path: Path) -> None:
 WRONG = [
     ("x.txt", "'x.txt' is neither a port (8765 or HOST:8765) nor a file named .mcap"),
     ("99999", "neither a port"),
-    ("8765", "--foxglove PORT is for events that come by themselves"),
+    ("8765", "--foxglove PORT needs live events"),
     ("none/run.mcap", "none/run.mcap: cannot write: No such file"),
     ("folder.mcap", "folder.mcap: cannot write: it is a folder"),
-    ("run.mcap --jobs 2", "--foxglove is for one process"),
+    ("run.mcap --jobs 2", "--foxglove needs a single process"),
 ]
 
 

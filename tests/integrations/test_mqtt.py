@@ -157,7 +157,7 @@ def test_what_is_wrong_is_one_line(words: str, said: str) -> None:
 
 
 def test_only_monitor_reads_without_end() -> None:
-    failed(run("coverage", SAND, "mqtt://h/x"), "a URL is for rvaft monitor")
+    failed(run("coverage", SAND, "mqtt://h/x"), "only rvaft monitor and rvaft view --follow read URLs")
     with pytest.raises(rvaft.OptionError, match="from a URL alone"):
         rvaft.live_events("day.jsonl")
 
@@ -221,7 +221,7 @@ def test_the_command_monitors_until_it_is_asked_to_end(broker: Broker, tmp_path:
         told = [json.loads(running.stdout.readline()) for _ in "ns"]
         assert [(one["key"], one["event"], one["detection"]) for one in told] == [("doors/n", 5, 1), ("doors/s", 6, 1)]
         assert running.stderr.readline().endswith(
-            "message 7: not a JSON object but a list; left out, as others like it will be\n"
+            "message 7: not a JSON object but a list; skipped, as are later ones like it\n"
         )
         running.send_signal(signal.SIGTERM)
         rest = running.communicate(timeout=20)

@@ -218,7 +218,7 @@ def test_a_log_of_lines_is_followed(syslog_tree: Path, tmp_path: Path) -> None:
             stream.write(f"noise\nnoise\n{LINES[2]}")
         assert json.loads(running.stdout.readline())["verdict"] == "true"
         told = f"rvaft: warning: {log}:3: no line of syslog"
-        assert running.stderr.readline() == f"{told}; left out, as others like it will be\n"
+        assert running.stderr.readline() == f"{told}; skipped, as are later ones like it\n"
         running.send_signal(signal.SIGINT)
         assert running.stderr.read() == f"{told} (2 lines left out)\n"
 
@@ -548,8 +548,8 @@ def test_a_document_that_looks_like_one_event_is_hinted_at(tmp_path: Path) -> No
     done = run("monitor", tree, one)
     assert "events read: 1;" in done.stdout
     assert done.stderr == (
-        f"rvaft: warning: {one} is one event, as JSON Lines; of a document say where the events are with "
-        "--records PATH\n"
+        f"rvaft: warning: {one} was read as JSON Lines with one event; "
+        "for a JSON document name its list of events with --records PATH\n"
     )
     assert run("monitor", tree, one, "--records", "hits.hits").stderr == ""
     assert run("monitor", tree, written(one, '{"event": "a"}')).stderr == ""

@@ -59,7 +59,7 @@ def test_the_command_writes_the_signature_to_a_file(tmp_path: Path) -> None:
     assert signature.read_text() == MfotlBackend.signature(found.stdout)
     failed(
         run("emit", tree, "--to", "rml", "--signature", signature),
-        "a text of rml has no signature: leave --signature out",
+        "rml specifications have no signature: omit --signature",
     )
     failed(run("emit", tree, "--to", "dot", "--signature", signature), "has no --signature")
 

@@ -1,11 +1,10 @@
-"""Many events at once: the only module that knows batches.
+"""Batch processing of events: the only module that knows batches.
 
-Without it monitoring is slower, and all answers are the same.
+It only makes monitoring faster; the results are the same without it.
 
-A log that nobody has to see event by event is read in blocks of lines, or of other events. Of the
-events that cannot concern the tree only a count is kept, with their key and their place in the
-order. The others are sorted into groups of events of one class. If no group can change anything,
-their number is added to the counts; otherwise the run takes them one by one.
+A log that no listener reads event by event is read in blocks. Irrelevant events are only counted,
+with their key and their place in the order. Other events are grouped by class. If no group can
+change the state, the group sizes are added to the counts; otherwise the run takes them one by one.
 """
 
 from collections import Counter, defaultdict, deque
@@ -38,26 +37,26 @@ from rvaft.stream.run import Source, TraceRun
 from rvaft.stream.statistics import EventKind, EventTypeIndex
 
 ENABLED: Final = True
-"""Whether events are read in bulk; without it all are read one by one."""
+"""Whether events are read in batches."""
 STRETCH: Final = parallel_blocks.STRETCH
 """Bytes that a process reads at a time; a shorter file is read by one process."""
 FEW: Final = 32
-"""Smaller blocks are taken event by event; after a failure at most so many blocks are, too."""
+"""Smaller blocks are processed event by event; also the maximum pause after a failed batch."""
 BLOCK: Final = 500
-"""Events of a log in another format than JSON Lines that are looked at together."""
+"""Events per batch for formats other than JSON Lines."""
 FEW_VALUES: Final = 16
-"""How many different values of a field are tried in place of all events."""
+"""Maximum number of distinct values of a field that are tested in place of all events."""
 _NO_EVENT: Final[JsonObject] = {}
-"""Stands for any event that fits no pattern: where there are such, no pattern is without a literal."""
+"""Stands for an event that matches no pattern; in such trees every pattern has a literal."""
 _NUMBERS: Final = frozenset({int, float})
 _OWN_KEYS: Final = frozenset({str, int})
-"""Types of values that stand for themselves among those that change nothing."""
+"""Types whose values compare as themselves, in events that change nothing."""
 _LARGEST: Final = float_info.max
 _END: Final = EventBlock(0, ())
 T = TypeVar("T")
 H = TypeVar("H")
 KeyValues: TypeAlias = tuple[Json, ...]
-"""Stands for an event that cannot concern the tree: its values in the fields of the key, none where it lacks one."""
+"""Stands for an irrelevant event: its values in the key fields, or () if it lacks one."""
 Turn: TypeAlias = JsonObject | KeyValues
 
 
@@ -71,10 +70,10 @@ def read(
     live: bool = False,
     jobs: int = 1,
 ) -> Iterator[bool]:
-    """Read all events of a source as `run.read` does, and pause after each block of them.
+    """Read all events of a source as `run.read` does, and pause after each block.
 
-    Without `by_blocks` every event is read by itself. A source that is `live` is read as it comes,
-    and a regular file by so many processes. Raises what `run.read` raises.
+    Without `by_blocks` events are read one by one. A `live` source is read as events arrive; `jobs`
+    processes decode a regular file. Raises what `run.read` raises.
     """
     if ENABLED and by_blocks:
         reading = BulkReading(run)
@@ -84,30 +83,29 @@ def read(
     return run.read(source, name, line=line)
 
 
-# -- what has to be read
-# ------------------------------------------------------------------------------------------------
+# What has to be read.
 
 
 def _times_count(monitors: MonitorSet) -> bool:
-    """Whether the time of each event counts; a text of a backend does not say what it makes of times."""
+    """Whether the time of every event matters; for a backend, if the tree has times."""
     return monitors.may_be_late if monitors.engines else monitors.time is not None
 
 
 @lru_cache(maxsize=16)
 def interest(plan: MonitoringPlan) -> Interest:
-    """What of an event is read where no listener wants to see all of it."""
+    """Return the parts of an event that are read when no listener needs whole events."""
     types = plan.monitors.types
     also = (name for one in plan.fields for name in (one.text, one.path[0]))
     found = Interest.of(plan.reads, (TIME, *told_fields(types.tree), *also))
-    # Of an event that cannot concern the tree its key, its place in the order and its time may count.
+    # The key, the place in the order and the time of irrelevant events may still matter.
     counted_only = plan.plain and not _times_count(plan.monitors) and found.fields is not None
     return replace(found, may_be=types.may_be) if counted_only else found
 
 
 @lru_cache(maxsize=16)
 def block_reader(plan: MonitoringPlan) -> JsonBlockReader | None:
-    """The reader of JSON Lines in blocks, or None where every event has to be seen as it stands."""
-    # Where every event counts, those that cannot concern the tree would have to be given to the monitors of their keys.
+    """Return a block reader for JSON Lines, or None if every event must be read in full."""
+    # If every event counts, monitors of keys would need the irrelevant events, too.
     each = plan.key is not None and plan.monitors.counts_all
     if each or any(len(field.path) > 1 for field in plan.fields):
         return None
@@ -120,8 +118,8 @@ def block_reader(plan: MonitoringPlan) -> JsonBlockReader | None:
 
 
 def _blocks_of(events: Iterable[JsonObject | None]) -> Iterator[EventBlock]:
-    """Events in blocks, those of no interest only counted; where the log cannot be read on, those
-    before it come first.
+    """Yield events in blocks; None counts as an irrelevant event. An error comes after earlier
+    events.
     """
     total, held = 0, list[tuple[int, JsonObject]]()
     try:
@@ -139,7 +137,7 @@ def _blocks_of(events: Iterable[JsonObject | None]) -> Iterator[EventBlock]:
 
 
 def _block_of(turns: Sequence[Turn]) -> EventBlock:
-    """A block of events in their order, and of what stands for others."""
+    """Return a block of events and stand-ins in this order."""
     found = [(place, event) for place, event in enumerate(turns) if type(event) is not tuple]
     if not found:
         return EventBlock(len(turns), (), range(len(turns)), turns)
@@ -149,12 +147,11 @@ def _block_of(turns: Sequence[Turn]) -> EventBlock:
     )
 
 
-# -- groups of events
-# ---------------------------------------------------------------------------------------------------
+# Groups of events.
 
 
 class EventGroup:
-    """Some events, one at least, that have the same fields, with the values there, each field looked up once."""
+    """One or more events with the same fields; columns of values are computed once."""
 
     __slots__ = ("_ends", "_types", "_values", "events")
 
@@ -165,25 +162,25 @@ class EventGroup:
         self._ends: dict[str, Sequence[Json]] = {}
 
     def values(self, field: str) -> list[Json]:
-        """The value of each event in a field."""
+        """Return the value of each event in a field."""
         found = self._values.get(field)
         if found is None:
             found = self._values[field] = [event[field] for event in self.events]
         return found
 
     def types(self, field: str) -> set[type]:
-        """The types of these values."""
+        """Return the types of these values."""
         found = self._types.get(field)
         if found is None:
             found = self._types[field] = set(map(type, self.values(field)))
         return found
 
     def ends(self, field: str) -> Sequence[Json]:
-        """The least and the greatest value, if all are finite numbers; else nothing."""
+        """Return the least and the greatest value if all are finite numbers, else ()."""
         found = self._ends.get(field)
         if found is None:
             values, types, found = self.values(field), self.types(field), ()
-            if types == {int} or (types <= _NUMBERS and all(map(eq, values, values))):  # NaN has no place
+            if types == {int} or (types <= _NUMBERS and all(map(eq, values, values))):  # NaN is not equal to itself
                 least, most = min(values), max(values)
                 found = (least, most) if least >= -_LARGEST and most <= _LARGEST else ()
             self._ends[field] = found
@@ -191,7 +188,7 @@ class EventGroup:
 
 
 def groups(types: EventTypeIndex, events: Sequence[JsonObject]) -> list[tuple[EventKind, EventGroup]] | None:
-    """The events of each kind, in order; None if some cannot be told apart."""
+    """Group events by kind, in order; None if some have unhashable values in literal fields."""
     index = types.shapes
     try:
         found = _by_shape(index.texts, events)
@@ -200,13 +197,13 @@ def groups(types: EventTypeIndex, events: Sequence[JsonObject]) -> list[tuple[Ev
             for event in events:
                 by_shape[*event, *[key_at(event, field) for field in (*index.texts, *index.others)]].append(event)
             found = by_shape.values()
-    except TypeError:  # a list or an object where patterns have strings
+    except TypeError:  # a list or an object in the field of a literal
         return None
     return [one for group in found for one in _split(index.of(group[0]), EventGroup(group))]
 
 
 def _by_shape(fields: tuple[str, ...], events: Sequence[JsonObject]) -> Collection[Sequence[JsonObject]]:
-    """Events by how many fields they have, and by their values in these; without a call for each event."""
+    """Group events by number of fields and values of these fields, without a call per event."""
     found = defaultdict[Hashable, list[JsonObject]](list)
     match fields:
         case (one,):
@@ -225,7 +222,7 @@ def _by_shape(fields: tuple[str, ...], events: Sequence[JsonObject]) -> Collecti
 
 
 def _have_the_same_fields(events: Sequence[JsonObject]) -> bool:
-    """Whether events with equally many fields have the same ones."""
+    """Whether events with equally many fields have the same fields."""
     try:
         deque(map(itemgetter(*events[0]), events) if events[0] else (), maxlen=0)
     except KeyError:
@@ -234,7 +231,7 @@ def _have_the_same_fields(events: Sequence[JsonObject]) -> bool:
 
 
 def _split(table: GuardTable[H], group: EventGroup) -> list[tuple[H, EventGroup]]:
-    """The events of a group by their entry in a table: mostly one for all, which few values show."""
+    """Split a group by its entries in a guard table."""
     if _has_one_entry(table, group):
         return [(table.of(group.events[0]), group)]
     found: dict[H, list[JsonObject]] = {}
@@ -244,7 +241,7 @@ def _split(table: GuardTable[H], group: EventGroup) -> list[tuple[H, EventGroup]
 
 
 def _has_one_entry(table: GuardTable[H], group: EventGroup) -> bool:
-    """Whether it is easily seen that the same guards hold of all events."""
+    """Whether a cheap test shows that the same guards hold for all events."""
     if not table.guards:
         return True
     if table.field is None:
@@ -258,7 +255,7 @@ def _has_one_entry(table: GuardTable[H], group: EventGroup) -> bool:
 
 
 def needs_no_warning(warnings: DataWarnings, group: EventGroup, event_kind: EventKind) -> bool:
-    """Whether it is known that there is nothing to warn of in events of one shape."""
+    """Whether events of one kind are known to cause no warning."""
     if event_kind.checks.looked_at == ():
         return True
     if event_kind.checks.good is None or event_kind.checks.good[:2] != (warnings, warnings.version):
@@ -274,9 +271,9 @@ def needs_no_warning(warnings: DataWarnings, group: EventGroup, event_kind: Even
 
 
 def changes_nothing(monitors: MonitorSet, group: EventGroup, event_kind: EventKind, *, keyed: bool) -> bool | None:
-    """For events of one kind, none of which changes anything: whether they concern the tree.
+    """For events of one kind that change nothing: whether they are relevant to the tree.
 
-    None if some event may change something, or, where monitors are `keyed`, belongs to one that is not asked.
+    None if an event may change something, or if a key has a monitor that is not looked up.
     """
     projects, event_class = monitors.semantics.projects, event_kind.classes[0]
     if not event_kind.relevant and (projects or not event_kind.serves):
@@ -315,11 +312,11 @@ def events_of_concern(
     warnings: DataWarnings,
     concerns: Callable[[EventKind], bool],
 ) -> Iterator[tuple[int, JsonObject]] | None:
-    """The events of JSON Lines that may concern a tree, with their numbers; None if all events have
-    to be read one by one.
+    """Yield the possibly relevant events of JSON Lines with their numbers; None if batches cannot
+    be used.
 
-    `concerns` says whether events of a kind matter. Of a block in which none matters, and nothing
-    is to be warned of, the last event stands for all.
+    `concerns` says whether events of a kind matter. If none in a block matters and none causes a
+    warning, the last event stands for the block.
     """
     time = types.tree.time
     fields = plain_fields(reads, time.field[:1] if time else ()) if ENABLED else ()
@@ -344,29 +341,29 @@ def events_of_concern(
     return numbered(JsonBlockReader(reads, possible, fields, time=exact_time(types.tree), strict=strict_json))
 
 
-# -- order and clock
-# ----------------------------------------------------------------------------------------------------
+# Order and clock.
 
 
 class BulkOrdering:
-    """Adds many events to an `Ordering` at once."""
+    """Adds events to an `Ordering` in batches."""
 
     def __init__(self, ordering: Ordering[Turn]) -> None:
         self._ordering = ordering
         self._as_they_came = False
-        """Whether the events that are held are in the order of their places and of their numbers alike."""
+        """Whether the held events are sorted both by place and by number."""
 
     def add(self, block: EventBlock, values: Sequence[Json], others: Sequence[Turn]) -> list[Turn]:
-        """Add the events of a block and return those whose turn it is.
+        """Add the events of a block and return the events that are due.
 
-        Those that cannot concern the tree have these `values` in the field, and the `others` stand for them.
+        `values` and `others` are the order fields of the irrelevant events and the stand-ins for
+        them.
         """
         ordering = self._ordering
         came = _in_places(block, others, [event for _, event in block.events])
         places: list[Place | None]
         if ordering.time is None and ordering.holds_times is False and _NUMBERS.issuperset(map(type, values)):
             places = _in_places(block, values, [ordering.place(event) for _, event in block.events])
-        else:  # the first of all says what the field holds
+        else:  # the first value fixes the type of the field
             known, name = dict(zip(block.passed, values, strict=True)), ordering.field.text
             told = ({name: known[place]} if place in known else event for place, event in enumerate(came))
             places = list(map(ordering.place, told))
@@ -376,9 +373,7 @@ class BulkOrdering:
         return [event for event in map(ordering.put, places, came) if event is not None]
 
     def _add_sorted(self, places: Sequence[Place], events: Sequence[Turn]) -> list[Turn] | None:
-        """Add events all at once, and return those whose turn it is; None, and nothing is added, if
-        one of them is late.
-        """
+        """Add events in one step and return those due; None, without an effect, if one is late."""
         ordering = self._ordering
         held = ordering.held
         known = [*held, *zip(places, count(ordering.came + 1), events)]
@@ -388,8 +383,8 @@ class BulkOrdering:
             known.sort(key=itemgetter(0, 1))
             numbers = [number for _, number, _ in known]
             self._as_they_came = all(map(lt, numbers, islice(numbers, 1, None)))
-            # Each has to be there when its turn comes: with the first event that has no room in the
-            # window, the second, and so on.
+            # Each event has to be present when it is due: the first one when the window is full,
+            # and so on.
             full = ordering.came + 1 + ordering.window - len(held)
             if turns and (known[0][0] < ordering.latest or any(map(gt, numbers[:turns], count(full)))):
                 return None
@@ -404,7 +399,7 @@ class BulkOrdering:
 
 
 def _in_places(block: EventBlock, others: Sequence[T], own: Sequence[T]) -> list[T]:
-    """For each event of a block, one of its `own`, or one of the others for an event that cannot concern the tree."""
+    """Merge own items of the events and items of irrelevant events into the order of the block."""
     if len(own) < len(others):
         found = list(others)
         for (place, _), one in zip(block.events, own, strict=True):
@@ -415,20 +410,19 @@ def _in_places(block: EventBlock, others: Sequence[T], own: Sequence[T]) -> list
 
 
 def see_all(clock: Backwards, events: Sequence[JsonObject], numbers: Iterable[int]) -> None:
-    """Let a clock see events with these numbers."""
+    """Update a clock with events of these numbers."""
     if clock.time is None and clock.holds_times is False and len(clock.field.path) == 1:
         name = clock.field.text
         places: list[Json] = [event.get(name) for event in events]
         rises = _NUMBERS.issuperset(map(type, places)) and all(map(le, chain((clock.last,), places), places))
-        if rises and places and places[-1] < inf:  # nor is any before it infinite, or not a number
+        if rises and places and places[-1] < inf:  # so no earlier place is infinite or NaN
             clock.last = places[-1]
             return
     for number, event in zip(numbers, events, strict=True):
         clock.see(number, event)
 
 
-# -- the run
-# ------------------------------------------------------------------------------------------------------------
+# The run.
 
 
 class BulkReading:
@@ -442,7 +436,7 @@ class BulkReading:
             self._ordering = BulkOrdering(cast("Ordering[Turn]", run.ordering))
 
     def blocks(self, source: Source, name: str, line: int, *, live: bool, jobs: int) -> Iterator[EventBlock] | None:
-        """The events of a source in blocks, or None if they have to be read one by one."""
+        """Return the events of a source in blocks, or None if they have to be read one by one."""
         run, plan = self.run, self.run.plan
         quickly = not any(one.whole or (one.every and run.one_by_one) for one in run.listeners)
         if isinstance(source, Log):
@@ -462,7 +456,7 @@ class BulkReading:
         return reader.read(stream, name, line=line, live=live, reached=reached)
 
     def read(self, blocks: Iterable[EventBlock]) -> Iterator[bool]:
-        """Give the run the events of blocks, and pause after each; False once where the trace has ended."""
+        """Process blocks and pause after each; yield False once the trace has ended."""
         self.run.prepare()
         for block in self._in_turn(blocks):
             self._process(block)
@@ -470,7 +464,7 @@ class BulkReading:
             yield block is not _END
 
     def _in_turn(self, blocks: Iterable[EventBlock]) -> Iterator[EventBlock]:
-        """Blocks of events in time order; an error of the source comes after the events before it."""
+        """Yield blocks in time order; an error of the source comes after the events before it."""
         run, failure = self.run, None
         try:
             for block in blocks:
@@ -486,9 +480,7 @@ class BulkReading:
             raise failure
 
     def _turns(self, block: EventBlock) -> EventBlock:
-        """The events whose turn it is after those of a block; of those that cannot concern the tree
-        only the key is kept.
-        """
+        """Return the events that are due after a block, with the keys of irrelevant events."""
         key = self.run.plan.key
         places: Sequence[Json] = block.kept
         keys: Sequence[KeyValues] = [()] * len(places)
@@ -504,7 +496,7 @@ class BulkReading:
         return _block_of(self._ordering.add(block, places, keys))
 
     def _process(self, block: EventBlock) -> None:
-        """Give a block to the run: together where it can change nothing, else event by event."""
+        """Process a block as a batch if it changes nothing, else event by event."""
         run, before = self.run, self.run.number
         events = block.events if run.keys is None or not block.passed else self._with_new_keys(block)
         monitors = run.plan.monitors
@@ -524,10 +516,10 @@ class BulkReading:
             self._pass_over(block, events, before + block.total)
 
     def _process_in_bulk(self, events: Sequence[tuple[int, JsonObject]], before: int) -> bool:
-        """Process events all at once; False, and nothing is done, unless it is seen that all change nothing but counts.
+        """Process events as a batch. Return False, without an effect, unless only counts change.
 
-        They have places after the event of the number `before`. After a failure as many of the next
-        blocks are not tried.
+        Places count from the event `before`. After failures the next blocks are not tried, with a
+        pause that doubles up to `FEW` blocks.
         """
         run = self.run
         self._tries -= 1
@@ -582,7 +574,9 @@ class BulkReading:
         return True
 
     def _watches_of(self, events: Sequence[JsonObject], keyed_by: str) -> Sequence[tuple[MonitoredTrace, int]] | None:
-        """The monitored traces of events, and how many events each has; None if that has to be asked of each event."""
+        """Return the monitored traces with their numbers of events; None if an event needs a full
+        look-up.
+        """
         keys = self.run.keys
         if keys is None:
             return [(self.run.watch, len(events))]
@@ -593,12 +587,10 @@ class BulkReading:
         known = [(watch, number) for watch, number in found if watch is not None]
         return known if len(known) == len(found) else None
 
-    # Events that cannot concern the tree.
+    # Irrelevant events.
 
     def _with_new_keys(self, block: EventBlock) -> Sequence[tuple[int, JsonObject]]:
-        """The events of a block, and of those that cannot concern the tree the first of each key,
-        with the key alone.
-        """
+        """Return the events of a block, and a stand-in for the first event of each new key."""
         keys = self.run.keys
         assert keys is not None, "only events with keys are kept by them"
         new = [values for values in dict.fromkeys(block.kept) if not self._is_known(values)]
@@ -609,8 +601,8 @@ class BulkReading:
         return sorted([*block.events, *also], key=itemgetter(0))
 
     def _is_known(self, values: KeyValues) -> bool:
-        """Whether an event with these in the fields of the key, or nothing if it lacks one of them,
-        would not be the first.
+        """Whether an earlier event had this key; for (), whether an earlier event lacked a key
+        field.
         """
         keys = self.run.keys
         assert keys is not None, "only events with keys are kept by them"
@@ -622,7 +614,7 @@ class BulkReading:
         return True
 
     def _count_passed(self, block: EventBlock, events: Sequence[tuple[int, JsonObject]], end: int) -> None:
-        """Count for their keys the events of a block, before that place, that were not looked at."""
+        """Add the skipped events of a block, before place `end`, to the counts of their keys."""
         keys = self.run.keys
         assert keys is not None, "only events with keys are kept by them"
         looked_at = {place for place, _ in events}
@@ -637,7 +629,7 @@ class BulkReading:
                 watch.events += number
 
     def _pass_over(self, block: EventBlock, events: Sequence[tuple[int, JsonObject]], last: int) -> None:
-        """Count the events of a block that were not looked at; `last` is the number of its last event."""
+        """Count the skipped events of a block; `last` is the number of its last event."""
         run, passed = self.run, block.total - len(events)
         if run.plan.monitors.counts_all:
             self._fill(last + 1)
@@ -650,14 +642,14 @@ class BulkReading:
             self._count_passed(block, events, block.total)
 
     def _filled(self, events: Iterable[tuple[int, JsonObject]], before: int) -> Iterator[tuple[int, JsonObject]]:
-        """Events in turn, with those between them that fit no pattern read before each."""
+        """Yield events, stepping monitors over irrelevant events between them."""
         for place, event in events:
             self._fill(before + place + 1)
             yield place, event
 
     def _fill(self, number: int) -> None:
-        """Read events before that number that fit no pattern: under `strict` they end a match, and
-        a text says itself.
+        """Step monitors over irrelevant events before that number: `strict` and backends count
+        them.
         """
         run, monitors = self.run, self.run.watch.monitors
         kind = run.plan.monitors.types.of(_NO_EVENT)

@@ -1,19 +1,15 @@
-"""What a monitor knows in the middle of a trace, kept in a file, to go on from there after a crash.
+"""Checkpoints: the state of a monitor in a file, to continue from after a crash.
 
-A checkpoint belongs to one tree, semantics and set of columns and settings, to one version of
-rvaft, and to a trace that begins with what was read of it; it is refused for any other. After a
-crash the events since the last checkpoint are read again: what they detect is told again, and
-marked so, and the verdicts are those of a run that never stopped. That a detection is told is noted
-before it is told: so none is told twice without a mark, and one that was only about to be told when
-the run was killed has the mark too. (A machine that loses power may lose the latest notes: they are
-not waited for.)
+A checkpoint is valid only for the same tree, semantics, columns, settings and rvaft version, and
+for a trace that begins with the bytes that were read. After a crash the events since the last
+checkpoint are read again, and the verdicts equal those of an uninterrupted run. A detection is
+recorded before it is reported, so that a repeated report is marked. (After a power failure the
+latest records may be missing: they are not synced.)
 
-The file: a line that says what it is, a line with the digest of all that follows, a line of JSON,
-and a pickle. A pickle can be made to run code when it is read: only classes that hold data are let
-in, by their names, yet a checkpoint is as trustworthy as whoever could write to it, so keep it
-where only you can write. It is readable for its owner alone. Beside it stands, until the next
-checkpoint, a file `.NAME.told` with the number of the last event of which a detection was or was
-about to be told.
+File format: a line with the file type, a line with the digest of the rest, a line of JSON, and a
+pickle. Unpickling admits only data classes, by name. Still, a checkpoint is only as trustworthy as
+everyone who can write to it. The file is readable by its owner only. Until the next checkpoint, the
+file `.NAME.told` beside it has the number of the last event with a reported detection.
 """
 
 import hashlib
@@ -54,11 +50,11 @@ from rvaft.stream.statistics import NearMissCount, Statistics
 from rvaft.support.files import SUFFIXES, opened, telling, write_whole
 
 EVERY: Final = 10_000
-"""Events between two checkpoints unless told otherwise."""
+"""Default number of events between two checkpoints."""
 _GRACE: Final = 1.0
-"""Seconds that writing checkpoints may take beyond what everything else takes: then they are written less often."""
+"""Seconds that checkpoints may take beyond the time of all other work; then they become rarer."""
 _EDGE: Final = 1 << 16
-"""Bytes at the start of a trace, and before the place that was reached, by which it is known again."""
+"""Bytes hashed at the start of a trace, and before the current offset, to identify the trace."""
 _MAGIC: Final = b"rvaft checkpoint 5\n"
 _BLOCK: Final = 1 << 20
 _ANEW: Final = "remove it to begin anew"
@@ -81,17 +77,17 @@ _OF_MONITORS: Final = (
 _COUNTS: Final = (DetectionCount, NearMissCount, DataWarning, DataWarnings, Reason, Statistics)
 _ALL: Final = (*_BUILT_IN, *_OF_TREES, *_OF_MONITORS, *_COUNTS)
 _ADMITTED: Final = {(one.__module__, one.__qualname__): one for one in _ALL}
-"""The classes of which a checkpoint consists.
+"""The classes allowed in a checkpoint.
 
-None of them runs commands, writes files or listens, and none must: a pickle can set the attributes
-of a class that it can name.
+None of them runs commands, writes files or listens on a port, and none may: a pickle can set the
+attributes of any class that it can name.
 """
 
 
 class _DataPickler(pickle.Pickler):
-    """Writes what `_DataUnpickler` lets in and nothing else: better to fail at once than after the crash."""
+    """Writes only what `_DataUnpickler` admits, so that an error occurs before the crash."""
 
-    def reducer_override(self, obj: object) -> Any:  # NotImplemented has no type of its own
+    def reducer_override(self, obj: object) -> Any:  # NotImplemented has no public type
         kind = obj if isinstance(obj, type) else type(obj)
         if _ADMITTED.get((kind.__module__, kind.__qualname__)) is not kind:
             raise pickle.PicklingError(f"{kind.__module__}.{kind.__qualname__} has no place in a checkpoint")
@@ -107,10 +103,10 @@ class _DataUnpickler(pickle.Unpickler):
 
 
 def packed(state: object) -> bytes:
-    """The state of a run as bytes; raises `ValueError` for what has no place in a checkpoint."""
+    """Pickle the state of a run; raises `ValueError` for a class that is not admitted."""
     payload = io.BytesIO()
     limit = sys.getrecursionlimit()
-    sys.setrecursionlimit(limit + 4 * MAX_DEPTH)  # values are as deep as in a trace: two calls of `pickle` a level
+    sys.setrecursionlimit(limit + 4 * MAX_DEPTH)  # values are as deep as in a trace; `pickle` makes two calls per level
     try:
         _DataPickler(payload, protocol=5).dump(state)
     except (pickle.PicklingError, TypeError, AttributeError, RecursionError) as error:
@@ -121,15 +117,15 @@ def packed(state: object) -> bytes:
 
 
 def unpacked(data: bytes | memoryview) -> object:
-    """The state that was `packed`; raises whatever a pickle makes of a class where the bytes are not such."""
+    """Unpickle a state; damaged bytes raise any exception of `pickle` or of an admitted class."""
     return _DataUnpickler(io.BytesIO(data)).load()
 
 
 @contextmanager
 def open_at(trace: Path, *, offset: int = 0, line: int = 0) -> Iterator[LinesRead]:
-    """The lines of a trace from an offset on, which counts bytes after decompression, and knows its place at any time.
+    """Open a trace at an offset in bytes (after decompression), and keep track of the position.
 
-    Raises what `rvaft.support.files.opened` raises, and `TraceError` where a compressed file is
+    Raises what `rvaft.support.files.opened` raises, and `TraceError` if a compressed file is
     damaged or ends before the offset.
     """
     with opened(trace) as stream:
@@ -152,14 +148,12 @@ def _is_compressed(path: Path) -> bool:
 
 
 def identity(trace: Path | BinaryIO, offset: int) -> tuple[int, str]:
-    """By what a trace that was read up to this offset is known again: how many bytes count, and a
-    digest of the first and the last of them.
+    """Return the identity of a trace that was read up to this offset: a size, and a digest of the
+    first and last bytes.
 
-    Neither the path nor the inode counts: a log that was moved, restored or synchronised is the
-    same trace as long as it begins with the same bytes. Of a compressed file these are the
-    compressed bytes, all there are; more may follow in each case. A stream is an uncompressed file,
-    and is moved. Raises `OSError` for what cannot be read, and `OptionError` for what is no regular
-    file or ends before.
+    Path and inode do not count: a moved or restored log is the same trace. Of a compressed file all
+    compressed bytes count. A stream is an uncompressed file; its position changes. Raises
+    `OSError`, and `OptionError` for a file that is not regular or is too short.
     """
     if isinstance(trace, Path):
         size = trace.stat().st_size
@@ -181,10 +175,10 @@ def _sha(data: bytes | memoryview) -> str:
 
 
 class Checkpoint(msgspec.Struct, kw_only=True):
-    """What a checkpoint is of, and how far the trace was read: `events`, which end `offset` bytes
-    (after decompression) and `line` lines into it.
+    """What a checkpoint belongs to, and how far the trace was read.
 
-    An earlier run may have read further: what events up to the one `noted` detect has been told.
+    `offset` counts bytes after decompression. Detections up to the event `noted` were reported,
+    perhaps by an earlier run that read further than `events`.
     """
 
     version: str
@@ -199,10 +193,10 @@ class Checkpoint(msgspec.Struct, kw_only=True):
 
 @dataclass(eq=False)
 class CheckpointFile:
-    """Where checkpoints of a run over a trace are kept, and how often: every so many events.
+    """The checkpoint file of a run, written every `every` events.
 
-    `settings` are the options on which the meaning of the rest depends, as text.
-    What the event `noted`, and those before it, detected has been told, or was about to be.
+    `settings` are the options that affect the meaning of the state, as text. Detections up to the
+    event `noted` were reported, or were about to be.
     """
 
     path: Path
@@ -229,19 +223,17 @@ class CheckpointFile:
         self._told = target.with_name(f".{target.name[:100]}.told")
 
     def is_due(self, events: int, *, idle: bool = False) -> bool:
-        """Whether it is time for a checkpoint after so many events: unless all is idle saving takes
-        no longer than the rest.
-        """
+        """Whether a checkpoint is due; unless idle, saving takes at most half of the run time."""
         if events // self.every == self._saved // self.every:
             return False
         return idle or 2 * self._spent <= monotonic() - self._begun + _GRACE
 
     def save(self, state: object, events: int, place: LinesRead | FollowedFile, trace: BinaryIO | None = None) -> None:
-        """Write a checkpoint so that there is always a whole one: the one before, until the new one
-        is safe on the disk.
+        """Replace the checkpoint atomically; the previous one stays until the new one is on the
+        disk.
 
-        `trace` is the file where its path may name another by now. Raises `OSError`, with the path,
-        where the checkpoint cannot be written, and `CheckpointError` for what cannot be kept.
+        `trace` is the open file, if the path may name another file by now. Raises `OSError` with
+        the path, and `CheckpointError` for a state that cannot be saved.
         """
         begun = monotonic()
         try:
@@ -262,22 +254,22 @@ class CheckpointFile:
         self._spent += monotonic() - begun
 
     def note(self, event: int) -> None:
-        """Remember, until the next checkpoint, that a detection of that event is told."""
+        """Record that a detection of that event is reported; valid until the next checkpoint."""
         self.noted = event
         with telling("cannot write", self.path):
             write_whole(self._told, f"{self._digest} {event}\n".encode())
 
     def load(self) -> tuple[Checkpoint, object] | None:
-        """The checkpoint to go on from, and the state; None where there is no file yet.
+        """Return the checkpoint and the state, or None if the file does not exist.
 
-        Raises `CheckpointError` for one that was made with anything else, and for a file that is damaged or no
-        checkpoint; `OSError` and what `identity` raises for a file that cannot be read.
+        Raises `CheckpointError` for a checkpoint of another run and for a damaged file, `OSError`,
+        and what `identity` raises.
         """
         start = len(_MAGIC) + 65
         try:
             with self.path.open("rb") as stream:
                 data = stream.read(start)
-                data += stream.read() if data.startswith(_MAGIC) else b""  # what is no checkpoint may have no end
+                data += stream.read() if data.startswith(_MAGIC) else b""  # another kind of file may be endless
         except FileNotFoundError:
             return None
         body = memoryview(data)[start:]
@@ -292,12 +284,12 @@ class CheckpointFile:
         end = data.find(b"\n", start)
         try:
             found = msgspec.json.decode(data[start:end], type=Checkpoint)
-        except (ValueError, TypeError) as error:  # msgspec's errors are such
+        except (ValueError, TypeError) as error:  # includes the errors of msgspec
             raise self.unreadable(error) from error
         self._require_same(found)
         try:
             state = unpacked(body[end + 1 - start :])
-        except Exception as error:  # whatever a pickle makes of a class
+        except Exception as error:  # any exception of an admitted class
             raise self.unreadable(error) from error
         self._saved = found.events
         self.noted = found.noted
@@ -308,7 +300,7 @@ class CheckpointFile:
         return found, state
 
     def _require_same(self, found: Checkpoint) -> None:
-        """Raise `CheckpointError` for a checkpoint of another run or of another trace."""
+        """Raise `CheckpointError` for a checkpoint of another run or trace."""
 
         def with_(name: str, value: str | None) -> str:
             return f"without {name}" if value is None else f"with {name} {value}".rstrip()
@@ -331,7 +323,7 @@ class CheckpointFile:
                 raise self._other(f"of another trace: {self.trace} does not begin with what was read")
 
     def unreadable(self, error: Exception) -> CheckpointError:
-        """The error for a checkpoint that is whole and yet makes no sense."""
+        """Return the error for a checkpoint with a valid digest and invalid contents."""
         return CheckpointError(self.path, f"the checkpoint cannot be read: {_one_line(error)}; {_ANEW}")
 
     def _other(self, which: str) -> CheckpointError:

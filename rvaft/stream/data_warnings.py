@@ -1,12 +1,10 @@
-"""What could have been part of a match and was not, for a reason that its author may not have
-meant: counts, each with the first example.
+"""Warnings about data that could hide a detection, with counts and a first example.
 
-Such are guards that are undefined, times that cannot be read, events that come too late, and
-numbers that are not finite.
+The reasons are undefined guards, unreadable times, late events, and numbers that are not finite.
 
-Whether a guard is undefined is asked of events, not of partial matches, so it does not matter how
-these are followed: of every event that binds a variable of a comparison, together with the values
-that other events gave to the other variables last.
+Guards are evaluated on events, not on partial matches, so the warnings do not depend on how partial
+matches are followed. Each event that binds a variable of a comparison is checked with the last
+values of the other variables.
 """
 
 import json
@@ -28,16 +26,16 @@ from rvaft.stream.detection import counted
 from rvaft.stream.statistics import UNSEEN, EventKind, EventTypeIndex
 
 MOST: Final = 20
-"""Guards that are told one by one."""
+"""Maximum number of guards that are listed individually."""
 _ANY: Final = (1, "a", True)
-"""Values that stand for one that is not known: where none makes a comparison defined, nothing does."""
+"""Samples for an unknown value: if none makes a comparison defined, no value does."""
 _JUNCTIONS: Final = (Operator.AND, Operator.OR, Operator.NOT)
 _BY_VALUE: Final = frozenset({Operator.DIV, Operator.MUL, Operator.NUMBER})
-"""What is undefined not for the types of its operands alone."""
+"""Operators whose result may be undefined for some values of the right types."""
 
 
 class Reason(StrEnum):
-    """Why something was no part of a match."""
+    """Why an event could not be part of a match."""
 
     GUARD = "undefined guard"
     TIME = "unreadable time"
@@ -55,8 +53,9 @@ _SAID: Final = {
 
 @dataclass(slots=True)
 class DataWarning:
-    """So many events, the first of them, and what was wrong with that; `about` is the guard, if it
-    is one, or how late events may be.
+    """The number of events with one fault, and the first example.
+
+    `about` is the guard or the allowed lateness.
     """
 
     reason: Reason
@@ -67,10 +66,7 @@ class DataWarning:
 
 
 class _Comparison(NamedTuple):
-    """A comparison in a guard, or what else is true or false there; `text` says which guard.
-
-    The guard is undefined where none of the `deciding` can be decided.
-    """
+    """An atomic condition of the guard `text`; undefined if none of the `deciding` can be decided."""
 
     deciding: tuple[Guard, ...]
     names: tuple[str, ...]
@@ -78,9 +74,7 @@ class _Comparison(NamedTuple):
 
 
 def _can_be_decided(guard: Guard, known: Mapping[str, Json]) -> bool:
-    """Whether some values of the other variables make it true or false; of very many of them that
-    is taken for granted.
-    """
+    """Whether some values of the unbound variables decide the guard; assumed for more than three."""
     others = [name for name in variables(guard) if name not in known]
     chosen = product((*_ANY, *(known[name] for name in variables(guard) if name in known)), repeat=len(others))
     bindings = ({**known, **dict(zip(others, some, strict=True))} for some in chosen)
@@ -89,10 +83,10 @@ def _can_be_decided(guard: Guard, known: Mapping[str, Json]) -> bool:
 
 @dataclass(slots=True)
 class _Asked:
-    """What is asked of events of one letter, the `fields` with its variables, and the types of the
-    values there that are known to be `good`.
+    """The checks of events of one letter: `fields` with its variables, and value types known as
+    `good`.
 
-    There are no fields where the pattern does not say where these stand, or where more than the types decides.
+    `fields` is None if the pattern does not locate the variables, or types alone do not decide.
     """
 
     values: Values
@@ -103,9 +97,7 @@ class _Asked:
 
 
 class DataWarnings:
-    """Counts over the events of one trace or several; can be pickled, and added to those of other
-    traces of the same tree.
-    """
+    """Counts for the events of traces of one tree; can be pickled and merged."""
 
     def __init__(self, types: EventTypeIndex) -> None:
         self.found: dict[tuple[Reason, str], DataWarning] = {}
@@ -113,16 +105,16 @@ class DataWarnings:
         self.attach(types)
 
     def attach(self, types: EventTypeIndex) -> None:
-        """Know the tree again, after a pickle."""
+        """Attach the tree, after unpickling."""
         self._types, self.time, self.version = types, types.tree.time, 0
         self._asked = dict(_asked(types))
 
     def __getstate__(self) -> dict[str, object]:
-        """The counts, without what the tree says."""
+        """Return the counts without the tree."""
         return {"found": self.found, "_last": self._last}
 
     def see(self, event: Mapping[str, Json], number: int, prefix: str, event_kind: EventKind) -> None:
-        """Look at an event of which something is asked, or that is a `NonFiniteEvent`."""
+        """Check an event whose kind has checks, or a `NonFiniteEvent`."""
         good = event_kind.checks.good
         if (
             good is not None
@@ -131,7 +123,7 @@ class DataWarnings:
             and good[0] is self
             and good[1] == self.version
         ):
-            fields = good[2]  # mostly; asked of every event
+            fields = good[2]  # the common case
             if fields is not None and len(fields) == 1 and (type(event[fields[0]]),) in good[3]:
                 return
         if event_kind.checks.looked_at == UNSEEN:
@@ -155,8 +147,8 @@ class DataWarnings:
             self.note(Reason.TIME, "", f"{prefix}event {number}", wrong or f"the field {name} is missing")
 
     def _good(self, event_kind: EventKind) -> tuple[Sequence[str] | None, set[tuple[type, ...]]]:
-        """The fields that are asked of events of a shape, None where more than the types there
-        decides, and types that are known to be good now.
+        """Return the fields to check (None if types alone do not decide) and an empty set of good
+        types.
         """
         asked = [self._asked[letter].fields for letter in event_kind.checks.looked_at]
         known = [fields for fields in asked if fields is not None]
@@ -168,9 +160,7 @@ class DataWarnings:
     def _look(
         self, event: Mapping[str, Json], place: str, event_kind: EventKind, kinds: tuple[type, ...] | None
     ) -> None:
-        """Ask what is to be asked of an event, and note whether none of it need be asked of others
-        with values of these types.
-        """
+        """Check an event, and remember whether events with the same value types can skip the check."""
         version, good = self.version, True
         for letter in event_kind.checks.looked_at:
             one = self._asked[letter]
@@ -182,9 +172,7 @@ class DataWarnings:
             event_kind.checks.good[3].add(kinds)
 
     def over(self, events: Iterable[tuple[int, Json]], prefix: str) -> Iterator[tuple[int, Json, EventKind | None]]:
-        """The events of a trace, which have numbers, and what they are, nothing for one that is
-        late, each after it was looked at.
-        """
+        """Check the events of a trace; yield number, event and kind (None for a late event)."""
         latest, look_up = None, self._types.of
         time = self.time if self.time is not None and self.time.late is not None else None
         for number, event in events:
@@ -205,7 +193,7 @@ class DataWarnings:
         self.found.setdefault((reason, about), DataWarning(reason, about, place, example)).count += 1
 
     def note_late(self, event: Json, number: int, prefix: str, latest: int | None) -> None:
-        """Count an event that is late, after one of the time `latest`."""
+        """Count a late event; `latest` is the greatest time before it."""
         assert self.time is not None, "only where times are declared are events late"
         time, written = self.time.read(event) or 0, self.time.written(event)
         shown = f"{Decimal(time).scaleb(-9).normalize():f} s" if isinstance(written, Mapping) else json.dumps(written)
@@ -221,12 +209,12 @@ class DataWarnings:
 
     @property
     def lines(self) -> Iterator[str]:
-        """Each as a sentence, one for each guard; of very many guards the first."""
+        """Return a sentence for each guard or other reason, at most `MOST`."""
         for one in list(self.found.values())[:MOST]:
             example = f"{one.example} (first: {one.first})"
             yield _SAID[one.reason].format(events=counted(one.count), about=one.about, example=example)
         if len(self.found) > MOST:
-            yield f"{len(self.found) - MOST} other guards were undefined"
+            yield f"{len(self.found) - MOST} more undefined guards"
 
     def _ask(self, asked: _Asked, event: Mapping[str, Json], types: tuple[type, ...] | None, place: str) -> None:
         values = asked.values(event)
@@ -250,7 +238,7 @@ class DataWarnings:
 
 
 def _asked(types: EventTypeIndex) -> Iterator[tuple[int, _Asked]]:
-    """What is asked of events, with the numbers of their letters."""
+    """Yield the numbers of letters with their checks."""
     tree = types.tree
     guards = [(node.when, f"of {node.name}") for node in tree.top_down() if node.when is not None]
     parts = [part for guard, whose in guards for part in _parts(guard, whose)]
@@ -268,7 +256,9 @@ def _asked(types: EventTypeIndex) -> Iterator[tuple[int, _Asked]]:
 
 
 def _parts(guard: Guard, whose: str) -> Iterator[_Comparison]:
-    """The comparisons of a guard that some value makes undefined, but for those of times."""
+    """Yield the conditions of a guard that some value makes undefined, without conditions on time
+    points.
+    """
     timed = bool(time_points(guard))
     agenda = [guard]
     while agenda:
@@ -277,7 +267,7 @@ def _parts(guard: Guard, whose: str) -> Iterator[_Comparison]:
             agenda.extend(reversed(part.operands))
             continue
         names = variables(part)
-        # Of values that are finite equality is always true or false.
+        # Equality of finite values is always defined.
         equality = isinstance(part, Operation) and part.operator in (Operator.EQ, Operator.NE, Operator.IN)
         told = not equality or sum(isinstance(one, Operation) for one in walk(part)) > 1
         if told and 0 < len(names) <= 4 and not time_points(part):

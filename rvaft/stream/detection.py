@@ -1,10 +1,8 @@
-"""What is told of a detection: as JSON on standard output and by a server, and to the commands that are run on it.
+"""Detections as JSON, and the commands that run on them.
 
-A command is a line for the shell, run as `sh -c COMMAND`: the way from a monitor to a recovery
-mechanism. It gets the detection as one JSON object on its standard input, and what it prints goes
-to the standard error of the monitor, whose standard output stays what it is. The monitor waits for
-it: end the line with `&` for what shall go on by itself. Whatever a command does, the monitor goes
-on; a failure is told.
+A command is run as `sh -c COMMAND`, with the detection as one JSON object on standard input. Its
+standard output goes to the standard error of the monitor. The monitor waits for it; end the command
+with `&` to run it in the background. A failure is reported, and the monitor continues.
 """
 
 import json
@@ -24,17 +22,17 @@ from rvaft.monitors import Explanation, Pending
 from rvaft.support.terminal import cut
 
 PLACES: Final = ("time", "topic")
-"""The fields of an event that say where it is from, in the logs of ROS."""
+"""The fields with time and topic of an event in ROS logs."""
 TIMEOUT: Final = 30.0
-"""Seconds that a command may take."""
+"""Maximum duration of a command in seconds."""
 _GRACE: Final = 1.0
-"""Seconds between asking a command to end and killing it."""
+"""Seconds between SIGTERM and SIGKILL."""
 _SHELL_SAYS: Final = {126: " (cannot be executed)", 127: " (command not found)"}
 _UNEXPLAINED: Final[Mapping[str, Json]] = {"branch": None, "kinds": [], "matched": [], "variables": {}}
 
 
 def counted(count: int, what: str = "event") -> str:
-    """So many events, or others, in words.
+    """Return a count with its noun.
 
     >>> counted(2), counted(1, "detection")
     ('2 events', '1 detection')
@@ -43,17 +41,17 @@ def counted(count: int, what: str = "event") -> str:
 
 
 def matched_events(explanations: Collection[Explanation]) -> set[int]:
-    """The numbers of the events that explanations name."""
+    """Return the numbers of the events in explanations."""
     return {one.event for explanation in explanations for one in explanation.matched}
 
 
 def told_fields(tree: RVAFT) -> tuple[str, ...]:
-    """The fields that tell an event of a tree from others: time and topic, and those where its
-    event types have different texts.
+    """Return the fields that identify an event in output: time, topic, and fields whose literals
+    differ between event types.
 
-    >>> import rvaft
-    >>> told_fields(rvaft.loads('event e(x) = { kind: "k", x: x }; top and a; a on e(1);'))
-    ('time', 'topic', 'kind')
+        >>> import rvaft
+        >>> told_fields(rvaft.loads('event e(x) = { kind: "k", x: x }; top and a; a on e(1);'))
+        ('time', 'topic', 'kind')
     """
     return tuple(dict.fromkeys((*PLACES, *_time_field(tree), *TreeReads(tree).discriminators.fields)))
 
@@ -63,7 +61,7 @@ def _time_field(tree: RVAFT) -> tuple[str, ...]:
 
 
 def places(event: Json, tree: RVAFT) -> dict[str, Json]:
-    """The time of an event, as it stands where the tree says that times stand, and its topic.
+    """Return the time of an event as written in the time field of the tree, and its topic.
 
     >>> import rvaft
     >>> places({"t": 7, "topic": "/x"}, rvaft.loads("time t as s; top and a b;"))
@@ -74,13 +72,15 @@ def places(event: Json, tree: RVAFT) -> dict[str, Json]:
 
 
 def kept(event: Json, fields: Sequence[str]) -> dict[str, Json]:
-    """What an event has in some fields. A number that is none in JSON, as infinity, says nothing."""
+    """Return the values of an event in these fields, without numbers that are not finite."""
     found = {name: event[name] for name in fields if name in event} if isinstance(event, Mapping) else {}
     return {name: value for name, value in found.items() if is_finite(value)}
 
 
 def other_fields(node: str, event: Json, tree: RVAFT, fields: Sequence[str]) -> dict[str, Json]:
-    """What tells the event of a node from others beside time and topic; a default event is named by its node alone."""
+    """Return the identifying fields of a node's event except time and topic; none for a default
+    event.
+    """
     if node in tree.nodes and tree.nodes[node].on is None:
         return {}
     found = kept(event, [name for name in fields if name not in (*PLACES, *_time_field(tree))])
@@ -90,9 +90,7 @@ def other_fields(node: str, event: Json, tree: RVAFT, fields: Sequence[str]) -> 
 def explained(
     explanation: Explanation, tree: RVAFT, events: Mapping[int, Json], fields: Sequence[str]
 ) -> dict[str, Json]:
-    """Branch, kinds, which event was which node, and the variables; `events` are those that are
-    known, by their numbers.
-    """
+    """Return branch, kinds, matched events and variables; `events` are the known events by number."""
     matched = []
     for node, occurrence, number in explanation.matched:
         event = events.get(number)
@@ -108,7 +106,7 @@ def explained(
 
 
 def expected(pending: Sequence[Pending]) -> list[Json]:
-    """What was waited for, a record for each branch and each way to bind its variables."""
+    """Return the missing events, one record per branch and binding."""
     return [
         {
             "branch": record.branch,
@@ -120,7 +118,7 @@ def expected(pending: Sequence[Pending]) -> list[Json]:
 
 
 def unlike(explanations: Mapping[int, Explanation]) -> Collection[tuple[list[int], Explanation]]:
-    """The explanations that differ in branch or events, each with the columns that have it."""
+    """Return distinct explanations, each with its columns."""
     known: dict[object, tuple[list[int], Explanation]] = {}
     for column, one in explanations.items():
         known.setdefault((one.branch, one.kinds, one.matched), ([], one))[0].append(column)
@@ -130,11 +128,10 @@ def unlike(explanations: Mapping[int, Explanation]) -> Collection[tuple[list[int
 def detection(
     about: Mapping[str, Json], explanation: Explanation | None, events: Mapping[int, Json], tree: RVAFT
 ) -> dict[str, Json]:
-    """What a command is told: one JSON object, which begins with what it is `about`.
+    """Return the JSON object for a command; it begins with the entries of `about`.
 
-    From the explanation come `branch`, `kinds`, `matched` (nodes with the numbers of their events)
-    and `variables`; without one, as from a backend that does not explain, they are null or empty.
-    `events` are those that were matched, by their numbers as text, as far as they are known.
+    `branch`, `kinds`, `matched` and `variables` come from the explanation, and are null or empty
+    without one. `events` has the known matched events by number (as text).
     """
     told, numbers = _UNEXPLAINED, set[int]()
     if explanation is not None:
@@ -145,7 +142,7 @@ def detection(
 
 @dataclass(frozen=True, slots=True)
 class Hooks:
-    """The commands: `always` for every detection, `on` for those whose explanation has the kind."""
+    """Commands: `always` runs on every detection, `on` for detections of a kind."""
 
     always: str | None = None
     on: Mapping[Kind, str | None] = field(default_factory=dict)
@@ -154,11 +151,9 @@ class Hooks:
         return any(command is not None for command in (self.always, *self.on.values()))
 
     def run(self, detected: Mapping[str, Json], also: Collection[Kind] = ()) -> list[str]:
-        """Run the commands for a `detection`, one after the other (that for all, then for faults,
-        then for attacks), and say what failed.
+        """Run the commands in turn (always, faults, attacks) and return the failures as messages.
 
-        `also` are kinds that were detected beside those of the match: a branch of a kind may be
-        matched without a node of that kind.
+        `also` has further detected kinds: a branch of a kind may match without a node of that kind.
         """
         text = f"{json.dumps(detected)}\n".encode()
         wanted = (self.always, *(self.on.get(k) for k in Kind if k in also or k.value in detected["kinds"]))
@@ -170,7 +165,9 @@ class Hooks:
 
 
 def _run(command: str, text: bytes) -> str | None:
-    """Run one command, in a process group of its own so that all of it can be ended; why it failed, if it did."""
+    """Run one command in its own process group, so that it can be killed; return the failure, if
+    any.
+    """
     import subprocess  # noqa: PLC0415 -- imported on use
 
     output = subprocess.DEVNULL if sys.__stderr__ is None else sys.__stderr__.fileno()
@@ -181,7 +178,7 @@ def _run(command: str, text: bytes) -> str | None:
     except (OSError, ValueError) as error:
         return f"cannot be run: {getattr(error, 'strerror', None) or error}"
     try:
-        running.communicate(text, timeout=TIMEOUT)  # a command that does not read its input is none the worse for it
+        running.communicate(text, timeout=TIMEOUT)  # a command may ignore its input
     except BaseException as error:
         for number in (signal.SIGTERM, signal.SIGKILL):
             with suppress(ProcessLookupError):

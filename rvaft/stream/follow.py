@@ -1,11 +1,10 @@
-"""A file that grows, read line by line: what is there, then what comes, until somebody asks for the end.
+"""Follows a growing file line by line, until a stop is requested.
 
-The file is looked at now and then with `os.stat`, which works on every file system. Logs are
-rotated in two ways. Renaming: another file stands at the path; the old one is read to its end
-first, and its last line may lack a line end. Truncating, or writing the file anew: what was read
-last is no longer there; a line that was still unfinished is dropped. Either way the file is then
-read from its start, and that is told. Two rotations between two looks are one, and the file between
-them is not seen.
+The file is polled with `os.stat`, which works on every file system. Log rotation is detected in two
+forms. Renaming: a new file stands at the path; the old one is read to its end first, and its last
+line may lack a line end. Truncating or rewriting: the bytes last read have changed; an unfinished
+line is dropped. The new contents are read from the start, and the change is reported. A file that
+is replaced twice between two polls is missed.
 """
 
 import io
@@ -25,26 +24,25 @@ from rvaft.readers.log import BOM
 from rvaft.support.files import SUFFIXES
 
 POLL: Final = 0.2
-"""Seconds between two looks at a file."""
+"""Seconds between polls."""
 _BLOCK: Final = 1 << 18
-"""Bytes that are read at once."""
+"""Bytes read at a time."""
 _KEPT: Final = 256
-"""Bytes before the place of reading that tell whether the file is still the same."""
+"""Bytes before the position that identify the file."""
 
 
 class FollowedFile(io.IOBase):
-    """The lines of a file as it grows, to be closed after use; `rvaft.readers.json_lines.read` takes it for a trace.
+    """The lines of a file as it grows; an input stream for `rvaft.readers.json_lines.read`.
 
-    It tells `changed`, in a sentence, when it goes over to another file and `idle` that nothing
-    comes, and ends as soon as `stop` says so; a line that is unfinished then is not given. `offset`
-    is where to begin, at the start of a line, and `line` how many lines are before.
+    `changed` is called with a message when another file begins, `idle` while no data comes. Reading
+    ends once `stop` returns true; an unfinished line is then not returned. Reading starts at
+    `offset`, the start of a line, after `line` lines.
 
-    Raises `OSError` for a file that cannot be opened, also later for the one that replaces it, and
-    `OptionError` for what is no regular file, for a compressed one, and for one that ends before
-    `offset`.
+    Raises `OSError` for a file that cannot be opened, also later for its replacement. Raises
+    `OptionError` for a file that is compressed, not regular, or shorter than `offset`.
 
-    The attributes `offset` and `line` say how many bytes and lines of the present file, `file`,
-    have been given. Nothing moves `file` but this object, which looks for its place every time.
+    The attributes `offset` and `line` count the bytes and lines of the current `file` returned so
+    far.
     """
 
     def __init__(
@@ -67,13 +65,11 @@ class FollowedFile(io.IOBase):
         self.line = line
         self.file = _opened(self.path)
         self._next: BinaryIO | None = None
-        """The file that stands at the path now, once it is another one."""
+        """The file now at the path, if it is another one."""
         self._ending = False
-        """Whether what is ready is the last line of the file."""
+        """Whether the buffer holds the last line of the file."""
         self._marked = False
-        """Whether a byte order mark may come: at the start of each file but the first, where it is
-        left to who reads the trace.
-        """
+        """Whether a byte order mark may follow: at the start of each file but the first."""
         self._ready = bytearray()
         self._searched = 0
         self._position = offset
@@ -86,12 +82,12 @@ class FollowedFile(io.IOBase):
 
     @property
     def offset(self) -> int:
-        """How many bytes of the present file have been given."""
+        """The number of bytes of the current file returned so far."""
         return self._position - len(self._ready)
 
     @property
     def unfinished(self) -> int:
-        """How many bytes of a line without an end are not given."""
+        """The number of buffered bytes of an incomplete line."""
         return len(self._ready)
 
     def close(self) -> None:
@@ -102,8 +98,8 @@ class FollowedFile(io.IOBase):
         super().close()
 
     def readline(self, size: int | None = -1) -> bytes:
-        """The next line once it is whole, or the first `size` bytes of a longer one; nothing after
-        the end was asked for.
+        """Return the next complete line, or the first `size` bytes of a longer one; b"" after the
+        stop.
         """
         most = sys.maxsize if size is None or size < 0 else size
         while True:
@@ -113,7 +109,7 @@ class FollowedFile(io.IOBase):
                 del self._ready[: len(given)]
                 self._searched = 0
                 self.line += given.endswith(b"\n")
-                if self._ending:  # whoever waited for it had room for all of it
+                if self._ending:  # the caller had room for the whole line
                     self._replace()
                 return given
             self._searched = len(self._ready)
@@ -121,16 +117,16 @@ class FollowedFile(io.IOBase):
                 return b""
 
     def _more(self) -> bool:
-        """Wait until more is ready; False once the end is asked for. What is ready has no line end yet."""
+        """Wait until more bytes are buffered; False after the stop."""
         while not self._stop():
             if self._fill():
                 return True
             if self._next is None:
-                with suppress(FileNotFoundError):  # a path where nothing stands is waited for
+                with suppress(FileNotFoundError):  # wait for a file at the path
                     if not os.path.samestat(self.path.stat(), os.fstat(self.file.fileno())):
                         self._next = _opened(self.path)
                 self._idle()
-                time.sleep(POLL)  # whoever writes to the old file may not have noticed yet
+                time.sleep(POLL)  # the writer of the old file may still write
             elif self._ready:
                 self._ready += b"\n"
                 self._ending = True
@@ -140,10 +136,7 @@ class FollowedFile(io.IOBase):
         return False
 
     def _fill(self) -> bool:
-        """Read on; whether there was something.
-
-        What stands before is read again, to see whether it is still the same.
-        """
+        """Read on and return whether there was data; re-reads preceding bytes to detect a rewrite."""
         self.file.seek(self._position - len(self._before))
         seen = self.file.read(len(self._before) + _BLOCK)
         if not seen.startswith(self._before):
@@ -176,10 +169,10 @@ class FollowedFile(io.IOBase):
 
 @contextmanager
 def stopping() -> Iterator[Callable[[], bool]]:
-    """Within, Ctrl-C or SIGTERM asks for the end: gives the function that says whether one came.
+    """Catch Ctrl-C and SIGTERM; yields a function that returns whether a signal came.
 
-    After the first one the signals do what they did before, so that a second Ctrl-C interrupts at
-    once. For the main thread alone, as Python has it for signals.
+    After the first signal the former handlers are restored, so that a second Ctrl-C interrupts.
+    Must run in the main thread.
     """
     asked = False
 
@@ -200,6 +193,6 @@ def stopping() -> Iterator[Callable[[], bool]]:
 
 
 def _opened(path: Path) -> BinaryIO:
-    if not stat.S_ISREG(path.stat().st_mode):  # before it is opened: opening a pipe waits for somebody who writes
+    if not stat.S_ISREG(path.stat().st_mode):  # check before opening: opening a pipe blocks
         raise OptionError(f"{path}: only a regular file can be followed")
     return cast("BinaryIO", path.open("rb", buffering=0))

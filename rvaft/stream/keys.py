@@ -1,6 +1,4 @@
-"""Fields of events by their paths; keys, whose values say which of many an event is about; and the
-monitors of each key.
-"""
+"""Event fields by path, keys, and the monitors of each value of a key."""
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,18 +12,21 @@ from rvaft.stream.detection import counted
 from rvaft.stream.listeners import MonitoredTrace
 
 MAX_KEYS: Final = 100_000
-"""How many values of a key have monitors unless told otherwise."""
+"""Default maximum number of values of a key."""
 _ABSENT: Final = object()
 _OWN_KEYS: Final = frozenset({str, int})
-"""Types of values that are their own keys, and that equal no value of another type but a double."""
+"""Types whose values serve as dictionary keys directly; they equal values of no other type but a
+double.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A field of an event by its dotted path; one whose own name has dots is found under its whole name.
+    """A field of an event by its dotted path; a field with dots in its name is found by its whole
+    name.
 
-    >>> Field.parse("robot.id").of({"robot": {"id": 7}})
-    (7,)
+        >>> Field.parse("robot.id").of({"robot": {"id": 7}})
+        (7,)
     """
 
     text: str
@@ -33,14 +34,14 @@ class Field:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Raises `OptionError` for what is no path."""
+        """Parse a dotted path; raises `OptionError`."""
         path = tuple(text.split("."))
         if not all(path):
             raise OptionError(f"{text!r} is no field: write a name, or names with dots between")
         return cls(text, path)
 
     def of(self, event: Json) -> tuple[Json] | None:
-        """The value, in a tuple since it may be null, or None where the event has none."""
+        """Return the value in a 1-tuple (it may be null), or None if the event lacks the field."""
         if isinstance(event, Mapping) and self.text in event:
             return (event[self.text],)
         found = at(event, self.path, _ABSENT)
@@ -49,7 +50,7 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """The fields that together say which of many an event is about.
+    """The fields by which a log is split.
 
     >>> Key.parse(["user", "src"]).of({"user": "bob", "src": 1, "x": 2})
     ('bob', 1)
@@ -59,16 +60,16 @@ class Key:
 
     @classmethod
     def parse(cls, texts: Sequence[str]) -> Self:
-        """Raises `OptionError` for what is no path."""
+        """Parse dotted paths; raises `OptionError`."""
         return cls(tuple(map(Field.parse, dict.fromkeys(texts))))
 
     def of(self, event: Json) -> tuple[Json, ...] | None:
-        """The value of each field, or None where the event lacks one of them."""
+        """Return the value of each field, or None if the event lacks one."""
         found = [field.of(event) for field in self.fields]
         return None if None in found else tuple(value[0] for value in found if value is not None)
 
     def as_json(self, values: tuple[Json, ...]) -> Json:
-        """The key as JSON: the value of a single field, or an object with those of several."""
+        """Return the value of a single field, or an object for several fields."""
         if len(self.fields) == 1:
             return values[0]
         return {field.text: value for field, value in zip(self.fields, values, strict=True)}
@@ -77,9 +78,9 @@ class Key:
 class KeyedTraces:
     """The monitors of each value of a key.
 
-    `fork` makes the monitored trace of a new value and `begin` is called with it. An event that
-    lacks a field of the key has no monitors: `lacking` counts such events, and `first_lacking` is
-    the number of the first.
+    `fork` makes the monitored trace of a new value, and `begin` is called with it. `lacking` counts
+    the events without a key field, which no monitor receives; `first_lacking` is the number of the
+    first.
     """
 
     def __init__(
@@ -92,9 +93,9 @@ class KeyedTraces:
         self.key = key
         self.lacking = self.first_lacking = 0
         self.names = tuple(one.text for one in key.fields) if all(len(one.path) == 1 for one in key.fields) else ()
-        """The fields of the key, if none is nested."""
+        """The fields of the key, or () if one is nested."""
         self.known: dict[tuple[Json, ...], MonitoredTrace | None] = {}
-        """The traces by the values that events have in the fields of the key, if these values are their own keys."""
+        """Cache of traces by values that serve as dictionary keys directly."""
         self._most = most
         self._fork = fork
         self._begin = begin
@@ -102,31 +103,33 @@ class KeyedTraces:
 
     @property
     def traces(self) -> list[MonitoredTrace]:
-        """The trace of each value, in the order in which the values came."""
+        """The trace of each value, in order of first occurrence."""
         return list(self._traces.values())
 
     def restore(self, trace: MonitoredTrace, values: tuple[Json, ...]) -> None:
-        """Take over the trace of these values from a checkpoint."""
+        """Restore the trace of these values from a checkpoint."""
         self._traces[tuple(map(value_key, values))] = trace
 
     def find(self, values: tuple[Json, ...]) -> MonitoredTrace | None:
-        """The trace of these values, or None if no event had them yet."""
+        """Return the trace of these values, or None if no event had them."""
         return self._traces.get(tuple(map(value_key, values)))
 
     def of(self, event: JsonObject, number: int) -> MonitoredTrace | None:
-        """The trace that an event belongs to, or None if it lacks a field of the key.
+        """Return the trace of an event, or None if it lacks a key field.
 
         Raises `TooLarge` for too many values.
         """
         plain: tuple[Json, ...] = ()
-        if type(event) is dict and self.names:  # mostly; asked of every event
+        if type(event) is dict and self.names:  # the common case
             plain = tuple([event.get(name) for name in self.names])
             if not _OWN_KEYS.issuperset(map(type, plain)):
                 plain = ()
             elif (known := self.known.get(plain)) is not None:
                 return known
         found = self.key.of(event)
-        if found is None or (isinstance(event, NonFiniteEvent) and not is_finite(found)):  # that equals no other value
+        if found is None or (
+            isinstance(event, NonFiniteEvent) and not is_finite(found)
+        ):  # such a number equals no other
             self.lacking += 1
             self.first_lacking = self.first_lacking or number
             return None

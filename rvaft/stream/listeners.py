@@ -1,4 +1,4 @@
-"""Listeners: who is notified of what happens in a trace, and what they see of it."""
+"""Listeners, which are notified of the events and verdicts of a run, and what they receive."""
 
 from abc import abstractmethod
 from collections import OrderedDict
@@ -27,15 +27,14 @@ from rvaft.support.files import opened
 
 GROUP: Final = "rvaft.publishers"
 BOUND: Final = 10_000
-"""How many events are remembered for explanations."""
+"""Maximum number of events kept for explanations."""
 
 
 class EventBuffer:
-    """The events of one trace, by their numbers, that explanations may name.
+    """The recent events of one trace by number, for explanations.
 
-    The latest that may become part of a match are `known`. Others are looked up in a regular file,
-    `path`, whose events are numbered as they stand; in a stream they are gone. `reads` is what was
-    read of them, by that `reader` if not by lines of JSON.
+    Older events are read again from the regular file `path`; events of a stream are lost. `reads`
+    are the parts of events that are read, by `reader` if the log is not JSON Lines.
     """
 
     def __init__(
@@ -44,18 +43,18 @@ class EventBuffer:
         self.path = path
         self.reads = reads
         self.reader = reader
-        self.known: OrderedDict[int, Json] = OrderedDict()  # a dict looks for its first key among all that were removed
+        self.known: OrderedDict[int, Json] = (
+            OrderedDict()
+        )  # a dict finds its first key in time linear in the removed ones
 
     def remember(self, number: int, event: Json) -> None:
-        """An event that may become part of a match."""
+        """Keep an event that may become part of a match."""
         if len(self.known) >= BOUND:
             self.known.popitem(last=False)
         self.known[number] = event
 
     def events(self, numbers: Collection[int]) -> Mapping[int, Json]:
-        """The events with these numbers, as far as they are known; what has changed in the file
-        since it was read is left out.
-        """
+        """Return the available events with these numbers."""
         known = {number: self.known[number] for number in numbers if number in self.known}
         missing = set(numbers) - set(known)
         if missing and self.path is not None and self.reader is not None:
@@ -76,7 +75,7 @@ class EventBuffer:
 
 @dataclass(slots=True)
 class MonitoredTrace:
-    """The monitors of one trace, or of one value of a key in it, and how many events they were given."""
+    """The monitors of one trace or of one key in it, with the number of their events."""
 
     trace: str
     monitors: MonitorSet
@@ -86,9 +85,7 @@ class MonitoredTrace:
 
 
 class VerdictChange:
-    """What one event changed: the columns whose verdict is another, those of them that detect, and
-    how that came about.
-    """
+    """The verdicts changed by one event: the columns, those that detect, and explanations."""
 
     def __init__(self, watch: MonitoredTrace, number: int, event: Json, columns: Sequence[int]) -> None:
         self.watch = watch
@@ -98,27 +95,27 @@ class VerdictChange:
         self.verdicts = watch.monitors.verdicts
         self.detected = [column for column in columns if self.verdicts[column] is Verdict.TRUE]
         self.counts = {column: watch.monitors.found[column] for column in self.detected if watch.monitors.repeat}
-        """Where monitors repeat, for each column that detects its detections with this one."""
+        """With repeat: the number of detections, including this one, by detecting column."""
 
     @cached_property
     def explanations(self) -> Mapping[int, Explanation]:
-        """How the tree matched, for each column that detects and whose monitor knows the tree."""
+        """The explanation of each detecting column; backends have none."""
         found = {column: self.watch.monitors.explanation(column) for column in self.detected}
         return {column: explanation for column, explanation in found.items() if explanation is not None}
 
     @cached_property
     def events(self) -> Mapping[int, Json]:
-        """The events that the explanations refer to, as far as they are known."""
+        """The events in the explanations, as far as they are available."""
         wanted = matched_events(self.explanations.values()) - {self.number}
         return {**self.watch.buffer.events(wanted), self.number: self.event}
 
     @cached_property
     def detections(self) -> Sequence[tuple[Explanation | None, frozenset[Kind], DetectionCount | None]]:
-        """What was detected, each match once, with the kinds whose monitors it detected; where
-        these repeat, with the detections of the first.
+        """The distinct detections: explanation, kinds of the detecting monitors, and count (with
+        repeat).
 
-        By the monitors of branches or kinds where these are monitored, else by that of the tree. A
-        backend does not explain.
+        Monitors of branches or kinds take precedence over that of the tree. Backends give no
+        explanation.
         """
         parts = [column for column in self.detected if column] or self.detected
         if parts and not self.explanations:
@@ -132,12 +129,11 @@ class VerdictChange:
 
 
 class Listener:
-    """Is notified of what happens in a run; this one does nothing.
+    """A listener that ignores all notifications.
 
-    With `every` a listener is notified of every event, with `concerned` of those that concern the
-    tree while a verdict may still change, else only of events that change a verdict. With `whole`
-    it sees all fields of an event. Without `whole`, and with a single trace, `events` reports
-    events in a row instead of `event` each.
+    With `every` it receives every event, with `concerned` relevant events while a verdict may
+    change, else only events that change a verdict. With `whole` events have all fields. Without
+    `whole`, and with a single trace, `events` reports a range of events instead of `event` each.
     """
 
     every = False
@@ -147,27 +143,27 @@ class Listener:
     """The number of the last event whose detections an earlier run reported."""
 
     def begin(self, watch: MonitoredTrace) -> None:
-        """A trace begins, or the first event of a key came."""
+        """Called when a trace begins, or at the first event of a key."""
 
     def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:
-        """The event of that number was read and changed no verdict; only with `every` or `concerned`."""
+        """Called with an event that changed no verdict, if `every` or `concerned`."""
 
     def events(self, watch: MonitoredTrace, first: int, last: int, verdicts: Sequence[Verdict]) -> None:
-        """The events from `first` to `last` were read and did not change these verdicts; only with `every`."""
+        """Called with a range of events that did not change these verdicts, if `every`."""
 
     def change(self, change: VerdictChange) -> None:
-        """An event changed verdicts."""
+        """Called when an event changed verdicts."""
 
     def end(self, watch: MonitoredTrace) -> None:
-        """The trace ends, and was not malformed."""
+        """Called at the end of a trace that was read without an error."""
 
     def stop(self, watch: MonitoredTrace) -> None:
-        """The trace was malformed, or could not be read further: no event and no end comes any more."""
+        """Called when a trace cannot be read further."""
 
 
 class Audience(NamedTuple):
-    """The listeners that are notified of events without a change: of `each` event, of events in a
-    row, or of those of concern.
+    """The listeners for events without a change: for each event, for ranges, and for relevant
+    events.
     """
 
     each: Sequence[Listener]
@@ -176,7 +172,7 @@ class Audience(NamedTuple):
 
     @classmethod
     def of(cls, listeners: Iterable[Listener], *, one_by_one: bool) -> "Audience":
-        """The audience among listeners; `one_by_one` says that events in a row cannot be reported together."""
+        """Sort listeners into an audience; `one_by_one` excludes ranges."""
         found = list(listeners)
         every = [listener for listener in found if listener.every]
         each = [listener for listener in every if listener.whole or one_by_one]
@@ -185,13 +181,14 @@ class Audience(NamedTuple):
 
 
 class Publisher(Listener):
-    """A listener that reports to a file, or to the clients of a port; a context manager.
+    """A listener that reports to a file or to the clients of a port; a context manager.
 
-    `name` names the tree in messages, `key` gives the key of a trace, and `warn` is called with each failure to report.
+    `name` names the tree in messages, `key` returns the key of a trace, and `warn` receives
+    failures.
     """
 
     url = ""
-    """The address that clients connect to, if there is a server."""
+    """The address for clients, if there is a server."""
 
     @abstractmethod
     def __init__(
@@ -207,11 +204,11 @@ class Publisher(Listener):
     @classmethod
     @abstractmethod
     def serves(cls, target: str) -> bool:
-        """Whether the target is a port, not a file; raises `OptionError` for anything else."""
+        """Whether the target is a port, not a file; raises `OptionError` for other targets."""
 
     @abstractmethod
     def close(self) -> None:
-        """End the server, or write the rest of the file; raises `OSError` where this fails."""
+        """Stop the server or finish the file; raises `OSError`."""
 
     def __enter__(self) -> Self:
         return self
@@ -223,14 +220,11 @@ class Publisher(Listener):
 
 
 def publisher_class(name: str) -> type[Publisher]:
-    """Import the publisher of that name.
-
-    Raises `ToolMissing` where there is none, and `ToolFailed` where it is broken.
-    """
+    """Import the publisher of that name; raises `ToolMissing` and `ToolFailed`."""
     for entry in entry_points(group=GROUP, name=name):
         try:
             made: type[Publisher] = entry.load()
-        except Exception as error:  # a third party's module may fail in any way
+        except Exception as error:  # a third party's module may raise anything
             reason = f"it cannot be loaded: {type(error).__name__}: {error}"
             raise ToolFailed(f"the publisher {name}", reason=reason) from error
         return made

@@ -1,8 +1,8 @@
-"""What has a verdict of its own, the tree and beside it each of its branches or kinds, and their
-monitors, which read the same events.
+"""Columns (the tree, and beside it its branches or kinds) and their monitors, which read the same
+events.
 
-These are the options (a), (b) and (c) of the paper, section 4.3, with the names that its Tables 2
-and 3 give to the monitors.
+These are the options (a), (b) and (c) of the paper, section 4.3, with the monitor names of its
+Tables 2 and 3.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,12 +25,12 @@ from rvaft.monitors import Ended, Explanation, Monitor, Repetition
 from rvaft.stream.statistics import EventKind, EventTypeIndex
 
 MOST: Final = 1_000
-"""How many branches are monitored one by one."""
-_UNKNOWN: Final = Verdict.UNKNOWN  # looked up for every event
+"""Maximum number of branches with a monitor each."""
+_UNKNOWN: Final = Verdict.UNKNOWN
 
 
 class Per(StrEnum):
-    """What has a verdict of its own."""
+    """The parts of a tree that have a verdict each."""
 
     TREE = "tree"
     BRANCH = "branch"
@@ -39,8 +39,8 @@ class Per(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One monitor: `label` for programs (`tree`, the number of a branch, a kind), `title` for
-    people, and what it monitors.
+    """One monitored part: `label` for programs (`tree`, a branch number, a kind), `title` for
+    people.
     """
 
     label: str
@@ -49,15 +49,14 @@ class Column:
 
 
 def columns(tree: RVAFT, per: Per = Per.TREE) -> tuple[Column, ...]:
-    """The monitor of a tree (or of the part of one), and beside it those of its branches, from 1,
-    or of the kinds that it has.
+    """Return the column of a tree or part, and those of its branches, from 1, or kinds.
 
-    A part without a feasible scenario, where nothing can ever be detected, has none. Raises
-    `TreeError` for a tree that breaks a rule, and `TooLarge` beyond `MOST` branches.
+    Parts without a feasible scenario have no column. Raises `TreeError`, and `TooLarge` beyond
+    `MOST` branches.
 
-    >>> import rvaft
-    >>> [column.title for column in columns(rvaft.loads("top or a b; a; b;"), Per.BRANCH)]
-    ['φ', 'φ1', 'φ2']
+        >>> import rvaft
+        >>> [column.title for column in columns(rvaft.loads("top or a b; a; b;"), Per.BRANCH)]
+        ['φ', 'φ1', 'φ2']
     """
     found = [Column("tree", "φ", narrowed(tree))]
     wanted: list[tuple[str, str, int | None, Kind | None]] = []
@@ -81,11 +80,10 @@ def columns(tree: RVAFT, per: Per = Per.TREE) -> tuple[Column, ...]:
 
 @dataclass(slots=True)
 class DetectionCount:
-    """What one monitor has detected: how many detections were reported, the event of the last, how it
-    came about and when that was.
+    """The detections of one monitor: the number reported, and event, explanation and time of the
+    last.
 
-    Others were `suppressed`: so many, the first of them at that event, and so many `between` the
-    last two that were reported.
+    `suppressed` counts the others; `between` counts those between the last two reported ones.
     """
 
     notified: int = 0
@@ -98,9 +96,8 @@ class DetectionCount:
     _before: int = 0
 
     def add(self, number: int, time: int | None, cooldown: int | None) -> bool:
-        """Count the detection at the event of that number, and say whether it is reported.
-
-        It is not where its time is less than `cooldown` from that of the last one that was reported.
+        """Count a detection and return whether it is reported: not within `cooldown` ns of the last
+        report.
         """
         if cooldown and time is not None and self.time is not None and abs(time - self.time) < cooldown:
             self.suppressed += 1
@@ -113,29 +110,31 @@ class DetectionCount:
 
     @property
     def fields(self) -> dict[str, int]:
-        """The number of the last detection, and how many before it were suppressed, as JSON has it."""
+        """The number of the last detection, and how many were suppressed before it, for JSON
+        output.
+        """
         return {"detection": self.notified, **({"suppressed": self.between} if self.between else {})}
 
 
 Snapshots: TypeAlias = tuple[list[dict[str, Json]], dict[int, int], list[DetectionCount]]
-"""The snapshots of the engines, the numbers of the events that made verdicts final, and the counts of detections."""
+"""Engine snapshots, numbers of the events that made verdicts final, and detection counts."""
 
 
 @dataclass(eq=False)
 class MonitorSet:
     """One monitor for each column; the first is that of the whole.
 
-    Events have the numbers that the caller gives them, which rise, and may leave some out:
-    explanations name events by these numbers. `types` says what events are to the tree: one look-up
-    serves the counts and all monitors. `since` has, for each column whose verdict is final, the
-    number of the event that made it so. `concerned` says whether the last event was relevant to the
-    tree, or may be part of a match all the same, `serves` whether an explanation may name it,
-    `late` whether it came too late for any. `found` counts the detections of each column.
+    The caller numbers events increasingly, perhaps with gaps. `types` classifies an event once for
+    all monitors. `since` maps columns with a final verdict to the deciding event, `found` counts
+    detections. After each step:
 
-    With `repeat` monitors begin afresh after each detection, and true is no final verdict; for
-    `cooldown` nanoseconds after one that was reported others of the same column are suppressed:
-    counted, and otherwise as if nothing had been detected. Raises `TooLarge` as its monitors do,
-    and `OptionError` for a cooldown of a tree without times.
+    - `concerned`: the event is relevant, or may be part of a match;
+    - `serves`: an explanation may name the event;
+    - `late`: the event came too late for a match.
+
+    With `repeat` monitors restart after each detection, and ⊤ is not final. `cooldown` suppresses
+    detections of the same column within so many nanoseconds. Raises `TooLarge` as its monitors do,
+    and `OptionError` for a cooldown with a tree without times.
     """
 
     columns: Sequence[Column]
@@ -161,22 +160,22 @@ class MonitorSet:
         self.serves = self.concerned = self.late = False
         self.may_be_late = bool(self.engines) and self.time is not None and self.time.late is not None
         self.counts_all = self._strict or not self.engines
-        """Whether an event that fits nothing may change a verdict."""
+        """Whether an irrelevant event may change a verdict."""
         self._live = tuple(range(len(self.monitors)))
         self._resting: tuple[int, ...] = ()
-        """The columns that detected with the last event and begin afresh with the next."""
+        """The columns that detected with the last event and restart with the next."""
 
     def _take_over(self, monitors: tuple[Monitor, ...]) -> None:
         self.monitors = monitors
         current = (monitor.current if isinstance(monitor, Repetition) else monitor for monitor in monitors)
         engines = tuple(monitor for monitor in current if isinstance(monitor, Engine))
         self.engines = engines if len(engines) == len(monitors) else ()
-        """The same where all are engines, else none."""
+        """The monitors, if all are engines, else ()."""
         if self.engines:
             self._read = self.engines[0].read
 
     def fork(self) -> Self:
-        """Independent monitors that have read the same events."""
+        """Return independent monitors in the same state."""
         twin = copy(self)
         twin._take_over(tuple(monitor.fork() for monitor in self.monitors))  # noqa: SLF001 (its own)
         twin.since = dict(self.since)
@@ -185,7 +184,7 @@ class MonitorSet:
 
     @classmethod
     def beside(cls, sets: Sequence["MonitorSet"]) -> "MonitorSet":
-        """The monitors of several sets, which step them, as one that is only looked at."""
+        """Return a read-only union of several sets."""
         if len(sets) == 1:
             return sets[0]
         one = copy(sets[0])
@@ -197,11 +196,11 @@ class MonitorSet:
 
     @property
     def snapshot(self) -> Snapshots:
-        """What `resumed` needs to go on from here; for engines alone."""
+        """The state for `resumed`; for engines only."""
         return [engine.snapshot() for engine in self.engines], self.since, self.found
 
     def resumed(self, snapshot: Snapshots) -> Self:
-        """A copy of these monitors, which have read nothing, that goes on from a snapshot."""
+        """Return a copy of these fresh monitors in the state of a snapshot."""
         twin = self.fork()
         states, twin.since, twin.found = snapshot
         for engine, state in zip(twin.engines, states, strict=True):
@@ -211,7 +210,7 @@ class MonitorSet:
         return twin
 
     def begin_again(self) -> None:
-        """Let the monitors that repeat and have detected with the last event begin afresh."""
+        """Restart the repeating monitors that detected with the last event."""
         if self._resting:
             for column in self._resting:
                 cast("Repetition", self.monitors[column]).begin_again()
@@ -219,7 +218,9 @@ class MonitorSet:
             self._take_over(self.monitors)
 
     def step(self, event: Json, number: int, event_kind: EventKind | None = None) -> Sequence[int]:
-        """Read one event and return the columns whose verdict it changed; `event_kind` is what `types` says of it."""
+        """Read one event and return the columns whose verdict changed; `event_kind` is its class in
+        `types`.
+        """
         self.serves = False
         if self._resting:
             self.begin_again()
@@ -263,11 +264,11 @@ class MonitorSet:
 
     @property
     def rests(self) -> bool:
-        """Whether monitors begin afresh with the next event."""
+        """Whether some monitors restart with the next event."""
         return bool(self._resting)
 
     def _changed(self, number: int, event: Json) -> Sequence[int]:
-        """The columns that detected with the event of that number, or whose verdict it made final."""
+        """Return the columns that detected with that event, or whose verdict became final."""
         changed, suppressed = [], []
         for column in self._live:
             verdict = self.monitors[column].verdict
@@ -291,7 +292,7 @@ class MonitorSet:
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """The verdict of each column so far."""
+        """The current verdict of each column."""
         return tuple(monitor.verdict for monitor in self.monitors)
 
     @property
@@ -300,13 +301,11 @@ class MonitorSet:
         return bool(self._live)
 
     def explanation(self, column: int) -> Explanation | None:
-        """After ⊤ in that column, how it was detected, where the monitor knows the tree."""
+        """The explanation of a detection in that column; None for backends."""
         return self.monitors[column].explanation
 
     def ended(self, column: int) -> Ended | None:
-        """After ⊥ in that column, how its last hope ended, where the monitor knows the tree and
-        what it waited for is not too much to say.
-        """
+        """Why that column can no longer detect; None for backends and if the list is too long."""
         try:
             return self.monitors[column].ended
         except TooLarge:

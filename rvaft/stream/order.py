@@ -1,4 +1,4 @@
-"""Time order: a window puts events in order by a field, and counts late ones; a clock counts times that go back."""
+"""Time order: `Ordering` sorts events within a window, `Backwards` counts times that go back."""
 
 from collections.abc import Iterator
 from heapq import heappush, heappushpop
@@ -12,33 +12,32 @@ from rvaft.stream.detection import counted
 from rvaft.stream.keys import Field
 
 E = TypeVar("E")
-"""What is put in order: events, or what stands for them."""
+"""The sorted items: events, or what stands for them."""
 Place: TypeAlias = int | float
 DEFAULT_WINDOW: Final = 1_000
-"""How many events are held back unless told otherwise."""
+"""Default number of events held back."""
 _ISO: Final = EventTime((), TimeFormat.ISO8601)
-"""Reads a value that is a time itself."""
+"""Reads a value that is itself a time."""
 
 
 class OrderedField:
-    """A field by which events are in order: by the `time` of the tree, where that is there, else by
-    numbers or times of ISO 8601.
+    """A field with an order: the tree's time field, else numbers or ISO 8601 times.
 
-    Which of the two it holds the first that comes says; the other is then no place. Raises
-    `OptionError` for what is no field.
+    The first value decides which of the two; values of the other type count as missing. Raises
+    `OptionError` for an invalid field.
     """
 
     def __init__(self, field: str, time: EventTime | None = None) -> None:
         self.time = time if time is not None and ".".join(time.field) == field else None
         self.field = Field.parse(field) if self.time is None else Field(field, self.time.field)
         self.holds_times: bool | None = None
-        """Whether times of ISO 8601 stand there."""
+        """Whether the field has ISO 8601 times; None before the first value."""
 
     def place(self, event: Json) -> Place | None:
-        """The number or time that an event has there; a boolean is none, nor is what is not finite."""
+        """Return the number or time of an event; None for Booleans and values that are not finite."""
         if self.time is not None:
             return self.time.read(event)
-        plain = type(event) is dict and self.field.text in event  # mostly; asked of every event
+        plain = type(event) is dict and self.field.text in event  # the common case
         value = event[self.field.text] if plain else (self.field.of(event) or (None,))[0]
         if type(value) is float and self.holds_times is False and value - value == 0:
             return value
@@ -51,17 +50,15 @@ class OrderedField:
 
 
 class Ordering(OrderedField, Generic[E]):
-    """Holds back up to `window` events and returns the one with the smallest place first; events
-    with equal places keep their order.
+    """Holds back up to `window` events and returns the one with the smallest place first.
 
-    The order is right as long as no event stands more than `window` places behind its own. An event
-    that comes later than that is returned at once, and counted as `late`. An event without a place
-    stays behind the one before it, and is counted in `without`. Can be pickled with the events that
-    it holds.
+    Events with equal places keep their order. Sorting is exact if no event is more than `window`
+    places behind its own. A later event is returned at once and counted as `late`. An event without
+    a place follows the event before it, and is counted in `without`. Can be pickled.
 
-    >>> ordering = Ordering("time", window=1)
-    >>> [ordering.add({"time": time}) for time in (2, 1, 3)]
-    [None, {'time': 1}, {'time': 2}]
+        >>> ordering = Ordering("time", window=1)
+        >>> [ordering.add({"time": time}) for time in (2, 1, 3)]
+        [None, {'time': 1}, {'time': 2}]
     """
 
     def __init__(self, field: str, *, window: int = DEFAULT_WINDOW, time: EventTime | None = None) -> None:
@@ -69,22 +66,22 @@ class Ordering(OrderedField, Generic[E]):
         self.window = window
         self.late = self.without = 0
         self.first_late = self.first_without = 0
-        """The numbers of the first such events, as read."""
+        """The numbers of the first such events, in reading order."""
         self.came = 0
         """The number of events added."""
         self.held: list[tuple[Place, int, E]] = []
-        """A heap of the events that are held back, each with its place and its number."""
+        """A heap of the held events: place, number, event."""
         self.before: Place = -inf
         """The place of the last event added."""
         self.latest: Place = -inf
         """The greatest place of an event returned."""
 
     def add(self, event: E) -> E | None:
-        """Add the next event; return the event whose turn it is then, or None while the window is not full."""
+        """Add the next event; return the event that is due, or None while the window is not full."""
         return self.put(self.place(event), event)
 
     def put(self, place: Place | None, event: E) -> E | None:
-        """The same for an event whose place is known."""
+        """Add an event whose place is known."""
         self.came += 1
         if place is None:
             place = self.before
@@ -98,40 +95,43 @@ class Ordering(OrderedField, Generic[E]):
         if len(self.held) < self.window:
             heappush(self.held, entry)
             return None
-        # Once an event was returned the window stays full, so a late one is the smallest here and comes straight back.
+        # Once an event was returned the window stays full, so a late event is the smallest and
+        # returned at once.
         first = heappushpop(self.held, entry)
         self.latest = max(self.latest, first[0])
         return first[2]
 
     def rest(self) -> Iterator[E]:
-        """Return the events that are still held, in order: the trace has ended."""
+        """Return the held events in order, at the end of the trace."""
         rest, self.held = sorted(self.held, key=itemgetter(0, 1)), []
         yield from (event for _, _, event in rest)
 
     @property
     def warnings(self) -> Iterator[str]:
-        """What was odd about the order, each as a line."""
+        """The warnings about late events and events without a place."""
         name = self.field.text
         if self.late:
-            more = f"too late for a window of {self.window}: they stay where they stand"
+            more = f"too late for a window of {self.window}: not reordered"
             yield f"{counted(self.late)} by the field {name} {more} (first: event {self.first_late} as read)"
         if self.without:
             what = "a number or a time of ISO 8601"
-            remedy = f"; `time {name} as FORMAT;` in the tree says how others are read"
+            remedy = f"; declare other formats in the tree with `time {name} as FORMAT;`"
             if self.time is not None:
                 what, remedy = f"a time as {self.time.format}", ""
-            lacking = f"{counted(self.without)} without {what} in the field {name} stay behind the event before"
+            lacking = (
+                f"{counted(self.without)} without {what} in the field {name} keep their place after the preceding event"
+            )
             yield f"{lacking} (first: event {self.first_without} as read){remedy}"
 
 
 class Backwards(OrderedField):
-    """Counts how often a place is before the last one, and at which event first; can be pickled."""
+    """Counts how often a place is smaller than the last one; can be pickled."""
 
     count = first = 0
     last: Place = -inf
 
     def see(self, number: int, event: JsonObject) -> None:
-        """Look at the next event; one without a place is passed over."""
+        """Read the next event; an event without a place is skipped."""
         place = self.place(event)
         if place is not None:
             if place < self.last:
@@ -141,7 +141,7 @@ class Backwards(OrderedField):
 
     @property
     def warnings(self) -> Iterator[str]:
-        """The warning about times that go back, if there are any."""
+        """The warning about times that go back, if any."""
         if self.count:
             name = self.field.text
             goes = f"the field {name} goes back at {counted(self.count)} (first: event {self.first})"

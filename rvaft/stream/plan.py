@@ -1,4 +1,4 @@
-"""What is done with every trace of a run, and the sums over all traces."""
+"""The settings of monitoring that all traces of a run share, and the sums over all traces."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,12 +13,16 @@ from rvaft.stream.semantics_hint import SemanticsHint
 from rvaft.stream.statistics import Statistics
 
 TIME: Final = "time"
-"""The field that is watched for going back, in the events that concern the tree."""
+"""The time field of relevant events of a tree that declares none; a warning counts times that go
+back.
+"""
 
 
 @dataclass(frozen=True)
 class MonitoringPlan:
-    """What is done with every trace: `monitors` have read nothing; `also` are fields that somebody else looks at."""
+    """How each trace is monitored: `monitors` are fresh; `also` are fields for other readers of
+    events.
+    """
 
     monitors: MonitorSet
     key: Key | None = None
@@ -30,33 +34,31 @@ class MonitoringPlan:
 
     @property
     def plain(self) -> bool:
-        """Whether every event goes to the same monitors, in the order in which it stands."""
+        """Whether all events go to the same monitors in reading order."""
         return self.key is None and self.order_by is None
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """The fields of the order, of the key, and those that somebody else looks at."""
+        """The fields of the order and the key, and those in `also`."""
         order = () if self.order_by is None else (Field.parse(self.order_by),)
         return (*order, *(self.key.fields if self.key else ()), *self.also)
 
     @cached_property
     def reads(self) -> TreeReads:
-        """What is read of an event."""
+        """The parts of an event that are read."""
         return TreeReads(self.monitors.types.tree, [field.path for field in self.fields])
 
 
 @dataclass(slots=True)
 class Totals:
-    """What several traces held, if that is wanted, what was doubtful about them, and what other
-    semantics makes of those that ended in ⊥.
-    """
+    """The sums over several traces: statistics (if wanted), data warnings, and the semantics hint."""
 
     statistics: Statistics | None
     data_warnings: DataWarnings
     semantics_hint: SemanticsHint | None = None
 
     def merge(self, other: Self) -> None:
-        """Add those of later traces."""
+        """Add the totals of later traces."""
         if self.statistics is not None and other.statistics is not None:
             self.statistics.merge(other.statistics)
         self.data_warnings.merge(other.data_warnings)

@@ -1,4 +1,4 @@
-"""One trace from its first event to its last: events in time order, the monitors of each key, and the listeners."""
+"""The run over one trace: events in time order, the monitors of each key, and the listeners."""
 
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Sequence
@@ -21,7 +21,7 @@ from rvaft.stream.plan import TIME, MonitoringPlan, Totals
 from rvaft.stream.statistics import Statistics
 
 Source: TypeAlias = BinaryIO | Log | Iterable[Json]
-"""A stream of JSON Lines, a log in another format, or events as they are."""
+"""A stream of JSON Lines, a log in another format, or decoded events."""
 RunState: TypeAlias = tuple[
     list[tuple[tuple[Json, ...] | None, Snapshots, int]],
     tuple[int, int],
@@ -30,16 +30,15 @@ RunState: TypeAlias = tuple[
     Ordering[JsonObject] | None,
     tuple[Statistics | None, DataWarnings],
 ]
-"""The monitors of each key, the events without a key, the remembered events, the clock, the order, and the sums."""
+"""Monitors of each key, events without a key, buffered events, clock, order, and totals."""
 
 
 @dataclass(eq=False)
 class TraceRun:
-    """One trace, which `totals` count, too; `prefix` stands before a place in it in messages.
+    """The run over one trace; `prefix` precedes event numbers in messages.
 
-    `read` reads the events, from wherever they come, and `begin` and `end` (or `stop`) go before
-    and after it. `number` is that of the last event, `detected` that of the last one with a
-    detection; once the trace has `ended` only events that were held back come.
+    Call `begin`, `read`, and `end` or `stop`. `number` is the last event, `detected` the last one
+    with a detection. Once the trace has `ended`, only held-back events come.
     """
 
     plan: MonitoringPlan
@@ -62,7 +61,7 @@ class TraceRun:
         self.number = self.detected = 0
         self.begun = self.ended = False
         self.watch = MonitoredTrace(self.trace, monitors.fork(), buffer=self.buffer)
-        """The monitored trace; with a key, what is copied for each value of the key."""
+        """The monitored trace; with a key, the template for each value."""
         key, most = self.plan.key, self.plan.max_keys
         self.keys = None if key is None else KeyedTraces(key, most, self._of_key, self._begin_trace)
         self.prepare()
@@ -75,7 +74,7 @@ class TraceRun:
             listener.begin(watch)
 
     def prepare(self) -> None:
-        """Get ready to read events from here on."""
+        """Prepare to read events from the current position."""
         self.audience = Audience.of(self.listeners, one_by_one=self.one_by_one)
         self._notified, self._verdicts = self.number, self.watch.monitors.verdicts
 
@@ -86,11 +85,11 @@ class TraceRun:
 
     @property
     def watches(self) -> list[MonitoredTrace]:
-        """The monitored trace, or that of each key, in the order in which the keys came."""
+        """The monitored trace, or that of each key in order of first occurrence."""
         return [self.watch] if self.keys is None else self.keys.traces
 
     def begin(self) -> None:
-        """The trace begins, or goes on."""
+        """Notify listeners that the trace begins or continues."""
         self.begun = True
         for watch in self.watches:
             self._begin_trace(watch)
@@ -98,9 +97,8 @@ class TraceRun:
     def read(self, source: Source, name: str, *, line: int = 1) -> Iterator[bool]:
         """Read all events of a source, and pause after each.
 
-        Yields False once where the trace has ended; events that were held back come after that.
-        `line` is the number of the line where a stream goes on. Raises what
-        `rvaft.readers.json_lines.read` raises.
+        Yields False once the trace has ended; held-back events follow. `line` is the number of the
+        first line of a stream. Raises what `rvaft.readers.json_lines.read` raises.
         """
         self.prepare()
         events: Iterable[JsonObject]
@@ -119,8 +117,8 @@ class TraceRun:
             yield event is not None
 
     def _in_turn(self, events: Iterable[JsonObject]) -> Iterator[JsonObject | None]:
-        """Yield events in time order, and None at the end of the trace; an error of the source
-        comes after the events before it.
+        """Yield events in time order, and None at the end; an error comes after the events before
+        it.
         """
         ordering, failure = self.ordering, None
         try:
@@ -141,13 +139,13 @@ class TraceRun:
     def take(  # noqa: PLR0915
         self, events: Iterable[tuple[int, JsonObject]], before: int
     ) -> None:
-        """Give events to the monitors one by one; each comes with its place after the event of the number `before`.
+        """Step the monitors over events; places count from the event `before`.
 
-        Everything that is needed for an event stands in this loop: every call counts.
+        The loop is inlined, because each call per event costs time.
         """
         prefix, keys, fresh = self.prefix, self.keys, self.plan.monitors
         each, _, of_concern = self.audience
-        skips = fresh.semantics.projects and bool(fresh.engines)  # what is not relevant changes nothing
+        skips = fresh.semantics.projects and bool(fresh.engines)  # irrelevant events change nothing
         keyed_by = keys.names[0] if keys is not None and len(keys.names) == 1 else ""
         known = {} if keys is None else keys.known
         types, look_up = fresh.types, fresh.types.shapes.of
@@ -202,7 +200,7 @@ class TraceRun:
             raise
 
     def notify_unchanged(self, last: int) -> None:
-        """Notify listeners of the events up to this number that have not been reported: they changed no verdict."""
+        """Notify listeners of unreported events up to this number; they changed no verdict."""
         if self._notified < last:
             for listener in self.audience.in_rows:
                 listener.events(self.watch, self._notified + 1, last, self._verdicts)
@@ -224,14 +222,14 @@ class TraceRun:
 
     @property
     def state(self) -> RunState:
-        """What `restore` needs to go on from here, in classes that hold data only."""
+        """The state for `restore`, in classes that hold data only."""
         watches = [(watch.key, watch.monitors.snapshot, watch.events) for watch in self.watches]
         lacking = (0, 0) if self.keys is None else (self.keys.lacking, self.keys.first_lacking)
         totals = (self.totals.statistics, self.totals.data_warnings)
         return watches, lacking, self.buffer.known, self.clock, self.ordering, totals
 
     def restore(self, state: RunState, number: int) -> None:
-        """Go on from a state after the event of that number."""
+        """Continue from a state after the event of that number."""
         watches, lacking, known, self.clock, self.ordering, (statistics, self.totals.data_warnings) = state
         self.totals.data_warnings.attach(self.plan.monitors.types)
         self.number = number
@@ -250,7 +248,7 @@ class TraceRun:
             self.keys.lacking, self.keys.first_lacking = lacking
 
     def end(self) -> None:
-        """The trace ends, and was not malformed."""
+        """Notify listeners of a regular end."""
         for watch in self.watches:
             for listener in self.listeners:
                 listener.end(watch)
@@ -258,7 +256,7 @@ class TraceRun:
                 self.totals.semantics_hint.look(id(watch), self.prefix)
 
     def stop(self) -> None:
-        """The trace cannot be read further; if it never began, nobody is notified."""
+        """Notify listeners, if the trace has begun, that it cannot be read further."""
         for watch in self.watches if self.begun else ():
             for listener in self.listeners:
                 listener.stop(watch)
@@ -270,7 +268,7 @@ class TraceRun:
 
     @property
     def warnings(self) -> Iterator[str]:
-        """What was odd about the events, each as a line."""
+        """The warnings about the events, one line each."""
         counts = [count for watch in self.watches for count in watch.monitors.found if count.first_suppressed]
         if counts:
             first = min(count.first_suppressed or 0 for count in counts)

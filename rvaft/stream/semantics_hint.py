@@ -1,7 +1,6 @@
-"""What the events of a trace that ended in ⊥ mean under `scattered`, where nobody chose the
-semantics under which they mean nothing.
+"""A hint for traces that end in ⊥ under a default semantics: the verdicts under `scattered`.
 
-The events that fit the tree are kept, as far as there is room, and read again at the end, as far as that is cheap.
+Events that match a pattern are kept, up to a limit, and read again at the end, up to a time limit.
 """
 
 from contextlib import suppress
@@ -17,22 +16,20 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
 
 ROOM: Final = 10_000
-"""How many events of a trace are kept, of all keys together."""
+"""Maximum number of events kept per trace, over all keys."""
 LIMIT: Final = 1_000
-"""Partial matches that are followed."""
+"""Maximum number of partial matches."""
 SECONDS: Final = 2.0
-"""How long all traces together may take."""
+"""Time limit in seconds, for all traces together."""
 _MEANING: Final = (
-    "false under projected, which neither the tree nor --semantics chose, means that the relevant events, "
-    "none left out, "
-    "cannot become a match any more; under scattered, which may leave some out,"
+    "false under projected, the default semantics: a match must use every relevant event, "
+    "and these events cannot become a match; "
+    "under scattered, where a match may skip events,"
 )
 
 
 class SemanticsHint:
-    """Reads the traces, or keys, that ended in ⊥ again, unless that is not to be `tried`; `line`
-    sums up what came of it.
-    """
+    """Reads traces (or keys) that ended in ⊥ again, if `tried`; `line` is the result."""
 
     def __init__(self, tree: RVAFT, *, tried: bool = True) -> None:
         self._tree = tree
@@ -47,9 +44,7 @@ class SemanticsHint:
         return monitor(self._tree, semantics=Semantics.SCATTERED, limit=LIMIT)
 
     def keep(self, watch: int, number: int, event: Json) -> None:
-        """Keep an event that fits the tree, of the trace or key of that number, or the place where
-        there was no more room.
-        """
+        """Keep an event for that trace or key; if there is no room, keep only its number."""
         kept = self._kept.setdefault(watch, [])
         if self._room > 0:
             self._room -= 1
@@ -58,14 +53,12 @@ class SemanticsHint:
             kept.append((number, None))
 
     def is_full(self, watch: int) -> bool:
-        """Whether it does not matter any more what is kept of that trace or key."""
+        """Whether further events of that trace or key make no difference."""
         kept = self._kept.get(watch, [])
         return bool(kept) and self._room <= 0 and kept[-1][1] is None
 
     def look(self, watch: int, prefix: str) -> None:
-        """Read again what was kept of a trace, or key, that ended in ⊥; `prefix` is what stands
-        before a place in it.
-        """
+        """Read the kept events of a trace that ended in ⊥; `prefix` precedes event numbers."""
         self.ended += 1
         if not self._tried:
             return
@@ -86,12 +79,12 @@ class SemanticsHint:
         self._left = max(self._left - (monotonic() - begun), 0)
 
     def forget(self) -> None:
-        """A trace begins: what was kept of others is not needed any more."""
+        """Drop all events kept, at the start of a trace."""
         self._room = ROOM if self._tried else 0
         self._kept: dict[int, list[tuple[int, Json]]] = {}
 
     def merge(self, other: "SemanticsHint") -> None:
-        """Add what came of other traces."""
+        """Add the results of other traces."""
         self.ended += other.ended
         self.detecting += other.detecting
         self.unread += other.unread
@@ -100,9 +93,7 @@ class SemanticsHint:
 
     @property
     def line(self) -> str | None:
-        """What ⊥ means, and what `scattered`, which may leave events out, makes of the same events;
-        None where there was none.
-        """
+        """The meaning of ⊥ and the result under `scattered`, or None if no trace ended in ⊥."""
         if not self.ended:
             return None
         if not self._tried:

@@ -1,4 +1,4 @@
-"""What a trace has to do with a tree: which event types it holds, and which events only just miss one."""
+"""Statistics of traces: which event types occur, and near misses."""
 
 import json
 from collections import Counter
@@ -28,56 +28,56 @@ from rvaft.model.values import Json, at
 from rvaft.support.terminal import cut
 
 LOOKED_AT: Final = 20
-"""Near misses are looked for in so many events of those that match nothing and have the same
-strings in the discriminating fields.
-"""
+"""Maximum number of examined unmatched events with the same values in the discriminating fields."""
 MOST: Final = 10_000
-"""How many different such strings are told apart; events with others are not looked at."""
+"""Maximum number of distinct values of these fields; events with others are not examined."""
 UNSEEN: Final[tuple[int, ...]] = (-1,)
-"""In place of letters where data_warnings did not look yet, or where the shape does not say which there are."""
+"""Marks checks that are not computed yet, and missing fields."""
 
 Path = tuple[str, ...]
 
 
 @dataclass(slots=True, eq=False)
 class WarningChecks:
-    """What data warnings ask of events that match the same patterns."""
+    """The checks by data warnings of events that match the same patterns."""
 
     looked_at: tuple[int, ...] = UNSEEN
-    """The letters of which they ask something."""
+    """The letters with checks."""
     good: tuple[object, int, Sequence[str] | None, set[tuple[type, ...]]] | None = None
-    """What they know to be well: who knows it, since when, of which fields, and the types there."""
+    """The cache of passed checks: owner, version, fields, and value types."""
 
 
 @dataclass(slots=True, eq=False)
 class EventKind:
-    """What events are that have one shape and of which the same guards hold; without arguments, nothing."""
+    """The class of events with the same shape and the same true guards; the default matches
+    nothing.
+    """
 
     fits: tuple[int, ...] = ()
-    """The numbers of the letters whose patterns they match."""
+    """The numbers of the letters whose patterns match."""
     admitted: tuple[int, ...] = ()
-    """Those of the letters that they are, guards included."""
+    """The numbers of the letters that match with their guards."""
     classes: tuple[EventClass, ...] = ()
-    """What they are to each engine."""
+    """The event class for each engine."""
     types: frozenset[str] = field(default=frozenset(), init=False)
-    """The event types that they fit."""
+    """The matching event types."""
     entries: bool = field(default=False, init=False)
-    """Whether they fit entries of the alphabet."""
+    """Whether an entry of the alphabet matches."""
     relevant: tuple[str, ...] | None = field(default=(), init=False)
-    """The types of which they are relevant, None where they are ignored."""
+    """The types for which the event is relevant; None for an ignored event."""
     serves: bool = field(default=False, init=False)
-    """Whether they may be the event of a node."""
+    """Whether the event may be that of a node."""
     noted: object = field(default=None, init=False)
-    """The statistics that know these types as seen."""
+    """The statistics that have counted these types as seen."""
     checks: WarningChecks = field(default_factory=WarningChecks)
     """Shared by all kinds that match the same patterns."""
 
 
 class EventTypeIndex:
-    """What events can be to a tree, and to engines that monitor it: one look-up serves all of them.
+    """Classifies events for a tree and for its engines with one look-up.
 
-    An event type is what an `on` names; the default event of a leaf is a type of the leaf's name.
-    `compound` are the types with several fields, of which an event can miss one.
+    An event type is what an `on` names, or a leaf with its default event. `compound` are the types
+    with several fields, which have near misses.
     """
 
     def __init__(self, tree: RVAFT, engines: Sequence[EngineLetters] = ()) -> None:
@@ -95,22 +95,22 @@ class EventTypeIndex:
         letters += [("entry", name, letter) for name, letter in entries]
         letters += [("ignored", "", Letter(tree.instantiate(one.on), one.when)) for one in tree.ignores]
         self.letters = letters
-        """The letters, by their numbers: of types, of entries of the alphabet, and of what is ignored."""
+        """The numbered letters: types, alphabet entries, and ignored events."""
         self._tests = [
             (reader(number, Letter(one.pattern)).test, reader(number, one).test)
             for number, (_, _, one) in enumerate(letters)
         ]
-        """For each letter what is asked of an event for its pattern, and for its guard too."""
+        """The tests of each letter: the pattern, and the pattern with its guard."""
         also = dict.fromkeys(pattern for one in engines for pattern in one.patterns)
         self._patterns = (*(one.pattern for _, _, one in letters), *also)
         self.shapes = PatternIndex(self._patterns, self._table)
         self.late = EventKind(classes=(EventClass(),) * len(engines))
-        """What a late event is: nothing that a match could use."""
+        """The kind of late events: no match can use them."""
         reads = TreeReads(tree)
         self.discriminators: Discriminators = reads.discriminators
         self._read = reads.patterns
         self._texts: dict[str, frozenset[Json] | None] = {}
-        """What may stand in a field in which every pattern asks for a text."""
+        """The literals of a field in which every pattern has a text, else None."""
         self._meant: dict[str, dict[Json, Json]] = {field: {} for field in self.discriminators.fields}
         for pattern in reads.patterns:
             for name, value in pattern.fields if isinstance(pattern, ObjectPattern) else ():
@@ -120,11 +120,11 @@ class EventTypeIndex:
         self.compound = tuple(dict.fromkeys(one for one in fields if len(one[1]) > 1))
 
     def of(self, event: Mapping[str, Json]) -> EventKind:
-        """What an event is."""
+        """Return the kind of an event."""
         return self.shapes.of(event).of(event)
 
     def _table(self, decided: Decided) -> GuardTable[EventKind]:
-        """From an event of a shape to its kind."""
+        """Return the table from guard results to kinds, for events of a shape."""
         numbers = [number for number in sorted(chain(*decided)) if number < len(self.letters)]
         tests = [test for number in numbers for test in self._tests[number]]
 
@@ -140,7 +140,7 @@ class EventTypeIndex:
         return joined_tables([table, *tables], self._joined)
 
     def _joined(self, found: tuple[EventKind | EventClass, ...]) -> EventKind:
-        """The kind of events with these letters, and with these classes to the engines."""
+        """Return the kind that joins letters and engine classes."""
         kind, *classes = found
         assert isinstance(kind, EventKind), "the first says which letters they are"
         made = EventKind(kind.fits, kind.admitted, tuple(cast("list[EventClass]", classes)), checks=kind.checks)
@@ -158,9 +158,7 @@ class EventTypeIndex:
         return made
 
     def possible(self, values: Iterable[Hashable]) -> bool:
-        """Whether events with these values in the discriminating fields may fit a pattern, perhaps
-        if the values were spelled as they are there.
-        """
+        """Whether events with these values in the discriminating fields may match, up to spelling."""
         meant = {
             field: self._meant[field].get(_spelling(value), value) if isinstance(value, str) else None
             for field, value in zip(self.discriminators.fields, values, strict=True)
@@ -168,9 +166,7 @@ class EventTypeIndex:
         return bool(self.discriminators.candidates(self.discriminators.values(meant)))
 
     def may_be(self, field: str, text: str) -> bool:
-        """Whether an event with this text in this field may fit a pattern, whatever else it has,
-        perhaps if the text were spelled as it is there.
-        """
+        """Whether an event with this text in this field may match a pattern, up to spelling."""
         if field not in self._texts:
             asked = [literals_of(pattern).get(field) for pattern in self._read]
             texts = frozenset(_spelling(one) for one in asked if isinstance(one, str))
@@ -181,11 +177,10 @@ class EventTypeIndex:
 
 @dataclass(slots=True)
 class NearMissCount:
-    """Events that have all fields of an event type but one.
+    """Events that match an event type in all fields but one.
 
-    `expected` is the text of the pattern there, `found` what the first event has in that field,
-    None where it lacks the field, and `first` says where that event is. With `more` there are
-    events like these that were not looked at.
+    `expected` is the pattern of that field, `found` its value in the first event (None if missing),
+    `first` the place of that event. With `more` there are similar events that were not examined.
     """
 
     type: str
@@ -198,10 +193,9 @@ class NearMissCount:
 
 
 class Statistics:
-    """Counts over the events of one trace or several; can be pickled, and added to those of other
-    traces of the same tree.
+    """Counts for the events of traces of one tree; can be pickled and merged.
 
-    `tally` says how many events were relevant of these types together, `seen` are the types that some event was of.
+    `tally` counts relevant events by their set of types, `seen` has the types that occurred.
     """
 
     def __init__(self, types: EventTypeIndex) -> None:
@@ -215,13 +209,13 @@ class Statistics:
         self._missed: dict[tuple[Hashable, ...], list[NearMissCount]] = {}
 
     def __getstate__(self) -> dict[str, object]:
-        """The counts, without what the tree says."""
+        """Return the counts without the tree."""
         return {name: value for name, value in vars(self).items() if name != "types"}
 
     def add(
         self, event: Mapping[str, Json], number: int, prefix: str = "", event_kind: EventKind | None = None
     ) -> bool:
-        """Count one event and say whether it is relevant to the tree; `number`, with a prefix, is its place."""
+        """Count an event and return whether it is relevant; prefix and number give its place."""
         self.events += 1
         event_kind = event_kind or self.types.of(event)
         if event_kind.noted is not self:
@@ -237,7 +231,7 @@ class Statistics:
 
     @property
     def relevant(self) -> Counter[str]:
-        """How many events were relevant of each type."""
+        """The number of relevant events by type."""
         found: Counter[str] = Counter()
         for names, count in self.tally.items():
             found.update(dict.fromkeys(names, count))
@@ -245,11 +239,11 @@ class Statistics:
 
     @property
     def never_seen(self) -> tuple[str, ...]:
-        """The event types that no event was of, in the order of the tree."""
+        """The event types that did not occur, in the order of the tree."""
         return tuple(name for name in self.names if name not in self.seen)
 
     def merge(self, other: "Statistics") -> None:
-        """Add the counts of a later trace of the same tree."""
+        """Add the counts of a later trace."""
         self.events += other.events
         self.tally.update(other.tally)
         self.seen |= other.seen
@@ -282,12 +276,12 @@ class Statistics:
 
 
 def _spelling(text: Json) -> Json:
-    """A text as it may be meant by somebody who writes it otherwise: `/Command` and `command` are one."""
+    """Return a normalised text: `/Command` and `command` are equal."""
     return text.strip("/ ").casefold() if isinstance(text, str) else text
 
 
 def _leaves(pattern: Pattern) -> Iterator[tuple[Path, Pattern]]:
-    """The fields of an object pattern and of the object patterns in it, outermost first, in order."""
+    """Yield the fields of a nested object pattern, in order."""
     agenda: list[tuple[Path, Pattern]] = [((), pattern)]
     while agenda:
         path, part = agenda.pop()
@@ -300,10 +294,9 @@ def _leaves(pattern: Pattern) -> Iterator[tuple[Path, Pattern]]:
 def _only_miss(
     leaves: Iterable[tuple[Path, Pattern]], event: Json, telling: Sequence[str]
 ) -> tuple[Path, Pattern, str | None] | None:
-    """The one field that the event misses, what is expected there and what it has; None if it misses more.
+    """Return the only differing field, its pattern and its value; None if several fields differ.
 
-    An event that misses but a field `telling` event types apart is of another type, unless it looks
-    like the same one misspelt.
+    An event that differs in a discriminating field is of another type, unless it is a misspelling.
     """
     binding: dict[str, Json] = {}
     miss: tuple[Path, Pattern, str | None] | None = None

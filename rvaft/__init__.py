@@ -1,7 +1,7 @@
 """Attack-fault trees with runtime events.
 
-`load` or `loads` reads a tree, `translate` makes a specification of it, `monitor` watches events for it.
-Names are imported on first use: `import rvaft` alone costs nothing.
+`load` and `loads` read a tree, `translate` makes a specification of it, and `monitor` makes a
+monitor. Names are imported on first use.
 """
 
 from importlib import import_module
@@ -126,7 +126,7 @@ _ELSEWHERE: Final = {
         "read_log",
     ),
 }
-"""The modules of names that `rvaft.api` does not have."""
+"""The modules of names that are not in `rvaft.api`."""
 _MODULE_OF: Final = {name: "rvaft.api" for name in __all__ if name != "__version__"} | {
     name: module for module, names in _ELSEWHERE.items() for name in names
 }

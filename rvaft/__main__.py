@@ -1,4 +1,4 @@
-"""`python -m rvaft`: the command where no script is installed."""
+"""`python -m rvaft` runs the command."""
 
 from rvaft.cli import main
 

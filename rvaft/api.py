@@ -1,7 +1,6 @@
-"""The functions of `import rvaft`: load, check, draw, translate and monitor a tree; and the types
-that they take and return.
+"""The functions of `import rvaft` and the types that they take and return.
 
-`branch` and `kind` narrow a tree to one branch, or to the branches that have a kind.
+`branch` and `kind` restrict a tree to one branch, or to the branches of a kind.
 """
 
 import os
@@ -101,13 +100,13 @@ def translate(
     limit: int | None = None,
     mapping: Mapping[str, Any] | None = None,
 ) -> Specification:
-    r"""The tree as a specification; `language` names a backend.
+    r"""Return the tree as a specification in the language of that backend.
 
-    A `mapping` says how a language that takes one calls the fields of events.
+    `mapping` renames the fields of events, for backends that support it.
 
     Raises `UnknownBackend`, `OptionError`, `TreeError` for a tree that breaks a rule or has no such
-    branch or kind, `NotExpressible` where the language cannot say it, `TooLarge` beyond the limit
-    (None is the backend's own), and `WrongType`.
+    branch or kind, `NotExpressible`, `TooLarge` beyond the limit (by default that of the backend),
+    and `WrongType`.
 
     >>> print(translate(loads("top or a b;"), "rml", semantics="strict").text.splitlines()[-1])
     Main = (a \/ b) all;
@@ -130,14 +129,11 @@ def monitor(
     limit: int = DEFAULT_LIMIT,
     repeat: bool = False,
 ) -> Monitor:
-    """A fresh monitor of the tree; `limit` bounds the partial matches that it follows.
+    """Return a new monitor of the tree; `limit` bounds the number of partial matches.
 
-    `semantics` is as for `translate`.
-
-    With `repeat` it is a `Repetition`, which begins afresh with the event after each detection.
-
-    Raises `OptionError`, `TreeError` for a tree that breaks a rule or has no such branch or kind,
-    `WrongType`, and, when it reads events too, `TooLarge`.
+    With `repeat` it is a `Repetition`, which restarts after each detection. Raises `OptionError`,
+    `TreeError` for a tree that breaks a rule or has no such branch or kind, `WrongType`, and, also
+    while reading events, `TooLarge`.
 
     >>> watching = monitor(loads("top 2of3 a b c;"), semantics="scattered")
     >>> [watching.step({"event": name}).symbol for name in "cxa"]
@@ -152,7 +148,7 @@ def monitor(
 
 
 def check(tree: RVAFT) -> list[Finding]:
-    """What the rules of `rvaft check` find in a tree, errors and warnings, in the order of their places.
+    """Return the findings of `rvaft check` in the order of their places.
 
     >>> for finding in check(loads("top or a b; a; b when 1 > 2;")):
     ...     print(finding.code, finding.severity, *finding.nodes)
@@ -163,7 +159,7 @@ def check(tree: RVAFT) -> list[Finding]:
 
 
 def branches(tree: RVAFT) -> Iterator[Branch]:
-    """Yield the branches of a tree in the order of their numbers, from 1; there may be very many. Raises `WrongType`.
+    """Yield the branches of a tree, numbered from 1; there may be very many. Raises `WrongType`.
 
     >>> [(branch.number, branch.formula) for branch in branches(loads("top or a both; both sand b c;"))]
     [(1, 'a'), (2, 'b ; c')]
@@ -184,12 +180,12 @@ def to_dot(
     legend: bool = False,
     stagger: bool = False,
 ) -> str:
-    """Return the tree drawn in the DOT language of Graphviz.
+    """Return a drawing of the tree in the DOT language of Graphviz.
 
-    `events` shows runtime events and guards, `names` shows the names of nodes that also have a label, `wrap` breaks
-    lines at that many columns, `depth` and `collapse` leave out what is below a level or a node, `branch` marks the
-    branch of that number, `legend` explains the signs, `stagger` sets every other leaf of a gate lower, which makes the
-    tree narrower. Raises `OptionError`, `TreeError` where there is no such branch, and `WrongType`.
+    `events` shows runtime events and guards, `names` the names of labelled nodes. `wrap` is the
+    width of texts in columns. `depth` and `collapse` hide nodes below a level or a node. `branch`
+    marks a branch, `legend` explains the symbols, `stagger` places every other leaf of a gate
+    lower. Raises `OptionError`, `TreeError` and `WrongType`.
 
     >>> to_dot(loads("top or a b;")).startswith("digraph")
     True
@@ -210,7 +206,7 @@ def to_dot(
 
 
 def _notebook_svg(tree: RVAFT) -> str | None:
-    """The picture that a notebook shows, or None where Graphviz is not installed or fails."""
+    """Return the picture for notebooks, or None without a working Graphviz."""
     try:
         return picture(to_dot(tree), "svg", timeout=20).decode()
     except (ToolMissing, ToolFailed):
@@ -222,10 +218,7 @@ Branch.text = staticmethod(property_text)
 
 
 def narrowed(tree: RVAFT, branch: int | None = None, kind: Kind | str | None = None) -> RVAFT:
-    """The tree itself, or the part of it that a monitor for one branch or one kind looks at.
-
-    Raises `TreeError` where the tree breaks a rule, or has no such part.
-    """
+    """Return the tree, or the part of it for one branch or kind; raises `TreeError`."""
     require_valid(tree)
     part = restrict(tree, branch=branch, kind=None if kind is None else one_of(Kind, kind))
     try:
@@ -240,7 +233,7 @@ def narrowed(tree: RVAFT, branch: int | None = None, kind: Kind | str | None = N
 
 
 def resolve_semantics(tree: RVAFT, semantics: Semantics | str | None = None) -> Semantics:
-    """The semantics that is asked for, or else the one that the tree states, or else `projected`; raises `OptionError`.
+    """Return the given semantics, else that of the tree, else `projected`; raises `OptionError`.
 
     >>> resolve_semantics(loads("semantics scattered; top or a b;"))
     <Semantics.SCATTERED: 'scattered'>
@@ -249,7 +242,7 @@ def resolve_semantics(tree: RVAFT, semantics: Semantics | str | None = None) -> 
 
 
 def one_of(choices: type[Choice], value: Choice | str) -> Choice:
-    """The member of an enumeration that a word names; raises `OptionError`."""
+    """Return the member of an enumeration with that value; raises `OptionError`."""
     try:
         return choices(value)
     except ValueError:
@@ -259,13 +252,11 @@ def one_of(choices: type[Choice], value: Choice | str) -> Choice:
 
 @no_collections()
 def loads(text: str, file: str = "<text>", *, strict_galileo: bool = False, confine_imports: bool = False) -> RVAFT:
-    """The tree that a text stands for; imports are relative to the folder of `file`.
+    """Return the tree in a text; imports are relative to the folder of `file`.
 
-    With `confine_imports`, those of files outside that folder are refused.
-
-    Raises `LanguageError` for what is not in the language and `TreeError` for the first rule that
-    the tree breaks. Galileo's dynamic gates are read with the meaning that observed failures have,
-    or, with `strict_galileo`, refused.
+    `confine_imports` refuses imports from outside that folder. `strict_galileo` refuses the dynamic
+    gates of Galileo, which are otherwise read as observed failures. Raises `LanguageError` for
+    invalid text and `TreeError` for a broken rule.
 
     >>> loads("top sand a b;")
     <RVAFT top: 3 nodes>
@@ -276,7 +267,7 @@ def loads(text: str, file: str = "<text>", *, strict_galileo: bool = False, conf
 
 @no_collections()
 def load(path: os.PathLike[str] | str, *, strict_galileo: bool = False, confine_imports: bool = False) -> RVAFT:
-    """The tree in a file, also in Galileo's format; raises as `loads` does, and `OSError` where it cannot be read.
+    """Return the tree in a file, also in Galileo's format; raises as `loads` does, and `OSError`.
 
     >>> load("trees/gates/and.rvaft")
     <RVAFT top: 4 nodes>
@@ -286,11 +277,11 @@ def load(path: os.PathLike[str] | str, *, strict_galileo: bool = False, confine_
 
 
 def _checked(draft: Draft) -> RVAFT:
-    """The tree of a draft; raises the first error that a rule finds, with its place."""
+    """Return the tree of a draft; raises the first error that a rule finds."""
     _raise_first(check_draft(draft))
     tree = draft.build()
     try:
-        require_valid(tree)  # errors only, and remembered for whoever asks next
+        require_valid(tree)  # caches the result
     except TreeError:
         _raise_first(check_tree(tree))
         raise

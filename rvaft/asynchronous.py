@@ -1,6 +1,4 @@
-"""Events that come by themselves, watched for a tree: as an asynchronous loop, or by a function
-that other code calls.
-"""
+"""Monitoring of live events: as an asynchronous loop, or by a function that other code calls."""
 
 from collections.abc import AsyncIterable, AsyncIterator, Callable, Coroutine, Iterable
 from inspect import iscoroutinefunction
@@ -16,7 +14,7 @@ from rvaft.monitors import Explanation, Monitor
 
 Event = TypeVar("Event", bound=Json)
 
-_AWAITED: Final = "a plain function, since nothing here awaits it (rvaft.watch is for asynchronous code)"
+_AWAITED: Final = "a synchronous function (use rvaft.watch in asynchronous code)"
 
 
 class MonitorOptions(TypedDict, total=False):
@@ -32,16 +30,14 @@ class MonitorOptions(TypedDict, total=False):
 def watch(
     tree: RVAFT | Monitor, events: AsyncIterable[Event] | Iterable[Event], **options: Unpack[MonitorOptions]
 ) -> AsyncIterator[tuple[Event, Verdict]]:
-    """The events as they come, each with the verdict after it: for `async for event, verdict in …`.
+    """Yield each event with the verdict after it, for an `async for` loop.
 
-    The options are those of `rvaft.monitor`; in place of a tree a monitor may stand, which then
-    goes on from where it is, and can be asked for its explanation afterwards. An event is not read
-    before the one before it has been dealt with, and events go on after a final verdict. Iterating
-    over what is not asynchronous never waits, so other tasks run only where the loop's body lets
-    them.
+    The options are those of `rvaft.monitor`. A monitor in place of a tree continues from its state.
+    Each event is read only after the previous one was processed, and events continue after a final
+    verdict. With a synchronous iterable, other tasks run only if the body of the loop awaits.
 
-    Raises what `rvaft.monitor` raises, and `WrongType` for events that cannot be iterated over, at
-    once; while events are read, `TraceError` for what is no JSON object, and `TooLarge`.
+    Raises what `rvaft.monitor` raises, and `WrongType`, at once; `TraceError` and `TooLarge` while
+    events are read.
 
     >>> import asyncio, rvaft
     >>> async def verdicts(events):
@@ -66,14 +62,14 @@ def watch(
 def on_detection(
     tree: RVAFT | Monitor, callback: Callable[[Explanation | None], object], **options: Unpack[MonitorOptions]
 ) -> Callable[[Json], Verdict]:
-    """A function to be called with each event, which gives the verdict and calls back on detection,
-    with the explanation.
+    """Return a function that reads one event, returns the verdict, and calls `callback` on a
+    detection.
 
-    Made for code that delivers events by calling, such as a subscriber to a topic. The options and
-    errors are those of `watch`; what the callback raises comes out of the call with the detecting
-    event, and the verdict stands. A monitor that has detected already does not call back again,
-    unless it repeats. Nothing here could await a callback, so an `async def` is refused with
-    `WrongType`: at once, or on detection where only what it returns shows it.
+    It suits code that delivers events by calls, such as a ROS subscriber. Options and errors are
+    those of `watch`. An exception of the callback propagates from the call with the detecting
+    event. A monitor that has already detected does not call back again, unless it repeats. An
+    `async def` callback is refused with `WrongType`: at once, or at a detection if only its result
+    is a coroutine.
 
     >>> import rvaft
     >>> step = on_detection(rvaft.loads("top and a b;"), lambda explanation: print(explanation.events))
@@ -93,7 +89,7 @@ def on_detection(
         if watching.detections > before:
             told = callback(watching.explanation)
             if isinstance(told, Coroutine):
-                told.close()  # else Python warns of it, later and elsewhere
+                told.close()  # avoids a later warning of Python
                 raise WrongType("callback", callback, _AWAITED)
         return verdict
 
@@ -101,9 +97,9 @@ def on_detection(
 
 
 def _watching(tree: RVAFT | Monitor, options: MonitorOptions) -> Monitor:
-    """The monitor given, or a fresh one."""
+    """Return the given monitor, or a new one."""
     if not isinstance(tree, Monitor):
         return monitor(tree, **options)
     if options:
-        raise OptionError("a monitor has its options already: give them to rvaft.monitor")
+        raise OptionError("pass options to rvaft.monitor: an existing monitor accepts none")
     return tree

@@ -1,8 +1,8 @@
-"""The interface that every specification language implements, and how backends are found.
+"""The interface of specification languages, and the look-up of backends.
 
-A backend has two verbs: `translate` turns a tree into a `Specification`, `read` turns any text of the language into a
-monitor. `Specification.monitor` reads the text back and never looks at the tree.
-Built-in and third-party backends are found the same way: the entry-point group `rvaft.backends`, imported on use.
+`translate` turns a tree into a `Specification`; `read` turns any text of the language into a
+monitor. `Specification.monitor` reads the text back and never uses the tree. Backends are entry
+points of the group `rvaft.backends`, imported on use.
 """
 
 import sys
@@ -33,7 +33,7 @@ from rvaft.monitors import Monitor
 GROUP = "rvaft.backends"
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _BEGIN: Final = 1_767_225_600_000_000_000
-"""When a log begins whose events have no times, in nanoseconds: with the year 2026."""
+"""The begin of a log without times: the year 2026, in nanoseconds."""
 
 
 Match: TypeAlias = frozenset[tuple[str, int]]
@@ -42,11 +42,11 @@ Match: TypeAlias = frozenset[tuple[str, int]]
 
 @dataclass(frozen=True, slots=True)
 class Metrics:
-    """Sizes of a specification; None where a language has no such thing.
+    """Sizes of a specification; None if the language has no such size.
 
-    `symbols` counts tokens of the property itself, without declarations, headers and comments;
-    `subformulas` the distinct ones, or the atoms of a language that has no other parts; `states`
-    those of an automaton, or the equations of RML; `seconds` is the time the translation took.
+    `symbols` counts tokens of the property without declarations, headers and comments;
+    `subformulas` the distinct ones (or atoms, if the language has no other parts); `states` those
+    of an automaton, or the equations of RML; `seconds` is the time of the translation.
 
     >>> import rvaft
     >>> rvaft.translate(rvaft.loads("top sand a b;"), "rml", semantics="strict").metrics.symbols
@@ -78,18 +78,17 @@ class Specification:
     reader: Callable[[str], Monitor] | None = field(default=None, repr=False, compare=False)
 
     def monitor(self) -> Monitor:
-        """A fresh, independent monitor that runs `text`.
-
-        Raises `OptionError` where nothing here runs texts of the language.
+        """Return a new monitor that runs `text`; raises `OptionError` if the language is only
+        emitted.
         """
         if self.reader is None:
-            raise OptionError(f"{self.language} is only emitted: nothing here runs its texts")
+            raise OptionError(f"{self.language} is only emitted: rvaft cannot run its texts")
         return self.reader(self.text)
 
 
 @dataclass(frozen=True, slots=True)
 class SpecificationText:
-    """What a backend writes: the text, its sizes, and a reader where `Backend.read` is not the one that runs it."""
+    """The output of `Backend.write`: text, sizes, and a reader if it is not `Backend.read`."""
 
     text: str
     metrics: Metrics
@@ -98,8 +97,8 @@ class SpecificationText:
 
 @dataclass(frozen=True, slots=True)
 class Highlighting:
-    r"""What the package `listings` of LaTeX calls a language, and the `\lstdefinelanguage` of one
-    that it does not know.
+    r"""The name of a language in the LaTeX package `listings`, and its `\lstdefinelanguage` if
+    needed.
     """
 
     name: str
@@ -108,26 +107,23 @@ class Highlighting:
 
 @dataclass(frozen=True, slots=True)
 class Observed:
-    """One thing that a text asks of an event.
+    """A test of an event: it matches a pattern, and the guard holds for its bindings.
 
-    To match a pattern, for some values of its variables under which the guard holds.
-
-    Variables that start with `_` are this question's own; any other ties several events together.
+    Variables that start with `_` are local to the test; other variables join several events.
     """
 
     pattern: Pattern
     when: Guard | None = None
 
     def fits(self, event: Json) -> bool:
-        """Whether an event answers it by itself; a guard on a variable that has no value from it does not hold."""
+        """Whether an event passes on its own; a guard with unbound variables does not hold."""
         bound = patterns.match(self.pattern, event, {})
         if bound is None or self.when is None:
             return bound is not None
         return set(guards.variables(self.when)) <= bound.keys() and guards.holds(self.when, bound)
 
     def untied(self, names: Iterable[str] | None = None) -> "Observed":
-        """The same question with variables of its own, these or all of them: some value each,
-        whatever they are elsewhere.
+        """Return the test with local variables in place of these, or of all.
 
         >>> from rvaft.language.parser import parse_pattern
         >>> patterns.variables(Observed(parse_pattern("{ a: X, b: _X }")).untied().pattern)
@@ -143,11 +139,11 @@ class Observed:
 
 
 class Backend(ABC):
-    """One specification language: its capabilities as class attributes, and `write`.
+    """One specification language: capabilities as class attributes, and `write`.
 
-    `translate` checks a tree against the capabilities, runs the passes, and calls `write`. It
-    cannot be overridden. What a backend does not list is refused, so a backend that lists nothing
-    but `semantics` expresses single events alone.
+    `translate`, which is final, checks a tree against the capabilities, runs the passes, and calls
+    `write`. Everything that is not listed is refused: a backend that lists only `semantics`
+    expresses single events.
 
     >>> rml = backend("rml")
     >>> rml.language, rml.suffix, rml.faithful, rml.readable
@@ -160,53 +156,47 @@ class Backend(ABC):
     also: ClassVar[tuple[str, ...]] = ()
     """Other suffixes of files in the language."""
     faithful: ClassVar[bool] = True
-    """Whether the text means the tree; an unfaithful backend is left out of comparisons unless named."""
+    """Whether texts are equivalent to the tree; comparisons include other backends only if named."""
     form_of: ClassVar[str | None] = None
-    """The backend whose texts these are in another form, if any; left out of comparisons unless
-    named, as they say nothing new.
+    """The backend with the same texts in another form, if any; excluded from comparisons unless
+    named.
     """
     readable: ClassVar[bool] = True
-    """Whether `read` runs its texts; a language that is only emitted here is left out of comparisons."""
+    """Whether `read` runs texts; comparisons exclude languages that are only emitted."""
     verdicts: ClassVar[frozenset[Verdict]] = frozenset(Verdict)
-    """What a run of its texts can tell. Without ⊥ in it `read` makes a `DetectionMonitor`:
-    comparisons look at detections alone, and say so.
+    """The possible verdicts of `read`. Without ⊥ it returns a `DetectionMonitor`, and comparisons
+    check detections only.
     """
     json_alone: ClassVar[bool] = False
-    """Whether its texts speak of JSON's values alone, and leave open what a number that is not finite is.
-
-    No comparison asks them of one.
-    """
+    """Whether texts leave numbers that are not finite undefined; comparisons then exclude them."""
     extra: ClassVar[str] = ""
-    """The extra of this package with which the program comes that runs its texts, where it is not there anyway."""
+    """The extra of this package that installs the program for running texts, if needed."""
     modules: ClassVar[tuple[str, ...]] = ()
-    """What of Python that program is imported as; where one is missing, the language is left out of
-    comparisons unless named.
+    """The Python modules of that program; if one is missing, comparisons skip the language unless
+    named.
     """
     tools: ClassVar[tuple[str, ...]] = ()
-    """Programs of others by which `read_with` can run a text as well."""
+    """Published programs that `read_with` can use."""
     highlighting: ClassVar[Highlighting | None] = None
-    """How its texts are highlighted in a listing in LaTeX, if they are."""
+    """The highlighting in LaTeX listings, if any."""
     semantics: ClassVar[frozenset[Semantics]] = frozenset()
-    """The semantics under which the language expresses trees."""
+    """The supported semantics."""
     says: ClassVar[frozenset[type[Part]]] = frozenset({Event})
     """The parts of a property that `write` handles."""
     passes: ClassVar[tuple[Pass, ...]] = ()
-    """The passes that run before `write`, each of which removes parts; a tree may have these parts, too."""
+    """The passes that run before `write`; a tree may have the parts that they remove."""
     operators: ClassVar[frozenset[Operator]] = frozenset()
-    """The operators of guards that `write` handles."""
+    """The guard operators that `write` handles."""
     features: ClassVar[frozenset[Feature]] = frozenset()
-    """Time points and late events, where the language has them."""
+    """Supported features: time points and late events."""
     values: ClassVar[frozenset[Value]] = frozenset()
-    """The kinds of values, beside strings, that a text can require of an event."""
+    """The kinds of values, besides strings, that a text can require of an event."""
     ties: ClassVar[Ties] = Ties.NONE
-    """Which variables over several events the language has."""
+    """The supported variables over several events."""
     reasons: ClassVar[Mapping[Capability, str]] = {}
-    """Why the language lacks something, in a few words of its own.
-
-    `Semantics` stands for all semantics that it lacks.
-    """
+    """Specific reasons for missing capabilities; `Semantics` stands for all missing semantics."""
     default_limit: ClassVar[int]
-    """The size (in the unit the backend documents) above which `translate` raises `TooLarge`."""
+    """The size, in the documented unit, above which `translate` raises `TooLarge`."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -215,18 +205,14 @@ class Backend(ABC):
 
     @classmethod
     def capabilities(cls) -> Capabilities:
-        """What the language can express, as data."""
+        """Return the capabilities as data."""
         return Capabilities(
             cls.says, cls.operators, cls.features, cls.values, cls.ties, cls.semantics, cls.passes, cls.reasons
         )
 
     @final
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
-        """The tree as a specification.
-
-        Raises `NotExpressible` where the language cannot express the tree, `TooLarge` where the
-        text would exceed the limit.
-        """
+        """Return the tree as a specification; raises `NotExpressible` and `TooLarge`."""
         start, semantics = perf_counter(), Semantics(semantics)
         prop = self.prepared(tree, semantics)
         with self._refusing(semantics):
@@ -236,7 +222,7 @@ class Backend(ABC):
 
     @final
     def prepared(self, tree: RVAFT, semantics: Semantics) -> Property:
-        """The property of a tree after the passes of this backend; raises `NotExpressible` and `TooLarge`."""
+        """Return the property of a tree after the passes; raises `NotExpressible` and `TooLarge`."""
         with self._refusing(semantics):
             prop = decide_constants(property_of(tree))
             check(prop, semantics, self.capabilities())
@@ -249,7 +235,7 @@ class Backend(ABC):
 
     @contextmanager
     def _refusing(self, semantics: Semantics) -> Iterator[None]:
-        """Adds the backend and the semantics to a refusal."""
+        """Add backend and semantics to a refusal."""
         try:
             yield
         except NotExpressible as refusal:
@@ -261,58 +247,55 @@ class Backend(ABC):
 
     @abstractmethod
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """The text of a property that has only what this backend lists.
+        """Return the text of a property that has only listed capabilities.
 
-        Raises `NotExpressible` for what the capabilities cannot express, with a reason and nodes, and `TooLarge`.
+        Raises `TooLarge`, and `NotExpressible` with reason and nodes for limits beyond the
+        capabilities.
         """
 
     def mapped(self, mapping: Mapping[str, Any]) -> "Backend":  # noqa: ARG002
-        """The same backend for events whose fields are called as a mapping says, of each event type each field.
+        """Return the backend with renamed event fields; maps event types to their fields.
 
         Raises `OptionError`.
         """
-        raise OptionError(f"{self.name} takes no mapping: in {self.language} the fields of events have their own names")
+        raise OptionError(f"{self.name} takes no mapping: {self.language} uses the field names of events")
 
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:  # noqa: ARG002
-        """A trace as a log of the form that the programs which run the language take.
-
-        Raises `OptionError` where there is none of its own.
+        """Return a trace in the log format of the language's programs; raises `OptionError`.
 
         >>> import rvaft
         >>> print(backend("eql").log(rvaft.loads("top or a;"), [{"event": "a"}]), end="")
         {"@timestamp": "2026-01-01T00:00:00.000000000Z", "event": "a"}
         """
-        raise OptionError(f"{self.language} has no logs of its own: its programs here read JSON Lines")
+        raise OptionError(f"{self.language} has no log format of its own: use --format jsonl")
 
     def require(self) -> None:
-        """Raises `ToolMissing` where the program that runs its texts is an extra which is not installed."""
+        """Raise `ToolMissing` if the extra for running texts is not installed."""
         for module in self.modules:
             if find_spec(module) is None:
                 raise ToolMissing(module, remedy=f"pip install '.[{self.extra}]' in a checkout of rvaft")
 
     @classmethod
     def dialect_backend(cls, dialect: str) -> str:
-        """The name of the backend that writes its language in a dialect; raises `OptionError` where there is none."""
-        raise OptionError(f"{cls.name} has no dialects, and so not {dialect}")
+        """Return the backend for a dialect; raises `OptionError`."""
+        raise OptionError(f"{cls.name} has no dialects: omit --dialect {dialect}")
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
-        """A monitor that runs a text of the language, whoever wrote it; raises `LanguageError`.
+        """Return a monitor that runs any text of the language; raises `LanguageError` and
+        `OptionError`.
 
-        `atoms` gives the event of each atom that the text itself does not define; without it, `p`
-        is `{"event": "p"}`. A language whose texts always define their events ignores it. One that
-        is only emitted (not `readable`) raises `OptionError`.
+        `atoms` gives the patterns of atoms that the text does not define; by default, `p` is
+        `{"event": "p"}`. Languages whose texts define their events ignore it.
         """
-        raise OptionError(f"{self.name} is only emitted: nothing here runs its texts")
+        raise OptionError(f"{self.name} is only emitted: rvaft cannot run its texts")
 
     def diagram(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> str:  # noqa: ARG002
-        """What the tree becomes in the language as a graph in the DOT language of Graphviz, for people to look at.
+        """Return the graph of the specification in the DOT language.
 
-        `limit` bounds the size of the drawing, in the unit of the backend. Raises `TooLarge`, and
-        `NotExpressible`, as by default, where the language has no graphs.
+        `limit` bounds its size in the unit of the backend. Raises `TooLarge`, and `NotExpressible`
+        if the language has no graphs (the default).
         """
-        raise NotExpressible(
-            "its texts are no graphs, so there is none to draw", backend=self.name, semantics=semantics
-        )
+        raise NotExpressible("the language has no graphs to draw", backend=self.name, semantics=semantics)
 
     def observed(
         self,
@@ -320,45 +303,40 @@ class Backend(ABC):
         *,
         atoms: Mapping[str, Pattern] | None = None,  # noqa: ARG002
     ) -> tuple[Observed, ...] | None:
-        """Everything that a text asks of events: two events with the same answers are the same to it.
+        """Return all tests of events in a text: it cannot distinguish events with equal results.
 
-        A proof of agreement needs this to know the letters. None, the default, says that it is not
-        known, and the text is only tested. Raises `LanguageError` as `read` does.
+        A proof of agreement needs them for its alphabet. With None (the default) texts are only
+        tested. Raises `LanguageError`.
         """
         return None
 
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
-        """A monitor that runs a text by one of `tools` and not by this project's own reader.
+        """Return a monitor that runs a text by one of `tools` instead of rvaft's own reader.
 
-        Raises `ToolMissing`, `ToolFailed`, `NotExpressible` for what the tool has no notion of,
-        `TooLarge` for what is too much for it, `LanguageError` as `read` does, and `OptionError`
-        for a tool that is none of these.
+        Raises `ToolMissing`, `ToolFailed`, `NotExpressible`, `TooLarge`, `LanguageError` and
+        `OptionError`.
         """
         raise OptionError(f"no tool {tool} runs {self.language}; known: {', '.join(self.tools) or 'none'}")
 
     def matches(self, text: str, traces: Sequence[Sequence[Json]]) -> Sequence[frozenset[Match]] | None:  # noqa: ARG002
-        """All matches in each trace, where the language gives them and the text says so; None, the
-        default, where it does not.
+        """Return all matches in each trace, or None (the default) if the language does not report
+        them.
 
-        Raises `LanguageError` as `read` does, and what `read_with` may raise.
+        Raises `LanguageError`, and what `read_with` raises.
         """
         return None
 
     def masked(self, text: str, trace: Sequence[Json]) -> tuple[str, ...]:  # noqa: ARG002
-        """Why the published tools of the language may differ from what `read` says of this text on
-        this trace, in a few words each.
+        """Return why published tools are known to deviate from `read` on this text and trace, if
+        so.
 
-        These are known deviations of those tools; a comparison with them leaves such a pair out.
-        Raises `LanguageError`.
+        A comparison with such a tool leaves out the pair. Raises `LanguageError`.
         """
         return ()
 
 
 def stamped(tree: RVAFT, trace: Iterable[Json], field: str) -> Iterator[Json]:
-    """The events of a trace with their times as ISO 8601 in a field, if it is not there.
-
-    Those that the tree reads, else one a second.
-    """
+    """Yield the events with their times (default: one a second) as ISO 8601 in a field, if missing."""
     for number, event in enumerate(trace):
         time = _BEGIN + number * 1_000_000_000 if tree.time is None else tree.time.read(event)
         if time is None or field in event:
@@ -370,7 +348,7 @@ def stamped(tree: RVAFT, trace: Iterable[Json], field: str) -> Iterator[Json]:
 
 @cache
 def all_backends() -> Mapping[str, EntryPoint]:
-    """Every registered backend by name, without importing any.
+    """Return the registered backends by name, without importing them.
 
     >>> sorted({"automaton", "ltlf", "rml"} & set(all_backends()))
     ['automaton', 'ltlf', 'rml']
@@ -379,15 +357,13 @@ def all_backends() -> Mapping[str, EntryPoint]:
 
 
 def backend(name: str) -> Backend:
-    """The backend of that name, imported now; raises `UnknownBackend`, and `ToolFailed` for one
-    that cannot be loaded.
-    """
+    """Import the backend of that name; raises `UnknownBackend` and `ToolFailed`."""
     found = all_backends()
     if name not in found:
         raise UnknownBackend(name, tuple(found))
     try:
         made: Backend = found[name].load()()
-    except Exception as error:  # a third party's module may fail in any way
+    except Exception as error:  # a third party's module may raise anything
         reason = f"it cannot be loaded: {type(error).__name__}: {error}"
         package = found[name].module.partition(".")[0]
         if isinstance(error, ModuleNotFoundError) and (error.name or "").startswith(f"{package}."):
@@ -403,10 +379,10 @@ def backend(name: str) -> Backend:
 
 
 def speaking(word: str) -> str | None:
-    """The name of the faithful backend whose language or suffix a word is, if there is one."""
+    """Return the faithful backend with that language name or suffix, if any."""
     wanted = word.lower().removeprefix(".")
     for name in all_backends():
-        with suppress(ToolFailed, AttributeError):  # one of somebody else that is broken; the others still count
+        with suppress(ToolFailed, AttributeError):  # skip broken third-party backends
             found = backend(name)
             suffixes = (suffix.removeprefix(".") for suffix in (found.suffix, *found.also))
             if found.faithful and wanted in (found.language.lower(), *suffixes):

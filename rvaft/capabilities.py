@@ -1,7 +1,7 @@
-"""What a specification language can express, as data, and the check of a property against it.
+"""The capabilities of a specification language as data, and the check of a property against them.
 
-A backend lists parts, operators of guards, features and kinds of values. What it does not list is
-refused: a new part or operator is refused by every backend until the backend lists it.
+A backend lists parts, guard operators, features and kinds of values. Everything else is refused,
+including parts and operators that are added later.
 """
 
 from collections import Counter
@@ -34,7 +34,7 @@ from rvaft.model.verdict import Semantics
 
 
 class Ties(Enum):
-    """Which variables over several events a language has."""
+    """The supported variables over several events."""
 
     NONE = "no variables over several events"
     ALL_EVENTS = "variables that all events of a match share"
@@ -51,39 +51,32 @@ class Value(Enum):
 
 
 class Feature(Enum):
-    """What a tree can say beside its parts, operators and values."""
+    """Constructs of a tree besides parts, operators and values."""
 
     TIME_POINTS = "times of events in guards (`at`, `start`, `end`)"
     LATE = "dropping late events (`late`)"
 
 
 JSON_VALUES: Final = frozenset({Value.NUMBER, Value.BOOLEAN, Value.NULL, Value.LIST})
-"""Every kind of JSON value."""
 
 _O = Operator
 LOGICAL: Final = frozenset({_O.NOT, _O.AND, _O.OR})
-"""Operators that combine conditions."""
 COMPARING: Final = frozenset({_O.EQ, _O.NE, _O.LT, _O.LE, _O.GT, _O.GE, _O.IN})
-"""Comparisons of two values."""
 CALCULATING: Final = frozenset({_O.ADD, _O.SUB, _O.MUL, _O.DIV, _O.NEGATE, _O.ABS, _O.MIN, _O.MAX})
-"""Operators from numbers to numbers."""
 READING: Final = frozenset({_O.NUMBER})
-"""Operators from texts to numbers."""
 TEXTUAL: Final = frozenset({_O.STARTSWITH, _O.ENDSWITH, _O.CONTAINS, _O.LIKE, _O.LOWER})
-"""Operators on texts."""
 EVERY_OPERATOR: Final = LOGICAL | COMPARING | CALCULATING | READING | TEXTUAL
-"""The operators that all backends of this project knew when they were written.
+"""The operators that all backends knew when they were written.
 
-These groups are lists for backends: they are written out and not taken from the table of operators,
-so that a new operator is in no backend's list. Never add an operator to a group that a backend
-lists without writing it in that backend.
+These groups are written out, not derived from the operator table, so that no backend lists a new
+operator. Add an operator to a group only together with its support in each backend.
 """
 
 GATES: Final[frozenset[type[Part]]] = frozenset({Event, All, Sequence, One, AtLeast})
 """Events, and the gates `and`, `sand`, `or` and k-of-n."""
 
 Capability: TypeAlias = type[Part] | Operator | Feature | Value | Ties | type[Semantics]
-"""What a reason can be given for; `Semantics` stands for every semantics that a language lacks."""
+"""The subject of a reason; `Semantics` stands for every missing semantics."""
 
 _CONSTRUCTS: Final[Mapping[type[Part], str]] = {
     Event: "events",
@@ -101,12 +94,11 @@ assert set(_CONSTRUCTS) == set(PARTS)
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
-    """What one language can express; everything that is not listed is refused.
+    """The capabilities of one language; everything else is refused.
 
-    `passes` remove parts before a text is written, so these parts need not be listed. `reasons`
-    gives the language's own words for what it lacks: `Semantics` stands for all semantics that it
-    lacks, `Ties.ALL_EVENTS` for variables over several events, `Ties.ANY` for guards over several
-    events.
+    Parts removed by `passes` need not be listed. `reasons` has specific texts: `Semantics` for all
+    missing semantics, `Ties.ALL_EVENTS` for variables over several events, `Ties.ANY` for guards
+    over several events.
     """
 
     says: frozenset[type[Part]]
@@ -120,11 +112,11 @@ class Capabilities:
 
     @property
     def constructs(self) -> frozenset[type[Part]]:
-        """The parts that a tree may have: those that a text can say, and those that a pass removes."""
+        """The parts that a tree may have: those of `says`, and those that a pass removes."""
         return self.says.union(*(one.removes for one in self.passes))
 
     def reason(self, lacking: Capability) -> str:
-        """Why a language refuses something, in a few words."""
+        """Return the reason for a refusal."""
         if lacking in self.reasons:
             return self.reasons[lacking]
         match lacking:
@@ -137,13 +129,13 @@ class Capabilities:
             case Ties():
                 return f"the language has {Ties.NONE.value}"
             case type() if lacking is Semantics:
-                return "the language has no way to say it"
+                return "the language does not support this semantics"
             case _:
                 return f"the language has no {described(lacking)}"
 
 
 def described(part: type) -> str:
-    """A kind of part in the words of the tree language.
+    """Return a kind of part in the words of the tree language.
 
     >>> described(Within)
     'windows (`within`)'
@@ -152,9 +144,9 @@ def described(part: type) -> str:
 
 
 def check(prop: Property, semantics: Semantics, capabilities: Capabilities, *, written: bool = False) -> None:
-    """Raise `NotExpressible`, with the nodes, for the first thing that a property has and a language lacks.
+    """Raise `NotExpressible`, with nodes, for the first missing capability.
 
-    `written`: the passes have run, and the parts that they remove do not count as listed.
+    With `written` the passes have run, and the parts that they remove are refused.
     """
     if semantics not in capabilities.semantics:
         raise NotExpressible(capabilities.reason(Semantics))
@@ -171,14 +163,14 @@ def check(prop: Property, semantics: Semantics, capabilities: Capabilities, *, w
 
 
 def _needs(prop: Property, semantics: Semantics) -> Iterator[tuple[Capability, str]]:
-    """What a property needs, with the node that needs it, or no name where a statement of the tree does."""
+    """Yield the needed capabilities with their nodes ("" for statements of the tree)."""
     if prop.time is not None and prop.time.late is not None:
         yield Feature.LATE, ""
     guarded = list[str]()
     for part in reversed(prop.parts):
         node = part.source.node if part.source is not None else ""
         if isinstance(part, All) and sum(not isinstance(inner, Condition) for inner in part.parts) < 2:
-            guarded.append(node)  # the part only adds a guard, so a language without guards is refused for the guard
+            guarded.append(node)  # the part only adds a guard, so the refusal names the guard
         else:
             yield type(part), node
         if isinstance(part, Event | Times):
@@ -207,7 +199,7 @@ def _of_guard(guard: Guard | None) -> Iterator[Capability]:
 
 
 def _values(pattern: Pattern) -> Iterator[Value]:
-    """The kinds of values that a pattern requires."""
+    """Yield the kinds of values that a pattern requires."""
     for part in patterns.walk(pattern):
         match part:
             case Literal(bool()):
@@ -225,7 +217,7 @@ def _values(pattern: Pattern) -> Iterator[Value]:
 
 
 class _Tie(NamedTuple):
-    """Events of one scenario that a variable or a guard ties, with what ties them in words."""
+    """Events of one scenario with a common variable or guard."""
 
     lacking: Ties
     by: str
@@ -233,9 +225,9 @@ class _Tie(NamedTuple):
 
 
 def _tied(prop: Property, semantics: Semantics) -> _Tie | None:
-    """The first events of one scenario that share a variable, or that one conjunct of a guard looks at.
+    """Return the first events of one scenario that share a variable, or occur in one conjunct.
 
-    Under `scattered` a vote never needs more of its parts than its threshold.
+    Under `scattered` a vote needs no more parts than its threshold.
     """
     binding = {
         part: set(patterns.rigid_variables(part.pattern)) for part in prop.parts if isinstance(part, Event | Times)
@@ -269,7 +261,7 @@ def _tied(prop: Property, semantics: Semantics) -> _Tie | None:
 
 
 def _never_holds(guard: Guard) -> bool:
-    """Whether a conjunct without variables does not hold."""
+    """Whether a conjunct without variables is false."""
     return any(not variables(one) and not holds(one, {}) for one in conjuncts(guard))
 
 
@@ -278,9 +270,7 @@ def _names(events: Iterable[Event | Times]) -> tuple[str, ...]:
 
 
 def table(languages: Mapping[str, Capabilities]) -> list[tuple[str, ...]]:
-    """Which language can express what: a heading with their names, then a row for each capability.
-
-    Operators that the same languages have stand in one row.
+    """Return the table of capabilities by language; operators with equal support share a row.
 
     >>> one = Capabilities(frozenset({Event}), frozenset(), frozenset(), frozenset(), Ties.NONE, frozenset())
     >>> table({"mine": one})[:2], table({"mine": one})[5]

@@ -1,7 +1,5 @@
-"""Every error a user of rvaft can meet.
-
-All derive from `RvaftError` and from the builtin a caller would expect; what is wrong travels in fields as
-well as in the one-line text.
+"""The errors of rvaft: each derives from `RvaftError` and a fitting builtin, and has its details as
+attributes.
 """
 
 import os
@@ -12,7 +10,7 @@ from typing import Any
 
 
 class RvaftError(Exception):
-    """The root of all errors that rvaft raises on purpose.
+    """The base class of all expected errors.
 
     >>> issubclass(TreeError, RvaftError) and issubclass(TreeError, ValueError)
     True
@@ -20,7 +18,7 @@ class RvaftError(Exception):
 
 
 class LanguageError(RvaftError, ValueError):
-    """A text is not in the language it should be in (a tree, a pattern, a guard, a specification).
+    """A text (tree, pattern, guard, specification) is not in its language.
 
     >>> print(LanguageError("unexpected ';'", file="t.rvaft", line=2, column=4, source="top;"))
     t.rvaft:2:4: unexpected ';'
@@ -38,7 +36,7 @@ class LanguageError(RvaftError, ValueError):
 
     @property
     def caret(self) -> str:
-        """The offending line with a caret below the column, or the empty string without a source line."""
+        """The source line with a caret below the column, or ""."""
         if not self.source:
             return ""
         before = "".join(c if c == "\t" else " " for c in self.source[: self.column - 1])
@@ -50,7 +48,7 @@ class LanguageError(RvaftError, ValueError):
 
 
 class TreeError(RvaftError, ValueError):
-    """A tree breaks a rule; `rule` is the code that `rvaft explain` knows, `nodes` the culprits.
+    """A tree breaks a rule; `rule` is its code for `rvaft explain`, `nodes` are the nodes.
 
     >>> TreeError("the root top is not a node of the tree", rule="no-root", nodes=["top"]).rule
     'no-root'
@@ -64,9 +62,10 @@ class TreeError(RvaftError, ValueError):
 
 
 class NotExpressible(RvaftError, ValueError):
-    """A backend cannot express this tree under this semantics; it never emits a text with another meaning.
+    """A backend cannot express this tree under this semantics; it never emits a text with another
+    meaning.
 
-    A writer gives the reason and the nodes; `Backend.translate` adds the backend and the semantics.
+    A writer gives the reason and the nodes; `Backend.translate` adds backend and semantics.
 
     >>> print(NotExpressible("the paper does not say how", backend="rml-paper", semantics="scattered"))
     rml-paper cannot express this tree under scattered: the paper does not say how
@@ -84,7 +83,7 @@ class NotExpressible(RvaftError, ValueError):
 
 
 class TooLarge(RvaftError, RuntimeError):
-    """A computation would exceed a limit that the caller can raise; a `remedy` is noted.
+    """A computation exceeds a limit that the caller can raise; `remedy` becomes a note.
 
     >>> print(TooLarge("states of the automaton", limit=60))
     too large: states of the automaton (limit 60)
@@ -99,7 +98,7 @@ class TooLarge(RvaftError, RuntimeError):
 
 
 class CheckpointError(RvaftError, ValueError):
-    """A checkpoint cannot be made, or not be used here; `file` is its path, `reason` says why.
+    """A checkpoint cannot be written or used; `file` is its path.
 
     >>> print(CheckpointError("run.ckpt", "it is of another tree"))
     run.ckpt: it is of another tree
@@ -112,7 +111,7 @@ class CheckpointError(RvaftError, ValueError):
 
 
 class TraceError(RvaftError, ValueError):
-    """A trace is malformed; `line` counts from 1, and is None where it is no line that is wrong.
+    """A trace is malformed; `line` counts from 1, and is None if the error has no line.
 
     >>> print(TraceError("no JSON object", file="log.jsonl", line=7))
     log.jsonl:7: no JSON object
@@ -126,7 +125,7 @@ class TraceError(RvaftError, ValueError):
 
 
 class ToolMissing(RvaftError, RuntimeError):
-    """A program or library that this step needs is not installed; `remedy` says how to get it.
+    """A required program or library is not installed; `remedy` tells how to install it.
 
     >>> print(ToolMissing("Graphviz", remedy="apt-get install graphviz"))
     Graphviz is not installed: apt-get install graphviz
@@ -139,7 +138,7 @@ class ToolMissing(RvaftError, RuntimeError):
 
 
 def installed(module: str, tool: str, remedy: str) -> Any:
-    """A module of a library that need not be there, imported now; raises `ToolMissing`.
+    """Import and return a module of an optional library; raises `ToolMissing`.
 
     >>> installed("json", "JSON", "install Python").loads("1")
     1
@@ -151,7 +150,7 @@ def installed(module: str, tool: str, remedy: str) -> Any:
 
 
 class ToolFailed(RvaftError, RuntimeError):
-    """A program that this step needs is installed but did not do its work.
+    """An installed program or library failed.
 
     >>> print(ToolFailed("dot", reason="exit status 1"))
     dot failed: exit status 1
@@ -164,7 +163,7 @@ class ToolFailed(RvaftError, RuntimeError):
 
 
 class WrongType(RvaftError, TypeError):
-    """An argument is of a type that it cannot have.
+    """An argument has the wrong type.
 
     >>> print(WrongType("limit", "many", "an int"))
     limit must be an int, not str
@@ -177,13 +176,13 @@ class WrongType(RvaftError, TypeError):
 
 
 def expect(what: str, value: object, kind: type | UnionType, expected: str) -> None:
-    """Raise `WrongType` where an argument is not of this type."""
+    """Raise `WrongType` unless an argument has this type."""
     if not isinstance(value, kind):
         raise WrongType(what, value, expected)
 
 
 class OptionError(RvaftError, ValueError):
-    """An option has a value that is none of those it can have, or two options contradict each other.
+    """An option has an invalid value, or contradicts another option.
 
     >>> import rvaft
     >>> rvaft.monitor(rvaft.loads("top and a b;"), semantics="loose")

@@ -1,4 +1,4 @@
-"""What every monitor can do, whichever way it was made."""
+"""The interface of monitors, and monitors that are independent of a backend."""
 
 import json
 from abc import ABC, abstractmethod
@@ -14,9 +14,8 @@ from rvaft.model.verdict import Verdict
 
 
 class MatchedEvent(NamedTuple):
-    """One event of a match.
-
-    The node that it shows, which event of the node it is, and its number in the trace, both from 1.
+    """One event of a match: its node, its occurrence of the node, and its number in the trace, from
+    1.
     """
 
     node: str
@@ -26,11 +25,11 @@ class MatchedEvent(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """One match (semantics, section 4): the branch with the lowest number that has one, and how it matched.
+    """One match (semantics, section 4), in the branch with the lowest number.
 
-    `matched` are the events of the match, in their order; `branch` is None where a tree has too
-    many branches to count. `scenario` maps each node of the scenario to the children that it keeps,
-    those of a KofN being K or more; it is empty where the monitor does not know.
+    `matched` are its events in order. `branch` is None if the tree has too many branches to count.
+    `scenario` maps each node of the scenario to the children that it keeps (K or more of a KofN),
+    and is empty if the monitor cannot tell.
 
     >>> import rvaft
     >>> watching = rvaft.monitor(rvaft.loads("top sand a b;"))
@@ -46,7 +45,7 @@ class Explanation:
 
     @property
     def events(self) -> dict[str, list[int]]:
-        """The numbers of the events of each node, several where a leaf counts them.
+        """The numbers of the events of each node.
 
         >>> import rvaft
         >>> watching = rvaft.monitor(rvaft.loads("top sand a b; a times 2;"))
@@ -59,7 +58,7 @@ class Explanation:
         return found
 
     def bound(self, tree: RVAFT) -> dict[str, Json]:
-        """The variables with their values, in the order of a tree.
+        """Return the variables with their values, in the order of a tree.
 
         >>> import rvaft
         >>> watching = rvaft.monitor(tree := rvaft.loads("event e(v) = { e: v }; top and a b; a on e(X); b on e(Y);"))
@@ -71,9 +70,8 @@ class Explanation:
 
 @dataclass(frozen=True, slots=True)
 class Awaited:
-    """A node that waits for its event; `event` is that as text.
-
-    `inspect(Waypoint)`, or the node's name for the default event.
+    """A node that waits for its event, with the event as text: `inspect(Waypoint)`, or the default
+    event.
 
     >>> import rvaft
     >>> rvaft.monitor(rvaft.loads("top sand a b;")).pending()[0].awaited
@@ -86,11 +84,10 @@ class Awaited:
 
 @dataclass(frozen=True, slots=True)
 class Pending:
-    """What a live branch waits for: any of these nodes' events may come next.
+    """The nodes whose events may come next in a live branch.
 
-    `variables` holds the values that the events so far gave to variables that something to come
-    depends on; a branch has one record for each way to bind them. `branch` is None where a tree has
-    too many branches to count, for all of them together.
+    `variables` are the values bound so far on which later events depend; each binding has a record.
+    `branch` is None for all branches together, if they are too many to count.
 
     >>> import rvaft
     >>> [record.branch for record in rvaft.monitor(rvaft.loads("top or a b;")).pending()]
@@ -104,7 +101,8 @@ class Pending:
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """How the last hope of a detection ended: the number of the event, from 1, and what was waited for just before it.
+    """The event, from 1, after which no detection is possible, and the events that were awaited
+    before.
 
     >>> import rvaft
     >>> watching = rvaft.monitor(rvaft.loads("top sand a b;"))
@@ -117,11 +115,11 @@ class Ended:
 
 
 DEFAULT_BRANCHES: Final = 100
-"""How many branches are told apart in what is waited for."""
+"""Maximum number of branches listed separately in `Monitor.pending`."""
 
 
 class Monitor(ABC):
-    """Reads events one by one. After a final verdict it keeps returning it and looks at nothing.
+    """Reads events one by one. After a final verdict it ignores further events.
 
     >>> import rvaft
     >>> watching = rvaft.monitor(rvaft.loads("top and a b;"))
@@ -135,11 +133,13 @@ class Monitor(ABC):
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict so far; unknown before any event."""
+        """The current verdict; unknown before any event."""
         return self._verdict
 
     def step(self, event: Json) -> Verdict:
-        """Read one event and return the verdict after it; raises `TraceError` for what is no JSON object."""
+        """Read one event and return the verdict after it; raises `TraceError` unless it is a
+        mapping.
+        """
         if not isinstance(event, Mapping):
             message = f"an event is a JSON object (a dict), not {type(event).__name__}: decode the line first"
             raise TraceError(message, line=self._read + 1)
@@ -149,9 +149,7 @@ class Monitor(ABC):
         return self._verdict
 
     def run(self, events: Iterable[Json]) -> Iterator[Verdict]:
-        """The verdict after each event in turn. Events are read as verdicts are asked for.
-
-        Without a loop over it nothing happens.
+        """Yield the verdict after each event, lazily: events are read only while iterating.
 
         >>> import rvaft
         >>> watching = rvaft.monitor(rvaft.loads("top sand a b;"))
@@ -161,25 +159,24 @@ class Monitor(ABC):
         return (self.step(event) for event in events)
 
     def fork(self) -> Self:
-        """An independent monitor that has read the same events.
+        """Return an independent monitor in the same state.
 
-        A subclass that changes its parts in place, instead of replacing them, copies those here.
+        A subclass that changes attributes in place copies them here.
         """
-        twin = object.__new__(type(self))  # as `copy` would, and faster: the product forks at every step
+        twin = object.__new__(type(self))  # like `copy`, but faster, since each step of a product forks
         vars(twin).update(vars(self))
         return twin
 
     def go_on_after(self, earlier: Self) -> None:
-        """Go on in the trace after the events that another monitor of the same has read; this one has read none.
+        """Continue, as a new monitor, after the events that an equal monitor has read.
 
-        Events keep their numbers, and what of the trace before them matters to any match, as its
-        greatest time, is known.
+        Keeps event numbers, and the state that affects any match, such as the latest time.
         """
         self._read = earlier._read
 
     @property
     def detections(self) -> int:
-        """How many times the events so far were a detection: one at most, but of a `Repetition`."""
+        """The number of detections so far: at most one, except for a `Repetition`."""
         return int(self.verdict is Verdict.TRUE)
 
     @abstractmethod
@@ -193,39 +190,35 @@ class Monitor(ABC):
 
     @property
     def explanation(self) -> Explanation | None:
-        """After ⊤, one match, where the monitor knows the tree; else None."""
+        """After ⊤, one match; None if the monitor cannot explain."""
         return None
 
     def pending(self, *, limit: int = DEFAULT_BRANCHES) -> tuple[Pending, ...]:  # noqa: ARG002 (a subclass uses it)
-        """Before a final verdict, what each live branch waits for, where the monitor knows the tree; else nothing.
+        """What each live branch waits for; () after a final verdict or if the monitor cannot tell.
 
-        Beyond `limit` branches all are taken together.
+        Beyond `limit` branches there are common records for all.
         """
         return ()
 
     @property
     def ended(self) -> Ended | None:
-        """After ⊥, the event that ended the last hope, where the monitor knows the tree; else None."""
+        """After ⊥, how it came about; None if the monitor cannot tell."""
         return None
 
 
 FirstDetections: TypeAlias = Callable[[Sequence[Sequence[Json]]], Sequence[int | None]]
-"""What a program says that looks at whole traces: for each, the number of the event, from 1, with
-which it first is a detection, if it is one.
-"""
+"""Returns for each whole trace the number, from 1, of the first detecting event, if any."""
 
 
 LeftOpen: TypeAlias = Callable[[Sequence[Json]], str]
-"""Why a language says nothing of a trace (its events have no order there, say), in a few words; empty where it does."""
+"""Returns why a language leaves a trace undefined (its events are not ordered, say), or ""."""
 
 
 class DetectionMonitor(Monitor):
-    """Asks a program that looks at whole traces, after each event, whether the events so far are a detection.
+    """Applies a function of whole traces after each event; never returns ⊥.
 
-    It never says ⊥.
-
-    What a language has `left_open` raises `TraceError`, and no comparison asks for it. Every event
-    costs as much as all before it: ask `first_detections` itself where a trace is known to its end.
+    A trace that the language leaves undefined (`left_open`) raises `TraceError`; comparisons skip
+    it. A step takes time for all events so far: call `first_detections` for a complete trace.
 
     >>> two = DetectionMonitor(lambda traces: [2 if len(trace) > 1 else None for trace in traces])
     >>> [verdict.symbol for verdict in two.run([{}, {}, {}])], two.first_detections([[], [{}, {}]])
@@ -250,11 +243,10 @@ class DetectionMonitor(Monitor):
 
 
 class Repetition(Monitor):
-    """A monitor that begins afresh with the event after each detection; what was used is not used again.
+    """A monitor that restarts with the event after each detection; no event is used twice.
 
-    The verdict is true at each event that detects; after others it is that of the events since, and
-    false stays. Explanations name events by their numbers in the whole trace. `monitor` has read
-    nothing.
+    The verdict is ⊤ at each detecting event, else that since the last detection; ⊥ is final.
+    Explanations use event numbers of the whole trace. `monitor` must be new.
 
     >>> import rvaft
     >>> watching = Repetition(rvaft.monitor(rvaft.loads("top sand a b;"), semantics="scattered"))
@@ -269,16 +261,15 @@ class Repetition(Monitor):
         self._fresh = monitor
         self._before = 0
         self.current = monitor.fork()
-        """The monitor that reads the events since the last detection."""
+        """The monitor of the events since the last detection."""
 
     def begin_again(self) -> None:
-        """Begin afresh, if the last event was a detection."""
+        """Restart, if the last event was a detection."""
         if self.verdict is Verdict.TRUE:
             self._before += 1
             self.current = self._next()
 
     def _next(self) -> Monitor:
-        """What reads the next event."""
         if self.verdict is not Verdict.TRUE:
             return self.current
         fresh = self._fresh.fork()
@@ -287,21 +278,21 @@ class Repetition(Monitor):
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict so far."""
+        """The current verdict."""
         return self.current.verdict
 
     @property
     def detections(self) -> int:
-        """How many detections there were."""
+        """The number of detections so far."""
         return self._before + self.current.detections
 
     def step(self, event: Json) -> Verdict:
-        """Read one event and return the verdict after it; raises what the monitor raises."""
+        """Read one event and return the verdict after it."""
         self.begin_again()
         return self.current.step(event)
 
     def fork(self) -> Self:
-        """An independent monitor that has read the same events."""
+        """Return an independent monitor in the same state."""
         twin = super().fork()
         twin.current = self.current.fork()
         return twin
@@ -316,7 +307,7 @@ class Repetition(Monitor):
 
     @property
     def explanation(self) -> Explanation | None:
-        """At an event that detects, one match."""
+        """After a detecting event, one match."""
         return self.current.explanation
 
     def pending(self, *, limit: int = DEFAULT_BRANCHES) -> tuple[Pending, ...]:
@@ -325,5 +316,5 @@ class Repetition(Monitor):
 
     @property
     def ended(self) -> Ended | None:
-        """After ⊥, how the last hope ended."""
+        """After ⊥, how it came about."""
         return self.current.ended

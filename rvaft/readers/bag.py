@@ -1,9 +1,8 @@
-"""Recordings of ROS, read by `rosbags`: bags of ROS 1, folders and files of rosbag2, MCAP.
+"""ROS recordings, read by `rosbags`: ROS 1 bags, rosbag2 folders and files, MCAP.
 
-An event is a message: its fields, `topic`, and `time`, the nanoseconds at which it was recorded, as
-a whole number. Times in messages are objects with `sec` and `nanosec`, in ROS 1 too. Types are as
-the recording defines them. Messages of which nothing is looked at are counted and not decoded, and
-of the others only what is looked at is made JSON.
+An event has the fields of a message, `topic`, and `time`, the recording time in nanoseconds. Times
+in messages are objects with `sec` and `nanosec`, also for ROS 1. Only messages and fields that are
+read are decoded.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -24,17 +23,15 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Typestore
 
 TOPIC: Final = "topic"
-"""The field with the topic of a message."""
 TIME: Final = "time"
-"""The field with the time at which a message was recorded."""
 ELSEWHERE: Final = {name: f"message_{name}" for name in (TOPIC, TIME)}
-"""Where fields stand that a message has of its own by these names."""
+"""New names for message fields with these names."""
 _PLAIN: Final = frozenset({str, int, float, bool})
 _FLOATS: Final = frozenset({"float32", "float64", "float128"})
 
 
 class BagReader(LogReader):
-    """Recordings of ROS 1 and ROS 2.
+    """ROS 1 and ROS 2 recordings.
 
     >>> BagReader.suffixes, BagReader.unit, BagReader.needs_file
     (('.bag', '.mcap', '.db3'), 'message', True)
@@ -47,11 +44,11 @@ class BagReader(LogReader):
 
     @classmethod
     def suits(cls, path: Path, options: InputOptions) -> bool:  # noqa: ARG003 (of the interface)
-        """Whether it has one of the suffixes, or is a folder with the description of a recording."""
+        """Whether the path has one of the suffixes, or is a rosbag2 folder."""
         return suffix(path) in cls.suffixes or (path / BAG_METADATA).is_file()
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json] | None]]:
-        """The messages in the order of their times, each with its number."""
+        """Yield the messages with their numbers, in time order."""
         try:
             from rosbags.highlevel import AnyReader  # noqa: PLC0415 -- imported on use
             from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415 -- imported on use
@@ -71,7 +68,7 @@ class BagReader(LogReader):
                         decoder = decoders[id(connection)] = _Decoder(connection, known, bag.deserialize, log)
                     try:
                         event = None if decoder.idle else decoder.event(stamp, data)
-                    except Exception as error:  # noqa: BLE001 (whatever a decoder makes of bytes that are no message)
+                    except Exception as error:  # noqa: BLE001 (bytes that are no message raise anything)
                         log.reject(number, str(error) if isinstance(error, _Unread) else decoder.refusal(error))
                     else:
                         yield number, event
@@ -81,24 +78,22 @@ class BagReader(LogReader):
                     )
         except (TraceError, ToolMissing):
             raise
-        except Exception as error:  # whatever the library makes of a damaged file
+        except Exception as error:  # a damaged file raises anything
             reason = " ".join(str(error).split()).removesuffix(".") or type(error).__name__
             raise log.error_at(f"the recording cannot be read: {reason}", number + 1 if number else None) from error
 
 
 class _Unread(ValueError):
-    """Why a message is no event, in words of ours."""
+    """The reason why a message was rejected."""
 
 
 class _Decoder:
-    """Makes events of the messages of one connection, with the fields that are looked at; it is
-    `idle` where none is of interest.
-    """
+    """Decodes the messages of one connection; `idle` if none is of interest."""
 
     def __init__(
         self, connection: "Connection", types: "Typestore", deserialize: Callable[[bytes, str], object], log: Log
     ) -> None:
-        self._connection = connection  # as long as it is there, it is known by its identity
+        self._connection = connection  # keeps the connection alive, so that its id stays unique
         self._topic, self._type, self._log = connection.topic, connection.msgtype, log
         self._deserialize = deserialize
         self.idle = not log.interest.may_be(TOPIC, connection.topic)
@@ -116,7 +111,7 @@ class _Decoder:
                 self._unknown = str(error.args[0])
 
     def event(self, stamp: int, data: bytes) -> dict[str, Json]:
-        """The event that a message is; raises whatever the library does, and `ValueError`."""
+        """Return the event of a message; raises `ValueError` and any exception of the library."""
         if self._unknown:
             raise _Unread(f"the type {self._unknown}, of {self._topic}, is not defined in the recording")
         event: dict[str, Json] = {TOPIC: self._topic, TIME: stamp}
@@ -125,7 +120,7 @@ class _Decoder:
         return settled(event, self._log) if self._odd else event
 
     def refusal(self, error: Exception) -> str:
-        """What to say of a message that cannot be decoded."""
+        """Return the reason for rejecting a message after an error."""
         return (
             f"no message of the type {self._type} on {self._topic}: "
             f"{' '.join(str(error).split()) or type(error).__name__}"
@@ -133,10 +128,9 @@ class _Decoder:
 
 
 def message_event(message: object, topic: str, time: int) -> dict[str, Json]:
-    """The event that a message of ROS is, as a recording of it has it: its fields, `topic`, and
-    `time`, when it came, in nanoseconds.
+    """Return the event of a ROS message: its fields, `topic`, and `time` in nanoseconds.
 
-    The message is one of `rclpy` or of `rosbags`; raises `OptionError` for what is none.
+    The message is one of `rclpy` or `rosbags`; raises `OptionError` for another object.
 
     >>> from dataclasses import make_dataclass
     >>> Command = make_dataclass("Command", ["name", "waypoint"])
@@ -147,38 +141,37 @@ def message_event(message: object, topic: str, time: int) -> dict[str, Json]:
 
 
 def _object(message: object, elsewhere: Mapping[str, str] = MappingProxyType({})) -> dict[str, Json]:
-    """The fields of a message as JSON, some of them under other names."""
-    kind: Any = type(message)  # mypy takes the class of an object for one that has no hash
+    """Return the fields of a message as JSON, some renamed."""
+    kind: Any = type(message)  # for mypy, the class of an object is not hashable
     names = _field_names(kind)
     return _fields(message, names, [elsewhere.get(name, name) for name in names])
 
 
 @cache
 def _field_names(kind: type) -> Sequence[str]:
-    """The names of the fields of messages of a class, which says it as `rclpy` does, or is a dataclass of `rosbags`."""
+    """Return the field names of a message class of `rclpy` or `rosbags`."""
     if (told := getattr(kind, "get_fields_and_field_types", None)) is not None:
         return tuple(told())
     if not is_dataclass(kind):
         raise OptionError(f"{kind.__name__} is no message of ROS")
-    names = [one.name for one in fields(kind) if "ClassVar" not in str(one.type)]  # the others are constants
+    names = [one.name for one in fields(kind) if "ClassVar" not in str(one.type)]  # class variables are constants
     return tuple(name[:-1] if iskeyword(name[:-1]) else name for name in names)
 
 
 def _fields(message: object, names: Sequence[str], keys: Sequence[str]) -> dict[str, Json]:
-    """The values of these fields of a message, as JSON under these keys."""
     values = _getter(names)(message)
     return {key: value if type(value) in _PLAIN else _json(value) for key, value in zip(keys, values, strict=True)}
 
 
 @cache
 def _getter(names: Sequence[str]) -> Callable[[object], Sequence[object]]:
-    """What gives the values of these fields of a message."""
+    """Return a function that reads these fields of a message."""
     own = [f"{name}_" if iskeyword(name) else name for name in names]
     return attrgetter(*own) if len(own) > 1 else lambda message: [getattr(message, name) for name in own]
 
 
 def _json(value: object) -> Json:
-    """The value of a field as JSON: lists of arrays, numbers of single bytes, objects of messages."""
+    """Return a value as JSON: arrays become lists, single bytes numbers, messages objects."""
     match value:
         case str() | int() | float():
             return value
@@ -194,16 +187,13 @@ def _json(value: object) -> Json:
 
 
 def _parts(types: "Typestore", name: str, fields: Collection[str] | None = None) -> set[str]:
-    """The basic types of which messages of a type consist, or these fields of them.
-
-    Raises `KeyError` for a type that is not known.
-    """
+    """Return the basic types in a message type, or in some of its fields; raises `KeyError`."""
     agenda: list[tuple[str, Collection[str] | None]] = [(name, fields)]
     found, seen = set[str](), {name}
     while agenda:
         one, chosen = agenda.pop()
         for own, how in types.fielddefs[one][1]:
-            kind, about = cast("tuple[Any, Any]", how)  # rosbags nests its types in several ways
+            kind, about = cast("tuple[Any, Any]", how)  # rosbags nests types in several ways
             base, of = (kind, about) if kind.name in ("BASE", "NAME") else about[0]
             if chosen is not None and own not in chosen:
                 continue

@@ -1,8 +1,7 @@
-"""Tables of comma-separated values: the header names the fields, and each row is an event.
+"""CSV tables: the header names the fields, and each row is an event.
 
-What an empty cell says is that the event lacks the field. A cell that is a number by the grammar of
-JSON is that number, unless `types` says what its column holds. Rows that are longer or shorter than
-the header, that are not UTF-8 or that hold what their column should not are left out, and told.
+An empty cell means that the event lacks the field. A cell in the number syntax of JSON is a number,
+unless `types` gives the type of its column. Malformed rows are rejected.
 """
 
 import csv
@@ -18,14 +17,15 @@ from rvaft.readers.json_lines import settled
 from rvaft.readers.log import FieldType, Log, LogReader, by_content, lines_of, suffix
 
 _DIVIDED: Final = re.compile(r"sep=(.)\r?\n")
-"""A line before the header by which a spreadsheet says what divides the fields."""
+"""A line with which spreadsheets declare the delimiter."""
 _QUOTED: Final = re.compile(r'"[^"]*(?:"|$)')
 _DELIMITERS: Final = ("\t", ";", "|")
-"""Beside the comma: what a header may be divided by that has no comma."""
+"""Delimiters tried in a header without a comma."""
 
 
 class CsvReader(LogReader):
-    r"""Comma-separated values with a header, by RFC 4180; tabs, semicolons or bars if the header has no comma.
+    r"""CSV with a header (RFC 4180); tabs, semicolons or bars are delimiters if the header has no
+    comma.
 
     >>> import io
     >>> list(Log(CsvReader(), io.BytesIO(b"event;user;load\nlogin;bob;0.5\nlogout;;"), "day.csv").events())
@@ -37,7 +37,7 @@ class CsvReader(LogReader):
     takes: ClassVar[frozenset[str]] = frozenset({"types"})
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
-        """The events of the rows, each with the number of the line where it begins."""
+        """Yield the events with the line numbers where their rows begin."""
         lines = (data.decode(errors="surrogateescape") for _, data in lines_of(log.stream, log.name, log.line))
         head = next(lines, "")
         said = _DIVIDED.fullmatch(head)
@@ -59,7 +59,7 @@ class CsvReader(LogReader):
             raise log.error_at(f"the header cannot be read: {str(error).partition(' - ')[0]}", 1 + before) from error
         columns = [(name, self._converter(name, delimiter)) for name in header]
         self._check(header, log, 1 + before)
-        odd = FieldType.NUMBER in self.options.types.values()  # by its content no cell is NaN
+        odd = FieldType.NUMBER in self.options.types.values()  # without a type, no cell is NaN
         while True:
             number = rows.line_num + before + 1
             try:
@@ -85,7 +85,7 @@ class CsvReader(LogReader):
                 yield number, event
 
     def _event(self, columns: list[tuple[str, Callable[[str], Json]]], row: list[str]) -> dict[str, Json]:
-        """The event of a row; raises `ValueError` with the reason why it is none."""
+        """Return the event of a row; raises `ValueError`."""
         event: dict[str, Json] = {}
         try:
             "".join(row).encode()
@@ -101,12 +101,12 @@ class CsvReader(LogReader):
 
     def _converter(self, name: str, delimiter: str) -> Callable[[str], Json]:
         kind = self.options.types.get(name)
-        if kind is FieldType.NUMBER and delimiter == ";":  # then decimals have a comma
+        if kind is FieldType.NUMBER and delimiter == ";":  # with decimal commas
             return lambda cell: kind.value_of(cell if "." in cell else cell.replace(",", ".", 1))
         return by_content if kind is None else str if kind is FieldType.TEXT else kind.value_of
 
     def _check(self, header: list[str], log: Log, line: int) -> None:
-        """Refuse a header by which fields cannot be told apart."""
+        """Raise `TraceError` for a header with unusable or missing names."""
         if any("\0" in name for name in header):
             raise log.error_at("the header has NUL characters: is it UTF-16? Convert it, for example with iconv", line)
         for name, count in Counter(header).items():

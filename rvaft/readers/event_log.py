@@ -1,4 +1,4 @@
-"""Event logs of process mining: XES, the format of IEEE 1849, read case by case and never as a whole."""
+"""XES event logs (IEEE 1849) of process mining, read incrementally."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -12,12 +12,10 @@ from rvaft.readers.json_lines import MAX_DEPTH, settled
 from rvaft.readers.log import MAX_LINE, FieldType, Log, LogReader
 
 CASE: Final = "case"
-"""The field with the name of the case that an event belongs to; other attributes of the case stand
-behind this word and a colon.
-"""
+"""The field with the name of an event's case, and prefix of the other case attributes."""
 _NAME: Final = "concept:name"
 _HOLDERS: Final = {"log": ("",), "trace": ("log",), "event": ("log", "trace")}
-"""What these may stand in."""
+"""The allowed parents of each element."""
 _TYPES: Final = {
     **dict.fromkeys(("string", "date", "id"), FieldType.TEXT),
     **dict.fromkeys(("int", "float"), FieldType.NUMBER),
@@ -26,7 +24,7 @@ _TYPES: Final = {
 
 
 class XesReader(LogReader):
-    """Events of XES: their attributes are the fields, and those of their case, whose name is the field `case`.
+    """XES events: their attributes are fields, as are those of their case; `case` is its name.
 
     >>> import io
     >>> case = '<string key="concept:name" value="c7"/>'
@@ -41,7 +39,7 @@ class XesReader(LogReader):
     unit: ClassVar[str] = "event"
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
-        """The events in turn, case after case, each with its number in the file."""
+        """Yield the events with their numbers in the file."""
         number, case, begun = 0, dict[str, Json](), False
         path: list[ET.Element] = []
         source = _XmlStream(log)
@@ -59,7 +57,7 @@ class XesReader(LogReader):
                 above = _local(path[-1]) if path else ""
                 if above not in ("log", "trace"):
                     continue
-                path[-1].remove(element)  # else the whole log would stay
+                path[-1].remove(element)  # free the memory
                 source.pending = 0
                 is_event = name == "event"
                 number += is_event
@@ -81,13 +79,14 @@ class XesReader(LogReader):
                         yield number, event
         except TraceError:
             raise
-        except (ET.ParseError, LookupError, ValueError) as error:  # of an encoding that it does not know, too
+        except (ET.ParseError, LookupError, ValueError) as error:  # also for an unknown encoding
             raise log.error_at(f"this is no XML, or damaged: {error}", None) from error
 
 
 class _XmlStream:
-    """A stream of XML without a document type, whose entities could expand without bounds or name
-    other files; `pending` is what was read since an event.
+    """A stream of XML that refuses document types, whose entities could expand without bounds.
+
+    `pending` counts the bytes read since the last event.
     """
 
     def __init__(self, log: Log) -> None:
@@ -107,13 +106,13 @@ class _XmlStream:
         data = self._log.stream.read(size)
         self.pending += len(data)
         if not self._begun:
-            with suppress(expat.ExpatError, LookupError, UnicodeError):  # as the parser itself will tell
+            with suppress(expat.ExpatError, LookupError, UnicodeError):  # the parser itself reports these
                 self._prolog.Parse(data)
         return data
 
 
 def _attributes(elements: Iterable[ET.Element]) -> dict[str, Json]:
-    """Attributes by their keys; raises `ValueError` for what is none."""
+    """Return attributes by key; raises `ValueError`."""
     found: dict[str, Json] = {}
     for element in elements:
         kind, key, text = _local(element), element.get("key"), element.get("value")
@@ -139,15 +138,14 @@ def _attributes(elements: Iterable[ET.Element]) -> dict[str, Json]:
 
 
 def _of_case(key: str) -> str:
-    """The field of an event for an attribute of its case."""
     return CASE if key == _NAME else f"{CASE}:{key}"
 
 
 def _of_event(key: str) -> str:
-    """The field of an event for an attribute of its own, which is kept apart from those of its case."""
+    """Return the field for an attribute of an event, kept apart from those of its case."""
     return f"event:{key}" if key == CASE or key.startswith(f"{CASE}:") else key
 
 
 def _local(element: ET.Element) -> str:
-    """The name of an element, in small letters, without its namespace."""
+    """Return the tag in lower case, without its namespace."""
     return element.tag.rpartition("}")[2].lower()

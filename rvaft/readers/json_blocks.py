@@ -1,5 +1,5 @@
-"""Logs read many lines at a time: what a tree reads of them is decoded by msgspec, and what msgspec
-does not check is looked for in the bytes.
+"""JSON Lines decoded in blocks: msgspec decodes the fields that the tree reads, and byte searches
+find the errors that msgspec ignores.
 """
 
 import re
@@ -25,40 +25,37 @@ from rvaft.readers.log import BOM, MAX_DIGITS, MAX_LINE, failures_of, unreadable
 from rvaft.support.files import SUFFIXES
 
 SIZE: Final = 3 << 15
-"""Bytes that are read at once: small enough for the caches of the machine."""
+"""Bytes per read; a block fits into the processor cache."""
 MEMORY: Final = 10_000
-"""How many values of the discriminating fields, and how many skeletons of lines, are remembered;
-then the memory starts afresh.
-"""
+"""Maximum number of cached discriminating values, and of line skeletons; then the cache is cleared."""
 FEW: Final = 16
-"""One line in so many may have a skeleton that is new: such lines take long."""
+"""A block may have one new skeleton per so many lines, since new ones are slow."""
 _REST: Final = 64
-"""After a block with more new ones, so many are not looked at."""
+"""Blocks skipped by the fast path after one with too many new skeletons."""
 _SHORT: Final = 2 * MAX_DEPTH
-"""A line no longer than this has neither too many levels nor too many digits."""
+"""A line of this length has neither too many levels nor too many digits."""
 _DIGITS: Final = re.compile(rb"[0-9]{%d}" % (MAX_DIGITS + 1))
 _OF_NUMBERS: Final = b"0123456789.+-eE"
 _STRETCH: Final = 29_000
-"""Bytes in which a key is counted at once."""
+"""Bytes per call when keys are counted."""
 _REFUSED: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
-"""What a decoder raises for a line that is not for it, malformed or not."""
+"""Exceptions of a decoder for a line of an unexpected form, malformed or not."""
 _Line: TypeAlias = Any
-"""What a decoder makes of a line: an object of a class that is made for the fields of one tree."""
+"""A decoded line, of a class generated for the fields of one tree."""
 _Value: TypeAlias = Scalar | msgspec.UnsetType
-"""What an event has in a field, `msgspec.UNSET` where it lacks it."""
+"""The value of a field, `msgspec.UNSET` if missing."""
 _Values: TypeAlias = _Value | tuple[_Value, ...]
-"""What an event has in one field, or in several."""
+"""The value of one field, or of several."""
 _DOUBT: Final = ("doubt",)
-"""In place of the values on a line that `rvaft.readers.json_lines` has to read."""
+"""Marks a line that `rvaft.readers.json_lines` has to decode."""
 
 
 class EventBlock(NamedTuple):
-    """Events that follow each other: how many, and those of them that may concern the tree, each
-    with its place among all, from 0.
+    """Consecutive events: the number of all, and the possibly relevant ones with their places, from
+    0.
 
-    Where a reader keeps fields of all events, `passed` are the places of the others, and `kept`
-    what these have in the fields, for each a value, or a tuple of several, `msgspec.UNSET` where
-    there is none.
+    If a reader keeps fields of all events, `passed` has the places of the others, and `kept` their
+    values (or tuples of values) in these fields, with `msgspec.UNSET` for missing ones.
     """
 
     total: int
@@ -70,16 +67,14 @@ class EventBlock(NamedTuple):
 def _blocks(
     stream: BufferedIOBase, file: str, line: int, *, live: bool
 ) -> Iterator[tuple[int, bytes, list[bytes], int]]:
-    """Whole lines of a stream in turn, each block with the number of its first line, and its bytes;
-    one longer than `MAX_LINE` is the last.
+    """Yield blocks of whole lines: number of the first line, text, lines, and bytes consumed.
 
-    A byte order mark counts among the bytes and is not given. What is `live` is given as it comes,
-    not only when a block is full. Raises `TraceError` where the file cannot be read, after the
-    lines that end before.
+    The text excludes a byte order mark. A line longer than `MAX_LINE` ends the input. A `live`
+    stream is passed on as it arrives. Raises `TraceError` for a read error, after the lines before
+    it.
     """
     failures = failures_of(file)
-    # Damaged data is lost from the call on that meets it, so there no more is asked for at once
-    # than when it is read by lines.
+    # A failing call loses its data, so compressed files are read in as small pieces as by lines.
     at_once = min(SIZE, DEFAULT_BUFFER_SIZE) if Path(file).suffix.lower() in SUFFIXES else SIZE
     held, mark = b"", BOM if line == 1 else b""
     failure: Exception | None = None
@@ -111,11 +106,11 @@ def _blocks(
 
 
 def plain_fields(reads: TreeReads, also: Iterable[str] = ()) -> Sequence[str]:
-    """The fields that a `JsonBlockReader` decodes, those to keep `also`; none for a tree whose logs
-    are left to `rvaft.readers.json_lines`.
+    """Return the fields that a `JsonBlockReader` decodes, or () if it cannot read logs for the
+    tree.
 
-    Such a tree tells no events apart by strings, wants more than fields, or fields whose names a
-    line could write in more ways than one, escapes of ASCII by their number aside.
+    That holds for a tree without discriminating strings, with patterns that are no objects, or with
+    field names that JSON can spell in several ways (other than by numeric escapes).
     """
     patterns = [one for one in reads.patterns if isinstance(one, ObjectPattern)]
     fields = tuple(dict.fromkeys((*(name for one in patterns for name, _ in one.fields), *also)))
@@ -124,18 +119,16 @@ def plain_fields(reads: TreeReads, also: Iterable[str] = ()) -> Sequence[str]:
 
 
 def exact_time(tree: RVAFT) -> str | None:
-    """The field in which a tree has its time, where numbers there count with all their digits."""
+    """Return the time field of a tree whose times are exact numbers, else None."""
     time = tree.time
     return time.field[0] if time is not None and time.format.value in UNITS and len(time.field) == 1 else None
 
 
 class JsonBlockReader:
-    """Reads logs for one tree; `possible` says whether events with given values in the
-    discriminating fields are of interest.
+    """Reads logs for one tree; `possible` tests values of the discriminating fields for relevance.
 
-    Of events it decodes only these `fields`, in that of the `time` numbers as exactly as they are
-    written. The values of one discriminating field stand as they are, those of several as a tuple.
-    Those that are `kept`, all of them among the `fields`, are told of every event.
+    Decodes only `fields`; numbers in the field `time` are exact. Values of the discriminating
+    fields are a tuple if there are several. The `kept` fields are returned for every event.
     """
 
     def __init__(
@@ -154,17 +147,17 @@ class JsonBlockReader:
         self._asked = reads.discriminators.fields
         assert time not in kept, "what is kept is no more exact than a double"
         self._kept = tuple(kept)
-        # Python takes 1 and True for equal: what is kept and a boolean is left to the other reader.
+        # Python treats 1 and True as equal, so Booleans in kept fields go to the other reader.
         types = {field: Scalar if field not in kept else str | int | float | None for field in (*fields, *self._asked)}
-        # A hook of msgspec is asked for what may be anything only.
+        # msgspec calls a float hook only for values of type Any.
         read = {field: Any if field == time else types[field] for field in fields}
         event = TypedDict("event", read, total=False)  # type: ignore[misc] # the names come with the tree
         self._event: msgspec.json.Decoder[_Line] = msgspec.json.Decoder(event, float_hook=_decimal)
         self._time = time
         told = tuple(dict.fromkeys((*self._asked, *kept)))
         names = {f"f{number}": field for number, field in enumerate(told)}
-        # Not to be looked at by the garbage collector: heads live for one block, and hold nothing
-        # that could refer to them.
+        # Without garbage collection: heads live for one block and contain no references to each
+        # other.
         head = msgspec.defstruct(
             "Head",
             [(name, types[field] | msgspec.UnsetType, msgspec.UNSET) for name, field in names.items()],
@@ -183,7 +176,7 @@ class JsonBlockReader:
         self._skeletons: set[bytes] = set()
         self._resting = 0
         self._dense = False
-        """Whether most lines of late were of interest: then all are decoded as events at once."""
+        """Whether most recent lines were relevant; then all are decoded as full events."""
 
     def read(
         self,
@@ -194,10 +187,10 @@ class JsonBlockReader:
         live: bool = False,
         reached: Callable[[int, int], None] = lambda _size, _lines: None,
     ) -> Iterator[EventBlock]:
-        """All events of a stream in batches; raises `TraceError` after the events before it.
+        """Yield all events of a stream in blocks; raises `TraceError` after the events before it.
 
-        `line` is the number of the first line; a stream that is `live` is read as it comes. With
-        each batch `reached` is told of so many bytes and lines more.
+        `line` is the number of the first line; a `live` stream is read as it arrives. `reached` is
+        called with the bytes and lines of each block.
         """
         for first, text, lines, size in _blocks(stream, file, line, live=live):
             dense = self._dense
@@ -252,15 +245,13 @@ class JsonBlockReader:
             yield EventBlock(len(found) - len(blank), events, _without(blank, passed), kept)
 
     def _sound(self, text: bytes, lines: list[bytes]) -> list[_Line] | None:
-        """The events of a block in which nothing can be wrong that the decoder does not see, or None where some may.
+        """Return the decoded events of a block without hidden errors, or None if there may be some.
 
-        The *skeleton* of a line is what remains without the characters that numbers are written
-        with. Two lines of the same skeleton have the same strings, but for these characters, and
-        the same brackets: such a character never stands behind the backslash of an escape, so what
-        is inside a string in one line is so in the other. Hence, where one line is an object in
-        which no key is repeated, and the others are JSON, they are objects in which no key is
-        repeated. And where every line of a block holds an object, and the block holds as many
-        values as it has lines, every line holds one value.
+        The *skeleton* of a line is the line without number characters. Two lines with the same
+        skeleton have the same brackets and, up to number characters, the same strings: number
+        characters never follow a backslash. If one is an object without repeated keys, so are all
+        other JSON lines with the skeleton. If a block holds as many values as lines, and each line
+        holds an object, then each line holds one value.
         """
         self._resting -= 1
         if self._resting > 0 or max(map(len, lines)) > _SHORT or _is_odd(text):
@@ -288,14 +279,12 @@ class JsonBlockReader:
         return None
 
     def _is_nested(self, event: dict[str, Json]) -> bool:
-        """Whether there is more than one value where the time is."""
+        """Whether the time field has a nested value."""
         return self._time is not None and type(event.get(self._time)) in (dict, list)
 
     def _heads(self, text: bytes, lines: list[bytes]) -> tuple[list[_Line], list[Hashable], Sequence[_Values] | None]:
-        """For each line what the decoder makes of it and its values in the discriminating fields,
-        `_DOUBT` where it cannot be trusted.
-
-        Third what is kept of each, if that is known for all.
+        """Return the decoded lines, their discriminating values (or `_DOUBT`), and the kept values
+        if known.
         """
         decoder = self._event if self._dense else self._head
         get: Callable[[_Line], Hashable] = self._of_event if self._dense else self._of_head
@@ -310,7 +299,7 @@ class JsonBlockReader:
         columns = {} if doubts else {field: list(map(self._lookup(field), heads)) for field in self._kept}
         counts = Counter(found)
         for number, field in enumerate(dict.fromkeys((*self._asked, *self._kept))):
-            # Where no line writes a field otherwise than it is, to count them in the block will do.
+            # If no line spells a field with escapes, counting keys in the whole block suffices.
             key, there = _quoted(field), -1
             if doubts:
                 pass
@@ -329,14 +318,16 @@ class JsonBlockReader:
         return heads, found, told if every else None
 
     def _lookup(self, field: str) -> Callable[[_Line], _Value]:
-        """Gives the value in a field of what the present decoder makes of a line."""
+        """Return a function that reads a field of a decoded line."""
         return methodcaller("get", field, msgspec.UNSET) if self._dense else attrgetter(self._short[field])
 
     def _every(self, values: Hashable) -> tuple[Json, ...]:
         return values if isinstance(values, tuple) else (values,)
 
     def _meaning(self, values: Hashable) -> tuple[bool, tuple[bytes, ...]]:
-        """Whether events with these values are looked at, and the quoted keys that they are not to repeat."""
+        """Return whether events with these values are relevant, and the quoted keys that must not
+        repeat.
+        """
         known = self._known.get(values)
         if known is None:
             every = self._every(values)
@@ -351,22 +342,20 @@ class JsonBlockReader:
 
 
 def _gets(fields: Sequence[str]) -> Callable[[dict[str, Json]], _Values]:
-    """Gives what an event has in a field, of several a tuple."""
+    """Return a function that reads one field of an event, or a tuple of several."""
     gets = [methodcaller("get", field, msgspec.UNSET) for field in fields]
     return gets[0] if len(gets) == 1 else lambda event: tuple([get(event) for get in gets])
 
 
 def _without(blank: Sequence[int], places: Sequence[int]) -> Sequence[int]:
-    """Places among the lines that are not blank."""
+    """Convert places of lines to places among the lines that are not blank."""
     return [place - bisect_left(blank, place) for place in places] if blank else places
 
 
 def _doubtful(text: bytes, lines: list[bytes]) -> set[int]:
-    """The places of lines with something about them that the decoder does not see.
+    """Return the places of lines with possible errors that the decoder does not detect.
 
-    It checks all of JSON's grammar but passes over strings and numbers that nobody reads: what is
-    no UTF-8, what is nested too deeply, numbers that are too long, keys that are written with
-    escapes.
+    These are invalid UTF-8, excessive nesting or digits in skipped values, and escaped keys.
     """
     found: set[int] = set()
     if _is_odd(text):
@@ -380,7 +369,9 @@ def _doubtful(text: bytes, lines: list[bytes]) -> set[int]:
 
 
 def _is_odd(text: bytes) -> bool:
-    """Whether it is no UTF-8, or has an ASCII letter that is written by its number, as one of a key could be."""
+    """Whether the text is invalid UTF-8, or has a numeric escape of an ASCII letter, as in an
+    escaped key.
+    """
     place = text.find(b"\\")
     while place >= 0:
         if text.startswith(b"u00", place + 1) and text[place + 4 : place + 5] in (b"2", b"3", b"4", b"5", b"6", b"7"):
@@ -402,13 +393,12 @@ def _decimal(written: str) -> float:
 
 
 def _count(text: bytes, key: bytes) -> int:
-    """How often a short key occurs: stretch by stretch, since of long texts Python looks at each byte."""
+    """Count a key in pieces of the text: on long texts, `count` is slower."""
     more = len(key) - 1
     return sum([text.count(key, start, start + _STRETCH + more) for start in range(0, len(text), _STRETCH)])
 
 
 def _quoted(field: str) -> bytes:
-    """A field as it stands in a line."""
     return f'"{field}"'.encode()
 
 

@@ -1,8 +1,7 @@
-"""JSON documents: an array of events, or an object with such an array in it, read item by item and never as a whole.
+"""JSON documents: an array of events, or an object with such an array, read incrementally.
 
-Items are decoded by the decoder of JSON Lines, as strictly, from a window of text that moves over
-the file. (The parsers that give a stream of tokens take lone surrogates for question marks, have no
-room for long integers and do not tell that a key is repeated.)
+Items are decoded as strictly as JSON Lines, from a window that moves over the text. (Streaming
+parsers replace lone surrogates, refuse long integers, and do not report repeated keys.)
 """
 
 import codecs
@@ -22,21 +21,22 @@ from rvaft.readers.log import BOM, MAX_LINE, InputOptions, Log, LogReader, failu
 from rvaft.support.files import SUFFIXES
 
 DEFAULT_PATH: Final = "Records"
-"""Where an object has its events unless told otherwise: CloudTrail's files do."""
+"""The default path of the events, as in CloudTrail files."""
 _BEGINS: Final = re.compile(rb'\s*(?:\[|\{[ \t\r]*\n|\{[^\n]*"Records"[ \t]*:[ \t]*\[)')
 _HEAD: Final = 4096
-"""Bytes by which a document is told from JSON Lines."""
+"""Bytes that are examined to distinguish a document from JSON Lines."""
 _BLOCK: Final = 1 << 18
 _SPACE: Final = re.compile(r"[ \t\r\n]*")
 _CLOSED: Final = frozenset('[{"')
-"""How values begin that say themselves where they end."""
+"""First characters of values that are self-delimiting."""
 _WORD: Final = 12
-"""An error so near to the end of what was read may be due to that: there stands half a word, number or escape."""
+"""An error this close to the end of the window may be due to a torn token."""
 
 
 class JsonReader(LogReader):
-    """A JSON array of events, or an object that has one at the path `records`; a file named `.json`
-    that begins otherwise is JSON Lines.
+    """A JSON array of events, or an object with one at the path `records`.
+
+    A `.json` file with another beginning is JSON Lines.
 
     >>> import io
     >>> list(Log(JsonReader(), io.BytesIO(b'{"Records": [{"event": "a"}, {"event": "b"}]}'), "trail.json").events())
@@ -50,7 +50,7 @@ class JsonReader(LogReader):
 
     @classmethod
     def suits(cls, path: Path, options: InputOptions) -> bool:
-        """Whether a file has the suffix and begins like a document, or is one as it is said where its events are."""
+        """Whether a `.json` file begins like a document, or `records` is given."""
         if suffix(path) not in cls.suffixes or not path.is_file():
             return False
         if options.records is not None:
@@ -61,7 +61,7 @@ class JsonReader(LogReader):
         return False
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
-        """The items of the array that are objects, each with its number in the array."""
+        """Yield the objects in the array with their numbers."""
         window = _Window(log)
         path = self.options.records if self.options.records is not None else DEFAULT_PATH
         yield from self._inside(window, log, [path], first=True)
@@ -71,7 +71,7 @@ class JsonReader(LogReader):
     def _inside(
         self, window: "_Window", log: Log, path: Sequence[str], *, first: bool
     ) -> Iterator[tuple[int, dict[str, Json]]]:
-        """The events in the value that begins here, which is the array or an object on the way to it."""
+        """Yield the events in the value at the window: the array, or an object on the path to it."""
         begin = window.next()
         if begin == "[" and (first or not path):
             yield from self._items(window, log)
@@ -83,8 +83,8 @@ class JsonReader(LogReader):
             raise window.wrong(f"there should be {kind} here{hint}" if begin else "the document ends too early")
 
     def _member(self, window: "_Window", log: Log, path: Sequence[str]) -> Iterator[tuple[int, dict[str, Json]]]:
-        """The events in one member of an object, the only one that is looked at; one whose own name
-        has dots is found under the whole path.
+        """Yield the events in the member at `path`; a key with dots may match several steps of the
+        path.
         """
         found = False
         for _ in window.parts("{", "}"):
@@ -120,28 +120,26 @@ class JsonReader(LogReader):
 
 
 def _after(name: str, path: str) -> tuple[str, ...] | None:
-    """What is left of a dotted path behind a name, or None where it begins otherwise."""
+    """Return the rest of a dotted path after a name, or None."""
     return (path.removeprefix(f"{name}."),) if path.startswith(f"{name}.") else None
 
 
 class _Window:
-    """The part of a document that is looked at: values are taken from its start, and more is read
-    where one has no end yet.
-    """
+    """The current part of a document; values are consumed from its start."""
 
     def __init__(self, log: Log) -> None:
         self._log = log
         self._decode = codecs.getincrementaldecoder("utf-8-sig")().decode
         self._text = ""
         self._place = 0
-        """Where in the text everything before has been taken."""
+        """Offset of the first character not consumed."""
         self._line = 1
         """The line where the text begins."""
         self._failure: TraceError | None = None
         self._ended = False
 
     def next(self) -> str:
-        """The next character that is no space, which stays; nothing at the end of the document."""
+        """Return the next character that is not space, without consuming it; "" at the end."""
         while True:
             space = _SPACE.match(self._text, self._place)
             self._place = space.end() if space else self._place
@@ -151,15 +149,13 @@ class _Window:
                 return ""
 
     def expect(self, mark: str) -> None:
-        """Go over this character, which has to be next."""
+        """Consume this character; raises `TraceError` for another one."""
         if (found := self.next()) != mark:
             raise self.wrong(f"not JSON: expecting {mark!r}" if found else "the document ends too early")
         self._place += 1
 
     def parts(self, begin: str, end: str) -> Iterator[int]:
-        """Go through an array or an object, which begins here: the numbers of its parts, each of
-        which is to be taken before the next.
-        """
+        """Iterate over the parts of an array or object; the caller consumes each part."""
         self.expect(begin)
         for number in count(1) if self.next() != end else ():
             yield number
@@ -169,7 +165,7 @@ class _Window:
         self.expect(end)
 
     def value(self) -> tuple[Json, str]:
-        """The value that begins here, and its text."""
+        """Consume a value and return it with its text."""
         if not (begin := self.next()):
             raise self.wrong("the document ends too early")
         least = _BLOCK
@@ -188,7 +184,7 @@ class _Window:
             except ValueError as error:
                 raise self.wrong(str(error)) from None
             else:
-                # A number could go on in what is not read yet.
+                # A number could continue in the unread text.
                 if begin in _CLOSED or end < len(self._text) or not self._more():
                     text, self._place = self._text[self._place : end], end
                     return found, text
@@ -197,12 +193,12 @@ class _Window:
                 raise self.wrong(f"a value is longer than {MAX_LINE // 1024**2} MiB")
 
     def wrong(self, reason: str, place: int | None = None) -> TraceError:
-        """The error for something that is wrong here, with its line."""
+        """Return the error for the current place, or another one."""
         line = self._line + self._text.count("\n", 0, self._place if place is None else place)
         return TraceError(reason, file=self._log.name, line=line)
 
     def _more(self, least: int = 1) -> bool:
-        """Read on, so many bytes if there are as many; whether there was something. What was taken is let go."""
+        """Read at least so many bytes, if available, and drop the consumed text; False at the end."""
         if self._failure is not None:
             raise self._failure
         self._line += self._text.count("\n", 0, self._place)
@@ -223,5 +219,5 @@ class _Window:
 
     @property
     def _at_once(self) -> int:
-        """Bytes that are read by one call: from damaged data few, since all of a call is lost."""
+        """Bytes per read; few for compressed files, since a failing call loses its data."""
         return DEFAULT_BUFFER_SIZE if Path(self._log.name).suffix.lower() in SUFFIXES else _BLOCK

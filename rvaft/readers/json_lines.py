@@ -1,12 +1,10 @@
-"""Reading traces: JSON Lines, one object per line by RFC 8259, line by line as they come.
+"""Reading JSON Lines: one object per line (RFC 8259), line by line.
 
-A byte order mark, CRLF, blank lines, a missing last newline and an empty trace are fine. Everything
-else that is not one object raises `TraceError` with file and line: what a lenient decoder would let
-pass (lone surrogates) and what would exhaust the machine (deep nesting, endless lines and numbers)
-too. A message never repeats the line. A key repeated in one object is malformed where it is read.
-NaN, infinities and numbers that overflow are not, though JSON has none: where one is read it is an
-undefined value and the event says so (`NonFiniteEvent`), elsewhere it is taken for null. `strict`
-refuses them: the words anywhere, other numbers where they are read.
+Allowed are a byte order mark, CRLF, blank lines, a missing last newline, and an empty trace. Other
+lines that are not one object raise `TraceError`, as do lone surrogates, deep nesting, and endless
+lines and numbers. Messages never quote the line. A repeated key is an error where it is read. NaN,
+infinities and overflowing numbers become null, or an undefined value with a `NonFiniteEvent` where
+they are read. `strict` refuses them: the words everywhere, numbers where they are read.
 """
 
 import json
@@ -26,14 +24,12 @@ from rvaft.support.files import opened
 from rvaft.support.terminal import cut
 
 MAX_DEPTH: Final = 500
-"""The deepest nesting of objects and lists; below the limits of every JSON decoder, so that the
-answer is one everywhere.
-"""
+"""Maximum nesting; below the limits of every JSON decoder, so that all readers agree."""
 BLANK: Final = b" \t\r\n"
-"""What a blank line may consist of."""
+"""Characters of a blank line."""
 
 HINT: Final = "a trace has one JSON object per line"
-"""What errors about a line end with."""
+"""The end of messages about a line."""
 _STRING_OR_BRACKET: Final = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[\]{}]', re.DOTALL)
 _SURROGATE: Final = re.compile(r"\\u[dD][89a-fA-F]")
 _ESCAPE: Final = re.compile(r"\\(?:u[dD][89abAB]..\\u[dD][c-fC-F]..|(u[dD][89a-fA-F]..)|.)")
@@ -41,19 +37,17 @@ _PERHAPS_WORD: Final = re.compile(r"NaN|Infinity")
 _PERHAPS_HUGE: Final = re.compile(r"[0-9][eE]\+?0*[1-9][0-9][0-9]|[0-9]{200}")
 _HUGE: Final = "a number beyond the range of a double"
 _SHOWN: Final = 40
-"""Characters of a value in a message."""
+"""Maximum characters of a value in a message."""
 
 
 def read(
     source: Source, *, name: str | None = None, reads: Scope | None = None, line: int = 1, strict: bool = False
 ) -> Iterator[dict[str, Json]]:
-    """The events of a trace in turn; raises `TraceError`, and `OSError` for a file that cannot be opened.
+    """Yield the events of a trace; raises `TraceError`, `ToolMissing` and `OSError`.
 
-    A file named `.gz` or `.zst` is decompressed; for `.zst` without the package `zstandard` that is `ToolMissing`.
-
-    `source` is a path or a binary stream; `name` stands for it in errors. Without `reads` a
-    repeated key is refused wherever it is. `line` is the number of the first line, where a stream
-    begins later than its file.
+    `source` is a path (`.gz` and `.zst` are decompressed) or a binary stream; `name` replaces it in
+    errors. Without `reads`, repeated keys are refused everywhere. `line` is the number of the first
+    line.
 
     >>> import io
     >>> list(read(io.BytesIO(b'{"event": "a"}')))
@@ -68,7 +62,7 @@ def read(
 
 
 class JsonLinesReader(LogReader):
-    """JSON Lines; a line that is no object is the end of the log, as it is most likely damaged there.
+    """JSON Lines; a malformed line ends the log, since the file is probably damaged there.
 
     >>> import io
     >>> list(Log(JsonLinesReader(), io.BytesIO(b'{"event": "a"}'), "log.jsonl").events())
@@ -80,14 +74,13 @@ class JsonLinesReader(LogReader):
     by_lines = True
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
-        """The events of all lines that are not blank."""
+        """Yield the events of all lines that are not blank."""
         return _numbered(log.stream, log.name, log.reads, log.line, strict=log.strict)
 
 
 def _numbered(
     source: BinaryIO, file: str, reads: Scope | None, line: int, *, strict: bool
 ) -> Iterator[tuple[int, dict[str, Json]]]:
-    """The events of a stream, each with the number of its line."""
     for number, text in lines_of(source, file, line):
         event = event_on(text.removesuffix(b"\n"), file, number, reads, strict=strict)
         if event is not None:
@@ -97,7 +90,7 @@ def _numbered(
 def event_on(
     line: bytes, file: str, number: int, reads: Scope | None, *, strict: bool = False
 ) -> dict[str, Json] | None:
-    """The event on a line of a file, or None where it is blank; raises `TraceError`."""
+    """Return the event on a line, or None for a blank line; raises `TraceError`."""
     if len(line) <= MAX_LINE and not line.strip(BLANK):
         return None
     try:
@@ -114,10 +107,10 @@ def decode(
     passed_on: bool = False,
     placed: Callable[[dict[str, Json]], dict[str, Json]] | None = None,
 ) -> dict[str, Json]:
-    """The event on one line; raises `ValueError` with a message that does not repeat the line.
+    """Return the event on a line; raises `ValueError`, with a message that does not quote the line.
 
-    What is `passed_on` keeps all numbers as they came, or, if `strict`, has to be JSON. What is
-    `placed` becomes the event by that function.
+    `passed_on` keeps all numbers, or, with `strict`, refuses those that are not JSON. `placed`
+    converts the decoded object.
 
     >>> event = decode(b'{"v": NaN}')
     >>> event, event.field, event.number
@@ -145,7 +138,7 @@ def decode(
 def checked(
     event: Json, text: str, reads: Scope | None, *, strict: bool = False, passed_on: bool = False
 ) -> dict[str, Json]:
-    """What `DECODER` makes of a text, if it is an event; raises as `decode` does for what decoders let pass.
+    """Check a value decoded by `DECODER` and return it as an event; raises as `decode` does.
 
     >>> checked({"v": 1}, '{"v": 1}', None)
     {'v': 1}
@@ -161,8 +154,8 @@ def checked(
 
 
 class NonFiniteEvent(dict[str, Json]):
-    """An event with a number that is not finite in a `field` that is read, the first such; `number`
-    is how JSON's readers write it.
+    """An event with a number that is not finite in the `field` that is read; `number` is its
+    spelling.
     """
 
     __slots__ = ("field", "number")
@@ -171,7 +164,7 @@ class NonFiniteEvent(dict[str, Json]):
 
 
 class RepeatingObject(dict[str, Json]):
-    """An object in which keys are repeated."""
+    """An object with repeated keys."""
 
     __slots__ = ("repeated",)
     repeated: frozenset[str]
@@ -200,11 +193,11 @@ _STRICT: Final = json.JSONDecoder(
     object_pairs_hook=_object, parse_constant=_constant, parse_int=_integer, parse_float=decimal
 )
 DECODER: Final = json.JSONDecoder(object_pairs_hook=_object, parse_int=_integer, parse_float=decimal)
-"""Decodes what is JSON, and more."""
+"""Decodes JSON, and NaN and infinities."""
 
 
 def described(value: Json) -> str:
-    """A value with what it is, not too long.
+    """Return a short text with the type of a value and the value.
 
     >>> described("yesterday"), described(None)
     ('a string ("yesterday")', 'null')
@@ -226,7 +219,7 @@ _KINDS: Final[Mapping[type, str]] = {**_NAMES, type(None): "null"}
 
 
 def check_depth(text: str) -> None:
-    """Raise `ValueError` for a text that is nested too deeply."""
+    """Raise `ValueError` for text that is nested too deeply."""
     if text.count("{") + text.count("[") <= MAX_DEPTH:
         return
     depth = 0
@@ -255,8 +248,9 @@ def _check_read(event: dict[str, Json], reads: Reads) -> None:
 
 
 def marked(event: dict[str, Json], reads: Scope | None, *, strict: bool = False, kept: bool = True) -> dict[str, Json]:
-    """The event with null in place of numbers that are not finite and not read, unless they are
-    `kept`, and marked where one is read.
+    """Return the event, as a `NonFiniteEvent` if a number that is read is not finite.
+
+    Other numbers that are not finite become null, unless `kept`.
     """
     first: tuple[str, float] | None = None
     read = Reads(whole=True) if reads is None else reads.of(event)
@@ -285,7 +279,7 @@ def marked(event: dict[str, Json], reads: Scope | None, *, strict: bool = False,
 
 
 class LinesRead(BufferedIOBase):
-    """The lines of a stream, which knows where it is: `offset` bytes and `line` lines into the trace."""
+    """The lines of a stream, with the position in the trace: `offset` bytes and `line` lines."""
 
     def __init__(self, stream: BinaryIO, *, offset: int = 0, line: int = 0) -> None:
         super().__init__()
@@ -294,32 +288,33 @@ class LinesRead(BufferedIOBase):
         self.line = line
 
     def readline(self, size: int | None = -1) -> bytes:
-        """The next line, or the first `size` bytes of a longer one."""
+        """Return the next line, or the first `size` bytes of a longer one."""
         line = self._stream.readline(-1 if size is None else size)
         self.offset += len(line)
         self.line += line.endswith(b"\n")
         return line
 
     def read1(self, size: int | None = -1) -> bytes:
-        """What comes next, up to so many bytes; who reads so says with `reach` how much of it is done with."""
+        """Return up to `size` bytes; the caller reports consumed bytes with `reach`."""
         return self._stream.read1(-1 if size is None else size)  # type: ignore[attr-defined, no-any-return]
 
     def fileno(self) -> int:
-        """The file that is read, if the stream is one."""
+        """Return the file descriptor of the stream."""
         return self._stream.fileno()
 
     def tell(self) -> int:
-        """How many bytes are done with."""
+        """Return the number of consumed bytes."""
         return self.offset
 
     def reach(self, size: int, lines: int) -> None:
-        """So many bytes and lines more are done with."""
+        """Advance the position."""
         self.offset += size
         self.line += lines
 
 
 def settled(event: dict[str, Json], log: Log) -> dict[str, Json]:
-    """The event of a format that has numbers of its own, marked where one that is not finite is read.
+    """Return the event of another format, as a `NonFiniteEvent` if a number that is read is not
+    finite.
 
     Raises `ValueError` if the log is read strictly.
 

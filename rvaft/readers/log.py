@@ -1,11 +1,9 @@
-"""The interface of the formats of logs: a reader gives the events of a log in turn, each with its
-place, and says what it left out.
+"""The interface of log formats: a reader yields the events of a log with their places.
 
-Whatever a reader cannot make an event of is *rejected*: counted, told with the place and the reason
-of the first, and never an end in silence. Of text that was never meant to be all events (`lenient`)
-that is a warning, unless nothing at all fits; of every other format it is an error, after all the
-rest was read. What cannot be read on at all (a damaged file) is a `TraceError` after the events
-before it.
+A reader *rejects* records that are no events: it counts them, and reports the first with its place
+and reason. For formats with unrelated text (`lenient`) this is a warning, unless no record is an
+event; for other formats it is an error after the remaining events. An unreadable log raises
+`TraceError` after the events before the damage.
 """
 
 import errno
@@ -32,28 +30,28 @@ from rvaft.model.values import NUMBER, Json, decimal
 from rvaft.support.files import SUFFIXES, damage, opened
 
 MAX_LINE: Final = 64 * 1024 * 1024
-"""The longest line, in bytes: a log without line ends is refused before it fills the memory."""
+"""Maximum length of a line in bytes; protects the memory."""
 MAX_DIGITS: Final = 4300
-"""The longest integer; reading one takes time quadratic in its length."""
+"""Maximum digits of an integer; conversion takes quadratic time."""
 BOM: Final = b"\xef\xbb\xbf"
-"""What may stand before the first line."""
+"""The byte order mark."""
 
 Source: TypeAlias = str | os.PathLike[str] | BinaryIO
 LogSource: TypeAlias = Path | BinaryIO | str
-"""What a reader reads: a file, a stream or a URL."""
+"""The input of a reader: a file, a stream or a URL."""
 _SCHEME: Final = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
 _WILD: Final = frozenset("*?[")
 
 
 class FieldType(StrEnum):
-    """What the text in a field of a table stands for."""
+    """The type of a field that a log has as text."""
 
     NUMBER = "number"
     TEXT = "text"
     BOOL = "bool"
 
     def value_of(self, text: str) -> Json:
-        """What a text stands for; raises `ValueError` for one that stands for nothing of the type.
+        """Convert a text; raises `ValueError`.
 
         >>> FieldType.NUMBER.value_of("007"), FieldType.BOOL.value_of("Yes"), FieldType.TEXT.value_of("007")
         (7, True, '007')
@@ -70,7 +68,7 @@ class FieldType(StrEnum):
 
 
 def by_content(text: str) -> Json:
-    """The number that a text is by the grammar of JSON, if a double has room for it, or else the text.
+    """Return a text in the number syntax of JSON as a number, if it fits a double, else as text.
 
     >>> by_content("12.50"), by_content("007"), by_content("1e999"), by_content("true")
     (12.5, '007', '1e999', 'true')
@@ -107,11 +105,10 @@ _BOOLEANS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class InputOptions:
-    """What is said of a log beside its format, each for the readers that take it; None, or no type,
-    where nothing is said.
+    """Options of log formats; None or empty if not given.
 
-    `records` is the dotted path to the list of events in a JSON document, `types` says what the
-    text of fields stands for, `pattern` is a regular expression with named groups.
+    `records` is the dotted path of the event list in a JSON document, `types` gives the types of
+    fields, `pattern` is a regular expression with named groups.
     """
 
     records: str | None = None
@@ -120,20 +117,20 @@ class InputOptions:
 
     @property
     def given(self) -> frozenset[str]:
-        """The names of those that are said."""
+        """The names of the options that are given."""
         return frozenset(name for name in ("records", "types", "pattern") if getattr(self, name))
 
     def only(self, names: Collection[str]) -> "InputOptions":
-        """Those of these names."""
+        """Return only the options with these names."""
         return replace(InputOptions(), **{name: getattr(self, name) for name in self.given & set(names)})
 
 
 @dataclass(frozen=True, slots=True)
 class Interest:
-    """What is looked at: these `fields` of an event, or all of it where None; so a reader may leave out the others.
+    """The parts of events that are used: these `fields`, or all if None; readers may skip the rest.
 
-    `may_be(field, value)` says whether an event that has this text in this field may be of interest
-    at all. One that cannot be is only counted, so a reader may give None in its place.
+    `may_be(field, value)` says whether an event with this text in this field may be relevant. A
+    reader may yield None for an event that cannot.
     """
 
     fields: frozenset[str] | None = None
@@ -141,8 +138,7 @@ class Interest:
 
     @classmethod
     def of(cls, reads: Scope, also: Iterable[str]) -> Self:
-        """What a tree looks at, and fields that are told of its events; everything, where it is not
-        only fields of objects.
+        """Return the interest of a tree with some further fields; all if a pattern is no object.
 
         >>> import rvaft
         >>> from rvaft.core.classifier import TreeReads
@@ -157,13 +153,12 @@ class Interest:
 
 
 ALL: Final = Interest()
-"""Everything is looked at."""
 
 
 @dataclass(frozen=True, slots=True)
 class Live:
-    """How events are waited for that come by themselves: until `stop` says so; `began` is told that
-    they may come now, `warn` what may have been missed.
+    """Callbacks for live events: `stop` ends waiting, `began` reports readiness, `warn` lost
+    events.
     """
 
     stop: Callable[[], bool] = lambda: False
@@ -173,13 +168,12 @@ class Live:
 
 @dataclass(slots=True)
 class Log:
-    r"""A log that is read: by which reader, from what, and what came of it so far.
+    r"""A log that is being read: reader, input and results so far.
 
-    `source` is a stream of bytes, or, for a reader that `needs_file`, the path of one, or, for one
-    of URLs, the URL; `name` stands for it in messages. `line` is the number of the first line,
-    where a stream begins later than its file. Of each of the `needed` tuples one is a field that
-    events must have. `reading` is the line that is looked at. `rejected` counts what was left out;
-    `first` is the error for the first of it, which is `told` at once where somebody wants to know.
+    `source` is a binary stream; for a reader with `needs_file` a path, for a URL reader the URL.
+    `name` replaces it in messages. `line` is the number of the first line. Events must have one
+    field of each `needed` tuple. `reading` is the current line. `rejected` counts rejected records;
+    `first` is the error for the first one, and is passed to `told` at once.
 
     >>> import io
     >>> from rvaft.readers.registry import reader
@@ -208,27 +202,24 @@ class Log:
 
     @property
     def stream(self) -> BinaryIO:
-        """The bytes that are read."""
+        """The input stream."""
         assert not isinstance(self.source, (Path, str)), "a reader that needs a file is given one"
         return self.source
 
     @property
     def path(self) -> Path:
-        """The file that is read."""
+        """The input file."""
         assert isinstance(self.source, Path), "a reader that needs no file is given a stream"
         return self.source
 
     @property
     def url(self) -> str:
-        """Where the events come from."""
+        """The input URL."""
         assert isinstance(self.source, str), "only a reader of URLs is given one"
         return self.source
 
     def events(self) -> Iterator[dict[str, Json] | None]:
-        """The events in turn, None for each that is of no interest.
-
-        Raises `TraceError` where the log cannot be read on, and `ToolMissing`.
-        """
+        """Yield the events, with None for irrelevant ones; raises `TraceError` and `ToolMissing`."""
         failures = failures_of(self.name)
         try:
             for place, event in self.reader.events(self):
@@ -239,18 +230,18 @@ class Log:
             raise unreadable(error, self.name, *self._where(self.place + 1)) from error
 
     def error_at(self, reason: str, place: int | None) -> TraceError:
-        """The error for something at a place, or for the whole log."""
+        """Return the error for a place, or for the whole log."""
         line, where = self._where(place)
         return TraceError(f"{where}{reason}", file=self.name, line=line)
 
     def _where(self, place: int | None) -> tuple[int | None, str]:
-        """The line that a place is, and what an error says of one that is none."""
+        """Return the line for a place, or None and a prefix for messages."""
         if self.reader.unit == "line" or place is None:
             return place, ""
         return None, f"{self.reader.unit} {place}: "
 
     def reject(self, place: int, reason: str, count: int = 1) -> None:
-        """Count what is at a place, so many units of it, and is no event."""
+        """Reject `count` records at a place."""
         self.rejected += count
         if self.first is None:
             self.first = self.error_at(reason, place)
@@ -258,28 +249,26 @@ class Log:
                 self.told(self.first)
 
     def require(self, columns: Collection[str]) -> None:
-        """Raise `TraceError` for a table of these columns in which no event has what is needed."""
+        """Raise `TraceError` if a table lacks a needed column."""
         for names in self.needed:
             if not set(names) & set(columns):
-                raise self.error_at(f"there is no column {names[0]}, so nothing can be told apart by it", None)
+                raise self.error_at(f"there is no column {names[0]}, but --key needs it", None)
 
     @property
     def fault(self) -> TraceError | None:
-        """What was left out, as one error, or None for nothing."""
+        """The summary of rejected records as an error, or None."""
         if self.first is None:
             return None
         left_out = f"{self.rejected} {self.reader.unit}{'s' * (self.rejected != 1)} left out"
         return TraceError(f"{self.first.message} ({left_out})", file=self.name, line=self.first.line)
 
     def is_malformed(self, events: int) -> bool:
-        """Whether what was left out is an error, of a log that has given so many events, and not
-        what is to be expected.
-        """
+        """Whether the rejected records are an error, given the number of events."""
         return self.rejected > 0 and not (self.reader.lenient and events)
 
 
 class LogReader(ABC):
-    """One format of logs. What it can do is said by class attributes, which are looked at before anything is read.
+    """A log format; class attributes describe it.
 
     >>> from rvaft.readers.registry import reader
     >>> reader("csv").suffixes, reader("csv").unit, reader("syslog").by_lines
@@ -288,55 +277,54 @@ class LogReader(ABC):
 
     name: ClassVar[str]
     suffixes: ClassVar[tuple[str, ...]] = ()
-    """Of its files, in small letters; behind each may stand that of a compression."""
+    """The suffixes of files, in lower case, without that of a compression."""
     schemes: ClassVar[tuple[str, ...]] = ()
-    """Of URLs that it reads in place of files: events that come by themselves, until somebody asks for the end."""
+    """The schemes of URLs with live events."""
     unit: ClassVar[str] = "line"
-    """What is counted: an event's place is the number of one, from 1."""
+    """The unit in which places count, from 1."""
     takes: ClassVar[frozenset[str]] = frozenset()
-    """The names of the `InputOptions` that it knows."""
+    """The names of the supported `InputOptions`."""
     by_lines: ClassVar[bool] = False
-    """Whether every line stands for itself: then a log can be followed as it grows, and be read on from any line."""
+    """Whether lines are independent: then a log can be followed, and resumed at any line."""
     needs_file: ClassVar[bool] = False
-    """Whether it reads a file from several places, so that a stream will not do."""
+    """Whether the reader needs random access to a file."""
     lenient: ClassVar[bool] = False
-    """Whether what it rejects is to be expected."""
+    """Whether rejected records are expected."""
 
     def __init__(self, options: InputOptions = InputOptions()) -> None:
-        """Raises `OptionError` for options that make no sense."""
+        """Raises `OptionError` for invalid options."""
         self.options = options
 
     @classmethod
     def suits(cls, path: Path, options: InputOptions) -> bool:  # noqa: ARG003 (for readers that share a suffix)
-        """Whether that file looks like one of the format: by its suffix, unless more is known."""
+        """Whether a file seems to have the format; by default, judging by its suffix."""
         return suffix(path) in cls.suffixes
 
     @classmethod
     def shown(cls, name: str) -> str:
-        """What stands for a file or URL in messages: of a URL not the password."""
+        """Return a file or URL for messages, without a password."""
         return name
 
     @abstractmethod
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json] | None]]:
-        """The events of the log in turn, each with its place, and None in place of one that is of
-        no interest to the log.
+        """Yield the events with their places; None for events that are irrelevant.
 
-        What is no event goes to `log.reject`. Raises `TraceError` (`log.error_at` makes one) for a
-        log that cannot be read on, and `ToolMissing`.
+        Calls `log.reject` for records that are no events. Raises `TraceError` (see `log.error_at`)
+        for an unreadable log, and `ToolMissing`.
         """
 
 
 class LineReader(LogReader):
-    """A format in which every line stands for itself."""
+    """A format of independent lines."""
 
     by_lines: ClassVar[bool] = True
 
     @abstractmethod
     def event(self, line: str, log: Log) -> dict[str, Json]:
-        """The event on a line, which is not blank; raises `ValueError` with the reason for what is none."""
+        """Return the event on a line that is not blank; raises `ValueError` with the reason."""
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
-        """The events of all lines; bytes that are no UTF-8 become escapes of their numbers."""
+        """Yield the events of all lines; invalid UTF-8 becomes backslash escapes."""
         for number, data in lines_of(log.stream, log.name, log.line):
             log.reading = number
             text = data.decode(errors="backslashreplace").rstrip("\r\n")
@@ -351,9 +339,8 @@ class LineReader(LogReader):
 
 
 def lines_of(stream: BinaryIO, file: str, line: int = 1) -> Iterator[tuple[int, bytes]]:
-    """The lines of a stream with their numbers, without a byte order mark.
-
-    Raises `TraceError` where the file cannot be read on, and for a line without end.
+    """Yield the lines of a stream with their numbers, without a byte order mark; raises
+    `TraceError`.
     """
     failures = failures_of(file)
     for number in count(line):
@@ -370,11 +357,11 @@ def lines_of(stream: BinaryIO, file: str, line: int = 1) -> Iterator[tuple[int, 
         yield number, data
 
 
-# -- files that are logs -----------------------------------------------------------------------------------------------
+# Log files.
 
 
 def suffix(path: Path) -> str:
-    """The suffix of a file, in small letters, without that of a compression.
+    """Return the suffix of a file in lower case, without that of a compression.
 
     >>> suffix(Path("logs/Monday.CSV.gz"))
     '.csv'
@@ -384,7 +371,7 @@ def suffix(path: Path) -> str:
 
 
 def scheme(name: str) -> str:
-    """The scheme of a URL, in small letters; nothing for the name of a file.
+    """Return the scheme of a URL in lower case; "" for a file name.
 
     >>> scheme("MQTT://localhost/doors/#"), scheme("c:/day.csv")
     ('mqtt', '')
@@ -394,20 +381,21 @@ def scheme(name: str) -> str:
 
 
 def failures_of(file: str) -> tuple[type[Exception], ...]:
-    """What reading from a file of that name may raise that is not the reader's fault."""
+    """Return the exceptions that reading a file of that name may raise."""
     return (OSError, *damage()) if Path(file).suffix.lower() in SUFFIXES else (OSError,)
 
 
 def unreadable(error: Exception, file: str, line: int | None = None, where: str = "") -> TraceError:
-    """A trace that cannot be read from that line on, or from a place that is no line."""
+    """Return the error for a log that is unreadable from that line or place on."""
     return TraceError(f"cannot be read: {where}{getattr(error, 'strerror', None) or error}", file=file, line=line)
 
 
 def expanded(name: str) -> list[str]:
-    """The files that a name stands for: itself, or, where there is no such file, those that match it as a pattern.
+    """Return the files for a name: itself, or, if there is no such file, those that match the
+    pattern.
 
-    In a pattern `**` stands for any folders, none included. Raises `FileNotFoundError` where
-    nothing matches. A URL stands for itself.
+    In a pattern `**` matches any folders. Raises `FileNotFoundError` without a match. A URL stands
+    for itself.
     """
     if _WILD.isdisjoint(name) or scheme(name) or os.path.lexists(name):
         return [name]
@@ -420,18 +408,18 @@ def expanded(name: str) -> list[str]:
 
 
 def _is_folder(path: Path) -> bool:
-    """Whether it is a folder, and not a recording that consists of several files."""
+    """Whether the path is a folder, but no rosbag2 recording."""
     return path.is_dir() and not (path / BAG_METADATA).is_file()
 
 
 BAG_METADATA: Final = "metadata.yaml"
-"""The file that makes a folder a recording of ROS 2."""
+"""The file that marks a folder as a rosbag2 recording."""
 
 
 def open_log(name: str, usual: str = ".jsonl") -> AbstractContextManager[BinaryIO]:
-    """The bytes of a log, decompressed; raises `OSError` and `ToolMissing`.
+    """Open a log, decompressed; raises `OSError` and `ToolMissing`.
 
-    Of a folder it is said which logs are in it, or else that those with the `usual` suffix may be.
+    The error for a folder suggests a pattern for the logs in it, or for the `usual` suffix.
     """
     if Path(name).is_dir():
         suffixes = Counter(path.suffix for path in sorted(Path(name).iterdir()) if path.suffix and path.is_file())
@@ -443,10 +431,9 @@ def open_log(name: str, usual: str = ".jsonl") -> AbstractContextManager[BinaryI
 
 @contextmanager
 def source_of(reader: LogReader, name: str) -> Iterator[LogSource]:
-    """What a reader is to read of a file: its bytes, decompressed, or, if it needs one, a file with
-    them; a URL as it is.
+    """Open the input of a reader: a stream, a temporary or given file, or a URL.
 
-    Raises `OSError`, `ToolMissing`, and `TraceError` for a compressed file that is damaged.
+    Raises `OSError`, `ToolMissing`, and `TraceError` for a damaged compressed file.
     """
     path = Path(name)
     if reader.schemes:
@@ -473,7 +460,7 @@ def source_of(reader: LogReader, name: str) -> Iterator[LogSource]:
 
 
 def required_stream(reader: LogReader, stream: BinaryIO) -> BinaryIO:
-    """Standard input, which the reader has to be able to read; raises `OptionError`."""
+    """Return standard input if the reader accepts a stream; raises `OptionError`."""
     if reader.needs_file or reader.schemes:
         what = "a URL" if reader.schemes else "a file"
         raise OptionError(f"<stdin>: {reader.name} is read from {what}, not from standard input: name one")

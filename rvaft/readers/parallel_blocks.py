@@ -1,8 +1,6 @@
-"""One file read by several processes: each takes stretches of it and makes batches of their lines,
-which are given in the order of the file.
+"""One file of JSON Lines decoded by several processes; the blocks come in the order of the file.
 
-Only what a `JsonBlockReader` gives is sent, so little of what concerns nothing; the monitors stay
-in one process, and cannot tell who has read.
+Processes send only the output of a `JsonBlockReader`. The monitors run in one process.
 """
 
 import marshal
@@ -20,23 +18,25 @@ from rvaft.readers.json_lines import MAX_DEPTH
 from rvaft.support.processes import Killed, in_processes
 
 STRETCH: Final = 1 << 20
-"""Bytes that a process reads at a time; a file that is not longer is read by one."""
+"""Bytes per task; a file that is not longer is read by one process."""
 
 
 class _Stretch(BufferedIOBase):
-    """The lines of a file that begin between two places, without an end all the rest; the file itself is not moved."""
+    """The lines of a file that begin between two offsets, or up to the end; leaves the file
+    position.
+    """
 
     def __init__(self, handle: int, start: int, end: int | None, *, torn: bool) -> None:
         super().__init__()
         self._handle = handle
         self._torn = torn
-        """Whether a line that began before may go on here."""
+        """Whether a line that began earlier may continue here."""
         self._place = start - torn
         self._end = sys.maxsize if end is None else end
         self._last = b"\n"
 
     def read1(self, size: int | None = -1) -> bytes:
-        """The next bytes, up to so many."""
+        """Return the next bytes."""
         most = STRETCH if size is None or size < 0 else size
         while self._torn:
             data = self._more(min(most, self._end - self._place))
@@ -51,7 +51,7 @@ class _Stretch(BufferedIOBase):
         return self._more(most, to_end=True)
 
     def _more(self, most: int, *, to_end: bool = False) -> bytes:
-        """The next bytes, up to so many, or to the end of the line if that comes first."""
+        """Return up to `most` bytes, or with `to_end` at most up to the end of the line."""
         data = os.pread(self._handle, most, self._place) if most > 0 else b""
         data = data[: data.find(b"\n") + 1 or len(data)] if to_end else data
         self._place += len(data)
@@ -68,10 +68,7 @@ def read_in_processes(
     line: int = 1,
     reached: Callable[[int, int], None] = lambda _size, _lines: None,
 ) -> Iterator[EventBlock]:
-    """What `reader.read` gives of a regular file, from the place on where the source is, which is the start of a line.
-
-    Raises what it raises.
-    """
+    """Yield what `reader.read` yields for a regular file, from its position, the start of a line."""
     handle, begin = source.fileno(), source.tell()
     starts = range(begin, max(os.fstat(handle).st_size, begin + 1), STRETCH)
 
@@ -81,7 +78,7 @@ def read_in_processes(
         sizes: list[tuple[int, int]] = []
         found: list[bytes] = []
         failure: tuple[str, int | None] | None = None
-        first = 1 if start == 0 else 2  # where a byte order mark may stand
+        first = 1 if start == 0 else 2  # line 1 may begin with a byte order mark
         try:
             batches = reader.read(stretch, file, line=first, reached=lambda *one: sizes.append(one))
             found.extend(map(_packed, batches))
@@ -95,7 +92,7 @@ def read_in_processes(
                 raise TraceError("cannot be read: the process that read it was killed", file=file, line=line)
             found, sizes, failure = result
             if source.seekable():
-                source.seek(start)  # for who looks how far it was read
+                source.seek(start)  # for observers of the progress
             before = line
             for batch, (size, lines) in zip(found, sizes, strict=True):
                 line += lines
@@ -107,7 +104,7 @@ def read_in_processes(
 
 
 def _packed(batch: EventBlock) -> bytes:
-    """A batch as bytes: fast where its values are plain, and else whatever they are."""
+    """Serialise a block: with `marshal` if its values are plain, else with `pickle`."""
     found = tuple(map(list, batch[1:]))
     try:
         return b"m" + marshal.dumps((batch.total, *found))

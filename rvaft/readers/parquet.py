@@ -1,9 +1,8 @@
-"""Tables in Parquet, read in batches of rows by `pyarrow`: the columns are the fields.
+"""Parquet tables, read in batches by `pyarrow`: columns are fields.
 
-Of the columns only those that are looked at are read. A null says that the event lacks the field.
-Times are texts of ISO 8601 with as many digits as the column has, those with a zone in UTC;
-durations are whole nanoseconds; decimals are numbers, and bytes are the text that they are in
-UTF-8, or else in base64.
+Only columns that are used are read. A null means that the event lacks the field. Times become ISO
+8601 texts in the column's precision (UTC with a zone), durations integer nanoseconds, decimals
+numbers, and bytes UTF-8 text or else base64.
 """
 
 from base64 import b64encode
@@ -17,15 +16,13 @@ from rvaft.readers.json_lines import settled
 from rvaft.readers.log import Log, LogReader
 
 _ROWS: Final = 4_096
-"""Rows that are made events of at once."""
+"""Rows per batch."""
 _Batch: TypeAlias = Any
-"""A batch of rows of pyarrow, which has no types."""
 _Column: TypeAlias = Any
-"""A column of pyarrow, which has no types."""
 
 
 class ParquetReader(LogReader):
-    """Tables in Parquet.
+    """Parquet tables.
 
     >>> ParquetReader.suffixes, ParquetReader.unit, ParquetReader.needs_file
     (('.parquet', '.pq'), 'row', True)
@@ -37,7 +34,7 @@ class ParquetReader(LogReader):
     needs_file: ClassVar[bool] = True
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
-        """The events of the rows, each with the number of its row."""
+        """Yield the events with their row numbers."""
         try:
             import pyarrow  # noqa: PLC0415 -- imported on use
             from pyarrow import parquet  # noqa: PLC0415 -- imported on use
@@ -67,7 +64,7 @@ class ParquetReader(LogReader):
 
 
 def _events(batch: _Batch, log: Log, before: int) -> list[dict[str, Json] | None]:
-    """The events of a batch of rows; None for a row that is rejected."""
+    """Return the events of a batch; None for a rejected row."""
     try:
         columns = [_values(column) for column in batch.columns]
         rows = zip(*columns, strict=True)
@@ -75,7 +72,7 @@ def _events(batch: _Batch, log: Log, before: int) -> list[dict[str, Json] | None
         events = [{name: value for name, value in zip(names, row, strict=True) if value is not None} for row in rows]
         return [settled(event, log) for event in events] if _has_floats(batch) else list(events)
     except ValueError as error:
-        if batch.num_rows > 1:  # then which of them it is
+        if batch.num_rows > 1:  # find the faulty row
             ones = range(batch.num_rows)
             return [event for place in ones for event in _events(batch.slice(place, 1), log, before + place)]
         log.reject(before + 1, "not UTF-8" if isinstance(error, UnicodeDecodeError) else str(error))
@@ -83,7 +80,7 @@ def _events(batch: _Batch, log: Log, before: int) -> list[dict[str, Json] | None
 
 
 def _has_floats(batch: _Batch) -> bool:
-    """Whether a number in a batch may be one that is not finite."""
+    """Whether a batch may contain a number that is not finite."""
     from pyarrow import compute, types  # noqa: PLC0415 -- imported on use
 
     return any(
@@ -95,7 +92,7 @@ def _has_floats(batch: _Batch) -> bool:
 
 
 def _values(column: _Column) -> list[Json]:
-    """The values of a column as JSON; raises `ValueError` for what is not."""
+    """Return the values of a column as JSON; raises `ValueError`."""
     import pyarrow as pa  # noqa: PLC0415 -- imported on use
     from pyarrow import compute, types  # noqa: PLC0415 -- imported on use
 
@@ -141,7 +138,7 @@ def _values(column: _Column) -> list[Json]:
 
 
 def _object(entries: list[dict[str, Json]]) -> Json:
-    """A map whose keys are texts, as an object; raises `ValueError` where one is repeated."""
+    """Return a map with text keys as an object; raises `ValueError` for a repeated key."""
     if len({entry["key"] for entry in entries}) < len(entries):
         raise ValueError("a key of a map is repeated")
     return {entry["key"]: entry["value"] for entry in entries if "value" in entry}

@@ -1,7 +1,4 @@
-"""The formats of logs that are known, those of other packages too, and which of them a log has.
-
-Readers are found by the entry points `rvaft.readers` and imported on use.
-"""
+"""The registered log formats (entry points `rvaft.readers`, imported on use) and format detection."""
 
 import os
 import warnings
@@ -45,7 +42,7 @@ GROUP: Final = "rvaft.readers"
 
 @cache
 def all_readers() -> Mapping[str, EntryPoint]:
-    """Every registered reader by the name of its format, without importing any.
+    """Return the registered readers by format, without importing them.
 
     >>> sorted({"csv", "json", "jsonl"} & set(all_readers()))
     ['csv', 'json', 'jsonl']
@@ -54,16 +51,13 @@ def all_readers() -> Mapping[str, EntryPoint]:
 
 
 def reader_class(name: str) -> type[LogReader]:
-    """The class of the reader of that name, imported now.
-
-    Raises `UnknownFormat`, and `ToolFailed` for one that cannot be loaded.
-    """
+    """Import the reader class of a format; raises `UnknownFormat` and `ToolFailed`."""
     found = all_readers()
     if name not in found:
         raise UnknownFormat(name, tuple(found))
     try:
         made: type[LogReader] = found[name].load()
-    except Exception as error:  # a third party's module may fail in any way
+    except Exception as error:  # a third party's module may raise anything
         reason = f"it cannot be loaded: {type(error).__name__}: {error}"
         raise ToolFailed(f"the reader of {name}", reason=reason) from error
     if lacking := sorted(getattr(made, "__abstractmethods__", ())):
@@ -72,10 +66,7 @@ def reader_class(name: str) -> type[LogReader]:
 
 
 def reader(name: str, options: InputOptions = InputOptions()) -> LogReader:  # noqa: B008 (immutable)
-    """The reader of the format of that name, imported now.
-
-    Raises `UnknownFormat`, `ToolFailed` for one that cannot be loaded, and `OptionError` for
-    options that it does not take.
+    """Return a reader for a format; raises `UnknownFormat`, `ToolFailed` and `OptionError`.
 
     >>> reader("regex", InputOptions(records="Items"))
     Traceback (most recent call last):
@@ -91,7 +82,7 @@ def reader(name: str, options: InputOptions = InputOptions()) -> LogReader:  # n
 
 @cache
 def suffixes() -> frozenset[str]:
-    """The suffixes of logs of all formats.
+    """Return the suffixes of all formats.
 
     >>> ".csv" in suffixes()
     True
@@ -104,9 +95,7 @@ def suffixes() -> frozenset[str]:
 
 
 def format_of(file: str, options: InputOptions = InputOptions()) -> str:  # noqa: B008 (immutable)
-    """The name of the format of a file or URL: that of a reader which it suits, or else JSON Lines.
-
-    Raises `OptionError` for a URL that none reads.
+    """Return the format of a file or URL, by default JSON Lines; raises `OptionError`.
 
     >>> format_of("monday.csv.gz"), format_of("monday.log")
     ('csv', 'jsonl')
@@ -117,12 +106,12 @@ def format_of(file: str, options: InputOptions = InputOptions()) -> str:  # noqa
             with suppress(ToolFailed):
                 known |= dict.fromkeys(reader_class(name).schemes, name)
         if begins not in known:
-            raise OptionError(f"nothing is read from {begins}://, but from {', '.join(f'{one}://' for one in known)}")
+            raise OptionError(f"unknown URL scheme {begins}://; known: {', '.join(f'{one}://' for one in known)}")
         return known[begins]
     if suffix(path) in JsonLinesReader.suffixes:
         return JsonLinesReader.name
     for name in all_readers():
-        with suppress(ToolFailed):  # one of somebody else that is broken; the others still count
+        with suppress(ToolFailed):  # skip broken third-party readers
             if reader_class(name).suits(path, options):
                 return name
     return JsonLinesReader.name
@@ -139,15 +128,13 @@ def read_log(
     reads: Scope | None = None,
     warn: Callable[[str], object] = warnings.warn,
 ) -> Iterator[dict[str, Json]]:
-    """The events of a log in turn: of a file by its name, compressed or not, or of a binary stream,
-    which is JSON Lines unless `form` says else.
+    """Yield the events of a log: a file, compressed or not, a binary stream, or a URL (without
+    end).
 
-    Of a URL they come by themselves, without end; `live_events` is for asynchronous code.
-
-    `form` names a format; `records`, `types` and `pattern` are as for `rvaft monitor`. What is no
-    event is left out. After the last event that is told: to `warn` for text of which not all need
-    be events, or else as `TraceError`. Raises `TraceError` also for what cannot be read on,
-    `UnknownFormat`, `OptionError`, `ToolMissing`, and `OSError` for a file that cannot be opened.
+    A stream is JSON Lines unless `form` names a format; `records`, `types` and `pattern` are as for
+    `rvaft monitor`. Rejected records are reported after the last event: by `warn` for formats with
+    unrelated text, else as `TraceError`. For URLs in asynchronous code use `live_events`. Raises
+    `TraceError`, `UnknownFormat`, `OptionError`, `ToolMissing` and `OSError`.
 
     >>> import rvaft
     >>> for event in rvaft.read_log("docs/first/break_in.traces/monday.jsonl"):
@@ -175,9 +162,10 @@ def read_log(
 
 
 def live_events(url: str, *, warn: Callable[[str], object] = warnings.warn) -> AsyncIterator[dict[str, Json]]:
-    """The events of a URL as they come, for `rvaft.watch`; the connection ends with the iteration.
+    """Yield the live events of a URL asynchronously, for `rvaft.watch`.
 
-    What may have been missed is told to `warn` at once. Raises what `read_log` raises.
+    The connection ends with the iteration. `warn` is called at once when events may have been lost.
+    Raises what `read_log` raises.
 
     >>> import rvaft
     >>> async def first(tree):  # the first event that detects the tree
@@ -190,7 +178,7 @@ def live_events(url: str, *, warn: Callable[[str], object] = warnings.warn) -> A
     expect("the URL", url, str, "a text")
     chosen, ended = reader(format_of(url)), False
     if not chosen.schemes:
-        raise OptionError("events come by themselves from a URL alone: rvaft.read_log reads files")
+        raise OptionError("live events need a URL; use rvaft.read_log for files")
     events = _events(url, chosen.shown(url), chosen, None, Live(stop=lambda: ended, warn=warn))
 
     async def coming() -> AsyncIterator[dict[str, Json]]:
@@ -200,7 +188,7 @@ def live_events(url: str, *, warn: Callable[[str], object] = warnings.warn) -> A
                 yield event
         finally:
             ended = True
-            with suppress(ValueError):  # a thread that still waits will see that it is the end
+            with suppress(ValueError):  # the waiting thread ends by itself
                 events.close()
 
     return coming()
@@ -223,7 +211,7 @@ def _events(
 
 
 class UnknownFormat(RvaftError, LookupError):
-    """No reader of a format of that name is registered.
+    """No reader of that format is registered.
 
     >>> print(UnknownFormat("cvs", ("csv", "json")))
     unknown format cvs; known: csv, json; did you mean csv?

@@ -1,8 +1,6 @@
-"""Logs of text, of which each line is read by a regular expression: syslog, and whatever an
-expression of yours describes.
+"""Text logs whose lines are parsed by regular expressions: syslog, and patterns of the user.
 
-Not every line of such a log need be an event: how many are not, and the first of them, is told as a
-warning, unless no line is one.
+Lines that do not match are counted and reported as a warning, unless no line matches.
 """
 
 import re
@@ -19,7 +17,7 @@ from rvaft.readers.log import InputOptions, LineReader, Log, by_content
 from rvaft.support.budget import Expired, looking
 
 _PATIENCE: Final = 1.0
-"""Seconds between two looks at the line that is searched."""
+"""Seconds between two checks for a stuck search."""
 _FACILITIES: Final = (
     *("kern", "user", "mail", "daemon", "auth", "syslog", "lpr", "news", "uucp", "cron", "authpriv", "ftp"),
     *("ntp", "security", "console", "solaris-cron", *(f"local{number}" for number in range(8))),
@@ -45,9 +43,9 @@ _RFC3164: Final = re.compile(
 
 
 class SyslogReader(LineReader):
-    """Lines of syslog, by RFC 5424 or as they stand in files by RFC 3164, with or without a priority.
+    """Syslog lines (RFC 5424, and RFC 3164 as in files), with or without a priority.
 
-    A time that has no year is that of the latest year in which it is not later than the file, and has no zone.
+    A time without a year gets the latest year that is not after the file's date; it has no zone.
 
     >>> import io
     >>> lines = b"<38>1 2026-03-02T08:00:00Z web1 sshd 812 - - Accepted password for deploy"
@@ -60,7 +58,9 @@ class SyslogReader(LineReader):
     lenient: ClassVar[bool] = True
 
     def event(self, line: str, log: Log) -> dict[str, Json]:
-        """The event on a line: what it says of time, host, app, pid, severity, facility, message, id and data."""
+        """Return the event on a line: time, host, app, pid, severity, facility, message, id and
+        data.
+        """
         found = _RFC5424.fullmatch(line) or _RFC3164.fullmatch(line)
         if found is None:
             raise ValueError("no line of syslog")
@@ -86,7 +86,7 @@ class SyslogReader(LineReader):
 
 
 def _parameters(text: str) -> Json:
-    """The parameters of an element of structured data; one that is repeated is a list."""
+    """Return the parameters of structured data; repeated ones become a list."""
     found: dict[str, list[Json]] = {}
     for name, value in _PARAMETER.findall(text):
         found.setdefault(name, []).append(_ESCAPED.sub(r"\1", value[1:-1]))
@@ -94,7 +94,9 @@ def _parameters(text: str) -> Json:
 
 
 def _written(log: Log) -> date:
-    """The day on which the log was written last, or else today; a day more, as clocks and zones differ."""
+    """Return the day after the last change of the log, else after today (zones may differ by a
+    day).
+    """
     last = datetime.now(tz=UTC)
     with suppress(OSError, ValueError):
         if Path(log.name).is_file():
@@ -103,7 +105,7 @@ def _written(log: Log) -> date:
 
 
 def _latest(month: int, day: int, last: date) -> date:
-    """The latest such day that is not after the last; raises `ValueError` where there is none."""
+    """Return the latest such day that is not after `last`; raises `ValueError`."""
     for year in range(last.year, last.year - 9, -1):
         with suppress(ValueError):
             if (found := date(year, month, day)) <= last:
@@ -112,8 +114,7 @@ def _latest(month: int, day: int, last: date) -> date:
 
 
 class RegexReader(LineReader):
-    r"""Lines that a regular expression finds something in: its named groups are the fields, numbers
-    by their content or by `types`.
+    r"""Lines that match a regular expression; its named groups are the fields.
 
     >>> import io
     >>> options = InputOptions(pattern=r"(?P<user>\w+) logs (?P<event>in|out)")
@@ -126,8 +127,8 @@ class RegexReader(LineReader):
     lenient: ClassVar[bool] = True
 
     def __init__(self, options: InputOptions = InputOptions()) -> None:  # noqa: B008 (immutable)
-        """Raises `OptionError` without an expression, for what is none, and for one without named
-        groups or without one that has a type.
+        """Raises `OptionError` for a missing or invalid pattern, one without groups, or an unknown
+        field.
         """
         super().__init__(options)
         if options.pattern is None:
@@ -143,18 +144,20 @@ class RegexReader(LineReader):
             if name not in groups:
                 raise OptionError(f"the pattern has no group {name}, of which a type is given")
         self._searched = self._before = ""
-        """The line that is searched, and that at the last look."""
+        """The line being searched, and the one at the last check."""
         self._converters = {
             name: by_content if (kind := options.types.get(name)) is None else kind.value_of for name in groups
         }
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
-        """The events of all lines; raises `TraceError` where the expression takes more than a second or two on one."""
+        """Yield the events; raises `TraceError` if the pattern takes more than a second or two on a
+        line.
+        """
         with looking(self._look, _PATIENCE):
             try:
                 yield from super().events(log)
             except Expired:
-                most = f"the pattern takes more than {_PATIENCE:g} s on this line: repeat nothing that repeats itself"
+                most = f"the pattern takes more than {_PATIENCE:g} s on this line: avoid nested repetition"
                 raise log.error_at(most, log.reading) from None
 
     def _look(self) -> None:
@@ -163,7 +166,7 @@ class RegexReader(LineReader):
         self._before = self._searched
 
     def event(self, line: str, log: Log) -> dict[str, Json]:
-        """The event on a line: the groups that took part in the match."""
+        """Return the groups that took part in the match."""
         self._searched = line
         found = self._search(line)
         self._searched = ""

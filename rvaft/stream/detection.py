@@ -49,9 +49,9 @@ def told_fields(tree: RVAFT) -> tuple[str, ...]:
     """Return the fields that identify an event in output: time, topic, and fields whose literals
     differ between event types.
 
-        >>> import rvaft
-        >>> told_fields(rvaft.loads('event e(x) = { kind: "k", x: x }; top and a; a on e(1);'))
-        ('time', 'topic', 'kind')
+    >>> import rvaft
+    >>> told_fields(rvaft.loads('event e(x) = { kind: "k", x: x }; top and a; a on e(1);'))
+    ('time', 'topic', 'kind')
     """
     return tuple(dict.fromkeys((*PLACES, *_time_field(tree), *TreeReads(tree).discriminators.fields)))
 

@@ -25,8 +25,8 @@ class Field:
     """A field of an event by its dotted path; a field with dots in its name is found by its whole
     name.
 
-        >>> Field.parse("robot.id").of({"robot": {"id": 7}})
-        (7,)
+    >>> Field.parse("robot.id").of({"robot": {"id": 7}})
+    (7,)
     """
 
     text: str

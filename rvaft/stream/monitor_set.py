@@ -54,9 +54,9 @@ def columns(tree: RVAFT, per: Per = Per.TREE) -> tuple[Column, ...]:
     Parts without a feasible scenario have no column. Raises `TreeError`, and `TooLarge` beyond
     `MOST` branches.
 
-        >>> import rvaft
-        >>> [column.title for column in columns(rvaft.loads("top or a b; a; b;"), Per.BRANCH)]
-        ['φ', 'φ1', 'φ2']
+    >>> import rvaft
+    >>> [column.title for column in columns(rvaft.loads("top or a b; a; b;"), Per.BRANCH)]
+    ['φ', 'φ1', 'φ2']
     """
     found = [Column("tree", "φ", narrowed(tree))]
     wanted: list[tuple[str, str, int | None, Kind | None]] = []

@@ -56,9 +56,9 @@ class Ordering(OrderedField, Generic[E]):
     places behind its own. A later event is returned at once and counted as `late`. An event without
     a place follows the event before it, and is counted in `without`. Can be pickled.
 
-        >>> ordering = Ordering("time", window=1)
-        >>> [ordering.add({"time": time}) for time in (2, 1, 3)]
-        [None, {'time': 1}, {'time': 2}]
+    >>> ordering = Ordering("time", window=1)
+    >>> [ordering.add({"time": time}) for time in (2, 1, 3)]
+    [None, {'time': 1}, {'time': 2}]
     """
 
     def __init__(self, field: str, *, window: int = DEFAULT_WINDOW, time: EventTime | None = None) -> None:

@@ -56,7 +56,7 @@ def test_a_backend_that_lists_nothing_expresses_single_events_alone() -> None:
     assert Bare().translate(loads("r;"), Semantics.SCATTERED).text == "scattered 100: Event"
     assert Bare().translate(loads("r;"), Semantics.SCATTERED, limit=7).text == "scattered 7: Event"
     assert str(refusal(Bare(), "r;", "strict")) == (
-        "bare cannot express this tree under strict: the language has no way to say it"
+        "bare cannot express this tree under strict: the language does not support this semantics"
     )
 
 

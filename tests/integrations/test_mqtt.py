@@ -141,7 +141,7 @@ WRONG = [
     ),
     *((f"mqtt://h/{topic}", "no topic filter") for topic in ("a#", "#/a", "a+", "+a/b")),
     *((f"mqtt://h/x?{asked}", "qos=0, 1 or 2") for asked in ("qos=3", "retain=1", "version=4")),
-    ("mqts://bob:secret@h/x", "nothing is read from mqts://, but from mqtt://"),
+    ("mqts://bob:secret@h/x", "unknown URL scheme mqts://; known: mqtt://"),
     ("mqtt://h/x mqtt://h/y", "name one TRACE"),
     ("mqtt://h/x --checkpoint c", "--checkpoint needs a log that is there again later"),
     ("x --input mqtt", "mqtt://HOST[:PORT]/TOPIC"),

@@ -100,7 +100,7 @@ def test_it_is_only_emitted_and_refuses_what_rml_refuses() -> None:
         PROLOG.translate(tree, Semantics.SCATTERED)
     specification = PROLOG.translate(loads("r sand a b;"), Semantics.STRICT)
     assert specification.monitor().step({"event": "b"}) is Verdict.FALSE  # that of the RML text it was written from
-    with pytest.raises(OptionError, match="rml-prolog is only emitted: nothing here runs its texts"):
+    with pytest.raises(OptionError, match="rml-prolog is only emitted: rvaft cannot run its texts"):
         PROLOG.read(specification.text)
     assert (PROLOG.faithful, PROLOG.form_of, PROLOG.readable) == (True, "rml", False)
     assert [name in faithful_backends() for name in ("rml", "rml-prolog")] == [True, False]

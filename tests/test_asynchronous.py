@@ -104,7 +104,7 @@ def test_a_callback_that_would_have_to_be_awaited_is_refused() -> None:
     async def stop(explanation: rvaft.Explanation | None) -> None:
         raise AssertionError(explanation)
 
-    with pytest.raises(rvaft.WrongType, match=r"callback must be a plain function.*rvaft\.watch"):
+    with pytest.raises(rvaft.WrongType, match=r"callback must be a synchronous function.*rvaft\.watch"):
         rvaft.on_detection(TREE, stop)
 
     class Stop:
@@ -114,7 +114,7 @@ def test_a_callback_that_would_have_to_be_awaited_is_refused() -> None:
     monitor = rvaft.monitor(TREE)
     step = rvaft.on_detection(monitor, Stop())
     step(A)
-    with pytest.raises(rvaft.WrongType, match="plain function"):
+    with pytest.raises(rvaft.WrongType, match="synchronous function"):
         step(B)
     assert monitor.verdict is step(B) is Verdict.TRUE
 
@@ -130,7 +130,7 @@ def test_what_is_wrong_is_said_at_once(verb: Any) -> None:
     with pytest.raises(rvaft.TreeError, match="branch 7"):
         verb(TREE, branch=7)
     for option in ({"semantics": "strict"}, {"branch": 1}, {"kind": "fault"}, {"limit": 5}, {"repeat": True}):
-        with pytest.raises(rvaft.OptionError, match="options already"):
+        with pytest.raises(rvaft.OptionError, match="an existing monitor accepts none"):
             verb(rvaft.monitor(TREE), **option)
 
 

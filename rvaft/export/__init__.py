@@ -1,4 +1,4 @@
-"""Drawing a tree, and writing it in other formats."""
+"""Drawings of trees, and trees in other formats."""
 
 from collections.abc import Callable, Mapping
 from enum import StrEnum
@@ -33,7 +33,7 @@ __all__ = [
 
 
 class Format(StrEnum):
-    """The formats that a tree can be drawn or written in."""
+    """The formats in which a tree can be drawn or written."""
 
     TREE = "tree"
     DOT = "dot"
@@ -47,7 +47,7 @@ class Format(StrEnum):
 
     @property
     def drawing(self) -> bool:
-        """Whether the format draws a tree, rather than writing all that is in it."""
+        """Whether the format is a drawing, instead of the complete tree."""
         return self not in _WRITTEN
 
 
@@ -69,15 +69,15 @@ SUFFIXES: Final[Mapping[str, Format]] = {
     ".dft": Format.GALILEO,
     **{f".{form}": form for form in Format if form is not Format.TREE},
 }
-"""The suffixes of file names and the formats that they suggest."""
+"""The formats for the suffixes of files."""
 assert set(_DRAWN) | set(_WRITTEN) | set(PICTURES) == set(Format), "every format is written in one way"
 
 
 def draw(tree: RVAFT, form: Format, look: Look | None = None) -> bytes:
-    """The tree in that format, which for those that are no drawings is the whole tree under any look.
+    """Return the tree in that format; formats that are not drawings ignore the look.
 
-    Without a look a terminal shows runtime events and guards, and pictures do not. Raises
-    `ToolMissing` and `ToolFailed` for pictures, `OptionError` for what cannot be written or shown.
+    By default the terminal shows runtime events and guards, pictures do not. Raises `ToolMissing`
+    and `ToolFailed` for pictures, and `OptionError`.
     """
     chosen = look if look is not None else TERMINAL if form is Format.TREE else PLAIN
     if form in PICTURES:
@@ -87,17 +87,16 @@ def draw(tree: RVAFT, form: Format, look: Look | None = None) -> bytes:
 
 
 def format_of(file: str) -> Format | None:
-    """The format that the suffix of a file name suggests, if any."""
+    """Return the format for the suffix of a file, if any."""
     return SUFFIXES.get(PurePath(file).suffix.lower())
 
 
 def fired_text(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json], *, colour: bool = False) -> str:
-    """A detection for the terminal: the nodes of its scenario after a dot, matched ones with their
-    event; branch and variables below.
+    """Return a detection as a tree for the terminal, with matched nodes marked by a dot and their
+    events.
 
-    `events` holds matched events by number, from 1; of one that is not there only the number is
-    shown. With `colour` the text has ANSI escapes: marked lines are bold, those of faults yellow
-    and of attacks red, the others faint.
+    `events` has the known matched events by number, from 1. `colour` adds ANSI escapes: marked
+    lines are bold, yellow for faults and red for attacks; others are faint.
 
     >>> import rvaft
     >>> tree = rvaft.loads("top and a b;")
@@ -115,7 +114,7 @@ def fired_text(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]
 
 
 def fired_dot(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> str:
-    """In the DOT language: marked nodes and edges bold, the others grey; branch and variables below the tree."""
+    """Return a detection in the DOT language: matched nodes and edges bold, others grey."""
     tree = whole(tree)
-    wide = 26  # values of events are longer than labels, and such a picture is for a screen
+    wide = 26  # event values are long, and the picture is for a screen
     return dot_text(tree, Look(events=True, wrap=wide, marks=marks(tree, explanation, events)))

@@ -1,10 +1,8 @@
-r"""A tree as a graph for Graphviz, in the manner of fault trees: a box per node, below it the gate, then the children.
+r"""A tree as a graph for Graphviz in the style of fault trees: each node is a box above its gate.
 
-Faults are orange and attacks red, as in the paper's figures, in tints that differ and carry black
-text when they are printed in grey; a condition (a guard without event) has a dashed frame. A gate
-has its own outline and its short form in it. Text is escaped so that no name or label can leave its
-place. In an SVG every box has the name of its node in `id`, its kind in `class`, and all of it in a
-tooltip.
+Faults are orange and attacks red, as in the paper; both stay legible in grey prints. Conditions
+(guards without event) have a dashed frame. All text is escaped. In an SVG, a box has the node's
+name in `id`, its kind in `class`, and a tooltip.
 """
 
 import re
@@ -36,24 +34,21 @@ from rvaft.model.tree import RVAFT
 from rvaft.support.terminal import visible
 
 _SPECIAL: Final = str.maketrans({"\\": "\\\\", "]": "&#93;"})
-"""Beside what is special in HTML: Graphviz replaces escapes, and holds back a text of nothing but
-`]` until it is misplaced.
-"""
+"""Besides HTML: Graphviz interprets backslashes, and misplaces a text that consists of `]`."""
 _TITLE: Final = str.maketrans({"&": "&amp;", "\\": "&#92;", '"': "&quot;"})
-"""In titles and tooltips of an SVG, Graphviz takes entities as such, and shows an escape as it is written."""
+"""In SVG titles and tooltips Graphviz keeps entities, and prints escapes literally."""
 _SPACE: Final = "&#160;"
 _CREATED: Final = re.compile(rb"/CreationDate \(D:\d{14}")
-"""When a PDF was made: `dot` has no option that leaves it out."""
+"""The creation time of a PDF, which `dot` always writes."""
 
 SIZE: Final = 10
-"""Points of all text: one size, so that a picture stays readable as long as any of it does."""
+"""The size of all text in points."""
 _FILL: Final = {Kind.FAULT: "#fbb659", Kind.ATTACK: "#ee7872", None: "#ffffff"}
 _CODE: Final = {Role.EVENT: "#17406d", Role.GUARD: "#6d2a17"}
 _GATE, _PALE, _GREY, _BLACK = "#e8eef7", "#f6f6f6", "#b8b8b8", "#000000"
 _FOLDED: Final = "shape=triangle, margin=0, fixedsize=true, {}height=0.44"
 """The transfer symbol of fault trees."""
 _BOLD: Final = "penwidth=2.5"
-"""The frame or line of what is marked."""
 _OUTLINES: Final[Mapping[Gate, str]] = {
     Gate.OR: "shape=house, height=0.34",
     Gate.AND: 'shape=box, style="filled,rounded", height=0.28',
@@ -62,8 +57,8 @@ _OUTLINES: Final[Mapping[Gate, str]] = {
     Gate.PAND: 'shape=house, orientation=270, height=0.22, style="filled,rounded"',
     Gate.VOT: "shape=hexagon, height=0.28",
 }
-"""A pointed roof for a choice, a round one for all, a signpost in the direction of a SAND, a round
-one for a PAND, the hexagon of a vote.
+"""Outlines: pointed roof for OR, round for AND, signpost for SAND, round signpost for PAND, hexagon
+for a vote.
 """
 _SAMPLES: Final[Mapping[Sign | Gate, str]] = {
     Sign.FAULT: f'fillcolor="{_FILL[Kind.FAULT]}"',
@@ -78,32 +73,30 @@ assert set(_OUTLINES) == set(Gate), "every gate has an outline"
 
 
 def html(text: str, width: int) -> str:
-    """The text wrapped and escaped for an HTML-like label, in which Graphviz still replaces some escapes."""
+    """Return the text wrapped and escaped for an HTML-like label."""
     return html_lines(wrapped(text, width))
 
 
 def html_lines(lines: Iterable[str]) -> str:
-    """Lines escaped for an HTML-like label."""
+    """Return lines escaped for an HTML-like label."""
     return "<br/>".join(escape(line).translate(_SPECIAL) or _SPACE for line in lines) or _SPACE
 
 
 def table(rows: Iterable[str], *, space: int = 0, cell: str = "") -> str:
-    """Rows of escaped text, one below the other, as a table without lines, with `space` around each
-    and attributes of all cells.
-    """
+    """Return rows of escaped text as a borderless table; `space` is the cell spacing."""
     cells = "".join(f"<tr><td {cell}>{row}</td></tr>" if cell else f"<tr><td>{row}</td></tr>" for row in rows)
     return f'<table border="0" cellborder="0" cellspacing="{space}" cellpadding="1">{cells}</table>'
 
 
 def title(text: str) -> str:
-    """The text in quotes, as the name of a graph, which becomes the title of a picture, or as a tooltip."""
+    """Return a quoted text for the name of a graph, or for a tooltip."""
     return f'"{visible(text).translate(_TITLE)}"'
 
 
 def picture(dot: str, form: str, *, timeout: float = 300.0) -> bytes:
-    """A graph in the DOT language as `svg`, `pdf` or `png`, the same bytes every time, within so many seconds.
+    """Return a graph as `svg`, `pdf` or `png`, reproducibly; `timeout` is in seconds.
 
-    Raises `ToolMissing`, `ToolFailed`.
+    Raises `ToolMissing` and `ToolFailed`.
     """
     program = shutil.which("dot")
     if program is None:
@@ -126,9 +119,10 @@ def picture(dot: str, form: str, *, timeout: float = 300.0) -> bytes:
 
 
 def dot_text(tree: RVAFT, look: Look = PLAIN) -> str:
-    """The tree in the DOT language; node identifiers are `n` and `g` with the number of the node in top-down order.
+    """Return the tree in the DOT language; node identifiers contain the top-down number of the
+    node.
 
-    With marks, what is marked is bold and the rest grey. Raises `OptionError` for a look that the tree cannot have.
+    With marks, marked parts are bold and the rest grey. Raises `OptionError`.
     """
     part = view(tree, look)
     number = {name: index for index, name in enumerate(tree.order)}
@@ -153,7 +147,7 @@ def dot_text(tree: RVAFT, look: Look = PLAIN) -> str:
 
 
 def _box(node: Node, tree: RVAFT, look: Look, part: View, number: Mapping[str, int]) -> Iterator[str]:
-    """A node, its gate, and the lines from it."""
+    """Yield the statements for a node, its gate, and the edges to its children."""
     own, marks = number[node.name], look.marks
     faint = marks is not None and node.name not in marks.kept
     bold = "" if marks is None else f', color="{_GREY}", fontcolor="{_GREY}"' if faint else f", {_BOLD}"
@@ -194,7 +188,6 @@ def _box(node: Node, tree: RVAFT, look: Look, part: View, number: Mapping[str, i
 
 
 def _set(role: Role, lines: list[str], kind: Kind | None, *, faint: bool) -> str:
-    """A row of a box: a bold name where a label stands below it, events and guards in colour where the box has none."""
     text = html_lines(lines)
     if role in _CODE:
         color = _GREY if faint else _CODE[role] if kind is None else _BLACK
@@ -203,8 +196,8 @@ def _set(role: Role, lines: list[str], kind: Kind | None, *, faint: bool) -> str
 
 
 def _legend(look: Look, part: View, number: Mapping[str, int]) -> Iterator[str]:
-    """Samples and meanings, one pair below the other, under what stands deepest in the tree, towards its middle."""
-    places = {part.nodes[0].name: (0, 0.0, 1.0)}  # the level, and the part of the width that is a node's
+    """Yield the legend in rows below the deepest node."""
+    places = {part.nodes[0].name: (0, 0.0, 1.0)}  # level, left edge and share of the width
     for node in part.nodes:
         level, left, width = places[node.name]
         children = part.children(node)

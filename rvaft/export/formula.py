@@ -1,7 +1,6 @@
-"""The property of a branch as people read it: events in sequence, events in any order, conditions, windows of time.
+"""Properties as formulas for display: sequences, unordered events, conditions, windows.
 
-For display only; nothing is run from it. A node that several parents share stands wherever it is used, though it is one
-occurrence.
+A shared node is repeated wherever it is used, though it is one occurrence.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -35,7 +34,7 @@ DEFAULT_LIMIT: Final = 100_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Leaf:
-    """The runtime event of a node, or a guard; `named` where a guard uses the time of this event."""
+    """The event of a node, or a guard; `named` if a guard refers to the time of the event."""
 
     node: Node
     guard: Guard | None = None
@@ -54,9 +53,7 @@ class Join(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joined:
-    """Parts one after the other, in any order, at least `threshold` of them in any order, one of
-    them, or each ending before the next.
-    """
+    """Joined parts; `threshold` is the number of needed parts for `AT_LEAST`."""
 
     join: Join
     parts: tuple["Formula", ...]
@@ -65,7 +62,7 @@ class Joined:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """A part that lasts no longer than so many nanoseconds."""
+    """A part with a maximum duration in nanoseconds."""
 
     part: "Formula"
     within: int
@@ -73,7 +70,7 @@ class Window:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Named:
-    """A part that guards ask for the start or the end of."""
+    """A part whose start or end a guard refers to."""
 
     part: "Formula"
     name: str
@@ -84,10 +81,10 @@ Formula: TypeAlias = Leaf | Joined | Window | Named
 
 @dataclass(frozen=True, slots=True)
 class Notation:
-    """How a formula is written: in which style its leaves, and what precedes k of n parts.
+    """How a formula is written: the style of leaves, and the signs between parts.
 
-    `number` is what stands behind an event that is counted, `window` around a part that has one,
-    `label` behind the name of what guards ask for.
+    `number` formats the count of a counted event, `window` surrounds a part with a duration,
+    `label` follows the name of a `Named` part.
     """
 
     style: Style
@@ -98,11 +95,11 @@ class Notation:
     label: str = ": "
     condition: Callable[[str], str] = "[{}]".format
     whole: frozenset[Join] = frozenset({Join.SEQUENCE})
-    """The joins that need no brackets where they join the whole formula."""
+    """The joins that need no brackets at the top level."""
 
 
 def formula(prop: Property) -> Formula:
-    """The formula of a property as `build` and `restrict` make it.
+    """Return the formula of a property from `build` or `restrict`.
 
     >>> import rvaft
     >>> from rvaft.core.build import build
@@ -116,14 +113,14 @@ def formula(prop: Property) -> Formula:
 
 
 class _Writer:
-    """The formulas of the parts of a property, inner parts first."""
+    """Builds the formulas of the parts, inner parts first."""
 
     def __init__(self, prop: Property) -> None:
         self.done: dict[Part, Formula] = {}
         self._nodes = prop.tree.nodes
         self._own_first = prop.tree.causality is Causality.TOP_DOWN
         self._spread: dict[Part, list[Formula]] = {}
-        """For each choice the formulas in sequence that it becomes."""
+        """For each choice, its formulas in sequence."""
         guards = (part.guard for part in prop.parts if isinstance(part, Condition))
         self._asked = {(one.point, Source(one.node, one.number)) for guard in guards for one in time_points(guard)}
         self._names = {whole: source.node for source, whole in prop.wholes.items() if self._spans(source)}
@@ -133,7 +130,7 @@ class _Writer:
         return not {("start", source), ("end", source)}.isdisjoint(self._asked)
 
     def row(self, part: Part) -> Formula:
-        """The formula of a part, without a name."""
+        """Return the formula of a part, without a name."""
         inside = [self.done[inner] for inner in part.parts]
         match part:
             case Event(source=source) | Times(source=source):
@@ -159,7 +156,7 @@ class _Writer:
                 assert_never(part)
 
     def named(self, part: Part, term: Formula) -> Formula:
-        """The formula with the name of its node where a guard uses the start or the end of that."""
+        """Add the name of the node if a guard uses its start or end."""
         name = self._names.get(part)
         return term if name is None or self._nodes[name].leaf else Named(term, name)
 
@@ -169,8 +166,8 @@ class _Writer:
         return Leaf(node, named=node.on is not None and used)
 
     def _guarded(self, inner: Part, condition: Condition) -> list[Formula]:
-        """What a node with a guard asks for, in sequence: its event, its guard, what is below it,
-        or, bottom up, that first.
+        """Return the sequence for a node with a guard: event and guard, then its children (or
+        reversed).
         """
         parts = inner.parts if isinstance(inner, Sequence) and _is_own(inner) else (inner,)
         own: list[Formula] = [self.done[part] for part in parts if isinstance(part, Event | Times)]
@@ -179,13 +176,13 @@ class _Writer:
         return [*own, *below] if self._own_first else [*below, *own]
 
     def _in_sequence(self, around: Part, part: Part) -> list[Formula]:
-        """The formulas of a part inside a sequence; a choice of the same node as the sequence is several."""
+        """Return the formulas of a part inside a sequence; a choice of the same node is spread."""
         same = around.source is not None and part.source is not None and around.source.node == part.source.node
         return self._spread.get(part, [self.done[part]]) if same else [self.done[part]]
 
 
 def _is_own(sequence: Sequence) -> bool:
-    """Whether a sequence is the event of a node and what is below the node."""
+    """Whether a sequence is a node's event with the parts below the node."""
     return any(
         isinstance(part, Event | Times) and part.source.node == sequence.source.node
         for part in sequence.parts
@@ -194,12 +191,12 @@ def _is_own(sequence: Sequence) -> bool:
 
 
 def _choice(parts: tuple[Formula, ...]) -> list[Formula]:
-    """One of the parts; what all of them start or end with, because they share those nodes, stands once."""
+    """Return a choice with the common first and last parts (shared nodes) factored out."""
     rows = [
         part.parts if isinstance(part, Joined) and part.join is Join.SEQUENCE and len(parts) > 1 else (part,)
         for part in parts
     ]
-    most = min(map(len, rows)) - 1  # of each part something is left to choose
+    most = min(map(len, rows)) - 1  # keep a part of each alternative
     first = _common(rows, range(most))
     last = _common(rows, range(-1, -1 - (most - len(first)), -1))[::-1]
     middle = [row[len(first) : len(row) - len(last)] for row in rows]
@@ -207,7 +204,7 @@ def _choice(parts: tuple[Formula, ...]) -> list[Formula]:
 
 
 def _common(rows: Several[tuple[Formula, ...]], places: Iterable[int]) -> list[Formula]:
-    """The formulas that stand at these places in every row, up to the first place where they differ."""
+    """Return the formulas that all rows share at these places, up to the first difference."""
     same = takewhile(lambda place: all(row[place] is rows[0][place] for row in rows), places)
     return [rows[0][place] for place in same]
 
@@ -217,19 +214,19 @@ def _joined(join: Join, parts: Several[Formula]) -> Formula:
 
 
 def write(term: Formula, notation: Notation, *, limit: int = DEFAULT_LIMIT) -> str:
-    """A formula in a notation; raises `TooLarge` beyond `limit` pieces (shared nodes multiply)."""
+    """Return a formula in a notation; raises `TooLarge` beyond `limit` pieces."""
     return "".join(breakable(term, notation, limit=limit))
 
 
 def breakable(term: Formula, notation: Notation, *, limit: int = DEFAULT_LIMIT) -> Iterator[str]:
-    """The same in pieces between which a line may be broken; in every notation a formula has the same pieces.
+    """Yield pieces between which a line may be broken; all notations have the same pieces.
 
-    Each but the first starts with a sign, where the sign is no comma. Raises `TooLarge`.
+    Each piece but the first starts with an operator, except commas. Raises `TooLarge`.
     """
     pieces: list[str] = []
     written, style = 0, notation.style
     outer = None if isinstance(term, Joined) and term.join in notation.whole else Join.SEQUENCE
-    todo: list[str | tuple[Formula, Join | None] | None] = [(term, outer)]  # None is where a line may end
+    todo: list[str | tuple[Formula, Join | None] | None] = [(term, outer)]  # None allows a line break
     while todo:
         if written > limit:
             raise TooLarge("the written form of a branch", limit=limit)
@@ -274,7 +271,6 @@ TEXT: Final = Notation(
     "^{}".format,
     ("(", ") within {}"),
 )
-"""Plain text: `a ; b` in sequence, `a & b` in any order, `a | b` one of them, `a pand b` ending in
-this order, `a^3` three times, conditions in brackets, `(a & b) within 5 min`, and `name: a` where a
-guard asks for its time.
+"""Plain text: `a ; b` sequence, `a & b` any order, `a | b` choice, `a pand b` ends in order, `a^3`
+three times, `[guard]`, `(a & b) within 5 min`, `name: a` if a guard uses the time of `a`.
 """

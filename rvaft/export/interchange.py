@@ -1,11 +1,8 @@
-"""A tree for other programs: all of it as JSON, and what fault-tree tools know of it in Galileo's format.
+"""Trees for other programs: complete as JSON, and reduced in Galileo's format.
 
-The schema of the JSON is in `docs/how-to/drawing.md`.
-
-Galileo has no SAND: it becomes the priority AND (`pand`), `sand_rl` with its children turned round.
-Over single events that means the same. Events, guards, times, kinds, labels and `ignore` have no
-form there; `losses` says what is lost, so that nobody takes the result for the tree. What is
-written is read back.
+`docs/how-to/drawing.md` has the JSON schema. Galileo has no SAND: it becomes `pand`, which is
+equivalent over single events. Events, guards, times, kinds, labels and `ignore` are lost; `losses`
+lists them. rvaft reads both formats.
 """
 
 import json
@@ -22,7 +19,7 @@ from rvaft.model.values import Json
 
 
 def json_text(tree: RVAFT) -> str:
-    """The tree as one JSON object.
+    """Return the tree as one JSON object.
 
     >>> import rvaft
     >>> [node["kind"] for node in json.loads(json_text(rvaft.loads("top or a b; a fault;")))["nodes"]]
@@ -47,7 +44,7 @@ def json_text(tree: RVAFT) -> str:
 
 
 def _record(thing: object, names: str) -> dict[str, Any]:
-    """These parts of something, as JSON."""
+    """Return these attributes as JSON."""
     found: dict[str, Any] = {}
     for name in names.split():
         found[name] = value = getattr(thing, name)
@@ -77,7 +74,7 @@ def _pattern(pattern: Pattern) -> Json:
 
 
 def galileo_text(tree: RVAFT) -> str:
-    """The reachable nodes as Galileo statements, parents first; raises `OptionError` for a name it cannot write.
+    """Return the reachable nodes as Galileo statements, parents first; raises `OptionError`.
 
     >>> import rvaft
     >>> print(galileo_text(rvaft.loads("top sand_rl a b; a fault;")), end="")
@@ -90,7 +87,7 @@ def galileo_text(tree: RVAFT) -> str:
 
 
 def losses(tree: RVAFT) -> Iterator[str]:
-    """What the Galileo text does not say, one clause each."""
+    """Yield the parts of the tree that the Galileo text lacks, one clause each."""
     nodes = list(tree.top_down())
     several = _with_several_leaves(tree)
     ordered = sum(node.gate in _SEQUENCES and not several.isdisjoint(node.children) for node in nodes)
@@ -122,7 +119,7 @@ def losses(tree: RVAFT) -> Iterator[str]:
 
 
 def _with_several_leaves(tree: RVAFT) -> set[str]:
-    """The nodes with more than one leaf below them in some scenario."""
+    """Return the nodes with more than one leaf below them in some scenario."""
     most: dict[str, int] = {}
     for node in tree.bottom_up():
         below = [most[child] for child in node.children]
@@ -157,5 +154,5 @@ def _name(name: str) -> str:
 
 
 def _is_plain(key: str, value: str) -> bool:
-    """Whether an attribute can be written; Galileo has no quotes around what comes after a name."""
+    """Whether an attribute can be written; Galileo does not quote values."""
     return WORD.fullmatch(key) is not None and bare_value(value)

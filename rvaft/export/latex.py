@@ -1,9 +1,7 @@
-r"""Text of a tree in LaTeX: nothing in it keeps a special meaning, in text or in mathematics.
+r"""LaTeX output of names, guards and listings, with all special characters escaped.
 
-Symbols and Greek letters are written as commands of the package `textcomp` and of mathematics,
-which every engine and font has. Other scripts than Latin pass as they are: LuaLaTeX and XeLaTeX
-print them in a font that has them. What stands in mathematics needs the package `amsmath`, for
-`\text`.
+Symbols and Greek letters become commands of `textcomp` and mathematics. Other scripts pass
+unchanged and need LuaLaTeX or XeLaTeX. Mathematics needs `amsmath` for `\text`.
 """
 
 import re
@@ -24,11 +22,11 @@ _SPECIAL: Final = str.maketrans(
         "\\": r"\textbackslash{}",
         "~": r"\textasciitilde{}",
         "^": r"\textasciicircum{}",
-        # From here on: characters that some fonts lack, and that ligatures begin with.
+        # Characters that some fonts lack, or that begin ligatures.
         "<": r"\textless{}",
         ">": r"\textgreater{}",
         "|": r"\textbar{}",
-        # Straight in the typewriter fonts of all encodings, in others a closing quotation mark.
+        # Straight in typewriter fonts; a closing quotation mark in others.
         '"': r"\texttt{\char34}",
         "'": r"\textquotesingle{}",
         "`": r"\textasciigrave{}",
@@ -37,7 +35,7 @@ _SPECIAL: Final = str.maketrans(
     }
 )
 _LIGATURE: Final = re.compile(r"([-,])(?=\1)")
-"""What becomes a dash or a quotation mark; braces alone do not part it in LuaTeX."""
+"""Ligatures for dashes and quotation marks; braces do not break them in LuaTeX."""
 _BEYOND: Final = re.compile(r"[^\x00-\x7f]")
 _IDENTIFIER: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _NUMBERED: Final = re.compile(r"([A-Za-z0-9_]*[A-Za-z])([0-9]+)")
@@ -45,14 +43,14 @@ _EXPONENT: Final = re.compile(r"(.*)e([+-]?)0*([0-9]+)")
 
 
 def escaped(text: str) -> str:
-    """The text on one line; control codes are shown as escapes."""
+    """Return the text on one line, with control characters as visible escapes."""
     parted = _LIGATURE.sub(r"\1{\\kern0pt}", visible(text).translate(_SPECIAL))
     return re.sub(" (?= )", lambda _: r"\ ", _BEYOND.sub(lambda found: _symbol(found[0]), parted))
 
 
 @cache
 def _symbol(character: str) -> str:
-    """The command for a symbol or a Greek letter; letters else, and what has none, stay."""
+    """Return the command for a symbol or a Greek letter; other letters are unchanged."""
     from pylatexenc.latexencode import UnicodeToLatexEncoder  # noqa: PLC0415 -- imported on use
 
     encoder = UnicodeToLatexEncoder(unknown_char_policy="keep", unknown_char_warning=False)
@@ -62,9 +60,7 @@ def _symbol(character: str) -> str:
 
 
 def stem_and_index(text: str) -> tuple[str, str] | None:
-    """An identifier without the number that it ends with behind a letter, and that number; None for
-    what is no identifier.
-    """
+    """Split an identifier like `ev1` into stem and index; None for other texts."""
     if not _IDENTIFIER.fullmatch(text):
         return None
     found = _NUMBERED.fullmatch(text)
@@ -72,9 +68,7 @@ def stem_and_index(text: str) -> tuple[str, str] | None:
 
 
 def name(text: str) -> str:
-    r"""A name in mathematics, slanted as one word: `ev1` is `\mathit{ev}_{1}`; what is no
-    identifier is text in quotes.
-    """
+    r"""Return a name in mathematics (`ev1` as `\mathit{ev}_{1}`), or a quoted text."""
     parts = stem_and_index(text)
     if parts is None:
         return rf"\textit{{``{escaped(text)}''}}"
@@ -82,7 +76,7 @@ def name(text: str) -> str:
 
 
 def _constant(value: Scalar) -> str:
-    """A literal in mathematics, no digit lost; strings in quotes."""
+    """Return a literal in mathematics; strings are quoted."""
     if isinstance(value, str):
         return rf"\text{{``{escaped(value)}''}}"
     text = literal_text(value)
@@ -93,7 +87,7 @@ def _constant(value: Scalar) -> str:
 
 
 def _duration(nanoseconds: int) -> str:
-    r"""A duration in mathematics: `5\,\mathrm{min}`."""
+    r"""Return a duration in mathematics: `5\,\mathrm{min}`."""
     number, unit = duration_text(nanoseconds).split()
     return rf"{number}\,\mathrm{{{unit}}}" if unit != "us" else rf"{number}\,\mu\mathrm{{s}}"
 
@@ -121,12 +115,12 @@ STYLE: Final = Style(
     point=r"\mathrm{{{}}}({})",
     duration=_duration,
     listed=(r"\{", r"\}"),
-    # one of fractions would have several bars and is written with a slash
+    # a nested fraction uses a slash
     fraction=lambda above, below: None if r"\frac" in above + below else rf"\frac{{{above}}}{{{below}}}",
     minus_level=SUM_LEVEL,
     not_operand=SIGNED_LEVEL,
 )
-"""Mathematics; nothing is simplified or reordered."""
+"""Mathematics, without simplification or reordering."""
 
 _OPEN: Final = "(*@"
 _CLOSE: Final = "@*)"
@@ -139,14 +133,13 @@ _OPTIONS: Final = (
 
 
 def listing(text: str, highlighting: Highlighting | None) -> str:
-    r"""The text in an `lstlisting` behind the definition of its language, which may move to the preamble.
+    r"""Return the text in an `lstlisting` after the definition of its language.
 
-    It stands there as it is, so that what is printed can be copied and run. Only what the package
-    `listings` cannot read, which is all beyond ASCII, and what would end the listing early are
+    The printed text can be copied and run. Characters beyond ASCII, and an end of the listing, are
     escaped to LaTeX. Needs the packages `listings` and `textcomp`.
     """
     lines = [r"% Needs \usepackage{listings} and \usepackage{textcomp}."]
     lines += [] if highlighting is None else highlighting.definition.strip().splitlines()
-    language = "" if highlighting is None else f", language={highlighting.name}"  # the last word is the language's
+    language = "" if highlighting is None else f", language={highlighting.name}"  # the last language wins
     body = _HARD.sub(lambda found: f"{_OPEN}{escaped(found[0])}{_CLOSE}", text.rstrip("\n"))
     return "\n".join([*lines, f"\\begin{{lstlisting}}[{_OPTIONS}{language}]", body, r"\end{lstlisting}", ""])

@@ -1,7 +1,6 @@
-"""What a drawing shows of a tree, the same in every format: which nodes, what stands in the box of
-each, what is marked, what signs mean.
+"""The contents of a drawing in every format: the nodes, the rows of their boxes, marks and legend.
 
-The renderers `text`, `dot` and `tikz` make it their own; no text here is escaped for any of them.
+The renderers `text`, `dot` and `tikz` escape the texts.
 """
 
 import json
@@ -27,13 +26,13 @@ from rvaft.rules.rule import did_you_mean
 from rvaft.support.terminal import cut, visible
 
 LONGEST: Final = 120
-"""Characters of a value; what is longer is cut, and a sign says so."""
+"""Maximum characters of a value before it is cut."""
 WIDTH: Final = 14
-"""Columns of text in a box: so narrow that a tree of the size that papers print is still readable in one column."""
+"""Width of text in a box in columns; narrow enough for printed trees."""
 _LISTED: Final = 5
-"""Events of one node that are listed; of more the last one."""
+"""Maximum number of listed events per node; the last one is always listed."""
 NARROWEST: Final = 4
-"""Columns of text that a box has at least."""
+"""Minimum width of a box in columns."""
 
 _GATES: Final[Mapping[Gate, tuple[str, str]]] = {
     Gate.OR: ("OR", "one of them"),
@@ -43,12 +42,12 @@ _GATES: Final[Mapping[Gate, tuple[str, str]]] = {
     Gate.PAND: ("PAND →", "all, each ending after the one to its left"),
     Gate.VOT: ("VOT k/n", "at least k of the n"),
 }
-"""The short form of a gate, and what it means."""
+"""The short form of each gate and its meaning."""
 assert set(_GATES) == set(Gate), "every gate has a text"
 
 
 def turn(node: Node, place: int) -> int:
-    """Which of the children, in the order of a gate, stands at that place, from 0."""
+    """Return the position, from 1, of the child at that place in the order of the gate."""
     match node.gate:
         case Gate.SAND_RL:
             return len(node.children) - place
@@ -60,10 +59,9 @@ def turn(node: Node, place: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """A match on a tree: the scenario's nodes with the children they keep, what stands at a node,
-    and what below the tree.
+    """A match on a tree: kept children by node, notes at nodes, lines below the tree.
 
-    `meaning` is what it means to be marked.
+    `meaning` explains the marks in the legend.
     """
 
     kept: Mapping[str, frozenset[str]]
@@ -77,7 +75,7 @@ class Marks:
 
 
 def marks(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> Marks:
-    """The marks of a match; of an event that is not among `events` only the number is known."""
+    """Return the marks of a match; unknown events show their number only."""
     scenario = {name: frozenset(children) for name, children in explanation.scenario.items()}
     notes: dict[str, tuple[str, ...]] = {}
     for name, numbers in explanation.events.items():
@@ -91,16 +89,14 @@ def marks(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> 
 
 
 def branch_marks(tree: RVAFT, number: int) -> Marks:
-    """The marks of the branch of that number; raises `TreeError` where there is none."""
+    """Return the marks of a branch; raises `TreeError`."""
     found = branch_of(tree, number)
     kept = {name: frozenset(found.children(name)) for name in found.nodes}
     return Marks(kept, {}, (_title(number, found.kinds),), f"branch {number}")
 
 
 def _note(number: int, event: Json, tree: RVAFT) -> Iterator[str]:
-    """What is shown of an event: its number, its time as it stands where the tree says or in the
-    field `time`, and its topic.
-    """
+    """Yield the number, time and topic of an event."""
     yield f"event {number}"
     told = {field: event[field] for field in ("time", "topic") if isinstance(event, Mapping) and field in event}
     if tree.time is not None and (written := tree.time.written(event)) is not None:
@@ -117,7 +113,7 @@ def _title(number: int | None, kinds: Collection[Kind]) -> str:
 def _written(value: Json) -> str:
     try:
         return cut(json.dumps(value, ensure_ascii=False, default=repr), LONGEST)
-    except ValueError:  # an integer of more digits than Python writes
+    except ValueError:  # an integer beyond the digit limit of Python
         return "…"
 
 
@@ -125,12 +121,10 @@ def _written(value: Json) -> str:
 class Look:
     """How a tree is drawn.
 
-    `collapse` names nodes, of which what is below is left out; `depth` counts levels below the
-    root.
-
-    `events` are runtime events and guards, `names` those of nodes that have a label as well; `wrap`
-    is in columns of text. With `stagger` every other child of a gate, where it is a leaf, stands
-    one level lower: Graphviz then draws a narrower tree.
+    `collapse` names nodes whose children are hidden; `depth` is the number of levels below the
+    root. `events` shows runtime events and guards, `names` the names of labelled nodes; `wrap` is
+    in columns. `stagger` draws every other leaf of a gate one level lower (Graphviz), for a
+    narrower tree.
     """
 
     events: bool = False
@@ -145,7 +139,7 @@ class Look:
 
 PLAIN: Final = Look()
 TERMINAL: Final = Look(events=True)
-"""What a terminal shows where nothing else is asked for: there is room."""
+"""The default in a terminal."""
 
 
 def looking(
@@ -157,10 +151,7 @@ def looking(
     branch: int | None = None,
     **shown: bool,
 ) -> Look:
-    """The look at a tree with a branch marked; `shown` are `events`, `names`, `legend` and `stagger`.
-
-    Raises `OptionError`, and `TreeError` where there is no such branch.
-    """
+    """Return the look with a marked branch; raises `OptionError` and `TreeError`."""
     if wrap is not None and wrap < NARROWEST:
         raise OptionError(f"a box has at least {NARROWEST} columns of text, not {wrap}")
     collapsed = (collapse,) if isinstance(collapse, str) else tuple(collapse)
@@ -170,32 +161,28 @@ def looking(
 
 @dataclass(frozen=True)
 class View:
-    """The nodes that are drawn, parents first; of a folded one the children are left out.
-
-    `folded` counts the nodes below that are drawn nowhere else.
-    """
+    """The drawn nodes, parents first; `folded` counts the hidden nodes below folded nodes."""
 
     nodes: tuple[Node, ...]
     folded: Mapping[str, int]
 
     def children(self, node: Node) -> tuple[str, ...]:
-        """The children that are drawn as such."""
+        """Return the drawn children."""
         return () if node.name in self.folded else node.children
 
     @cached_property
     def shared(self) -> frozenset[str]:
-        """The nodes that are drawn as children of several others."""
+        """The nodes that are drawn as children of several nodes."""
         parents = Counter(child for node in self.nodes for child in self.children(node))
         return frozenset(name for name, count in parents.items() if count > 1)
 
     @cached_property
     def numbered(self) -> frozenset[str]:
-        """The SAND and PAND gates below which something is shared: no layout can promise that their
-        children stand in order.
+        """SAND and PAND gates above shared nodes: their children need numbers.
 
-        What is below them and shared may have to stand elsewhere, as other parents want it.
+        A layout may draw a shared node out of order, below another parent.
         """
-        loose = set(self.shared)  # shared, or above something that is
+        loose = set(self.shared)  # shared, or above a shared node
         for node in reversed(self.nodes):
             if not loose.isdisjoint(self.children(node)):
                 loose.add(node.name)
@@ -204,12 +191,10 @@ class View:
 
 
 def view(tree: RVAFT, look: Look) -> View:
-    """The part that a look shows.
+    """Return the part of a tree that a look shows; raises `OptionError`.
 
-    Raises `OptionError` for a node to collapse that the tree does not have, or a negative depth.
-
-    A node is as deep as its shortest path from the root. At the last level a node is folded if a
-    child of it is left out.
+    The depth of a node is its shortest path from the root. A node at the last level with a hidden
+    child is folded.
     """
     for name in look.collapse:
         if name not in tree.order:
@@ -233,7 +218,7 @@ def view(tree: RVAFT, look: Look) -> View:
 
 
 def gate_text(node: Node) -> str:
-    """The short form of a gate, with the direction of an ordered one and the k/n of a VOT; nothing for a leaf."""
+    """Return the short form of a gate, with its direction or k/n; "" for a leaf."""
     if node.gate is None:
         return ""
     return _GATES[node.gate][0].replace("k/n", f"{node.threshold}/{len(node.children)}")
@@ -245,17 +230,16 @@ def is_condition(node: Node) -> bool:
 
 
 Role = Enum("Role", "PLAIN BOLD EVENT GUARD")
-"""What a row of a box is there for."""
+"""The role of a row in a box."""
 
 
 def rows(node: Node, look: Look) -> Iterator[tuple[Role, list[str]]]:
-    """The rows in the box of a node: name, label, event, number, guard, window and notes, as far as the look has them.
+    """Yield the rows in the box of a node that the look shows; the first identifies the node.
 
-    The first tells which node it is. The number of events and the window say how much there has to
-    be, as gates do, and are always there.
+    Numbers of events and windows are always shown, like gates.
     """
     width = look.wrap
-    code_width = width + width // 4  # events and guards do not break as well as words
+    code_width = width + width // 4  # events and guards have fewer places to break than words
     if look.names or not node.label:
         yield Role.BOLD if node.label else Role.PLAIN, wrapped(node.name, width)
     if node.label:
@@ -282,10 +266,7 @@ def _window(node: Node) -> str:
 
 
 def said(node: Node, *, events: bool = True) -> str:
-    """A node in one line: its gate, window, kind, event, number, guard and label.
-
-    A default event says no more than the name.
-    """
+    """Return a node in one line: gate, window, kind, event, number, guard and label."""
     parts = [
         gate_text(node),
         _window(node),
@@ -298,7 +279,7 @@ def said(node: Node, *, events: bool = True) -> str:
 
 
 class Sign(Enum):
-    """What an entry of the legend shows, beside gates: its sample, and what it means."""
+    """Entries of the legend besides gates: sample and meaning."""
 
     FAULT = "fault", "caused by a fault"
     ATTACK = "attack", "caused by an attack"
@@ -311,10 +292,9 @@ class Sign(Enum):
 
 
 def legend(view: View, marks: Marks | None, *, graph: bool) -> Iterator[tuple[Sign | Gate, str, str]]:
-    """Signs with their samples and meanings, for what a drawing has, in a fixed order.
+    """Yield signs with samples and meanings for the constructs in a drawing.
 
-    A `graph` has a shared node once and numbers children that may stand out of order, other formats
-    draw a tree and refer.
+    A `graph` draws a shared node once and numbers ordered children; other formats repeat it.
     """
     kinds = {node.kind for node in view.nodes}
     gates = {node.gate for node in view.nodes if view.children(node)}
@@ -334,7 +314,7 @@ def legend(view: View, marks: Marks | None, *, graph: bool) -> Iterator[tuple[Si
         yield sign, sample, marks.meaning if marks is not None and sign is Sign.MARKED else meaning
 
 
-# Texts as lines of some width: labels between words, events and guards where their parts end.
+# Line wrapping: labels between words, events and guards between their parts.
 
 _WORD: Final = re.compile(r"(\s*)(\S+)")
 _PART: Final = re.compile(r"[^/_.:,;\s-]*[/_.:,;\s-]+|[^/_.:,;\s-]+")
@@ -344,13 +324,13 @@ _TOKEN: Final = re.compile(
 )
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"?')
 _INSIDE: Final = 3
-"""The first kind of place that is inside of a comparison or another term."""
+"""The first rank inside of a comparison or another term."""
 
 
 def wrapped(text: str, width: int) -> list[str]:
-    """The lines of a text of at most `width` columns; line ends in the text are kept, other control codes shown.
+    """Return the lines of a text of at most `width` columns, or 1.5 times that for a single word.
 
-    A word that is a little wider, by half at most, is not broken.
+    Line ends are kept; other control characters are shown as escapes.
 
     >>> wrapped("to the decontamination waypoint", 12)
     ['to the', 'decontamination', 'waypoint']
@@ -364,11 +344,10 @@ def wrapped(text: str, width: int) -> list[str]:
 
 
 def wrapped_code(text: str, width: int) -> list[str]:
-    """The lines of an event or a guard of at most `width` columns, not one blank of a string lost.
+    """Return the lines of an event or guard of at most `width` columns, without changing strings.
 
-    Broken is what stands in the fewest brackets, and there at `;`, `and` and `or`, then at commas,
-    then behind `when`, then before comparisons; a comparison that is a little wider, by half at
-    most, is not broken.
+    Lines break at the outermost level first: at `;`, `and` and `or`, then commas, `when`, and
+    comparisons. A comparison may be 1.5 times as wide.
 
     >>> wrapped_code("when A >= 1 and (B < 2 or C > 3)", 24)
     ['when A >= 1', 'and (B < 2 or C > 3)']
@@ -386,14 +365,14 @@ def _filled(text: str, width: int, lay: Callable[[str, "_LineFiller"], object]) 
 
 
 def text_columns(text: str) -> int:
-    """The columns of a text: two for what is as wide as it is high, none for marks upon other characters."""
+    """Return the width of a text in columns: two for wide characters, none for combining ones."""
     if text.isascii():
         return len(text)
     return sum(1 + (unicodedata.east_asian_width(one) in "WF") for one in text if not unicodedata.combining(one))
 
 
 class _LineFiller:
-    """Takes pieces of text, as many on a line as it has room for; the blanks before a piece do not begin a line."""
+    """Fills lines with pieces of text; leading blanks of a line are dropped."""
 
     def __init__(self, width: int) -> None:
         self.width = width
@@ -401,8 +380,8 @@ class _LineFiller:
         self._used = 0
 
     def add(self, blank: str, text: str, *, room: int) -> None:
-        """A piece; what is wider than `room` may be broken behind blanks and signs such as `/`, or
-        anywhere where these are too far.
+        """Add a piece; one wider than `room` is broken after blanks and signs such as `/`, or
+        anywhere.
         """
         whole = text_columns(text) <= room
         for part in [text] if whole else [one for piece in _PART.findall(text) for one in self._cut(piece)]:
@@ -427,9 +406,7 @@ class _LineFiller:
 
 
 class _CodeToken(NamedTuple):
-    """What is not parted, the blanks before it, and how late a line is broken there: the brackets
-    around, then the kind of place.
-    """
+    """A token, the blanks before it, and its break rank: bracket depth, then kind of place."""
 
     blank: str
     text: str
@@ -454,9 +431,7 @@ def _tokens(text: str) -> Iterator[_CodeToken]:
 
 
 def _lay(tokens: Sequence[_CodeToken], lines: _LineFiller) -> None:
-    """Add tokens as one piece where a line has room for them, and otherwise in the parts that the
-    earliest breaks make.
-    """
+    """Add tokens as one piece if they fit, else in parts at the breaks of the lowest rank."""
     if not tokens:
         return
     blank = tokens[0].blank

@@ -1,9 +1,7 @@
-"""The property of a tree or of a branch as papers print it: in LaTeX's mathematics, or in Unicode.
+"""Properties of trees and branches in mathematical notation, as LaTeX or Unicode, for display.
 
-The signs are those of Cardoso, Ferrando and Fisher, Extending Attack-Fault Trees with Runtime
-Verification (FMAS 2022), with one difference, a sign of its own for one after the other;
-`docs/reference/command-line.md` has their table. For display only; nothing is run from it, and a node that several
-parents share stands wherever it is used.
+The symbols follow Cardoso, Ferrando and Fisher, Extending Attack-Fault Trees with Runtime
+Verification (FMAS 2022), except for sequences; `docs/reference/command-line.md` lists them.
 """
 
 import re
@@ -28,13 +26,12 @@ _MINUS: Final = "−"
 
 
 def _name(name: str) -> str:
-    """A name, with the number at its end as an index: `T₁`; in quotes what is no identifier."""
+    """Return a name with its number as a subscript: `T₁`; quoted if it is no identifier."""
     parts = latex.stem_and_index(name)
     return quoted(name) if parts is None else parts[0] + parts[1].translate(_SUBSCRIPTS)
 
 
 def _constant(value: Scalar) -> str:
-    """A literal; a negative number with the sign of mathematics."""
     text = literal_text(value)
     return text if isinstance(value, str) else re.sub("^-", _MINUS, text)
 
@@ -89,7 +86,7 @@ _LATEX: Final = Notation(
 )
 
 WIDTH: Final = 72
-"""Characters on a line of a formula in LaTeX, roughly what fits a page of one column in 10 pt."""
+"""Characters per line of a LaTeX formula: about one column in 10 pt."""
 _INDENT: Final = 3
 
 
@@ -98,34 +95,27 @@ def _formula(part: RVAFT | Branch) -> Formula:
 
 
 def property_text(part: RVAFT | Branch, *, limit: int = DEFAULT_LIMIT) -> str:
-    """The property in plain text: `;` in sequence, `&` in any order, `|` one of them.
-
-    Raises `TooLarge` beyond `limit` pieces.
-    """
+    """Return the property in plain text; raises `TooLarge` beyond `limit` pieces."""
     return write(_formula(part), TEXT, limit=limit)
 
 
 def property_unicode(part: RVAFT | Branch, *, limit: int = DEFAULT_LIMIT) -> str:
-    """The property on one line of Unicode: `move(Waypoint, _) · [T₂ ≥ T₁ + 10]`.
-
-    Raises `TooLarge` beyond `limit` pieces.
-    """
+    """Return the property as one line: `move(Waypoint, _) · [T₂ ≥ T₁ + 10]`; raises `TooLarge`."""
     return visible(write(_formula(part), _UNICODE, limit=limit))
 
 
 def property_latex(part: RVAFT | Branch, *, width: int | None = None, limit: int = DEFAULT_LIMIT) -> str:
-    r"""The property in LaTeX's mathematics, without dollar signs or an environment; needs the package `amsmath`.
+    r"""Return the property in LaTeX mathematics without an environment; needs `amsmath`.
 
-    With a `width`, in characters, a longer formula is broken for an environment in which `&` stands
-    before it, such as `align*`: a line ends with `\\`, and the next starts with `&\quad` and a
-    sign. Raises `TooLarge` beyond `limit` pieces.
+    With a `width` in characters, long formulas are broken for an environment like `align*`, with
+    `\\` and `&\quad`. Raises `TooLarge` beyond `limit` pieces.
     """
     term = _formula(part)
     if width is None:
         return write(term, _LATEX, limit=limit)
     lines, used = [""], 0
     for text, shown in zip(breakable(term, _LATEX, limit=limit), breakable(term, _UNICODE, limit=limit), strict=True):
-        if lines[-1] and used + len(shown) > width:  # how wide a part is, its Unicode tells
+        if lines[-1] and used + len(shown) > width:  # the Unicode form approximates the width
             lines[-1] = f"{lines[-1].rstrip()} "
             lines.append(" ")
             used = _INDENT
@@ -135,7 +125,9 @@ def property_latex(part: RVAFT | Branch, *, width: int | None = None, limit: int
 
 
 def equation_latex(part: RVAFT | Branch, *, width: int | None = WIDTH, limit: int = DEFAULT_LIMIT) -> str:
-    r"""The property with its name before it, as a row of `align*`: `\varphi_{1} &= …`. Raises `TooLarge`."""
+    r"""Return the property with its name as a row of `align*`: `\varphi_{1} &= …`; raises
+    `TooLarge`.
+    """
     index = _index(part)
     shown = index if index.isdigit() else rf"\mathrm{{{index}}}"
     sign = rf"\varphi_{{{shown}}}" if index else r"\varphi"
@@ -143,9 +135,7 @@ def equation_latex(part: RVAFT | Branch, *, width: int | None = WIDTH, limit: in
 
 
 def align_latex(parts: Iterable[RVAFT | Branch], *, width: int | None = WIDTH) -> Iterator[str]:
-    """The properties as one `align*` over any number of pages, line by line, each behind a comment
-    that names its kinds.
-    """
+    """Yield the lines of an `align*` with the properties, each after a comment with its kinds."""
     yield r"% Needs \usepackage{amsmath} and \usepackage{textcomp}."
     yield r"\begingroup\allowdisplaybreaks"
     yield r"\begin{align*}"
@@ -160,18 +150,18 @@ def align_latex(parts: Iterable[RVAFT | Branch], *, width: int | None = WIDTH) -
 
 
 def property_sign(part: RVAFT | Branch) -> str:
-    """What the property is called, in Unicode: φ for a tree, φ₁ for its branch 1, φ(fault) for the part of a kind."""
+    """Return the name of the property: φ for a tree, φ₁ for branch 1, φ(fault) for a kind."""
     index = _index(part)
     return f"φ{index.translate(_SUBSCRIPTS) if index.isdigit() else f'({index})' if index else ''}"
 
 
 def kinds_of(part: RVAFT | Branch) -> frozenset[Kind]:
-    """The kinds of the nodes that a property is about."""
+    """Return the kinds of the nodes of a property."""
     return part.kinds if isinstance(part, Branch) else frozenset(n.kind for n in part.top_down() if n.kind is not None)
 
 
 def _index(part: RVAFT | Branch) -> str:
-    """What tells the property from others of the same tree: a number, a kind, or nothing."""
+    """Return the index of the property: a branch number, a kind, or ""."""
     if isinstance(part, Branch):
         return str(part.number)
     return str((part.part_of and (part.part_of.kind or part.part_of.branch)) or "")

@@ -1,11 +1,9 @@
-"""A tree as a picture for a page: laid out here, without Graphviz, with hooks for styles and
-scripts instead of colours.
+"""A tree as an SVG for pages, laid out without Graphviz; classes instead of colours.
 
-A node stands below all its parents, and above the middle of the children that are drawn from it
-alone; a shared node is drawn once, with a line from every parent. Each node is a group of the class
-`node` with its kind, and its number in top-down order in `data-node`; in it are a `box`, its text,
-its gate, and an empty text of the class `badge`. A line has the numbers of its ends in `data-line`.
-Text is escaped.
+Nodes are below all their parents, and centred above their own children; a shared node is drawn
+once. A node is a group of class `node` with its kind and `data-node` (its top-down number); it
+contains a `box`, text, a gate, and an empty text of class `badge`. Lines have the numbers of their
+ends in `data-line`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,23 +17,21 @@ from rvaft.model.tree import RVAFT
 from rvaft.support.terminal import visible
 
 SCREEN: Final = Look(events=True, wrap=20)
-"""What a page shows: there is room for events and guards."""
+"""The look on a page."""
 CROWDED: Final = Look(events=True, wrap=14, stagger=True)
-"""The same of a tree that is wide."""
+"""The look of a wide tree."""
 MANY: Final = 12
-"""Leaves of a tree beyond which it is wide."""
+"""Number of leaves above which a tree is wide."""
 _CHARACTER, _LINE, _PAD, _MARGIN = 7.2, 15, 8, 9
-"""The width of a column of text, the height of a line, and the room around the text of a box and around the picture."""
+"""Width of a column of text, height of a line, padding of a box, and margin of the picture."""
 _ACROSS, _DOWN, _GATE = 14, 26, 22
-"""The room between boxes side by side, between a gate and the children, and the height of a gate with its stem."""
+"""Gap between boxes, gap between a gate and the children, and height of a gate with its stem."""
 _CLASSES: Final[Mapping[Role, str]] = {Role.PLAIN: "", Role.BOLD: "name", Role.EVENT: "event", Role.GUARD: "guard"}
 
 
 @dataclass(slots=True)
 class SvgBox:
-    """A node on the picture: its lines of text with their classes, its size with the gate, its
-    level and the place of its upper middle.
-    """
+    """A drawn node: text lines with classes, size with the gate, level, and its top centre."""
 
     node: Node
     lines: Sequence[tuple[str, str]]
@@ -47,12 +43,12 @@ class SvgBox:
 
     @property
     def bottom(self) -> float:
-        """Where lines to the children begin."""
+        """The lower end, where lines to the children begin."""
         return self.y + self.height + (_GATE if self.node.gate is not None else 0)
 
 
 def svg_text(tree: RVAFT, look: Look | None = None) -> str:
-    """The tree as the text of an `svg` element; without a look one that suits a page.
+    """Return the tree as an `svg` element.
 
     >>> import rvaft
     >>> text = svg_text(rvaft.loads('top and a b; a label "<b>";'))
@@ -82,9 +78,9 @@ def _box(node: Node, look: Look) -> SvgBox:
 
 
 def _place(part: View, look: Look, boxes: Mapping[str, SvgBox]) -> tuple[float, list[float]]:
-    """Give every box its place; the width of the picture, and where each level ends."""
+    """Position all boxes; return the width of the picture and the bottom of each level."""
     above: dict[str, str] = {}
-    for node in part.nodes:  # parents first: a shared node is drawn below the deepest of its parents
+    for node in part.nodes:  # parents first: a shared node goes below its deepest parent
         for place, child in enumerate(part.children(node)):
             lower = look.stagger and place % 2 == 1 and boxes[child].node.leaf
             level = boxes[node.name].level + 1 + lower
@@ -93,8 +89,7 @@ def _place(part: View, look: Look, boxes: Mapping[str, SvgBox]) -> tuple[float, 
     own: dict[str, list[str]] = {node.name: [] for node in part.nodes}
     for node in part.nodes:
         own[node.name] = [child for child in dict.fromkeys(part.children(node)) if above[child] == node.name]
-    # From the leaves up, each subtree as close to that on its left as the outlines of both allow:
-    # what they reach on each level.
+    # Bottom up: move each subtree as close to its left neighbour as their outlines permit.
     shift: dict[str, float] = {}
     outlines: dict[str, dict[int, tuple[float, float]]] = {}
     for node in reversed(part.nodes):
@@ -119,7 +114,7 @@ def _place(part: View, look: Look, boxes: Mapping[str, SvgBox]) -> tuple[float, 
     heights = [0.0] * (max(box.level for box in boxes.values()) + 1)
     for box in boxes.values():
         heights[box.level] = max(heights[box.level], box.height + _GATE * (box.node.gate is not None))
-    tops, bottoms = [float(_MARGIN + 8)], list[float]()  # a badge stands above the first box
+    tops, bottoms = [float(_MARGIN + 8)], list[float]()  # room for a badge
     for height in heights:
         bottoms.append(tops[-1] + height)
         tops.append(bottoms[-1] + _DOWN)
@@ -135,11 +130,13 @@ def _place(part: View, look: Look, boxes: Mapping[str, SvgBox]) -> tuple[float, 
 def _lines(
     node: Node, part: View, boxes: Mapping[str, SvgBox], bottoms: Sequence[float], number: Mapping[str, int]
 ) -> Iterator[str]:
-    """The lines from a gate to the children; where their order matters and may not be seen, with the numbers of it."""
+    """Yield the lines from a gate to the children, with numbers where their order may not be
+    visible.
+    """
     box, children = boxes[node.name], part.children(node)
     for place, child in enumerate(children):
         below = boxes[child]
-        # Straight down past boxes of the same level, across between two levels, and straight down to the child.
+        # Vertical to the end of the level, a curve between two levels, then vertical to the child.
         end, begin = bottoms[box.level], bottoms[box.level] + _DOWN
         bends = f"C{box.x:.1f} {(end + begin) / 2:.1f} {below.x:.1f} {(end + begin) / 2:.1f} {below.x:.1f} {begin:.1f}"
         way = f"M{box.x:.1f} {box.bottom:.1f}V{end:.1f}{bends}V{below.y:.1f}"
@@ -149,7 +146,7 @@ def _lines(
 
 
 def _drawn(box: SvgBox, number: int) -> Iterator[str]:
-    """A node: its tooltip, box, lines of text, gate and badge."""
+    """Yield the elements of a node."""
     node, left = box.node, box.x - box.width / 2
     words = ["node", node.kind.value if node.kind else "", "condition" if is_condition(node) else ""]
     yield f'<g class="{" ".join(filter(None, words))}" data-node="{number}">'

@@ -1,8 +1,7 @@
 """A tree as text for the terminal: one line per node, children in order.
 
-A shared node is drawn once in full and referred to after that. Indentation is bounded: what lies
-deeper goes on in a section of its own further down, so a chain of thousands of gates stays readable
-and linear in size.
+A shared node is drawn once and then referred to. Deep parts continue in a section of their own, so
+that long chains of gates stay readable and linear in size.
 """
 
 from collections import deque
@@ -16,17 +15,15 @@ from rvaft.model.tree import RVAFT
 from rvaft.support.terminal import visible
 
 MAX_LEVELS = 20
-"""Levels of indentation before a new section begins; three columns each leave room for text on a terminal."""
+"""Maximum levels of indentation in a section."""
 MARK: Final = "● "
-"""What stands before the line of a marked node; the same width of space before the others."""
+"""The prefix of marked lines."""
 _COLOURS: Final = {Kind.FAULT: "1;33", Kind.ATTACK: "1;31", None: "1"}
 _FAINT: Final = "2"
 
 
 def tree_text(tree: RVAFT, look: Look = TERMINAL, *, colour: bool = False) -> str:
-    """The whole drawing; with marks, marked nodes stand out, and with `colour` they have ANSI escapes too.
-
-    Raises `OptionError` for a look that the tree cannot have.
+    """Return the tree as text; `colour` adds ANSI escapes for marks. Raises `OptionError`.
 
     >>> import rvaft
     >>> print(tree_text(rvaft.loads("top or a b; a fault;")), end="")
@@ -51,9 +48,7 @@ def tree_text(tree: RVAFT, look: Look = TERMINAL, *, colour: bool = False) -> st
 
 
 def _lines(tree: RVAFT, look: Look, part: View) -> Iterator[tuple[str, str, str | None, bool]]:
-    """Each line with its node, the parent from which it refers to one drawn elsewhere, and whether
-    an event is named here.
-    """
+    """Yield lines with their node, the parent of a reference, and whether events are shown."""
     sections = deque([tree.root])
     drawn: set[str] = set()
     while sections:

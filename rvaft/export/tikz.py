@@ -1,6 +1,5 @@
-"""A tree as a LaTeX document with the package `forest`, without Graphviz.
-
-`forest` draws trees: a shared node is drawn once in full, and as a small grey box with round corners after that.
+"""A tree as a LaTeX document with the package `forest`; a shared node is repeated as a small grey
+box.
 """
 
 from collections.abc import Iterator, Mapping
@@ -12,7 +11,7 @@ from rvaft.model.nodes import Gate, Kind
 from rvaft.model.tree import RVAFT
 
 _OURS = str.maketrans({"[": "{[}", "]": "{]}", "*": "{*}"})
-"""What means something to `forest`, or behind the end of a line."""
+"""Characters with a meaning in `forest`, or after a line break."""
 _BREAK: Final = r"\\"
 _FORMS: Final = {
     Role.PLAIN: "{}",
@@ -72,21 +71,20 @@ _TAIL: Final = r"""\end{forest}
 \end{document}
 """
 _UNDER: Final = r"at ([yshift=-6pt]current bounding box.south west)"
-"""Where the next line below the tree goes: under everything that is there."""
+"""The position below everything drawn so far."""
 
 
 def tikz_text(tree: RVAFT, look: Look = PLAIN) -> str:
-    """The document; raises `OptionError` for a look that the tree cannot have."""
+    """Return the document; raises `OptionError`."""
     part = view(tree, look)
     return "\n".join([_HEAD + "\n".join(_brackets(tree, look, part)), *_below(look, part), _TAIL])
 
 
 def _brackets(tree: RVAFT, look: Look, part: View) -> Iterator[str]:
-    """The nested brackets of the tree, one node or gate on a line."""
+    """Yield the nested brackets of the tree, one node or gate per line."""
     marks = look.marks
 
     def edge(*, marked: bool) -> str:
-        """How the line from the parent is drawn."""
         return "" if marks is None else ", edge={very thick}" if marked else ", edge={draw=black!30}"
 
     drawn: set[str] = set()
@@ -123,7 +121,7 @@ def _brackets(tree: RVAFT, look: Look, part: View) -> Iterator[str]:
 
 
 def _below(look: Look, part: View) -> Iterator[str]:
-    """What the marks say, and the legend, line by line under the tree."""
+    """Yield the lines of the marks and the legend below the tree."""
     for text in look.marks.below if look.marks is not None else ():
         yield rf"\node[anchor=north west, font=\footnotesize\sffamily] {_UNDER} {{{_flat(text)}}};"
     if look.legend and (signs := list(legend(part, look.marks, graph=False))):
@@ -135,7 +133,7 @@ def _below(look: Look, part: View) -> Iterator[str]:
 
 
 def escaped(text: str) -> str:
-    """The text for a node: no character keeps a special meaning."""
+    """Return the text escaped for a node."""
     return latex.escaped(text).translate(_OURS)
 
 

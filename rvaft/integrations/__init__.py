@@ -1,5 +1,4 @@
-"""Connections to other systems: ROS, Apache Spark, Foxglove, MQTT, and browsers that look at a live page.
+"""Connections to ROS, Apache Spark, Foxglove, MQTT and browsers.
 
-Each needs an extra or a server. Nothing else in `rvaft` imports them: commands, formats of logs and publishers of
-detections are found by their entry points.
+Each needs an extra or a server. The rest of `rvaft` finds them by entry points only.
 """

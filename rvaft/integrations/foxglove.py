@@ -1,9 +1,8 @@
-"""Detections and verdicts for Foxglove: channels in a file of MCAP, or of a WebSocket server to
-which Foxglove connects while the monitor runs.
+"""Detections and verdicts for Foxglove, in an MCAP file or from a WebSocket server.
 
-Messages are JSON with a schema: on `/rvaft/detections` what a command is told of a detection, on
-`/rvaft/verdicts` each change of a verdict. They are logged at the time of their event where the
-tree says where its events have one, else at the time when they are logged. Needs `foxglove-sdk`.
+Messages are JSON with a schema: detections (as for commands) on `/rvaft/detections`, changes of
+verdicts on `/rvaft/verdicts`. Their log time is that of the event if the tree declares times, else
+the current time. Needs `foxglove-sdk`.
 """
 
 import os
@@ -50,16 +49,14 @@ _SCHEMAS: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
     ),
     VERDICTS: ("rvaft.Verdict", {**_ABOUT, "verdict": _TEXT, "verdicts": {"type": "object"}}),
 }
-"""For each channel the name of its messages, and what they have."""
+"""For each channel: schema name and properties."""
 
 
 class FoxgloveSink(Publisher):
-    """Writes messages to a file named `.mcap`, whole once it is closed, or sends them from a port
-    (a number, or `HOST:PORT`); a context manager.
+    """Publishes to a `.mcap` file, complete once closed, or on a port (a number or `HOST:PORT`).
 
-    What cannot be written is told to `warn` at once and stops nothing; `close` raises `OSError` for
-    it. Raises `OptionError` for what is neither file nor port and for a port that cannot be had,
-    `OSError` for a file that cannot be written, and `ToolMissing`.
+    A failure to write is reported to `warn` at once, and raised by `close` as `OSError`. Raises
+    `OptionError` for an invalid target or an unavailable port, `OSError` and `ToolMissing`.
 
     >>> import rvaft, tempfile
     >>> from pathlib import Path
@@ -89,7 +86,7 @@ class FoxgloveSink(Publisher):
         found = port_of(target)
         remedy = "pip install '.[foxglove]' in a checkout of rvaft"
         sdk = installed("foxglove", "foxglove-sdk", remedy)
-        context = self._context = sdk.Context()  # gone, its channels would be closed
+        context = self._context = sdk.Context()  # a context without references closes its channels
         self._channels = {
             topic: sdk.Channel(topic, schema={"type": "object", "title": title, "properties": has}, context=context)
             for topic, (title, has) in _SCHEMAS.items()
@@ -109,22 +106,21 @@ class FoxgloveSink(Publisher):
 
     @classmethod
     def serves(cls, target: int | str | os.PathLike[str]) -> bool:
-        """Whether the target is a port, not a file of MCAP; raises `OptionError` for anything else."""
+        """Whether the target is a port, not an MCAP file; raises `OptionError`."""
         return port_of(target) is not None
 
     def close(self) -> None:
-        """End the server, or write the rest of the file and put it in its place; raises `OSError` where that fails."""
+        """Stop the server or finish the file; raises `OSError`."""
         if self._file is None:
             self._open.stop()
         elif not self._file.closed:
-            with suppress(RuntimeError):  # the file knows why
+            with suppress(RuntimeError):  # the file has the reason
                 self._open.close()
             self._file.finish()
 
     def on_detection(self, **options: Unpack[MonitorOptions]) -> Callable[[Json], Verdict]:
-        """A function to be called with each event, as that of `rvaft.on_detection`, with the same options.
-
-        What is detected goes to Foxglove.
+        """Return a function that reads one event and publishes detections; options as for
+        `rvaft.on_detection`.
         """
         monitor, buffer = rvaft.monitor(self._tree, **options), EventBuffer()
         number, about = 0, {"tree": self._name}
@@ -148,7 +144,7 @@ class FoxgloveSink(Publisher):
         return step
 
     def change(self, change: VerdictChange) -> None:
-        """Log what an event changed, and what it detected."""
+        """Publish changed verdicts and detections."""
         watch, labels = change.watch, [column.label for column in change.watch.monitors.columns]
         again = {"again": True} if change.number <= self.told_before else {}
         about = {"tree": self._name, "trace": watch.trace, **self._key(watch), "event": change.number, **again}
@@ -171,9 +167,7 @@ class FoxgloveSink(Publisher):
 
 
 def port_of(target: int | str | os.PathLike[str]) -> tuple[str, int] | None:
-    """The host and the port that a text or a number stands for, None for a file of MCAP.
-
-    Raises `OptionError` for what is neither.
+    """Return host and port, or None for an MCAP file; raises `OptionError`.
 
     >>> port_of(8765), port_of("0.0.0.0:8765"), port_of("run.mcap")
     (('127.0.0.1', 8765), ('0.0.0.0', 8765), None)
@@ -188,9 +182,7 @@ def port_of(target: int | str | os.PathLike[str]) -> tuple[str, int] | None:
 
 
 class _File:
-    """A file that is written under another name in its folder until it is whole; remembers the
-    first failure, after which nothing is written.
-    """
+    """A file written under a temporary name; remembers the first failure and then ignores writes."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -198,7 +190,7 @@ class _File:
         self._new = path.with_name(f".{path.name[:100]}.new")
         with telling("cannot write", path):
             if path.is_dir():
-                raise IsADirectoryError(None, "it is a folder; name a file")
+                raise IsADirectoryError(None, "the path is a folder; name a file")
             self._stream: BinaryIO = self._new.open("wb")
 
     @property
@@ -215,8 +207,8 @@ class _File:
         return self._unless_failed(lambda: self._stream.seek(offset, whence), offset)
 
     def _unless_failed(self, do: Callable[[], Given], otherwise: Given) -> Given:
-        """Do what is asked, or remember why it failed; the library is told that all is well, since
-        it would say so again and again.
+        """Call a function, or remember its failure; the library would report the same error
+        repeatedly.
         """
         if self.failure is None:
             try:
@@ -226,11 +218,11 @@ class _File:
         return otherwise
 
     def finish(self) -> None:
-        """Put the file in its place; raises `OSError`, and leaves none then, if not all of it was written."""
+        """Move the file into place; on a failure remove it and raise `OSError`."""
         with telling("cannot write", self.path):
             try:
                 self.flush()
-                with suppress(OSError):  # what could not be flushed
+                with suppress(OSError):  # after a failed flush
                     self._stream.close()
                 if self.failure is not None:
                     raise self.failure

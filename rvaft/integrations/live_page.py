@@ -1,9 +1,8 @@
-"""A page over HTTP: what a request is answered, whoever asks it, and a small server that answers one log's browsers.
+"""The live page over HTTP: answers to requests, and a small server for the browsers of one log.
 
-There is a page at `/`, and where it is live a stream of server-sent events at `/events`: each has
-as its `id` the cursor with which a browser that lost the stream asks again, and as JSON what is new
-since the cursor before. Nothing else is there, nothing can be sent, and no text of a request comes
-back.
+`/` is the page, and `/events` a stream of server-sent events for a live page. The `id` of an event
+is a cursor with which a browser reconnects; its data are the changes as JSON. Requests cannot
+change anything, and answers never contain text of a request.
 """
 
 import socket
@@ -23,26 +22,26 @@ from rvaft.reports.log_report import policy
 from rvaft.support.network import LOCAL, own, unavailable
 
 PERIOD: Final = 0.25
-"""Seconds between two looks for what is new."""
+"""Seconds between checks for updates."""
 BROWSERS: Final = 32
-"""Requests that are answered at once; a page holds one."""
+"""Maximum number of concurrent requests; an open page needs one."""
 _PATIENCE: Final = 10.0
-"""Seconds that a browser has to say what it wants, or to take what it is sent."""
+"""Timeout in seconds for reading requests and sending answers."""
 _HEARTBEAT: Final = 5.0
-"""Seconds after which something is sent, to find out who is gone."""
+"""Seconds between messages that detect closed connections."""
 _REFUSALS: Final = {
-    HTTPStatus.FORBIDDEN: "this server goes by its address or by localhost; allow others with --origin",
-    HTTPStatus.NOT_FOUND: "there is only the page, at /",
-    HTTPStatus.METHOD_NOT_ALLOWED: "only GET",
-    HTTPStatus.SERVICE_UNAVAILABLE: "too many browsers; close another one",
+    HTTPStatus.FORBIDDEN: "host not allowed: use the server's address or localhost, or allow the host with --origin",
+    HTTPStatus.NOT_FOUND: "not found: the page is at /",
+    HTTPStatus.METHOD_NOT_ALLOWED: "allowed methods: GET",
+    HTTPStatus.SERVICE_UNAVAILABLE: "too many open pages; close another one",
 }
 Told = tuple[str, bytes]
-"""A cursor, and what is new up to it."""
+"""A cursor, and the changes up to it."""
 Asked = Literal["page", "events"]
 
 
 def asked(target: str, *, live: bool) -> Asked | None:
-    """What the target of a request asks for, if that is there.
+    """Return the kind of resource at a request target, or None.
 
     >>> asked("/", live=True), asked("/events?after=1", live=True), asked("/../etc/passwd", live=True)
     ('page', 'events', None)
@@ -52,14 +51,14 @@ def asked(target: str, *, live: bool) -> Asked | None:
 
 
 def cursor_of(target: str, last: str | None) -> str:
-    """The cursor of a request for events: that of the last event that the browser had, or else what the target says."""
+    """Return the cursor of a request for events: the last event id, or else that in the target."""
     with suppress(ValueError):
         return last or parse_qs(urlsplit(target).query).get("after", [""])[0]
     return ""
 
 
 def message(told: Told) -> bytes:
-    r"""What is new as one event of a stream.
+    r"""Return changes as a server-sent event.
 
     >>> message(("7", b"{}"))
     b'id: 7\ndata: {}\n\n'
@@ -69,7 +68,7 @@ def message(told: Told) -> bytes:
 
 
 def headers(kind: Asked | None, *, live: bool) -> Mapping[str, str]:
-    """What every answer says of itself: what it is, what a browser may do with it, and that it is not to be kept."""
+    """Return the headers of an answer: type, content policy, and no caching."""
     types = {"page": "text/html", "events": "text/event-stream", None: "text/plain"}
     return {
         "Content-Type": f"{types[kind]}; charset=utf-8",
@@ -82,7 +81,7 @@ def headers(kind: Asked | None, *, live: bool) -> Mapping[str, str]:
 
 
 def refusal(status: HTTPStatus, more: str = "") -> str:
-    r"""What a request that is refused is told, in one line; `more` is said of what there is here.
+    r"""Return the text of a refusal; `more` completes the list of what is there.
 
     >>> refusal(HTTPStatus.NOT_FOUND, ", and WebSocket")
     '404 there is only the page, at /, and WebSocket\n'
@@ -91,19 +90,19 @@ def refusal(status: HTTPStatus, more: str = "") -> str:
 
 
 class Questions:
-    """What browsers ask, each in a thread of its own, and the thread that reads the log answers when it has time."""
+    """Requests of browser threads, answered by the thread that reads the log."""
 
     def __init__(self) -> None:
         self._waiting: SimpleQueue[tuple[str | None, Future[Any]]] = SimpleQueue()
 
     def ask(self, cursor: str | None) -> Any:
-        """The answer, which is waited for: what is new since a cursor, or without one the page."""
+        """Wait for and return the changes since a cursor, or the page for None."""
         future: Future[Any] = Future()
         self._waiting.put((cursor, future))
         return future.result()
 
     def answer(self, make: Callable[[str | None], Any], *, wait: float = 0.0) -> None:
-        """Answer all that is asked now; for the first it may be waited so many seconds."""
+        """Answer all pending requests; wait up to so many seconds for the first."""
         with suppress(Empty):
             while True:
                 cursor, future = self._waiting.get(timeout=wait) if wait else self._waiting.get_nowait()
@@ -115,17 +114,18 @@ class Questions:
                     raise
 
     def close(self) -> None:
-        """Nobody answers any more."""
+        """Cancel pending requests."""
         with suppress(Empty):
             while True:
                 self._waiting.get_nowait()[1].cancel()
 
 
 class PageServer(ThreadingHTTPServer):
-    """Gives browsers a page, and where it is `live` what is new: `ask` is given a cursor, or None for the page.
+    """Serves a page to browsers and, if `live`, updates: `ask` receives a cursor, or None for the
+    page.
 
-    Port 0 is any that is free; `origins` are those whose hosts this server may be called by, beside
-    addresses. Raises `OSError` where the address cannot be listened at.
+    Port 0 is any free port; `origins` are the allowed host names besides addresses. Raises
+    `OSError`.
     """
 
     daemon_threads = True
@@ -154,20 +154,20 @@ class PageServer(ThreadingHTTPServer):
         self.url = f"http://{shown}:{self.server_address[1]}/"
 
     def server_bind(self) -> None:
-        """Bind, without asking any name server for a name."""
+        """Bind without a name server look-up."""
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         self.socket.bind(self.server_address)
         self.server_address = self.socket.getsockname()
 
     def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002 (the interface)
-        """A browser that is gone is no error; a defect is one line."""
+        """Ignore closed connections; report defects in one line."""
         error = sys.exception()
         if not isinstance(error, OSError | CancelledError):
             print(f"rvaft: error: a defect in rvaft ended a request: {type(error).__name__}: {error}", file=sys.stderr)
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """Within, browsers are answered."""
+        """Answer browsers within the context."""
         thread = Thread(target=self.serve_forever, kwargs={"poll_interval": PERIOD}, daemon=True)
         thread.start()
         try:
@@ -179,19 +179,19 @@ class PageServer(ThreadingHTTPServer):
 
 
 class _Answering(BaseHTTPRequestHandler):
-    """One request; the connection ends with it."""
+    """One request; the connection is closed after it."""
 
     server: PageServer
     server_version, sys_version = "rvaft", ""
     default_request_version = "HTTP/1.1"
-    """Also what is no request gets an answer with a status."""
+    """Malformed requests also get an answer with a status."""
     protocol_version = "HTTP/1.1"
     error_content_type = "text/plain; charset=utf-8"
     error_message_format = "%(code)d %(message)s\n"
     timeout = _PATIENCE
 
     def do_GET(self) -> None:
-        """The page, or the stream of what is new."""
+        """Send the page or the stream of updates."""
         server = self.server
         kind = asked(self.path, live=server.live)
         if not own(self.headers.get_all("Host", []), server.origins):
@@ -214,13 +214,13 @@ class _Answering(BaseHTTPRequestHandler):
     do_HEAD = do_GET  # noqa: N815 (the interface)
 
     def do_POST(self) -> None:
-        """Nothing is taken."""
+        """Refuse all methods but GET and HEAD."""
         self._refuse(HTTPStatus.METHOD_NOT_ALLOWED, " and HEAD")
 
     do_PUT = do_DELETE = do_PATCH = do_OPTIONS = do_TRACE = do_CONNECT = do_POST  # noqa: N815 (the interface)
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:  # noqa: ARG002
-        """What is no request is told so; the message would repeat it."""
+        """Answer a malformed request without repeating it."""
         super().send_error(code)
 
     def _stream(self, cursor: str) -> None:
@@ -257,4 +257,4 @@ class _Answering(BaseHTTPRequestHandler):
         self.end_headers()
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 (the interface)
-        """Who asks for what is nobody's business."""
+        """Do not log requests."""

@@ -1,11 +1,8 @@
-"""Messages of MQTT as they come, read by `paho-mqtt`.
+"""Live MQTT messages from `mqtt://HOST[:PORT]/TOPIC` (wildcards `+` and `#`), read by `paho-mqtt`.
 
-`mqtt://HOST[:PORT]/TOPIC`, where the topic may have the wildcards `+` and `#`.
-
-An event is a payload, a JSON object, with `topic` and `time`, the nanoseconds at which it came, as
-in recordings of ROS. What MQTT loses is told where it was lost: messages while the connection was,
-those for which there was no room, a payload that is no JSON object, and a message that was retained
-from before, which is no event.
+An event is a JSON object with `topic`, and with `time`, its arrival in nanoseconds, as in ROS
+recordings. Lost messages are reported in place: after a lost connection, when the buffer is full,
+and for payloads that are no JSON objects. Retained messages are reported and ignored.
 """
 
 import os
@@ -29,19 +26,19 @@ if TYPE_CHECKING:
     from paho.mqtt.client import MQTTMessage
 
 ROOM: Final = 64 * 1024 * 1024
-"""Bytes of messages that wait for the monitor; others are lost, and that is told."""
+"""Bytes of buffered messages; beyond it messages are dropped and reported."""
 USER: Final = "MQTT_USERNAME"
 PASSWORD: Final = "MQTT_PASSWORD"  # noqa: S105 (the name of the variable that has it)
 _EACH: Final = 500
-"""Bytes that a message takes beside its payload."""
+"""Bytes of overhead per message."""
 _POLL: Final = 0.2
-"""Seconds between two looks at whether somebody asked for the end."""
+"""Seconds between checks for a stop."""
 _PATIENCE: Final = 15.0
-"""Seconds in which a broker has to answer."""
+"""Timeout for the broker in seconds."""
 _ALIVE: Final = 30
-"""Seconds of silence after which the broker is asked whether it is there."""
+"""Keep-alive interval in seconds."""
 _SESSION: Final = 3600
-"""Seconds for which the broker shall keep messages for a connection that was lost."""
+"""Seconds for which the broker keeps messages after a lost connection."""
 _QOS: Final = {"0": 0, "1": 1, "2": 2}
 _VERSIONS: Final = {"3.1.1": 4, "5": 5}
 _FILTER: Final = re.compile(r"(?:(?:[^+#/\0]*|\+)/)*(?:[^+#/\0]*|\+|#)")
@@ -49,7 +46,7 @@ _HOW: Final = "a URL of MQTT is mqtt://HOST[:PORT]/TOPIC or mqtts://…, with / 
 
 
 class Address(NamedTuple):
-    """What a URL says: where the broker is, who asks, and for which messages.
+    """The parts of a URL: broker, credentials and topic filter.
 
     >>> address = Address.parse("mqtts://bob:secret@broker.example/doors/+/#?qos=1")
     >>> address.host, address.port, address.topic, address.qos, address.shown
@@ -68,8 +65,9 @@ class Address(NamedTuple):
 
     @classmethod
     def parse(cls, url: str, environment: Mapping[str, str] = os.environ) -> Self:
-        """The user and the password that the URL does not name are in the environment; raises
-        `OptionError`, which does not repeat the URL.
+        """Parse a URL; missing credentials come from the environment.
+
+        Raises `OptionError`, which does not repeat the URL.
         """
         scheme, _, rest = url.partition("://")
         authority, _, path = rest.partition("/")
@@ -85,13 +83,13 @@ class Address(NamedTuple):
         if not host or not topic:
             raise OptionError(_HOW)
         if not _FILTER.fullmatch(topic) or len(topic.encode()) > 0xFFFF:
-            why = "+ stands for a whole level, # for all at the end"
+            why = "+ must be a whole level, # must be the last level"
             raise OptionError(f"{topic[:80]!r} is no topic filter of MQTT: {why}")
         for name, value in asked.items():
             known = {"qos": _QOS, "version": _VERSIONS}.get(name)
             if known is None or value not in known:
                 raise OptionError(
-                    "behind ? a URL of MQTT says qos=0, 1 or 2, and version=3.1.1 or 5; a ? in a topic is %3F"
+                    "the query of an MQTT URL may have qos=0, 1 or 2, and version=3.1.1 or 5; write ? in a topic as %3F"
                 )
         user, _, password = said.partition(":")
         return cls(
@@ -108,7 +106,7 @@ class Address(NamedTuple):
 
 
 class MqttReader(LogReader):
-    """Messages of MQTT as they come.
+    """Live MQTT messages.
 
     >>> MqttReader.schemes, MqttReader.unit, MqttReader.shown("mqtt://bob:secret@localhost/doors/#")
     (('mqtt', 'mqtts'), 'message', 'mqtt://localhost/doors/#')
@@ -121,11 +119,11 @@ class MqttReader(LogReader):
 
     @classmethod
     def shown(cls, name: str) -> str:
-        """The URL without user and password; raises `OptionError` for what is none."""
+        """Return the URL without credentials; raises `OptionError`."""
         return Address.parse(name).shown
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
-        """The messages as they come, each with its number; those that are there when the end is asked for come, too."""
+        """Yield the messages with their numbers, including those buffered at the stop."""
         connection, number, odd = _Connection(Address.parse(log.url), log), 0, Counter[str]()
 
         def tell(what: str, place: str) -> None:
@@ -144,11 +142,11 @@ class MqttReader(LogReader):
                     raise arrival
                 came, message = arrival
                 if message.retain:
-                    tell("a message that was retained from before is no event", f"after message {number}")
+                    tell("a retained message is ignored", f"after message {number}")
                     continue
                 number += 1
                 if message.dup:
-                    tell("the broker says that it may have come before, so it may count twice", f"message {number}")
+                    tell("the broker marks it as a possible duplicate, so it may count twice", f"message {number}")
                 try:
                     event = _event(message, came, log)
                 except ValueError as error:
@@ -163,18 +161,16 @@ class MqttReader(LogReader):
 
 
 def _event(message: "MQTTMessage", came: int, log: Log) -> dict[str, Json]:
-    """The event that a message is; raises `ValueError` for what is none."""
+    """Return the event of a message; raises `ValueError`."""
     placed = partial(_placed, message.topic, came)
     return decode(bytes(message.payload), reads=log.reads, strict=log.strict, placed=placed)
 
 
 def _placed(topic: str, time: int, payload: dict[str, Json]) -> dict[str, Json]:
-    """The object of a payload with its topic and time; its own fields by these names stand
-    elsewhere, as of messages in a recording.
-    """
+    """Return a payload with topic and time; fields with these names are renamed as in recordings."""
     event = {TOPIC: topic, TIME: time, **{ELSEWHERE.get(name, name): value for name, value in payload.items()}}
     if len(event) < len(payload) + 2:
-        raise ValueError(f"it has a field and message_… of the same name, of {' and '.join(ELSEWHERE)}")
+        raise ValueError(f"the payload has a field and message_… of the same name, for {' and '.join(ELSEWHERE)}")
     if isinstance(payload, RepeatingObject):
         event = RepeatingObject(event)
         event.repeated = frozenset(ELSEWHERE.get(name, name) for name in payload.repeated)
@@ -182,9 +178,7 @@ def _placed(topic: str, time: int, payload: dict[str, Json]) -> dict[str, Json]:
 
 
 class _Waiting:
-    """What came and has not been looked at: messages as far as there is room, and what is to be
-    told at its place among them.
-    """
+    """A bounded queue of messages, with notices at their places among them."""
 
     def __init__(self) -> None:
         self._held = deque[tuple[Any, int]]()
@@ -192,7 +186,7 @@ class _Waiting:
         self._size = self._lost = 0
 
     def put(self, item: Any, size: int = 0) -> None:
-        """Take a message of that size, or what is to be told."""
+        """Add a message of that size, or a notice; count the message as lost if there is no room."""
         with self._changed:
             if size and self._held and self._size + size > ROOM:
                 self._lost += 1
@@ -203,7 +197,7 @@ class _Waiting:
             self._changed.notify()
 
     def get(self, timeout: float) -> Any:
-        """The next of them, None if nothing comes within these seconds."""
+        """Return the next item, or None after a timeout in seconds."""
         with self._changed:
             self._changed.wait_for(lambda: self._held or self._lost, timeout)
             if not self._held:
@@ -216,16 +210,13 @@ class _Waiting:
 
     def _note_lost(self) -> None:
         if self._lost:
-            said = f"{self._lost} message{'s' * (self._lost != 1)} came while {ROOM >> 20} MiB waited, and were lost"
+            said = f"{self._lost} message{'s' * (self._lost != 1)} lost: the buffer of {ROOM >> 20} MiB was full"
             self._held.append((said, 0))
             self._lost = 0
 
 
 class _Connection:
-    """A subscription, which a thread of its own keeps up.
-
-    It connects again whenever the connection is lost, and tells that.
-    """
+    """A subscription kept up by a thread; it reconnects and reports lost connections."""
 
     def __init__(self, address: Address, log: Log) -> None:
         remedy = "pip install '.[mqtt]' in a checkout of rvaft"
@@ -260,7 +251,7 @@ class _Connection:
         return client
 
     def open(self) -> None:
-        """Connect and subscribe; raises `TraceError` where that is refused or nobody answers."""
+        """Connect and subscribe; raises `TraceError`."""
         address = self._address
         try:
             kept = self._expiry("CONNECT", _SESSION)
@@ -275,13 +266,13 @@ class _Connection:
             if self._log.live.stop():
                 return
             if monotonic() > until:
-                raise self._log.error_at("nobody answers as a broker of MQTT does", None)
+                raise self._log.error_at("no MQTT broker answers", None)
         if self._refusal:
             raise self._log.error_at(self._refusal, None)
 
     def next(self) -> "tuple[int, MQTTMessage] | str | RvaftError | None":
-        """The next message with its time, or what is to be told, or the error that ends it all;
-        None after the last one, once the end was asked for.
+        """Return the next message with its time, a notice, or the final error; None after the last
+        one.
         """
         while True:
             if not self._closing and self._log.live.stop():
@@ -291,14 +282,14 @@ class _Connection:
                 return item
 
     def close(self) -> None:
-        """End the subscription; the broker keeps nothing for it."""
+        """End the subscription, and discard messages kept by the broker."""
         self._closing = True
         self._client.disconnect(properties=self._expiry("DISCONNECT", 0))
         if self._thread is not None:
             self._thread.join(_PATIENCE)
 
     def _expiry(self, packet: str, seconds: int) -> Any:
-        """What says for how long the broker keeps messages; nothing before version 5."""
+        """Return the session expiry property; None before version 5."""
         if self._address.version < 5:
             return None
         from paho.mqtt.packettypes import PacketTypes  # noqa: PLC0415 -- imported on use
@@ -311,11 +302,11 @@ class _Connection:
     def _serve(self) -> None:
         try:
             self._client.loop_forever()
-        except Exception as error:  # noqa: BLE001 (in a thread: else nobody would know that nothing comes any more)
+        except Exception as error:  # noqa: BLE001 (an exception in the thread must reach the reader)
             self._end(f"{type(error).__name__}: {error}")
 
     def _end(self, reason: str) -> None:
-        """There is no going on."""
+        """Report a final error."""
         if self._answered.is_set():
             self._waiting.put(self._log.error_at(reason, None))
         else:
@@ -325,7 +316,7 @@ class _Connection:
     def _connected(self, client: Any, _data: object, flags: Any, reason: Any, _properties: object) -> None:
         if reason.is_failure:
             who = (
-                f" (the URL, or {USER} and {PASSWORD}, say who asks)"
+                f" (give credentials in the URL, or in {USER} and {PASSWORD})"
                 if "uthori" in str(reason) or "user" in str(reason)
                 else ""
             )
@@ -333,14 +324,14 @@ class _Connection:
                 self._end(f"the broker refuses the connection: {reason}{who}")
             elif self._told != str(reason):
                 self._told = str(reason)
-                self._waiting.put(f"the broker refuses to connect again: {reason}; trying on")
+                self._waiting.put(f"the broker refuses to connect again: {reason}; retrying")
             return
         self._told = ""
         if self._lost_at is not None:
             kept = (
-                "the broker kept those of QoS 1 and 2 as far as its queue goes"
+                "the broker kept messages of QoS 1 and 2 as far as its queue allows"
                 if flags.session_present
-                else "it kept none"
+                else "the broker kept none"
             )
             seconds, self._lost_at = monotonic() - self._lost_at, None
             self._waiting.put(f"connected again after {seconds:.1f} s: messages may have been missed ({kept})")
@@ -354,7 +345,7 @@ class _Connection:
             return
         granted = min((reason.value for reason in reasons), default=0)
         if granted < self._address.qos:
-            self._waiting.put(f"the broker grants QoS {granted} only: messages may be missed or come again")
+            self._waiting.put(f"the broker grants QoS {granted} only: messages may be lost or repeated")
         self._answered.set()
 
     def _disconnected(self, _client: object, _data: object, _flags: object, reason: Any, _properties: object) -> None:

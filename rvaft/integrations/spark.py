@@ -1,8 +1,8 @@
-"""Fleets of systems on Apache Spark: one monitor for each key, over a table of events or a stream of them.
+"""Monitoring on Apache Spark: a monitor per key, over a table or a stream of events.
 
-Spark spreads the keys over its machines, puts the events of each key in the order of their times
-and keeps the state of each; what an event means is the business of the same run that `rvaft
-monitor` is, so verdicts are the same. Needs PySpark 4 (the extra `spark`) and a Java runtime.
+Spark distributes the keys, sorts the events of each by time, and keeps the state of each. Verdicts
+equal those of `rvaft monitor`, since the same run processes the events. Needs PySpark 4 (the extra
+`spark`) and Java.
 """
 
 import json
@@ -47,19 +47,19 @@ SCHEMA: Final = (
     "key string, event bigint, time string, detection int, branch int, kinds array<string>, "
     "record string, warning string"
 )
-"""The columns of detections and warnings, in Spark's words."""
+"""The columns of detections and warnings as a Spark schema."""
 _KEYED: Final = "key string, place bigint, part double, came bigint, text string"
-"""An event with its key and its place in the order: a whole number, the part of one beyond it, and how it came."""
+"""An event with its key and its place: integer part, fraction, and arrival."""
 _ORDER: Final = ["place", "part", "came"]
 _FIRST: Final = -(1 << 63)
-"""The place of what has none."""
+"""The place of an event without one."""
 _NO_KEY: Final = ""
 _STATE: Final = "state binary"
 _QUICK: Final = msgspec.json.Decoder(float_hook=decimal)
 
 
 class _Options(NamedTuple):
-    """What a worker needs to make its monitors: the tree as text, and the options in plain values."""
+    """The options of a worker as plain values, with the tree as text."""
 
     text: str
     name: str
@@ -76,12 +76,12 @@ class _Options(NamedTuple):
 
     @property
     def digest(self) -> bytes:
-        """By what the state of a key is known to belong to these options and this version of rvaft."""
+        """Identifies the options and the rvaft version of a stored state."""
         return sha256(f"{rvaft.__version__} {tuple(self)}".encode()).digest()
 
 
 class _Plan(NamedTuple):
-    """The options as a worker uses them."""
+    """The monitors and settings of a worker."""
 
     tree: RVAFT
     run: MonitoringPlan
@@ -106,30 +106,24 @@ def monitor(
     cooldown: str | None = None,
     strict_json: bool = False,
 ) -> "DataFrame":
-    """The detections in a table of events, or in a stream of them (`DataFrame.isStreaming`).
+    """Return the detections in a table or stream of events as a table or stream of `SCHEMA`.
 
-    A table of `SCHEMA`, or a stream to append to one.
+    The options are those of `rvaft monitor`: `key` names the key fields (dotted paths), `order_by`
+    the field that orders the events of a key (by default the `time` of the tree), `cooldown` is a
+    duration like `10 min`. Events are JSON texts in `column`, or in `value` if it is the only
+    column; otherwise rows are events, without null fields.
 
-    The options are those of `rvaft monitor`: `key` names the fields (dotted paths) by whose values
-    systems are told apart, `order_by` the field by which the events of each are put in order
-    (without it the field of the tree's `time`), `cooldown` is a duration as in a tree (`10 min`).
-    An event is the JSON text in `column`, or in `value` where that is the only column; elsewhere
-    each row is an event and its columns are the fields, without those that are null.
+    A detection has the `key` as JSON, the number of the `event` within its key, its `time`, the
+    number of the `detection` (with `repeat`), `branch`, `kinds`, and `record`, the JSON object that
+    `rvaft monitor` passes to commands. Rows with a `warning` and no record report events without
+    the key, lines that are no JSON objects, undefined guards, late events, and failed monitors.
 
-    A row of a detection has the `key` as JSON, `event`, the number of the event among those of its
-    key, its `time`, the number of the `detection` of that key where monitors repeat, `branch`,
-    `kinds`, and as `record` the object that `rvaft monitor` gives to commands. What is not counted
-    has a row with a `warning` and no record: events without the key, lines that are no JSON object,
-    undefined guards, late events, a monitor that grew too large.
+    A stream keeps the state of a key in Spark's state store. A query that is restarted from its
+    `checkpointLocation` continues, reports each detection once, and refuses another tree or
+    options. Events are sorted within a micro-batch; an event of an earlier time in a later batch is
+    processed on arrival, with a warning.
 
-    In a stream the state of a key is what `rvaft monitor --checkpoint` keeps of a run, in Spark's
-    own state store: a query that is started again from its `checkpointLocation` goes on where it
-    stopped and tells each detection once, and refuses another tree or other options. Events of one
-    micro-batch are put in order; those of an earlier time that come with a later batch stand where
-    they came, and a warning says so.
-
-    Raises `OptionError` for options that do not go together, `TreeError` as `rvaft.monitor` does,
-    and `ToolMissing` without PySpark, pandas or pyarrow.
+    Raises `OptionError`, `TreeError` as `rvaft.monitor` does, and `ToolMissing`.
     """
     try:
         import pandas  # noqa: F401, PLC0415 -- imported on use
@@ -138,7 +132,7 @@ def monitor(
     except ImportError as error:
         raise ToolMissing(error.name or "pyspark", remedy="pip install 'rvaft[spark]'") from error
     if order_by is None and tree.time is None:
-        raise OptionError("a table has no order: say order_by=FIELD, or `time FIELD as FORMAT;` in the tree")
+        raise OptionError("a table has no order: give order_by=FIELD, or declare `time FIELD as FORMAT;` in the tree")
     options = _Options(
         dumps(tree),
         name or tree.root,
@@ -153,7 +147,7 @@ def monitor(
         None if cooldown is None else duration(cooldown),
         strict_json,
     )
-    _planned(options)  # what is wrong with them is said here, not on a machine far away
+    _planned(options)  # raise errors here, not on a worker
     if column is None and events.columns == ["value"]:
         column = "value"
     text = spark.to_json(spark.struct("*")) if column is None else spark.col(column)
@@ -179,11 +173,9 @@ def _planned(options: _Options) -> _Plan:
 
 
 def _keyed(options: _Options, batches: Iterable["pyarrow.RecordBatch"]) -> Iterator["pyarrow.RecordBatch"]:
-    """Each event with its key as text, none for what has no key or is no JSON object, and its place in the order.
+    """Yield the events with key and place; rows without a key come first.
 
-    What has none is first.
-
-    Nothing here is null, of which tables in Python make numbers.
+    Columns have no nulls, since pandas would convert them to floats.
     """
     from pyspark import TaskContext  # noqa: PLC0415
 
@@ -205,7 +197,7 @@ def _keyed(options: _Options, batches: Iterable["pyarrow.RecordBatch"]) -> Itera
 
 
 def _object_in(text: str) -> dict[str, Json] | None:
-    """What is found in a text quickly; whether all is well with it is asked later, with the place where it stands."""
+    """Decode a text quickly; errors are reported later, with their place."""
     try:
         event = _QUICK.decode(text)
     except (ValueError, RecursionError):
@@ -217,8 +209,8 @@ def _object_in(text: str) -> dict[str, Json] | None:
 
 
 def _key_text(values: tuple[Json, ...] | None) -> str:
-    """The values of a key as JSON, the same text for equal values: 1 and 1.0 are one, and so are
-    objects in any order.
+    """Return the values of a key as JSON; equal values have the same text (1 and 1.0, any key
+    order).
     """
     text = json.dumps(values, sort_keys=True)
     if all(isinstance(value, (str, int, type(None))) for value in values or ()):
@@ -231,7 +223,7 @@ def _whole(number: float) -> int | float:
 
 
 class _Detections(Listener):
-    """Notes the detections of one key as rows."""
+    """Collects the detections of one key as rows."""
 
     def __init__(self, plan: _Plan, options: _Options, key: Json) -> None:
         self.rows: list[tuple[Any, ...]] = []
@@ -240,7 +232,7 @@ class _Detections(Listener):
         self._key = key
 
     def change(self, change: VerdictChange) -> None:
-        """One row for each match."""
+        """Add a row for each match."""
         tree, key = self._plan.tree, self._key
         for explanation, _, counts in change.detections:
             about = {
@@ -257,7 +249,7 @@ class _Detections(Listener):
 
 
 class _KeyRun:
-    """The run of one key, which goes on from a state and tells what is new."""
+    """The run of one key, from a stored state."""
 
     def __init__(self, options: _Options, group: str, state: bytes | None = None) -> None:
         self._options = options
@@ -273,8 +265,8 @@ class _KeyRun:
             size = len(options.digest)
             if state[:size] != options.digest:
                 raise OptionError(
-                    "the state in the checkpoint of this query is of another tree, of other options or of another"
-                    " version of rvaft: name another checkpointLocation to begin anew"
+                    "the checkpoint of this query belongs to another tree, other options or another"
+                    " version of rvaft: use another checkpointLocation to start again"
                 )
             found = cast("tuple[str, int, int, int, RunState]", unpacked(state[size:]))
             self._failure, self._rejected, self._unplaced, number, kept = found
@@ -284,7 +276,7 @@ class _KeyRun:
 
     @property
     def state(self) -> bytes:
-        """What another run of this key goes on from."""
+        """The state from which another run continues."""
         kept = None if self._failure else self._run.state
         return self._options.digest + packed((self._failure, self._rejected, self._unplaced, self._run.number, kept))
 
@@ -292,12 +284,12 @@ class _KeyRun:
     def _lines(self) -> list[str]:
         lines = [*self._run.warnings, *self._run.totals.data_warnings.lines]
         if self._unplaced:
-            what = f"without a number or time in the field {self._plan.order_by} stand before the others"
+            what = f"without a number or time in the field {self._plan.order_by} are placed before all others"
             lines.append(f"{counted(self._unplaced)} {what}")
         return [*lines, self._failure] if self._failure else lines
 
     def read(self, texts: Iterable[tuple[int, str]]) -> Iterator[tuple[Any, ...]]:
-        """The rows of detections and warnings that further events of this key bring, in their order."""
+        """Yield the rows for further events of this key, in order."""
         plan, rejected = self._plan, self._rejected
         refusals: list[str] = []
 
@@ -330,7 +322,7 @@ def _warning(key: Json, text: str) -> tuple[Any, ...]:
 
 
 def _without_key(options: _Options, texts: Iterable[tuple[int, str]]) -> Iterator[tuple[Any, ...]]:
-    """One warning for events that lack the key, and one for texts that are no JSON object."""
+    """Yield a warning for events without the key, and one for malformed texts."""
     plan = _planned(options)
     lacking, refusals, refused = 0, 0, ""
     for _, text in texts:
@@ -348,7 +340,7 @@ def _without_key(options: _Options, texts: Iterable[tuple[int, str]]) -> Iterato
 
 
 def _monitored(options: _Options, batches: Iterable["pyarrow.RecordBatch"]) -> Iterator["pyarrow.RecordBatch"]:
-    """The rows of all keys of one partition, whose events stand key after key, each in order."""
+    """Yield the rows of all keys of a partition, whose events are sorted by key and place."""
 
     def events() -> Iterator[tuple[str, int, str]]:
         for batch in batches:
@@ -362,7 +354,7 @@ def _monitored(options: _Options, batches: Iterable["pyarrow.RecordBatch"]) -> I
 
 
 def _batch(rows: Sequence[tuple[Any, ...]], schema: str) -> "pyarrow.RecordBatch":
-    """Rows as Arrow has them."""
+    """Return rows as an Arrow batch."""
     import pyarrow  # noqa: PLC0415 -- imported on use
 
     text = pyarrow.string()
@@ -377,14 +369,14 @@ def _batch(rows: Sequence[tuple[Any, ...]], schema: str) -> "pyarrow.RecordBatch
 
 
 def _columns(schema: str) -> dict[str, str]:
-    """The kind of each column of a schema."""
+    """Return the type of each column of a schema."""
     return dict(column.split(" ", 1) for column in schema.split(", "))
 
 
 def _stepped(
     options: _Options, key: tuple[str], tables: Iterable["pandas.DataFrame"], state: Any
 ) -> Iterator["pandas.DataFrame"]:
-    """The rows that one micro-batch brings for one key, whose state Spark keeps."""
+    """Yield the rows of one micro-batch for one key."""
     import pandas  # noqa: PLC0415 -- imported on use
 
     found = pandas.concat(list(tables)).sort_values(_ORDER, kind="stable")

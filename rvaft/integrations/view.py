@@ -1,4 +1,4 @@
-"""`rvaft view`: the page of `rvaft report` over HTTP, also while a log grows."""
+"""`rvaft view`: serves the page of `rvaft report` over HTTP, also while a log grows."""
 
 import sys
 from collections.abc import Callable, Sequence
@@ -24,11 +24,11 @@ from rvaft.support.terminal import visible
 
 _LATEST: Final = f"{MOST}  [default: {PLACES}; with --follow {SHOWN}, the latest]"
 _LINES: Final = 500
-"""Lines of what was said that a page has while a log grows."""
+"""Maximum number of messages on the page of a growing log."""
 
 
 class LivePageReporter(PageReporter):
-    """Answers what browsers ask while a log grows, whenever nothing of it is being read."""
+    """Answers browsers between batches of events while a log grows."""
 
     def __init__(
         self,
@@ -45,40 +45,40 @@ class LivePageReporter(PageReporter):
         self.run: TraceRun | None = None
 
     def pause(self, run: TraceRun) -> None:
-        """Nothing is being read."""
+        """Answer browsers; called while no event is being read."""
         if self.run is None:
             self._ready()
         self.run = run
         self._questions.answer(self.answer)
 
     def answer(self, cursor: str | None) -> Any:
-        """The page, or what is new since a cursor."""
+        """Return the page, or the changes since a cursor."""
         kept = self.sink.kept or []
         self._gone += max(len(kept) - _LINES, 0)
         del kept[: max(len(kept) - _LINES, 0)]
-        gone = [f"{counted(self._gone, 'line')} before these are no longer here"] if self._gone else []
+        gone = [f"{counted(self._gone, 'line')} before these are no longer on this page"] if self._gone else []
         odd = [f"rvaft: warning: {line}" for line in self.run.warnings] if self.run and not self.run.ended else []
         told = self.told([*gone, *odd, *(f"rvaft: warning: {line}" for line in self.report.left_out)])
         name = self.settings.name
         return self.report.page(name, told, live=True) if cursor is None else self.report.since(cursor, name, told)
 
     def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:
-        """The log is not followed any more; what is left out was told on the page."""
+        """Do nothing: the page already has all warnings."""
 
 
 @click.command("view")
 @page_options
 @options.number("--max-events", text=_LATEST)
-@click.option("--follow", is_flag=True, help="Go on as the log grows; the page then shows what comes.")
+@click.option("--follow", is_flag=True, help="Keep reading as the log grows, and update the page.")
 @click.option("--host", default=LOCAL, show_default=True, metavar="HOST", help="Listen at this address.")
-@click.option("--origin", multiple=True, metavar="URL", help="A name by which browsers reach it; may be repeated.")
+@click.option("--origin", multiple=True, metavar="URL", help="An allowed origin for browsers; repeatable.")
 @options.number(
     "--port",
     least=0,
     most=65535,
     default=0,
     metavar="INTEGER RANGE",
-    text="Where browsers find it; 0 is any that is free.",
+    text="The port of the page; 0 is any free port.",
 )
 def view_command(
     *,
@@ -92,11 +92,12 @@ def view_command(
     origin: tuple[str, ...],
     **given: Any,
 ) -> int:
-    """Show the page of `rvaft report` to browsers, until Ctrl-C; with --follow it is kept up to date as the log grows.
+    """Serve the page of `rvaft report` to browsers until Ctrl-C; --follow updates it as the log
+    grows.
 
-    The address of the page is printed once it is there. The exit status is 1 when the tree is detected in some log.
+    Prints the address of the page. The exit status is 1 if a log detects the tree.
     """
-    options.refuse(tree == "-", "TREE is a file: what standard input has is the log")
+    options.refuse(tree == "-", "TREE is a file: standard input is read as a log")
     require_companions(given)
     require_host(host)
     origins = [f"http://{host}", *map(network.origin, origin)]
@@ -121,7 +122,7 @@ def view_command(
             reporter, shown = made[0], False
             if isinstance(reporter, LivePageReporter):
                 shown = reporter.run is not None
-                if shown and reporter.stopped:  # the page says why it goes no further
+                if shown and reporter.stopped:  # the page shows the error
                     _answer_until_stopped(questions, reporter.answer)
             questions.close()
         if not follow and reporter.page is not None:

@@ -1,1 +1,1 @@
-"""Pages about what monitors found in logs."""
+"""HTML pages about monitored logs."""

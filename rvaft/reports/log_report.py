@@ -1,13 +1,13 @@
-"""What a page says of monitored logs: every event that concerns the tree, what each changed, and
-what was waited for after it.
+"""The data of a page about monitored logs: relevant events, changes of verdicts, and missing
+events.
 
-A listener notes it while the logs are read, compactly, since logs are long: lists with an entry for
-each place (an event that concerned the tree while a verdict could still change), which name by
-number what many places have in common. All values are texts, safe to show, or numbers.
+A listener collects them while logs are read, in parallel lists with an entry for each *place* (a
+relevant event while a verdict could change); repeated contents are numbered. All values are escaped
+texts or numbers.
 
-A page may be shown while its logs grow: whoever has it asks with a cursor for what is new. The
-lists only grow at their ends, until there are too many places: then the earlier ones go, all is
-numbered anew, and every cursor from before stands for nothing.
+A page may be shown while logs grow: a browser sends a cursor and receives what is new. Lists grow
+at their ends. When there are too many places, the oldest are dropped, the rest is renumbered, and
+all cursors become invalid.
 """
 
 import json
@@ -41,35 +41,31 @@ from rvaft.stream.plan import MonitoringPlan
 from rvaft.support.terminal import cut, visible
 
 PLACES: Final = 300_000
-"""Events of all logs together that have a place, unless told otherwise; what changes a verdict always has one."""
+"""Default maximum number of places; changes of verdicts always have one."""
 SHOWN: Final = 20_000
-"""Places whose event is there as text."""
+"""Maximum number of places with the text of their event."""
 CHANGES: Final = 20_000
-"""Changes of verdicts that are there."""
+"""Maximum number of changes of verdicts."""
 SECONDS: Final = 10.0
-"""How much time of the processor it may take together to find out what was waited for."""
+"""Maximum processor time, in seconds, for computing missing events."""
 RECORDS: Final = 50
-"""Ways to bind variables of which it is said at one place what they waited for."""
+"""Maximum number of bindings with missing events at one place."""
 LONGEST: Final = 240
-"""Characters of an event, or of a value of a variable."""
+"""Maximum characters of an event or a value."""
 ENDED: Final = 1_000
-"""Traces and keys that have ended and are still on a page that grows."""
+"""Maximum number of ended traces and keys on a growing page."""
 SHARE: Final = 0.1
-"""How much of the time it may take, on a page that grows, to find out what is waited for, and again
-to look at every key.
-"""
+"""Maximum share of the time for computing missing events on a growing page, and for scanning keys."""
 _CURSOR: Final = re.compile(r"([0-9a-f]{16}-[0-9]{1,9})((?:-[0-9]{1,9}){6})")
 _STYLE_AND_SCRIPT: Final = re.compile(r"<(?:style|script)>(.*?)</(?:style|script)>", re.DOTALL)
 Told = Mapping[str, Sequence[str]]
-"""Lines of text by their heading: what was `said`, and what the logs `held`."""
+"""Lines of text by heading: messages `said`, and the summary `held`."""
 
 
 class LogReport(Listener):
-    """Notes what happens in logs for a page about a tree; `most` events have a place, and of others
-    it is told that they have none.
+    """Collects data for a page about a tree; at most `most` events have a place.
 
-    These are the first, or where it `grows` the latest: then a page can be kept up to date, and
-    `unit` is what of several is watched there.
+    These are the first events, or the latest if the page `grows`. `unit` names what is monitored.
 
     >>> import rvaft
     >>> from rvaft.stream.monitor_set import MonitorSet, columns
@@ -96,7 +92,7 @@ class LogReport(Listener):
         self._watches: list[MonitoredTrace] = []
         self._own: dict[int, int] = {}
         self._latest: dict[int, int] = {}
-        """The place of the latest event of each watch, if it has one."""
+        """The place of the latest event of each watch, if any."""
         self._lists: dict[str, list[Any]] = {
             name: [] for name in ("number", "watch", "nodes", "waits", "time", "event")
         }
@@ -107,29 +103,27 @@ class LogReport(Listener):
         """The places of the changes."""
         self._most_left = self._left = SECONDS * SHARE if grows else SECONDS
         self._found_late: list[tuple[int, int]] = []
-        """Places of which it was said later what was waited for, and what."""
+        """Places whose missing events were computed later, with the result."""
         self._unplaced = self._unchanged = 0
         self._first_unplaced = self._first_unchanged = ""
         self._dropped = self._undetected = self._unwatched = 0
-        """Places and detections that went since newer ones came, and watches that went since they ended."""
+        """Numbers of dropped places and detections, and of dropped ended watches."""
         self._before: dict[int, _Seen] = {}
-        """By the number of a watch what its places that went had shown."""
+        """The state of each watch before its first place that is left."""
         self._ended: dict[int, list[Any]] = {}
-        """By its number what is said of a watch that has ended, on a page that grows; its monitors
-        are not needed any more.
-        """
+        """The final rows of ended watches on a growing page."""
         self._left_there = 0
-        """How many of those that have ended were still listed when room was made last."""
+        """The number of ended watches left after the last clean-up."""
         self._token, self._generation = token_hex(8), 0
         self._rows: list[list[Any]] = []
-        """What was last said of each watch, and in `_revised` by which revision it came."""
+        """The last row of each watch; `_revised` has the revisions of rows."""
         self._revised: list[int] = []
         self._told: Told = {}
         self._told_revised = self._revision = 0
         self._due = self._refilled = monotonic()
 
     def begin(self, watch: MonitoredTrace) -> None:
-        """A log begins, or the first event of a key came."""
+        """Register a trace or key."""
         if self.grows and len(self._ended) - self._left_there > ENDED:
             self._make_room()
         if id(watch) not in self._own:
@@ -137,9 +131,9 @@ class LogReport(Listener):
             self._watches.append(watch)
 
     def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:
-        """An event concerned the tree and changed no verdict."""
+        """Note a relevant event without a change."""
         nodes = self._fitting(event)
-        if not nodes:  # an event that is none of the tree's, where nobody counts these
+        if not nodes:  # not an event of the tree, though relevant for the semantics
             return
         if self.grows:
             self._make_room_where_full()
@@ -151,7 +145,7 @@ class LogReport(Listener):
         self._note(watch, number, event, nodes)
 
     def change(self, change: VerdictChange) -> None:
-        """An event changed verdicts."""
+        """Note a change of verdicts."""
         if self.grows:
             self._make_room_where_full()
         elif len(self._changes) >= CHANGES:
@@ -163,7 +157,7 @@ class LogReport(Listener):
         self._changes.append(self._changed(change))
 
     def end(self, watch: MonitoredTrace) -> None:
-        """A log ends: what is still waited for is wanted most."""
+        """Note the end of a trace; its missing events have priority."""
         place = self._latest.get(id(watch))
         if place is not None and self._lists["waits"][place] < 0:
             self._find_late(place, watch, -SECONDS)
@@ -179,45 +173,41 @@ class LogReport(Listener):
             self._found_late.append((place, state))
 
     def stop(self, watch: MonitoredTrace) -> None:
-        """A log cannot be read further."""
+        """Note that a log cannot be read further."""
         self.end(watch)
 
     @property
     def left_out(self) -> list[str]:
-        """What is not on the page since it is too much, each as a sentence."""
+        """Messages about what is missing on the page."""
         found = []
         if self._dropped:
             gone = f"{counted(self._dropped)} with {counted(self._undetected, 'detection')}"
             kept = f"the slider has at most the latest {self.most}, and detections the latest {CHANGES}"
             more = "; --max-events N allows more" if self.unit != "connection" else ""
-            found.append(f"{gone} are no longer here: {kept}{more}")
+            found.append(f"{gone} are no longer on this page: {kept}{more}")
         if self._unwatched:
             found.append(f"{counted(self._unwatched, self.unit)} that ended are no longer listed")
         if self._unplaced:
-            more = f"more than {self.most} concern the tree; --max-events N allows more"
-            found.append(f"{counted(self._unplaced)} without a place: {more} (first: {self._first_unplaced})")
+            more = f"more than {self.most} are relevant; --max-events N allows more"
+            found.append(f"{counted(self._unplaced)} not on this page: {more} (first: {self._first_unplaced})")
         if self._unchanged:
-            more = f"only the first {CHANGES} changes of verdicts are here"
+            more = f"only the first {CHANGES} changes of verdicts are shown"
             found.append(f"{counted(self._unchanged, 'change')} left out: {more} (first: {self._first_unchanged})")
         unasked = [place for place, state in enumerate(self._lists["waits"]) if state < 0]
         if unasked:
             watch, number = self._watches[self._lists["watch"][unasked[0]]], self._lists["number"][unasked[0]]
-            why = f"to find it out takes too long (first: {self._place(watch, number)})"
-            found.append(f"what is waited for is not said after {counted(len(unasked))}: {why}")
+            why = f"computing them takes too long (first: {self._place(watch, number)})"
+            found.append(f"missing events are not listed after {counted(len(unasked))}: {why}")
         if not self.grows and len(self._lists["number"]) > SHOWN:
-            found.append(
-                f"only the first {SHOWN} events are shown with what is in them, others where they were detected"
-            )
+            found.append(f"only the first {SHOWN} events are shown in full, later ones only in detections")
         return found
 
     def page(self, name: str, told: Told, *, live: bool = False) -> bytes:
-        """The page, one file that needs no other: `name` is that of the tree; one that is `live`
-        asks where it comes from for what is new.
-        """
+        """Return the page as one self-contained file; a `live` page requests updates."""
         data = self._all(name, told)
         if live:
             data["cursor"] = self._cursor
-        # A `<` could end the element that holds it; nothing else is special there.
+        # Escape `<`, which could end the script element.
         text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
         parts = {"TITLE": escape(visible(name)), "TREE": svg_text(self.tree), "DATA": text, "POLICY": policy(live=live)}
         before, *rest = _template().split("{{")
@@ -228,8 +218,9 @@ class LogReport(Listener):
         return "".join(found).encode("utf-8", errors="replace")
 
     def since(self, cursor: str, name: str, told: Told) -> tuple[str, bytes]:
-        """A cursor, and as JSON what is new since another one: nothing where nothing is, and
-        everything where that one stands for nothing.
+        """Return a cursor and the JSON of the changes since another cursor.
+
+        The JSON is empty without changes, and complete for an invalid cursor.
         """
         self._revise(told)
         here = self._cursor
@@ -299,9 +290,9 @@ class LogReport(Listener):
         }
 
     def _revise(self, told: Told) -> None:
-        """Look at what may have changed of what is there already, the rows of keys not too often."""
+        """Update the rows and messages; rows are scanned at limited intervals."""
         last = len(self._lists["waits"]) - 1
-        if self.grows and last >= 0 and self._lists["waits"][last] < 0:  # where somebody looks
+        if self.grows and last >= 0 and self._lists["waits"][last] < 0:  # the latest place is being viewed
             at = self._lists["watch"][last]
             if at not in self._ended:
                 self._find_late(last, self._watches[at])
@@ -330,7 +321,7 @@ class LogReport(Listener):
             self._make_room()
 
     def _make_room(self) -> None:
-        """Let the earlier places go, and the watches that ended before others and have none any more."""
+        """Drop the oldest places, and ended watches without a place."""
         total = len(self._lists["number"])
         gone = total - self.most * 3 // 4 if total >= self.most else 0
         if len(self._changes) >= CHANGES:
@@ -361,7 +352,7 @@ class LogReport(Listener):
         self._generation += 1
 
     def _keep_watches(self, needed: Collection[int]) -> None:
-        """Let watches go that are not needed, but for the last of them."""
+        """Drop unneeded watches, except for the latest."""
         idle = [at for at in range(len(self._watches)) if at not in needed]
         gone = set(idle[: max(len(idle) - ENDED // 2, 0)])
         number = {at: place for place, at in enumerate(at for at in range(len(self._watches)) if at not in gone)}
@@ -382,7 +373,7 @@ class LogReport(Listener):
         return f"event {number} of {watch.trace}"
 
     def _fitting(self, event: Json) -> tuple[int, ...]:
-        """The nodes whose event it may be."""
+        """Return the nodes whose event this may be."""
         types = self.plan.monitors.types
         found = (types.letters[number] for number in types.of(event).admitted)
         letters = [letter for kind, _, letter in found if kind == "entry"]
@@ -402,13 +393,11 @@ class LogReport(Listener):
         time = places(event, self.tree).get("time", "")
         declared = self.tree.time
         if isinstance(time, Mapping) and declared is not None and (read := declared.read(event)) is not None:
-            return f"{read // UNITS['s']}.{read % UNITS['s']:09}"  # a stamp of ROS
+            return f"{read // UNITS['s']}.{read % UNITS['s']:09}"  # ROS time stamp
         return _text(time)
 
     def _waiting(self, watch: MonitoredTrace, limit: float = 0.0) -> int:
-        """What the monitor of the whole waits for, by its number; -1 where that is too much to find
-        out in what is left of the time.
-        """
+        """Return the number of the missing events, or -1 if the time budget is used up."""
         if self.grows:
             now = monotonic()
             self._left = min(self._most_left, self._left + (now - self._refilled) * SHARE)
@@ -473,7 +462,9 @@ class LogReport(Listener):
         return [visible(name), visible(node.label or ""), visible(event_text(node)) if node.has_event else ""]
 
     def _branches(self) -> list[list[Any]] | None:
-        """Number, kinds, property, and nodes with an event of each branch; None where there are too many."""
+        """Return number, kinds, property and event nodes of the branches; None if they are too
+        many.
+        """
         found = []
         with suppress(TooLarge):
             found = list(islice(branches(self.tree), DEFAULT_BRANCHES + 1))
@@ -502,15 +493,13 @@ class LogReport(Listener):
 
 
 _Seen = tuple[dict[int, tuple[int, int]], str, bool]
-"""The nodes whose events were seen, with the number of the last and how many; the verdict; and
-whether the monitor then began afresh.
-"""
+"""Last number and count of events by node; the verdict; whether the monitor restarts next."""
 
 
 def _after(
     before: _Seen | None, number: int, nodes: Any, change: Mapping[str, Any] | None, title: str, *, repeat: bool
 ) -> _Seen:
-    """What the places of a watch have shown with one more; as the page itself reckons."""
+    """Return the state of a watch after one more place, as the script of the page computes it."""
     seen, verdict, fresh = before or ({}, "?", False)
     if fresh:
         seen, verdict, fresh = {}, "?", False
@@ -529,9 +518,7 @@ def _template() -> str:
 
 @cache
 def policy(*, live: bool = False) -> str:
-    """The Content-Security-Policy of the page: its own style and script alone, and where it is live
-    it may ask where it comes from.
-    """
+    """Return the Content-Security-Policy: own style and script, and requests to itself if live."""
     found = [b64encode(sha256(one.encode()).digest()).decode() for one in _STYLE_AND_SCRIPT.findall(_template())]
     style, script = (f"'sha256-{one}'" for one in found)
     fixed = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:"
@@ -540,10 +527,10 @@ def policy(*, live: bool = False) -> str:
 
 
 def _text(value: Json) -> str:
-    """A value as it is shown: a text as it is, others as JSON."""
+    """Return a value for display: text unchanged, others as JSON."""
     if isinstance(value, str):
         return visible(cut(value, LONGEST))
     try:
         return visible(cut(json.dumps(value, ensure_ascii=False), LONGEST))
-    except ValueError:  # an integer of more digits than Python writes
+    except ValueError:  # an integer beyond the digit limit of Python
         return "…"

@@ -159,10 +159,10 @@ def test_what_is_left_out_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert len(data["places"]["event"]) == 2
     said = [line.partition(": ")[2].partition(": ")[2].partition(":")[0] for line in data["told"]["said"]]
     assert said == [
-        "8 events without a place",
+        "8 events not on this page",
         "1 change left out",
-        "what is waited for is not said after 5 events",
-        "only the first 2 events are shown with what is in them, others where they were detected",
+        "missing events are not listed after 5 events",
+        "only the first 2 events are shown in full, later ones only in detections",
     ]
 
 
@@ -318,7 +318,7 @@ def test_light_and_dark_and_print(show: Any, browser: Any) -> None:
 def test_a_log_without_anything(show: Any, tmp_path: Path) -> None:
     shown = show(SAND, written(tmp_path / "empty.jsonl", ""))
     shown.press("END")
-    assert (shown.text("#place"), shown.nodes("lit")) == ("No event concerned the tree.", [])
+    assert (shown.text("#place"), shown.nodes("lit")) == ("No relevant event.", [])
     assert show(SAND, written(tmp_path / "empty.jsonl", ""), "--key", "who").text("#place")
 
 

@@ -131,7 +131,7 @@ WRONG = [
     ("99999", "neither a port"),
     ("8765", "--foxglove PORT needs live events"),
     ("none/run.mcap", "none/run.mcap: cannot write: No such file"),
-    ("folder.mcap", "folder.mcap: cannot write: it is a folder"),
+    ("folder.mcap", "folder.mcap: cannot write: the path is a folder"),
     ("run.mcap --jobs 2", "--foxglove needs a single process"),
 ]
 

@@ -143,7 +143,7 @@ WRONG = [
     *((f"mqtt://h/x?{asked}", "qos=0, 1 or 2") for asked in ("qos=3", "retain=1", "version=4")),
     ("mqts://bob:secret@h/x", "unknown URL scheme mqts://; known: mqtt://"),
     ("mqtt://h/x mqtt://h/y", "name one TRACE"),
-    ("mqtt://h/x --checkpoint c", "--checkpoint needs a log that is there again later"),
+    ("mqtt://h/x --checkpoint c", "--checkpoint needs a log that can be read again"),
     ("x --input mqtt", "mqtt://HOST[:PORT]/TOPIC"),
     ("- --input mqtt", "mqtt is read from a URL"),
 ]
@@ -158,7 +158,7 @@ def test_what_is_wrong_is_one_line(words: str, said: str) -> None:
 
 def test_only_monitor_reads_without_end() -> None:
     failed(run("coverage", SAND, "mqtt://h/x"), "only rvaft monitor and rvaft view --follow read URLs")
-    with pytest.raises(rvaft.OptionError, match="from a URL alone"):
+    with pytest.raises(rvaft.OptionError, match="live events need a URL"):
         rvaft.live_events("day.jsonl")
 
 
@@ -174,7 +174,7 @@ PAYLOADS: list[tuple[Any, dict[str, Any] | str]] = [
     (b"", "not JSON: expecting value (column 1)"),
     (b"\xff", "not UTF-8 (byte 1 of the line)"),
     (b'{"time": 1, "time": 2}', 'the key "message_time" is repeated'),
-    (b'{"time": 1, "message_time": 2}', "it has a field and message_"),
+    (b'{"time": 1, "message_time": 2}', "the payload has a field and message_"),
 ]
 
 
@@ -192,7 +192,7 @@ def test_an_event_is_a_payload_with_its_topic_and_time(broker: Broker) -> None:
     assert all(type(event["time"]) is int and 1.7e18 < event.pop("time") < 3e18 for event in found)
     expected = [{"topic": f"x/{n}", **event} for n, (_, event) in enumerate(sent) if isinstance(event, dict)]
     assert found == expected
-    assert told == [f"{broker.url}/x/#: after message 0: a message that was retained from before is no event"]
+    assert told == [f"{broker.url}/x/#: after message 0: a retained message is ignored"]
     reasons = [mqtt_reason(payload) for payload, event in PAYLOADS if isinstance(event, str)]
     assert [reason[: len(event)] for reason, (_, event) in zip(reasons, PAYLOADS[2:], strict=True)] == [
         event for _, event in PAYLOADS[2:]
@@ -291,7 +291,7 @@ def test_what_may_have_been_missed_while_the_broker_was_gone_is_told(broker: Bro
         "the connection is lost",
         "connected again after ",
     ]
-    assert told[1].endswith("messages may have been missed (it kept none)")
+    assert told[1].endswith("messages may have been missed (the broker kept none)")
 
 
 class Cable:
@@ -337,7 +337,7 @@ def test_a_broker_keeps_messages_for_a_connection_that_was_cut(broker: Broker) -
     broker.send(("x", {"event": "b"}))
     assert next(found)["event"] == "b"
     assert told[1].endswith(
-        "messages may have been missed (the broker kept those of QoS 1 and 2 as far as its queue goes)"
+        "messages may have been missed (the broker kept messages of QoS 1 and 2 as far as its queue allows)"
     )
 
 
@@ -352,7 +352,7 @@ def test_messages_without_room_are_counted(broker: Broker, monkeypatch: pytest.M
     broker.send(("x", {"n": 8}))
     while sent[-1] != 8:
         sent.append(next(found)["n"])
-    assert all(line.endswith(" came while 0 MiB waited, and were lost") for line in told)
+    assert all(line.endswith(" lost: the buffer of 0 MiB was full") for line in told)
     assert sum(int(line.split(": ")[2].split()[0]) for line in told) == 9 - len(sent) > 0
 
 
@@ -425,8 +425,8 @@ ACCEPTED = b"\x20\x02\x00\x00"
 PEERS = [
     ([ACCEPTED, b"\x90\x03NN\x80"], "the broker refuses the subscription: "),
     ([b"-"], "the connection was closed: "),
-    ([b"HTTP/1.1 400 Bad Request\r\n\r\n"], "nobody answers as a broker of MQTT does"),
-    ([b""], "nobody answers as a broker of MQTT does"),
+    ([b"HTTP/1.1 400 Bad Request\r\n\r\n"], "no MQTT broker answers"),
+    ([b""], "no MQTT broker answers"),
 ]
 
 
@@ -446,5 +446,5 @@ def test_what_comes_again_or_may_be_missed_is_told() -> None:
     with answering(ACCEPTED, b"\x90\x03NN\x00" + again) as url:
         found = events(url, told)
         assert next(found)["event"] == "a"
-    assert told[0].endswith("after message 0: the broker grants QoS 0 only: messages may be missed or come again")
-    assert told[1].endswith("message 1: the broker says that it may have come before, so it may count twice")
+    assert told[0].endswith("after message 0: the broker grants QoS 0 only: messages may be lost or repeated")
+    assert told[1].endswith("message 1: the broker marks it as a possible duplicate, so it may count twice")

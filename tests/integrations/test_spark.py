@@ -229,7 +229,7 @@ def test_a_stream_that_is_killed_goes_on_and_tells_each_detection_once(
     assert sum(expected.values()) >= 40
     # The state belongs to one tree and its options.
     (tmp_path / "in" / "new.jsonl").write_text(lines[-2])
-    with pytest.raises(Exception, match="name another checkpointLocation to begin anew"):
+    with pytest.raises(Exception, match="use another checkpointLocation to start again"):
         query(session, str(tree), str(tmp_path), "other")
 
 

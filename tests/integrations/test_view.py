@@ -247,7 +247,7 @@ def test_what_is_new_makes_the_whole(pieces: list[list[tuple[str, str]]], most: 
     gap = len(all_.data["places"]["number"]) - len(numbers)
     for place in range(len(numbers)):
         assert few.seen(place) == all_.seen(gap + place)
-    assert bool(gap) == any("no longer here" in line for line in few.notes.left_out)
+    assert bool(gap) == any("no longer on this page" in line for line in few.notes.left_out)
     assert all_.wholes == 1
 
 
@@ -325,7 +325,7 @@ def test_the_page_of_the_server_shows_what_a_client_caused(quiet: Any, tmp_path:
     with started("serve", tree, "--port", "0", "--semantics", "scattered", stderr=subprocess.DEVNULL) as running:
         url = running.stdout.readline().split()[-1]
         shown = Shown(quiet, url.replace("ws:", "http:"))
-        assert shown.text("#place") == "No event has concerned the tree yet."
+        assert shown.text("#place") == "No relevant event yet."
         with client.connect(url, proxy=None) as connection:
             for event in ("a", NASTY[1], "b"):
                 connection.send(json.dumps({"event": event}))

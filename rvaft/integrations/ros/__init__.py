@@ -1,1 +1,1 @@
-"""ROSMonitoring: an oracle that answers its monitors (`protocol`, `server`), and its `configuration` for a tree."""
+"""ROSMonitoring: its oracle (`protocol`, `server`), and the `configuration` of monitors for a tree."""

@@ -1,4 +1,4 @@
-"""`rvaft rosmonitoring` and `rvaft serve`: monitors of ROS topics for a tree, and the oracle that they ask."""
+"""`rvaft rosmonitoring` writes a configuration of ROSMonitoring; `rvaft serve` runs the oracle."""
 
 import asyncio
 import os
@@ -24,17 +24,15 @@ from rvaft.support.terminal import visible
 
 CONFIGURATION: Final = "monitors.yaml"
 COMMANDS: Final = "run.txt"
-_ACTION: Final = "Log all topics or filter all; default: filter those with publishers, if there is one monitor."
-_POLARITY: Final = "Whether true means that the tree can never be detected, or that it is."
-_DEFINITIVE: Final = "Say true for good when nothing can be detected any more, which ends monitors that only log."
-_ORACLE: Final = "Who answers the monitors: rvaft serve, or the RML oracle of ROSMonitoring."
+_ACTION: Final = "Log or filter all topics; default: filter topics with publishers, if there is one monitor."
+_POLARITY: Final = "The meaning of true: the tree can no longer be detected (property), or is detected."
+_DEFINITIVE: Final = "Send a final true when no detection is possible any more; this ends monitors that only log."
+_ORACLE: Final = "The oracle of the monitors: rvaft serve, or the RML oracle of ROSMonitoring."
 
 
 @click.command("rosmonitoring")
 @options.tree_argument
-@click.option(
-    "-o", "--output", metavar="DIR", required=True, help="The folder to write to; made where it is not there."
-)
+@click.option("-o", "--output", metavar="DIR", required=True, help="The output folder; created if missing.")
 @options.choice(
     "--per", words=Per, text="One monitor for the tree, for each branch, or for each kind.", default=Per.TREE
 )
@@ -42,30 +40,37 @@ _ORACLE: Final = "Who answers the monitors: rvaft serve, or the RML oracle of RO
 @options.semantics_option
 @options.choice("--action", words=ros.Action, text=_ACTION)
 @options.choice("--oracle", words=ros.Oracle, text=_ORACLE, default=ros.Oracle.RVAFT)
-@click.option("--repeat", is_flag=True, help="Let the oracles of rvaft begin afresh after each detection.")
-@click.option("--host", default=LOCAL, show_default=True, metavar="HOST", help="Where the oracles are.")
+@click.option("--repeat", is_flag=True, help="Restart the monitors of rvaft serve after each detection.")
+@click.option("--host", default=LOCAL, show_default=True, metavar="HOST", help="The host of the oracles.")
 @options.number(
-    "--port", most=65535, default=PORT, metavar="INTEGER RANGE", text="That of the first oracle; others follow."
+    "--port",
+    most=65535,
+    default=PORT,
+    metavar="INTEGER RANGE",
+    text="The port of the first oracle; others use the next ports.",
 )
 @options.choice(
-    "--ros-version", words=ros.RosVersion, text="Which ROS the monitors are generated for.", default=ros.RosVersion.ROS2
+    "--ros-version",
+    words=ros.RosVersion,
+    text="The ROS version of the generated monitors.",
+    default=ros.RosVersion.ROS2,
 )
-@click.option("--id", "name", metavar="NAME", help="What the monitors are called; default: as the root of the tree.")
-@click.option("--force", is_flag=True, help="Replace files that are there already, and remove those of an earlier run.")
+@click.option("--id", "name", metavar="NAME", help="The name of the monitors; default: the root of the tree.")
+@click.option("--force", is_flag=True, help="Replace existing files, and remove those of an earlier run.")
 def rosmonitoring_command(*, tree: str, output: str, force: bool, **how: Any) -> int:
-    """Write a configuration of ROSMonitoring for a tree, its monitors in RML, and the commands that
-    run them, to a folder.
+    """Write a ROSMonitoring configuration for a tree to a folder.
 
-    All files are written or none.
+    The folder gets the configuration, the monitors in RML, and the commands that run them. On an
+    error nothing is written.
     """
-    options.refuse(output in ("", "-"), f"-o names a folder, and '{output}' is none")
+    options.refuse(output in ("", "-"), f"-o names a folder: '{output}' is not valid")
     options.refuse(how["repeat"] and how["oracle"] is ros.Oracle.RML, "--repeat is for --oracle rvaft")
     loaded = options.load_tree(tree)
     wanted = ros.RosOptions(**{**how, "semantics": resolve_semantics(loaded, how["semantics"])})
     if wanted.oracle is ros.Oracle.RVAFT:
         folder = Path(tree).parent.resolve()
         passing = folder == Path("/dev") or Path("/proc") in (folder, *folder.parents)
-        if passing or not Path(tree).is_file():  # a stream, or standard input by a name of its own
+        if passing or not Path(tree).is_file():  # a stream
             raise OptionError(f"{tree}: the oracles read the tree again when they start: give it as a file")
     monitors = ros.planned(loaded, wanted)
     files: dict[str, str | None] = {CONFIGURATION: ros.configuration_text(monitors, wanted)}
@@ -77,11 +82,11 @@ def rosmonitoring_command(*, tree: str, output: str, force: bool, **how: Any) ->
             names = [f"{monitor.id}{suffix}" for suffix in ros.SUFFIXES.values()]
             left_out.append(f"{' and '.join(names)} left out: {error}")
             if wanted.oracle is ros.Oracle.RML:
-                raise ros.NoConfiguration(f"there is nothing for the RML oracle to load: {left_out[0]}") from error
+                raise ros.NoConfiguration(f"the RML oracle has no specification to load: {left_out[0]}") from error
             files.update(dict.fromkeys(names))
     path = tree if Path(tree).is_absolute() else os.path.relpath(tree, output)
     files[COMMANDS] = ros.commands_text(monitors, wanted, tree=path, configuration=CONFIGURATION)
-    with suppress(OSError, UnicodeDecodeError):  # the specifications of the monitors of an earlier run
+    with suppress(OSError, UnicodeDecodeError):  # specifications of an earlier run
         for gone in ros.leftover(Path(output), (Path(output) / CONFIGURATION).read_text(encoding="utf-8")):
             files.setdefault(gone, None)
     place(Path(output), files, force=force)
@@ -96,13 +101,13 @@ _MEBIBYTE: Final = 1024 * 1024
 @click.command("serve")
 @options.tree_argument
 @click.option("--host", default=LOCAL, show_default=True, metavar="HOST", help="Listen at this address.")
-@options.number("--port", least=0, most=65535, default=PORT, metavar="INTEGER RANGE", text="0 is any that is free.")
-@click.option("--origin", multiple=True, metavar="URL", help="Let web pages from there in; may be repeated.")
+@options.number("--port", least=0, most=65535, default=PORT, metavar="INTEGER RANGE", text="0 is any free port.")
+@click.option("--origin", multiple=True, metavar="URL", help="Accept web pages from this origin; repeatable.")
 @click.option("--shared", is_flag=True, help="One monitor for all connections instead of one for each.")
 @options.repeat_options
 @options.semantics_option
 @options.part_options
-@options.choice("--per", words=Per, text="Give also a verdict for each branch or kind.", default=Per.TREE)
+@options.choice("--per", words=Per, text="Also send a verdict for each branch or kind.", default=Per.TREE)
 @options.choice("--polarity", words=Polarity, text=_POLARITY, default=Polarity.PROPERTY)
 @options.choice(
     "--vocabulary",
@@ -112,17 +117,18 @@ _MEBIBYTE: Final = 1024 * 1024
 )
 @click.option("--definitive", is_flag=True, help=_DEFINITIVE)
 @options.strict_json
-@options.number("--max-connections", most=100_000, default=CONNECTIONS, text="Connections at once.")
-@click.option("--quiet", is_flag=True, help="Say nothing of connections, refused messages and detections.")
+@options.number("--max-connections", most=100_000, default=CONNECTIONS, text="Maximum number of connections.")
+@click.option("--quiet", is_flag=True, help="Do not report connections, refused messages and detections.")
 @options.number(
-    "--max-message", most=64, default=MAX_MESSAGE // _MEBIBYTE, metavar="MIB", text="The longest message, in MiB."
+    "--max-message", most=64, default=MAX_MESSAGE // _MEBIBYTE, metavar="MIB", text="Maximum size of a message in MiB."
 )
 def serve_command(
     *, tree: str, branch: int | None, kind: Kind | None, per: Per, shared: bool, quiet: bool, **how: Any
 ) -> int:
-    """Answer the monitors of ROSMonitoring over WebSocket: each message one event, each reply that event and a verdict.
+    """Answer ROSMonitoring monitors over WebSocket: each message is an event, each reply adds a
+    verdict.
 
-    Runs until it is interrupted or terminated; the exit status is then 0, whatever was detected.
+    Runs until it is interrupted or terminated; the exit status is then 0, also after a detection.
     """
     require_host(how["host"])
     origins = tuple(map(origin, how["origin"]))

@@ -1,4 +1,6 @@
-"""Configurations of ROSMonitoring: from a tree to monitors of ROS topics and the commands that start their oracles."""
+"""Configurations of ROSMonitoring: monitors of ROS topics for a tree, and commands for their
+oracles.
+"""
 
 import re
 import shlex
@@ -25,33 +27,33 @@ from rvaft.support.budget import Budget, Undecided
 from rvaft.support.network import LOCAL, is_address, require_host
 
 SUFFIXES: Final = {"rml": ".rml", "rml-prolog": ".pl"}
-"""The backends of the texts for ROSMonitoring's RML oracle, and how their files end."""
+"""The backends for the RML oracle of ROSMonitoring, with the suffixes of their files."""
 _BEGINNINGS: Final = {"rml": b"// The attack-fault tree ", "rml-prolog": b":- module(spec, "}
-"""How these texts begin, whatever the tree."""
+"""The first bytes of these files."""
 _HEADER: Final = "# Written by rvaft rosmonitoring: change the tree and write it again.\n"
 _FINAL_ONLY: Final = 2
-"""ROSMonitoring's `warning` that reports `false` and leaves `currently_false` alone, which the RML
-oracle always begins with.
-"""
+"""The value of `warning` in ROSMonitoring that reports `false`, but not `currently_false`."""
 _LAST_PORT: Final = 65_535
 
 
 class RosVersion(StrEnum):
-    """Which ROS the monitors are generated for."""
+    """The ROS version of the generated monitors."""
 
     ROS1 = "ros1"
     ROS2 = "ros2"
 
 
 class Action(StrEnum):
-    """What a monitor does with messages: look at them, or stand between publishers and topic and keep some back."""
+    """Whether a monitor only logs messages, or forwards them from publishers to the topic as a
+    filter.
+    """
 
     LOG = "log"
     FILTER = "filter"
 
 
 class Oracle(StrEnum):
-    """Who answers the monitors: `rvaft serve`, or the RML oracle that comes with ROSMonitoring."""
+    """The oracle of the monitors: `rvaft serve`, or the RML oracle of ROSMonitoring."""
 
     RVAFT = "rvaft"
     RML = "rml"
@@ -59,13 +61,11 @@ class Oracle(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class RosOptions:
-    """What a configuration is asked to be.
+    """The options of a configuration.
 
-    `port` is that of the first oracle; without `action`, topics with publishers are filtered where
-    that is possible.
-
-    The monitors are called after `name`, by default after the root; with `branch` or `kind` there
-    is that of this part alone. Raises `OptionError` for what is no host.
+    `port` is that of the first oracle. Without `action`, topics with publishers are filtered if
+    possible. `name` is the base of monitor names, by default the root. `branch` and `kind` select
+    one part. Raises `OptionError` for an invalid host.
     """
 
     semantics: Semantics = Semantics.PROJECTED
@@ -85,15 +85,13 @@ class RosOptions:
 
 
 class NoConfiguration(RvaftError, ValueError):
-    """ROSMonitoring cannot monitor this tree as it stands; the message says what to write where."""
+    """ROSMonitoring cannot monitor this tree; the message tells how to change the tree."""
 
 
 @dataclass(frozen=True, slots=True)
 class Planned:
-    """A monitor.
-
-    What it is called, what it looks at, where it asks, which topics, as the patterns spell them, it
-    filters and which it only logs.
+    """A planned monitor: name, tree, port of its oracle, and topics (spelled as in patterns) with
+    actions.
     """
 
     id: str
@@ -103,12 +101,10 @@ class Planned:
 
 
 def planned(tree: RVAFT, options: RosOptions) -> tuple[Planned, ...]:
-    """The monitors of a tree.
+    """Return the monitors for a tree; parts without a feasible scenario have none.
 
-    With `per`, a branch or kind without a feasible scenario is left out, since nothing can ever be
-    detected there. Raises `NoConfiguration` for a tree that ROSMonitoring cannot monitor as asked,
-    `TreeError` for one that breaks a rule, `TooLarge` beyond as many branches as can be monitored
-    one by one, `OptionError` for a name or a last port that cannot be.
+    Raises `NoConfiguration`, `TreeError`, `TooLarge` for too many branches, and `OptionError` for
+    an invalid name or port.
     """
     per, branch, kind = options.per, options.branch, options.kind
     base = monitor_id(tree.root) if options.name is None else options.name
@@ -135,20 +131,18 @@ def planned(tree: RVAFT, options: RosOptions) -> tuple[Planned, ...]:
 
 
 def monitor_id(name: str) -> str:
-    """A name as ROSMonitoring can call a monitor: a word of Python, which becomes a module and a node of ROS."""
+    """Return a name as a Python identifier, since it becomes a module and a ROS node."""
     word = re.sub(r"[^A-Za-z0-9_]", "_", name) or "monitor"
     return f"monitor_{word}" if not word.isidentifier() or iskeyword(word) else word
 
 
 def _topics(tree: RVAFT, semantics: Semantics) -> tuple[Topic, ...]:
-    """The topics that a monitor of this tree, or of this part of a tree, needs; in the order of its nodes.
+    """Return the topics that a monitor needs, in the order of nodes.
 
-    That is more than those of a branch. Under `projected` an event that is relevant to the whole
-    tree ends the matches of a branch that it does not fit, and under `strict` any event does, so
-    their monitors have to see all events of the whole tree.
-
-    Raises `NoConfiguration` for an event that comes over no topic of its own, for a topic of which no message type is
-    declared, and for two topics that one generated monitor cannot tell apart.
+    Except under `scattered`, a branch needs the events of the whole tree: under `projected` a
+    relevant event that it cannot use ends its matches, under `strict` any event does. Raises
+    `NoConfiguration` for an event without a topic, a topic without a message type, and topics that
+    one monitor would confuse.
     """
     whole = tree
     while semantics is not Semantics.SCATTERED and whole.part_of is not None:
@@ -191,7 +185,7 @@ def _topics(tree: RVAFT, semantics: Semantics) -> tuple[Topic, ...]:
         )
     wanted = tuple(replace(tree.topics[absolute(name)], name=name) for name in first)
     packages: dict[str, Topic] = {}
-    for one in wanted:  # the generated monitor imports message types by their last word, and the later import would win
+    for one in wanted:  # generated monitors import message types by their last word
         word = one.type.rpartition(".")[2]
         same = packages.setdefault(word, one)
         if same.type != one.type:
@@ -203,11 +197,9 @@ def _topics(tree: RVAFT, semantics: Semantics) -> tuple[Topic, ...]:
 
 
 def _in_feasible(tree: RVAFT) -> Iterator[str]:
-    """The nodes with a runtime event that are in some feasible scenario.
+    """Yield the nodes with an event in some feasible scenario, or where feasibility is undecided.
 
-    One of which that was not decided counts as such.
-
-    The other semantics look at all events that are relevant, and those of infeasible scenarios are.
+    Other semantics also use the events of infeasible scenarios.
     """
     spaces = [(space, space.budget()) for space in map(ScenarioSpace, alternatives(tree))]
     for name in tree.occurrences:
@@ -224,9 +216,7 @@ def _is_feasible(space: ScenarioSpace, budget: Budget, name: str) -> bool:
 
 
 def _action(topic: Topic, options: RosOptions, *, alone: bool) -> Action:
-    """To filter takes publishers to come between, a single monitor, and an oracle that answers
-    false at a detection alone.
-    """
+    """Return the action: filtering needs publishers, a single monitor, and the oracle of rvaft."""
     if options.action is not Action.FILTER:
         possible = topic.publishers and alone and options.oracle is Oracle.RVAFT
         return Action.FILTER if possible and options.action is None else Action.LOG
@@ -249,18 +239,15 @@ def _action(topic: Topic, options: RosOptions, *, alone: bool) -> Action:
 
 
 def specifications(monitor: Planned, semantics: Semantics) -> dict[str, str]:
-    """The files of a monitor for the RML oracle and their texts.
-
-    Raises `NotExpressible` and `TooLarge` where RML does not have it.
-    """
+    """Return the files for the RML oracle with their texts; raises `NotExpressible` and `TooLarge`."""
     texts = {suffix: translate(monitor.tree, name, semantics=semantics).text for name, suffix in SUFFIXES.items()}
     return {f"{monitor.id}{suffix}": text if text.endswith("\n") else f"{text}\n" for suffix, text in texts.items()}
 
 
 def configuration_text(monitors: Sequence[Planned], options: RosOptions) -> str:
-    """The configuration as YAML; `nodes` are the publishers that monitors come between.
+    """Return the configuration as YAML; `nodes` are the publishers of filtered topics.
 
-    Raises `ToolMissing` without the library.
+    Raises `ToolMissing`.
     """
     publishers: dict[str, None] = {}
     entries: list[Json] = []
@@ -268,7 +255,7 @@ def configuration_text(monitors: Sequence[Planned], options: RosOptions) -> str:
         topics: list[Json] = []
         for topic, action in monitor.topics:
             stated: dict[str, Json] = {"name": topic.name, "type": topic.type, "action": action.value}
-            if action is Action.FILTER:  # with publishers a monitor would come between even where it only logs
+            if action is Action.FILTER:  # a monitor with publishers filters even if it should only log
                 stated["publishers"] = list(topic.publishers)
                 publishers.update(dict.fromkeys(topic.publishers))
             topics.append(stated)
@@ -288,10 +275,8 @@ def configuration_text(monitors: Sequence[Planned], options: RosOptions) -> str:
 
 
 def leftover(folder: Path, text: str) -> Iterator[str]:
-    """The files in a folder that are specifications of the monitors in a configuration that was
-    written here, edited or not.
-
-    By their names and by how they begin; none where the text is any other.
+    """Yield the specification files of an earlier configuration, recognised by name and first
+    bytes.
     """
     library = installed("yaml", "PyYAML", REMEDY)
     try:
@@ -308,10 +293,10 @@ def leftover(folder: Path, text: str) -> Iterator[str]:
 
 
 def commands_text(monitors: Sequence[Planned], options: RosOptions, *, tree: str, configuration: str) -> str:
-    """The commands, to be run in the folder of the files; `tree` is the path of the tree from there."""
-    lines = ["# Run in this folder, each oracle in a terminal of its own."]
+    """Return the commands to run in the folder of the files; `tree` is the path from there."""
+    lines = ["# Run in this folder, each oracle in its own terminal."]
     for monitor in monitors:
-        if options.oracle is Oracle.RML:  # ROSMONITORING_HOME is what ROSMonitoring's instructions call its checkout
+        if options.oracle is Oracle.RML:  # as in the instructions of ROSMonitoring
             script = '"$ROSMONITORING_HOME"/oracle/RMLOracle/prolog/online_monitor.sh'
             lines.append(f"{script} {monitor.id}.pl {monitor.port}")
             continue

@@ -1,10 +1,7 @@
-"""What a server says of itself to browsers.
+"""The page of `rvaft serve` for browsers: the page of `rvaft report` with connections as logs.
 
-The page of `rvaft report`, whose places are what the messages of its connections did.
-
-It is given plain HTTP by the library that speaks WebSocket, which sends an answer as a whole: a
-stream of events is one answer after the other, each with what is new, and a browser asks for the
-next by itself.
+The WebSocket library sends each HTTP answer as a whole, so the event stream is a sequence of
+answers: each has the changes, and the browser asks for the next.
 """
 
 import asyncio
@@ -28,16 +25,15 @@ if TYPE_CHECKING:
 
 UNIT: Final = "connection"
 _LINES: Final = 200
-"""Lines of what the server said that are on the page."""
+"""Maximum number of messages of the server on the page."""
 _WAIT: Final = 3.0
-"""Seconds that a browser waits for something new, less than it may take to open a connection."""
+"""Seconds that a request waits for updates; less than the timeout for opening a connection."""
 _AGAIN: Final = b"retry: 200\n\n"
-"""How soon a browser asks for the next, in milliseconds."""
+"""The delay before the next request of the browser, in milliseconds."""
 
 
 class ConnectionsPage:
-    """The page of a server for a tree, or the part of one, whose sessions are like this one; with
-    `shared` it is the only one.
+    """The page of a server for a tree or part; with `shared` there is a single session.
 
     >>> import rvaft
     >>> tree = rvaft.loads("top and a b;")
@@ -58,34 +54,34 @@ class ConnectionsPage:
             session.tell(self.report, "all connections")
 
     def opened(self, number: int, peer: str, session: Session) -> None:
-        """A connection opened."""
+        """Register an opened connection."""
         if not self.shared:
             session.tell(self.report, "", (f"{number} from {peer}",))
 
     def closed(self, session: Session) -> None:
-        """A connection closed."""
+        """Note that a connection was closed."""
         if not self.shared:
             self.report.end(session.watch)
 
     def say(self, line: str) -> None:
-        """The server says something."""
+        """Add a message of the server."""
         self._earlier += len(self._lines) == _LINES
         self._lines.append(line)
 
     @property
     def told(self) -> Told:
-        """What the server said lately."""
-        earlier = [f"{counted(self._earlier, 'line')} before these are no longer here"] if self._earlier else []
+        """The recent messages of the server."""
+        earlier = [f"{counted(self._earlier, 'line')} before these are no longer on this page"] if self._earlier else []
         return {"said": [], "held": [*(f"warning: {one}" for one in self.report.left_out), *earlier, *self._lines]}
 
     async def answer(
         self, connection: "ServerConnection", request: "Request", origins: Collection[str], stop: asyncio.Event
     ) -> "Response":
-        """What a plain request is answered."""
+        """Answer a plain HTTP request."""
         kind, status, more = asked(request.path, live=True), HTTPStatus.OK, ""
         if not own(request.headers.get_all("Host"), origins):
             status = HTTPStatus.FORBIDDEN
-        elif getattr(request, "method", "GET") != "GET":  # websockets before 16 takes no other
+        elif getattr(request, "method", "GET") != "GET":  # websockets before 16 accepts GET only
             status = HTTPStatus.METHOD_NOT_ALLOWED
         elif kind is None:
             status, more = HTTPStatus.NOT_FOUND, ", and WebSocket"

@@ -1,13 +1,12 @@
-"""What a message is answered: the protocol between a monitor of ROSMonitoring and its oracle.
+"""The protocol between a monitor of ROSMonitoring and its oracle.
 
-A message is one JSON event. The reply is that event with the field `verdict`, which ROSMonitoring
-publishes and reads: `false` and `currently_false` as violations, `true` and `false` as definitive.
-A reply without it would count as a definitive `true`, so a message that is no event gets an error
-with the verdict so far.
+A message is one JSON event. The reply is the event with the field `verdict`. ROSMonitoring treats
+`false` and `currently_false` as violations, `true` and `false` as definitive. A reply without
+verdict would count as definitive `true`, so a malformed message gets an error with the current
+verdict.
 
-A definitive verdict ends a monitor that only logs. What can no longer be detected is therefore not
-told definitively unless that is asked for, and neither is a detection where the session goes on
-after it.
+A definitive verdict ends a monitor that only logs. Therefore ⊥ is not sent as definitive unless
+requested, nor is a detection if the session continues after it.
 """
 
 import re
@@ -33,21 +32,21 @@ from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, Verdic
 from rvaft.stream.monitor_set import DetectionCount, MonitorSet, Per, columns
 
 MAX_MESSAGE: Final = 1024 * 1024
-"""The longest message that is read unless told otherwise, in bytes."""
+"""Default maximum size of a message in bytes."""
 _WHOLE: Final = "tree"
 _OF_LINES: Final = re.compile(r"(?: \([^()]*\))?; a trace has one JSON object per line$")
-"""What the reader of traces says of lines and places in them; a message is no line."""
+"""References to lines and traces in reader errors, which do not apply to messages."""
 
 
 class Polarity(StrEnum):
-    """What `true` says: the property holds (the undesired event never happens), or the tree is detected."""
+    """The meaning of `true`: the property holds (no undesired event), or the tree is detected."""
 
     PROPERTY = "property"
     DETECTION = "detection"
 
 
 class Vocabulary(StrEnum):
-    """How definitive verdicts are sent: as JSON booleans, like the RML oracle, or as strings."""
+    """The form of definitive verdicts: JSON Booleans like the RML oracle, or strings."""
 
     RML = "rml"
     STRINGS = "strings"
@@ -61,19 +60,16 @@ _WORDS: Final[Mapping[Polarity, Mapping[Verdict, str]]] = {
 
 
 _GOING_ON: Final = {Polarity.PROPERTY: "currently_false", Polarity.DETECTION: "currently_true"}
-"""What a detection is where it is not the last."""
+"""The word for a detection after which the session continues."""
 
 
 class Session:
-    """What one connection has read.
+    """The state of one connection: monitors of the tree or part, and of its branches or kinds by
+    label.
 
-    `monitors` of the tree, or the part of one, and of its branches or kinds, by number or name.
-
-    A monitor gives up beyond `limit` partial matches; `failures` then say why. `buffer` has when
-    and where the events came that an explanation may name: of each event no more, and of events, of
-    which so many were read, a bounded number. `data_warnings` are what could have been part of a
-    match and was not. `repeat` and `cooldown` are as of a `MonitorSet`. Raises what
-    `rvaft.stream.monitor_set.columns` raises.
+    A monitor fails beyond `limit` partial matches; `failures` has the reasons. `buffer` keeps time
+    and topic of a bounded number of recent events, for explanations. `repeat` and `cooldown` are as
+    for `MonitorSet`. Raises what `rvaft.stream.monitor_set.columns` raises.
     """
 
     def __init__(
@@ -97,12 +93,12 @@ class Session:
         self.buffer = EventBuffer()
         self.listener: Listener | None = None
         self.watch = MonitoredTrace("", self.looked_at, buffer=self.buffer)
-        """What a listener is told of, if there is one."""
+        """The monitored trace for the listener, if there is one."""
         self.data_warnings = DataWarnings(self.monitors[_WHOLE].types)
         self.events = 0
 
     def fork(self) -> Self:
-        """An independent session that has read the same events."""
+        """Return an independent session in the same state."""
         twin = copy(self)
         twin.monitors = {label: monitors.fork() for label, monitors in self.monitors.items()}
         twin.failures = dict(self.failures)
@@ -114,17 +110,17 @@ class Session:
         return twin
 
     def tell(self, listener: Listener, trace: str, key: tuple[Json, ...] | None = None) -> None:
-        """Let a listener know from now on what the events change, of a trace, or a key in it, of that name."""
+        """Notify a listener of further events, as those of a trace or key."""
         self.listener, self.watch.trace, self.watch.key = listener, trace, key
         listener.begin(self.watch)
 
     @property
     def looked_at(self) -> MonitorSet:
-        """All monitors as one that is only looked at."""
+        """The monitors as a read-only set."""
         return MonitorSet.beside(list(self.monitors.values()))
 
     def read(self, event: Json, came: Json) -> None:
-        """Read one event; `came` is how it came, where that was put otherwise."""
+        """Read one event; `came` is the event before renaming."""
         self.events += 1
         changed: list[int] = []
         for column, (label, monitors) in enumerate(self.monitors.items()):
@@ -148,29 +144,26 @@ class Session:
                 self.listener.event(self.watch, self.events, event)
 
     def begin_again(self) -> None:
-        """Let the monitors that repeat and have detected with the last event begin afresh."""
+        """Restart the repeating monitors that detected with the last event."""
         for monitors in self.monitors.values():
             monitors.begin_again()
 
     @property
     def count(self) -> DetectionCount:
-        """The detections of the whole."""
+        """The detections of the whole tree."""
         return self.monitors[_WHOLE].found[0]
 
     def verdict(self, label: str = _WHOLE) -> Verdict | None:
-        """The verdict so far, or None of a monitor that gave up."""
+        """Return the current verdict, or None if the monitor failed."""
         return None if label in self.failures else self.monitors[label].verdicts[0]
 
 
 @dataclass(eq=False)
 class Protocol:
-    """How messages are read and answered for a tree, or the part of one.
+    """Reads and answers messages for a tree or part.
 
-    A message of more than `longest` bytes is an error.
-
-    So is, with `strict_json`, one with a number that is not finite; else the reply has it as it
-    came, since who sends it can read it. With `definitive` it is told so that the property holds
-    for good.
+    Messages of more than `longest` bytes are errors. So are numbers that are not finite with
+    `strict_json`; otherwise the reply repeats them. `definitive` sends ⊥ as definitive.
 
     >>> import rvaft
     >>> tree = rvaft.loads("top and a; a;")
@@ -189,16 +182,14 @@ class Protocol:
     def __post_init__(self) -> None:
         self._reads = TreeReads(self.tree)
         self._names: dict[str, set[str]] = {"topic": set(), "service": set()}
-        """The names of topics and services that the runtime events and `ignore` declarations spell
-        out in these fields, at their top level.
-        """
+        """Literal names of topics and services in events and `ignore` declarations."""
         for pattern in self._reads.patterns:
             for field, inner in pattern.fields if isinstance(pattern, ObjectPattern) else ():
                 if field in self._names and isinstance(inner, Literal) and isinstance(inner.value, str):
                     self._names[field].add(inner.value)
 
     def reply(self, message: str | bytes, session: Session) -> dict[str, Json]:
-        """The answer to a message; an event is read by the session, anything else leaves it as it was."""
+        """Return the reply to a message; only a valid event changes the session."""
         event: dict[str, Json] = {}
         found: dict[str, Json] = {}
         try:
@@ -219,14 +210,14 @@ class Protocol:
 
     def _event(self, line: bytes) -> dict[str, Json]:
         if len(line) > self.longest:
-            raise ValueError(f"a message of {len(line)} bytes; the longest that is read has {self.longest}")
+            raise ValueError(f"a message of {len(line)} bytes; the maximum is {self.longest}")
         if line.startswith(BOM):
             raise ValueError("a byte order mark before the event; send the event alone")
         return decode(line, reads=self._reads, strict=self.strict_json, passed_on=True)
 
     def _word(self, verdict: Verdict | None, session: Session) -> str | bool:
         if verdict is None:
-            return "unknown"  # ROSMonitoring's word for no verdict: no violation, and not definitive
+            return "unknown"  # ROSMonitoring: neither a violation nor definitive
         if verdict is Verdict.TRUE and session.repeat:
             return _GOING_ON[self.polarity]
         holds = verdict is Verdict.FALSE and self.polarity is Polarity.PROPERTY
@@ -234,12 +225,11 @@ class Protocol:
         return _DEFINITIVE.get(word, word) if self.vocabulary is Vocabulary.RML else word
 
     def _as_spelled(self, event: dict[str, Json]) -> dict[str, Json]:
-        """The event with its names as the tree spells them; one that the tree spells both ways, or
-        not at all, stays as it is.
+        """Return the event with topic and service names spelled as in the tree.
 
-        ROS takes `/command` and `command` for one name (at the root namespace), and the versions of
-        ROSMonitoring write it either way. A tree takes them for two values, so this holds on the
-        wire alone. A name with more than one leading slash has no other spelling.
+        ROS treats `/command` and `command` (in the root namespace) as equal, and versions of
+        ROSMonitoring differ, while trees distinguish them. A name that the tree spells both ways,
+        or that starts with several slashes, is unchanged.
         """
         renamed: dict[str, Json] = {}
         for field, known in self._names.items():

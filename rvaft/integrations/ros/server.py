@@ -1,5 +1,5 @@
-"""The WebSocket server, with one session per connection or one for all, and whom it lets in; needs
-the library `websockets`.
+"""The WebSocket server of the oracle, with a session per connection or a shared one; needs
+`websockets`.
 """
 
 import asyncio
@@ -27,27 +27,26 @@ if TYPE_CHECKING:
     from websockets.http11 import Request, Response
 
 REMEDY: Final = "pip install '.[ros]' in a checkout of rvaft"
-"""What installs the libraries that this needs."""
 PORT: Final = 8080
-"""Where ROSMonitoring looks for an oracle unless told otherwise."""
+"""The default port of oracles in ROSMonitoring."""
 CONNECTIONS: Final = 1000
-"""How many connections there may be at once unless told otherwise."""
+"""Default maximum number of connections."""
 _SPARE: Final = 64
-"""Open files beside the connections."""
+"""Open files needed besides connections."""
 _TOLD: Final = 10
-"""Messages of a connection that are told to be refused."""
+"""Maximum number of refused messages reported per connection."""
 _OVERSIZE: Final = 16
-"""A message up to this many times the longest that is read gets an error reply; a longer one ends its connection."""
-_BACKLOG: Final = 1024
-"""Connections that the system may queue: all monitors of a robot start at once."""
-_ACCEPTED: Final = 1
-"""Connections that `asyncio` accepts at a time, and retries that it schedules when the limit of
-open files is reached.
+"""A message up to so many times the maximum size gets an error reply; a longer one ends the
+connection.
 """
+_BACKLOG: Final = 1024
+"""Length of the accept queue: all monitors of a robot start at once."""
+_ACCEPTED: Final = 1
+"""Connections accepted at a time by `asyncio`, and its retries at the limit of open files."""
 _HANDSHAKE: Final = 5.0
-"""Seconds that a client has to say what it wants."""
+"""Seconds for the opening handshake."""
 _PATIENCE: Final = 1.0
-"""Seconds that a client has to take leave."""
+"""Seconds for the closing handshake."""
 _LOG: Final = logging.getLogger("rvaft.ros")
 _LIBRARY: Final = logging.getLogger("rvaft.ros.websockets")
 _LIBRARY.addHandler(logging.NullHandler())
@@ -56,12 +55,10 @@ _LIBRARY.propagate = False
 
 @dataclass(eq=False)
 class Server:
-    """Answers the messages of all connections; `fresh` gives the session of a new one.
+    """Answers the messages of all connections; `fresh` returns the session of a new one.
 
-    `say` is told, a line each, of connections, of messages that are no events, and of detections.
-    Port 0 is any that is free; `origins` are allowed beside those of programs, as `origin` gives
-    them; `connections` is how many there may be at once. A browser is shown the `page`, if there is
-    one.
+    `say` receives reports on connections, refused messages and detections. Port 0 is any free port.
+    `origins` are allowed in addition to programs. Browsers get the `page`, if there is one.
     """
 
     protocol: Protocol
@@ -85,7 +82,9 @@ class Server:
             self.page.say(line)
 
     async def admit(self, connection: "ServerConnection", request: "Request") -> "Response | None":
-        """Refuse a connection whose origin is not allowed, or for which there is no room; give a browser the page."""
+        """Refuse a connection of a foreign origin or without room; answer plain requests with the
+        page.
+        """
         hosts = request.headers.get_all("Host")
         plain = not any("websocket" in one.lower() for one in request.headers.get_all("Upgrade"))
         if plain and self.page is not None and not request.headers.get_all("Origin"):
@@ -104,7 +103,7 @@ class Server:
     async def handle(self, connection: "ServerConnection") -> None:
         """Answer the messages of one connection."""
         peer = connection.transport.get_extra_info("socket")
-        if peer is not None:  # let the system notice a client whose machine is gone
+        if peer is not None:  # detect clients whose machine is gone
             peer.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         session = self.fresh()
         self.present.add(connection)
@@ -123,7 +122,7 @@ class Server:
                 if session.events == events:
                     refused += 1
                     if refused <= _TOLD:
-                        more = "; of more it is not told" if refused == _TOLD else ""
+                        more = "; further ones are not reported" if refused == _TOLD else ""
                         self._tell(f"{name}: message refused: {reply['error']}{more}")
                 elif session.count.notified > detected:
                     branch = [] if reply.get("branch") is None else [f"branch {reply['branch']}"]
@@ -131,10 +130,10 @@ class Server:
                     which = f" (detection {session.count.notified})" if session.repeat else ""
                     self._tell(f"{name}: detected at event {session.events}{f': {how}' if how else ''}{which}")
                 elif session.verdict() is Verdict.FALSE is not verdict:
-                    why = f"under {session.semantics} nothing can be detected after event {session.events}"
-                    self._tell(f"{name}: {why}; consecutive and scattered go on (--semantics)")
+                    why = f"under {session.semantics} no detection is possible after event {session.events}"
+                    self._tell(f"{name}: {why}; consecutive and scattered would continue (--semantics)")
                 for label, failure in list(session.failures.items())[failures:]:
-                    self._tell(f"{name}: the monitor of {label} gives up after event {session.events}: {failure}")
+                    self._tell(f"{name}: the monitor of {label} failed after event {session.events}: {failure}")
                 for line in list(session.data_warnings.lines)[doubts:]:
                     self._tell(f"{name}: {line}")
                 read += session.events - events
@@ -154,24 +153,23 @@ class Server:
     def failed(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """Report an exception of the event loop.
 
-        The limit of open files is reported once, until the next connection opens. While the server stops,
-        a retry of accepting fails, since the socket is closed: this is not reported. Everything else is
-        reported as `asyncio` does.
+        The limit of open files is reported once until the next connection opens. A failing retry of
+        accepting during a stop is ignored. Other exceptions are reported as `asyncio` does.
         """
         error = context.get("exception")
         if self._stop.is_set() and "_start_serving" in context.get("message", ""):
             return
         if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
             if not self._full:  # `asyncio` retries every second
-                self.say("too many open files: new connections have to wait; allow more with ulimit -n")
+                self.say("too many open files: new connections wait; raise the limit with ulimit -n")
             self._full = True
         else:
             loop.default_exception_handler(context)
 
     async def serve(self, stop: asyncio.Event, listening: Callable[[str], object]) -> None:
-        """Answer messages until `stop` is set; `listening` is told the URL.
+        """Answer messages until `stop` is set; `listening` receives the URL.
 
-        Raises `ToolMissing` without the library, and `OSError` where the address cannot be listened at.
+        Raises `ToolMissing` and `OSError`.
         """
         library, self._stop = _library("asyncio.server"), stop
         least, most = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -191,7 +189,7 @@ class Server:
                 process_request=self.admit,
                 create_connection=_answering(library.ServerConnection),
                 compression=None,
-                ping_interval=None,  # the client of ROSMonitoring answers pings only while it waits for a reply
+                ping_interval=None,  # the ROSMonitoring client answers pings only while it waits for a reply
                 open_timeout=_HANDSHAKE,
                 close_timeout=_PATIENCE,
                 max_size=self.protocol.longest * _OVERSIZE,
@@ -207,7 +205,7 @@ class Server:
                     same.listen(_BACKLOG)
             listening(f"ws://{host}:{listener.sockets[0].getsockname()[1]}")
             await stop.wait()
-            for connection in self.present:  # who reads no replies does not read either that the server goes away
+            for connection in self.present:  # a client that reads no replies does not read the close frame either
                 loop.call_later(2 * _PATIENCE, connection.transport.abort)
 
 
@@ -216,20 +214,18 @@ def _library(part: str) -> Any:
 
 
 def _answering(connection: Any) -> Any:
-    """The library's connection, which leaves what is no request, or has a body, without an answer,
-    so that it has one.
-    """
+    """Return a connection class that also answers malformed requests and requests with a body."""
 
     class Answering(connection):  # type: ignore[misc] # the library is imported on use
         def send_data(self) -> None:
             unread = isinstance(self.protocol.handshake_exc, _library("exceptions").InvalidMessage)
             if unread and self.request is None and not self.transport.is_closing():
-                why = b"400 what came is no request of HTTP, or has a body\n"
+                why = b"400 not an HTTP request, or a request with a body\n"
                 head = (
                     b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/plain\r\nConnection: "
                     b"close\r\nContent-Length: %d\r\n\r\n"
                 )
-                with suppress(RuntimeError, OSError):  # the library has said its last word already
+                with suppress(RuntimeError, OSError):  # the library has already answered
                     self.transport.write(head % len(why) + why)
             super().send_data()
 

@@ -61,7 +61,7 @@ def test_the_command_writes_the_signature_to_a_file(tmp_path: Path) -> None:
         run("emit", tree, "--to", "rml", "--signature", signature),
         "rml specifications have no signature: omit --signature",
     )
-    failed(run("emit", tree, "--to", "dot", "--signature", signature), "has no --signature")
+    failed(run("emit", tree, "--to", "dot", "--signature", signature), "omit --signature")
 
 
 STAND_IN = '#!/bin/sh\nif [ "$1" = -version ]; then echo MonPoly; exit; fi\n{}\n'

@@ -320,7 +320,7 @@ async def test_each_repeated_detection_is_said_and_that_there_can_be_no_other() 
     assert said[1:4] == [
         "detected at event 3: branch 1 (detection 1)",
         "detected at event 7: branch 1 (detection 2)",
-        "under projected nothing can be detected after event 8; consecutive and scattered go on (--semantics)",
+        "under projected no detection is possible after event 8; consecutive and scattered would continue (--semantics)",
     ]
 
 
@@ -363,7 +363,7 @@ async def test_what_happens_is_said(tmp_path: Path) -> None:
         "connection 4 closed after 1 event",
         "connection 4 opened",
         "connection refused: there are 2, the most that --max-connections allows",
-        *["too many open files: new connections have to wait; allow more with ulimit -n"] * 2,
+        *["too many open files: new connections wait; raise the limit with ulimit -n"] * 2,
     ]
 
 
@@ -379,7 +379,7 @@ async def test_it_ends_at_the_limit_of_open_files_while_clients_hold_connections
         said += running.stderr.read()
         for client in clients:
             client.close()
-    assert said == "rvaft: too many open files: new connections have to wait; allow more with ulimit -n\n"
+    assert said == "rvaft: too many open files: new connections wait; raise the limit with ulimit -n\n"
 
 
 @live

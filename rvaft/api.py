@@ -206,7 +206,6 @@ def to_dot(
 
 
 def _notebook_svg(tree: RVAFT) -> str | None:
-    """Return the picture for notebooks, or None without a working Graphviz."""
     try:
         return picture(to_dot(tree), "svg", timeout=20).decode()
     except (ToolMissing, ToolFailed):

@@ -97,7 +97,6 @@ def on_detection(
 
 
 def _watching(tree: RVAFT | Monitor, options: MonitorOptions) -> Monitor:
-    """Return the given monitor, or a new one."""
     if not isinstance(tree, Monitor):
         return monitor(tree, **options)
     if options:

@@ -235,7 +235,6 @@ class Backend(ABC):
 
     @contextmanager
     def _refusing(self, semantics: Semantics) -> Iterator[None]:
-        """Add backend and semantics to a refusal."""
         try:
             yield
         except NotExpressible as refusal:

@@ -199,7 +199,6 @@ def _of_guard(guard: Guard | None) -> Iterator[Capability]:
 
 
 def _values(pattern: Pattern) -> Iterator[Value]:
-    """Yield the kinds of values that a pattern requires."""
     for part in patterns.walk(pattern):
         match part:
             case Literal(bool()):
@@ -261,7 +260,6 @@ def _tied(prop: Property, semantics: Semantics) -> _Tie | None:
 
 
 def _never_holds(guard: Guard) -> bool:
-    """Whether a conjunct without variables is false."""
     return any(not variables(one) and not holds(one, {}) for one in conjuncts(guard))
 
 

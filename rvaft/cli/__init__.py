@@ -186,7 +186,7 @@ def registered() -> dict[str, str]:
     others: dict[str, str] = {}
     for place in dict.fromkeys(sys.path):
         with suppress(OSError):
-            for name in sorted(os.listdir(place or os.curdir)):  # noqa: PTH208 (pathlib is slow to import)
+            for name in sorted(os.listdir(place or os.curdir)):  # noqa: PTH208
                 if name.endswith((".dist-info", ".egg-info")):
                     found = own if name.startswith("rvaft-") else others
                     for command, value in _entries(os.path.join(place, name, "entry_points.txt")):  # noqa: PTH118
@@ -196,9 +196,8 @@ def registered() -> dict[str, str]:
 
 
 def _entries(file: str) -> Iterator[tuple[str, str]]:
-    """Yield the commands in an entry-point file; none if the file does not exist."""
     try:
-        with open(file, "rb") as stream:  # noqa: PTH123 (pathlib is slow to import)
+        with open(file, "rb") as stream:  # noqa: PTH123 (pathlib imports slowly)
             data = stream.read()
     except OSError:
         return
@@ -239,7 +238,7 @@ class Commands(click.Group):
     traceback.
     """
 
-    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 (the interface of click)
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         """Return the names in help order."""
         return list(registered())
 
@@ -253,7 +252,7 @@ class Commands(click.Group):
         if cmd_name in _LISTED:
             remedy = "install rvaft again, in a checkout with pip install -e ."
             raise click.ClickException(f"the command {cmd_name} is not installed: {remedy}")
-        from difflib import get_close_matches  # noqa: PLC0415 -- imported on use
+        from difflib import get_close_matches  # noqa: PLC0415
 
         meant = get_close_matches(cmd_name, known, n=1)
         hint = f"; did you mean {meant[0]}?" if meant else ""

@@ -76,7 +76,6 @@ _IN_PROPERTIES: Final = _IN_MESSAGES | str.maketrans({":": "%3A", ",": "%2C"})
 
 
 def _github(findings: Sequence[Finding]) -> str:
-    """Return one GitHub workflow command per finding."""
     lines = []
     for finding in findings:
         file, line, column = finding.place
@@ -88,7 +87,6 @@ def _github(findings: Sequence[Finding]) -> str:
 
 
 def _sarif(findings: Sequence[Finding]) -> str:
-    """Return a SARIF 2.1.0 log of one run, with the rules that have findings."""
     results = []
     for finding in findings:
         file, line, column = finding.place

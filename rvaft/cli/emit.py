@@ -108,7 +108,6 @@ def backends_command(*, capabilities: bool) -> int:
 
 
 def _loaded(name: str) -> Backend | None:
-    """Return the backend of that name, or None if it cannot be loaded."""
     try:
         return backend(name)
     except ToolFailed:

@@ -36,7 +36,7 @@ class PageReporter(Reporter):
         self.stopped = False
         sink.kept = []
 
-    def stop(self, watch: MonitoredTrace) -> None:  # noqa: ARG002 (the interface)
+    def stop(self, watch: MonitoredTrace) -> None:  # noqa: ARG002
         """Note that a log cannot be read further."""
         self.stopped = True
 
@@ -50,7 +50,7 @@ class PageReporter(Reporter):
         summed = [] if totals.statistics is None else list(held(totals.statistics))
         return {"said": [*kept, *said], "held": [*summed, *meant, *doubts]}
 
-    def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:  # noqa: ARG002 (the interface)
+    def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:  # noqa: ARG002
         """Make the page; called after all logs, if at least one was read to its end."""
         for line in self.report.left_out:
             self.sink.warn(line)

@@ -190,7 +190,6 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
 def _with_foxglove(
     settings: MonitorSettings, traces: Sequence[TraceSource], target: str, jobs: int, *, endless: bool
 ) -> int:
-    """Run all traces and send the detections to Foxglove."""
     options.refuse(jobs > 1, "--foxglove needs a single process: omit --jobs")
     foxglove = publisher_class("foxglove")
     why = "--foxglove PORT needs live events (--follow, a URL or standard input); for a finished log name a FILE.mcap"
@@ -236,7 +235,6 @@ def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any]) -> MonitoringPl
 
 
 def _check(given: dict[str, Any]) -> None:
-    """Refuse incompatible options and impossible drawings before the run starts."""
     refuse, form, explain = options.refuse, given["form"], given["explain"]
     refuse(given["word"] is not None and given["traces"], "--word and TRACE exclude each other")
     # Backends provide neither explanations nor kinds nor snapshots.

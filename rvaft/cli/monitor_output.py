@@ -207,7 +207,7 @@ class _JsonLines(Reporter):
         number.
         """
 
-    def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:  # noqa: ARG002 (the interface)
+    def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:  # noqa: ARG002
         self.events(watch, number, number, watch.monitors.verdicts)
 
     def events(self, watch: MonitoredTrace, first: int, last: int, verdicts: Sequence[Verdict]) -> None:
@@ -337,7 +337,7 @@ class _Table(_Text):
 
     every, whole, sums = True, True, False
 
-    def begin(self, watch: MonitoredTrace) -> None:  # noqa: ARG002 (the interface)
+    def begin(self, watch: MonitoredTrace) -> None:  # noqa: ARG002
         self._rows: list[tuple[str, ...]] = [("EVENT", *(column.title for column in self.columns))]
         self._left_out = 0
         self._reasons: list[str] = []
@@ -389,7 +389,6 @@ def held(statistics: Statistics) -> Iterator[str]:
 
 
 def _summary(settings: MonitorSettings, rows: Sequence[SummaryRow]) -> Iterator[str]:
-    """Yield the summary table, a row per trace and key; long tables keep only noteworthy rows."""
     fields = () if settings.plan.key is None else settings.plan.key.fields
     titles = [column.title for column in settings.plan.monitors.columns]
     repeat = settings.plan.monitors.repeat
@@ -427,7 +426,6 @@ def _summary(settings: MonitorSettings, rows: Sequence[SummaryRow]) -> Iterator[
 
 
 def _numbered(count: DetectionCount | None) -> str:
-    """Return the number of the detection and of those suppressed before it, as text."""
     if count is None:
         return ""
     return f" (detection {count.notified}{f', {count.between} suppressed before it' if count.between else ''})"

@@ -313,7 +313,6 @@ class _Run(Listener):
 
 @contextmanager
 def _listening(trace: TraceSource, sink: Sink, idle: Callable[[], object]) -> Iterator[Live]:
-    """Wait for the events of a URL until Ctrl-C."""
     if not trace.live:
         yield Live()
         return

@@ -129,7 +129,6 @@ class LogFormat:
 
 
 def _types(_context: object, _parameter: object, given: Sequence[str]) -> dict[str, FieldType]:
-    """Parse `FIELD=TYPE` lists."""
     found: dict[str, FieldType] = {}
     for part in (part for text in given for part in text.split(",")):
         name, _, kind = part.rpartition("=")
@@ -188,7 +187,6 @@ def part_options(function: F) -> F:
 
 
 def _mapping(_context: object, _parameter: object, path: str | None) -> dict[str, Any] | None:
-    """Return the contents of a TOML or JSON file; raises `OptionError` and `OSError`."""
     if path is None:
         return None
     data = Path(path).read_bytes()
@@ -274,7 +272,6 @@ def standard_input(argument: str) -> BinaryIO:
 
 
 def _standard_text() -> str:
-    """Return the text of standard input; raises `OSError`."""
     stream = standard_input("TREE")
     try:
         return decoded(stream.read(), "<stdin>")

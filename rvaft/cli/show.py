@@ -73,7 +73,6 @@ def show_command(*, tree: str, form: Format | None, output: str | None, highligh
 
 
 def _suggested(output: str | None) -> Format:
-    """Return the format for the suffix of a file, or a terminal drawing without a suffix."""
     suffix = PurePath(output or "").suffix
     if output is None or not suffix:
         return Format.TREE
@@ -85,7 +84,6 @@ def _suggested(output: str | None) -> Format:
 
 
 def _highlighted(tree: RVAFT, what: str, semantics: Semantics | None) -> Marks:
-    """Return the marks for `branch:N` or for the detection in a trace file."""
     is_number = re.compile(r"[0-9]{1,9}").fullmatch
     if what.startswith("branch:"):
         branch = what.removeprefix("branch:")
@@ -147,7 +145,6 @@ def _counted(found: Iterator[Branch], limit: int | None) -> Iterator[Branch]:
 
 
 def _rows(parts: Iterable[RVAFT | Branch], form: str) -> Iterator[str]:
-    """Yield number or sign, kinds and property of each part, separated by tabs."""
     for part in parts:
         kinds = ",".join(sorted(kind.value for kind in kinds_of(part))) or "-"
         if form == "unicode":

@@ -133,7 +133,6 @@ def _update(name: str) -> None:
 
 
 def _opened(name: str) -> tuple[Path, RVAFT, dict[str, list[Json]]]:
-    """Return the path of the expected verdicts, the tree, and its traces by name."""
     folder = Path(name).with_suffix(".traces")
     tree = options.load_tree(name)
     files = sorted(file for file in folder.glob("*") if suffix(file) in suffixes())
@@ -165,7 +164,6 @@ def _signs(tree: RVAFT, semantics: Semantics, part: str, events: list[Json]) -> 
 
 
 def _junit(rows: list[Expectation]) -> str:
-    """Return a JUnit suite for each tree with a test case for each row."""
     root = ET.Element("testsuites")
     for tree in dict.fromkeys(row.tree for row in rows):
         own = [row for row in rows if row.tree == tree]

@@ -147,7 +147,6 @@ def dot_text(tree: RVAFT, look: Look = PLAIN) -> str:
 
 
 def _box(node: Node, tree: RVAFT, look: Look, part: View, number: Mapping[str, int]) -> Iterator[str]:
-    """Yield the statements for a node, its gate, and the edges to its children."""
     own, marks = number[node.name], look.marks
     faint = marks is not None and node.name not in marks.kept
     bold = "" if marks is None else f', color="{_GREY}", fontcolor="{_GREY}"' if faint else f", {_BOLD}"
@@ -196,7 +195,6 @@ def _set(role: Role, lines: list[str], kind: Kind | None, *, faint: bool) -> str
 
 
 def _legend(look: Look, part: View, number: Mapping[str, int]) -> Iterator[str]:
-    """Yield the legend in rows below the deepest node."""
     places = {part.nodes[0].name: (0, 0.0, 1.0)}  # level, left edge and share of the width
     for node in part.nodes:
         level, left, width = places[node.name]

@@ -113,8 +113,6 @@ def formula(prop: Property) -> Formula:
 
 
 class _Writer:
-    """Builds the formulas of the parts, inner parts first."""
-
     def __init__(self, prop: Property) -> None:
         self.done: dict[Part, Formula] = {}
         self._nodes = prop.tree.nodes
@@ -126,7 +124,6 @@ class _Writer:
         self._names = {whole: source.node for source, whole in prop.wholes.items() if self._spans(source)}
 
     def _spans(self, source: Source) -> bool:
-        """Whether a guard uses the start or the end of a node."""
         return not {("start", source), ("end", source)}.isdisjoint(self._asked)
 
     def row(self, part: Part) -> Formula:

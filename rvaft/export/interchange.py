@@ -44,7 +44,6 @@ def json_text(tree: RVAFT) -> str:
 
 
 def _record(thing: object, names: str) -> dict[str, Any]:
-    """Return these attributes as JSON."""
     found: dict[str, Any] = {}
     for name in names.split():
         found[name] = value = getattr(thing, name)

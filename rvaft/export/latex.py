@@ -51,7 +51,7 @@ def escaped(text: str) -> str:
 @cache
 def _symbol(character: str) -> str:
     """Return the command for a symbol or a Greek letter; other letters are unchanged."""
-    from pylatexenc.latexencode import UnicodeToLatexEncoder  # noqa: PLC0415 -- imported on use
+    from pylatexenc.latexencode import UnicodeToLatexEncoder  # noqa: PLC0415
 
     encoder = UnicodeToLatexEncoder(unknown_char_policy="keep", unknown_char_warning=False)
     command = str(encoder.unicode_to_latex(character))
@@ -76,7 +76,6 @@ def name(text: str) -> str:
 
 
 def _constant(value: Scalar) -> str:
-    """Return a literal in mathematics; strings are quoted."""
     if isinstance(value, str):
         return rf"\text{{``{escaped(value)}''}}"
     text = literal_text(value)

@@ -96,7 +96,6 @@ def branch_marks(tree: RVAFT, number: int) -> Marks:
 
 
 def _note(number: int, event: Json, tree: RVAFT) -> Iterator[str]:
-    """Yield the number, time and topic of an event."""
     yield f"event {number}"
     told = {field: event[field] for field in ("time", "topic") if isinstance(event, Mapping) and field in event}
     if tree.time is not None and (written := tree.time.written(event)) is not None:

@@ -161,7 +161,6 @@ def kinds_of(part: RVAFT | Branch) -> frozenset[Kind]:
 
 
 def _index(part: RVAFT | Branch) -> str:
-    """Return the index of the property: a branch number, a kind, or ""."""
     if isinstance(part, Branch):
         return str(part.number)
     return str((part.part_of and (part.part_of.kind or part.part_of.branch)) or "")

@@ -146,7 +146,6 @@ def _lines(
 
 
 def _drawn(box: SvgBox, number: int) -> Iterator[str]:
-    """Yield the elements of a node."""
     node, left = box.node, box.x - box.width / 2
     words = ["node", node.kind.value if node.kind else "", "condition" if is_condition(node) else ""]
     yield f'<g class="{" ".join(filter(None, words))}" data-node="{number}">'

@@ -81,7 +81,6 @@ def tikz_text(tree: RVAFT, look: Look = PLAIN) -> str:
 
 
 def _brackets(tree: RVAFT, look: Look, part: View) -> Iterator[str]:
-    """Yield the nested brackets of the tree, one node or gate per line."""
     marks = look.marks
 
     def edge(*, marked: bool) -> str:
@@ -121,7 +120,6 @@ def _brackets(tree: RVAFT, look: Look, part: View) -> Iterator[str]:
 
 
 def _below(look: Look, part: View) -> Iterator[str]:
-    """Yield the lines of the marks and the legend below the tree."""
     for text in look.marks.below if look.marks is not None else ():
         yield rf"\node[anchor=north west, font=\footnotesize\sffamily] {_UNDER} {{{_flat(text)}}};"
     if look.legend and (signs := list(legend(part, look.marks, graph=False))):

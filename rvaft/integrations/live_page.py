@@ -159,7 +159,7 @@ class PageServer(ThreadingHTTPServer):
         self.socket.bind(self.server_address)
         self.server_address = self.socket.getsockname()
 
-    def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002 (the interface)
+    def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002
         """Ignore closed connections; report defects in one line."""
         error = sys.exception()
         if not isinstance(error, OSError | CancelledError):
@@ -179,8 +179,6 @@ class PageServer(ThreadingHTTPServer):
 
 
 class _Answering(BaseHTTPRequestHandler):
-    """One request; the connection is closed after it."""
-
     server: PageServer
     server_version, sys_version = "rvaft", ""
     default_request_version = "HTTP/1.1"
@@ -211,13 +209,13 @@ class _Answering(BaseHTTPRequestHandler):
             finally:
                 server.room.release()
 
-    do_HEAD = do_GET  # noqa: N815 (the interface)
+    do_HEAD = do_GET  # noqa: N815
 
     def do_POST(self) -> None:
         """Refuse all methods but GET and HEAD."""
         self._refuse(HTTPStatus.METHOD_NOT_ALLOWED, " and HEAD")
 
-    do_PUT = do_DELETE = do_PATCH = do_OPTIONS = do_TRACE = do_CONNECT = do_POST  # noqa: N815 (the interface)
+    do_PUT = do_DELETE = do_PATCH = do_OPTIONS = do_TRACE = do_CONNECT = do_POST  # noqa: N815
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:  # noqa: ARG002
         """Answer a malformed request without repeating it."""
@@ -256,5 +254,5 @@ class _Answering(BaseHTTPRequestHandler):
         self.send_header("Connection", "close")
         self.end_headers()
 
-    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 (the interface)
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
         """Do not log requests."""

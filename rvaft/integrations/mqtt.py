@@ -161,7 +161,6 @@ class MqttReader(LogReader):
 
 
 def _event(message: "MQTTMessage", came: int, log: Log) -> dict[str, Json]:
-    """Return the event of a message; raises `ValueError`."""
     placed = partial(_placed, message.topic, came)
     return decode(bytes(message.payload), reads=log.reads, strict=log.strict, placed=placed)
 
@@ -289,11 +288,10 @@ class _Connection:
             self._thread.join(_PATIENCE)
 
     def _expiry(self, packet: str, seconds: int) -> Any:
-        """Return the session expiry property; None before version 5."""
         if self._address.version < 5:
             return None
-        from paho.mqtt.packettypes import PacketTypes  # noqa: PLC0415 -- imported on use
-        from paho.mqtt.properties import Properties  # noqa: PLC0415 -- imported on use
+        from paho.mqtt.packettypes import PacketTypes  # noqa: PLC0415
+        from paho.mqtt.properties import Properties  # noqa: PLC0415
 
         found: Any = Properties(getattr(PacketTypes, packet))  # type: ignore[no-untyped-call]
         found.SessionExpiryInterval = seconds
@@ -306,7 +304,6 @@ class _Connection:
             self._end(f"{type(error).__name__}: {error}")
 
     def _end(self, reason: str) -> None:
-        """Report a final error."""
         if self._answered.is_set():
             self._waiting.put(self._log.error_at(reason, None))
         else:

@@ -81,8 +81,6 @@ class _Options(NamedTuple):
 
 
 class _Plan(NamedTuple):
-    """The monitors and settings of a worker."""
-
     tree: RVAFT
     run: MonitoringPlan
     key: Key
@@ -223,8 +221,6 @@ def _whole(number: float) -> int | float:
 
 
 class _Detections(Listener):
-    """Collects the detections of one key as rows."""
-
     def __init__(self, plan: _Plan, options: _Options, key: Json) -> None:
         self.rows: list[tuple[Any, ...]] = []
         self._plan = plan
@@ -322,7 +318,6 @@ def _warning(key: Json, text: str) -> tuple[Any, ...]:
 
 
 def _without_key(options: _Options, texts: Iterable[tuple[int, str]]) -> Iterator[tuple[Any, ...]]:
-    """Yield a warning for events without the key, and one for malformed texts."""
     plan = _planned(options)
     lacking, refusals, refused = 0, 0, ""
     for _, text in texts:
@@ -354,8 +349,7 @@ def _monitored(options: _Options, batches: Iterable["pyarrow.RecordBatch"]) -> I
 
 
 def _batch(rows: Sequence[tuple[Any, ...]], schema: str) -> "pyarrow.RecordBatch":
-    """Return rows as an Arrow batch."""
-    import pyarrow  # noqa: PLC0415 -- imported on use
+    import pyarrow  # noqa: PLC0415
 
     text = pyarrow.string()
     kinds = {"string": text, "bigint": pyarrow.int64(), "double": pyarrow.float64(), "int": pyarrow.int32()}
@@ -369,15 +363,13 @@ def _batch(rows: Sequence[tuple[Any, ...]], schema: str) -> "pyarrow.RecordBatch
 
 
 def _columns(schema: str) -> dict[str, str]:
-    """Return the type of each column of a schema."""
     return dict(column.split(" ", 1) for column in schema.split(", "))
 
 
 def _stepped(
     options: _Options, key: tuple[str], tables: Iterable["pandas.DataFrame"], state: Any
 ) -> Iterator["pandas.DataFrame"]:
-    """Yield the rows of one micro-batch for one key."""
-    import pandas  # noqa: PLC0415 -- imported on use
+    import pandas  # noqa: PLC0415
 
     found = pandas.concat(list(tables)).sort_values(_ORDER, kind="stable")
     texts = zip(found["place"].tolist(), found["text"].tolist(), strict=True)

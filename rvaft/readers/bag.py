@@ -43,15 +43,15 @@ class BagReader(LogReader):
     needs_file: ClassVar[bool] = True
 
     @classmethod
-    def suits(cls, path: Path, options: InputOptions) -> bool:  # noqa: ARG003 (of the interface)
+    def suits(cls, path: Path, options: InputOptions) -> bool:  # noqa: ARG003
         """Whether the path has one of the suffixes, or is a rosbag2 folder."""
         return suffix(path) in cls.suffixes or (path / BAG_METADATA).is_file()
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json] | None]]:
         """Yield the messages with their numbers, in time order."""
         try:
-            from rosbags.highlevel import AnyReader  # noqa: PLC0415 -- imported on use
-            from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415 -- imported on use
+            from rosbags.highlevel import AnyReader  # noqa: PLC0415
+            from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
         except ImportError as error:
             raise ToolMissing("rosbags", remedy="pip install '.[bags]' in a checkout of rvaft") from error
         number = 0
@@ -141,7 +141,6 @@ def message_event(message: object, topic: str, time: int) -> dict[str, Json]:
 
 
 def _object(message: object, elsewhere: Mapping[str, str] = MappingProxyType({})) -> dict[str, Json]:
-    """Return the fields of a message as JSON, some renamed."""
     kind: Any = type(message)  # for mypy, the class of an object is not hashable
     names = _field_names(kind)
     return _fields(message, names, [elsewhere.get(name, name) for name in names])
@@ -149,7 +148,6 @@ def _object(message: object, elsewhere: Mapping[str, str] = MappingProxyType({})
 
 @cache
 def _field_names(kind: type) -> Sequence[str]:
-    """Return the field names of a message class of `rclpy` or `rosbags`."""
     if (told := getattr(kind, "get_fields_and_field_types", None)) is not None:
         return tuple(told())
     if not is_dataclass(kind):
@@ -165,13 +163,11 @@ def _fields(message: object, names: Sequence[str], keys: Sequence[str]) -> dict[
 
 @cache
 def _getter(names: Sequence[str]) -> Callable[[object], Sequence[object]]:
-    """Return a function that reads these fields of a message."""
     own = [f"{name}_" if iskeyword(name) else name for name in names]
     return attrgetter(*own) if len(own) > 1 else lambda message: [getattr(message, name) for name in own]
 
 
 def _json(value: object) -> Json:
-    """Return a value as JSON: arrays become lists, single bytes numbers, messages objects."""
     match value:
         case str() | int() | float():
             return value

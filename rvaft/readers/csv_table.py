@@ -85,7 +85,6 @@ class CsvReader(LogReader):
                 yield number, event
 
     def _event(self, columns: list[tuple[str, Callable[[str], Json]]], row: list[str]) -> dict[str, Json]:
-        """Return the event of a row; raises `ValueError`."""
         event: dict[str, Json] = {}
         try:
             "".join(row).encode()
@@ -106,7 +105,6 @@ class CsvReader(LogReader):
         return by_content if kind is None else str if kind is FieldType.TEXT else kind.value_of
 
     def _check(self, header: list[str], log: Log, line: int) -> None:
-        """Raise `TraceError` for a header with unusable or missing names."""
         if any("\0" in name for name in header):
             raise log.error_at("the header has NUL characters: is it UTF-16? Convert it, for example with iconv", line)
         for name, count in Counter(header).items():

@@ -112,7 +112,6 @@ class _XmlStream:
 
 
 def _attributes(elements: Iterable[ET.Element]) -> dict[str, Json]:
-    """Return attributes by key; raises `ValueError`."""
     found: dict[str, Json] = {}
     for element in elements:
         kind, key, text = _local(element), element.get("key"), element.get("value")
@@ -147,5 +146,4 @@ def _of_event(key: str) -> str:
 
 
 def _local(element: ET.Element) -> str:
-    """Return the tag in lower case, without its namespace."""
     return element.tag.rpartition("}")[2].lower()

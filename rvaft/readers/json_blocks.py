@@ -279,7 +279,6 @@ class JsonBlockReader:
         return None
 
     def _is_nested(self, event: dict[str, Json]) -> bool:
-        """Whether the time field has a nested value."""
         return self._time is not None and type(event.get(self._time)) in (dict, list)
 
     def _heads(self, text: bytes, lines: list[bytes]) -> tuple[list[_Line], list[Hashable], Sequence[_Values] | None]:
@@ -318,7 +317,6 @@ class JsonBlockReader:
         return heads, found, told if every else None
 
     def _lookup(self, field: str) -> Callable[[_Line], _Value]:
-        """Return a function that reads a field of a decoded line."""
         return methodcaller("get", field, msgspec.UNSET) if self._dense else attrgetter(self._short[field])
 
     def _every(self, values: Hashable) -> tuple[Json, ...]:
@@ -342,7 +340,6 @@ class JsonBlockReader:
 
 
 def _gets(fields: Sequence[str]) -> Callable[[dict[str, Json]], _Values]:
-    """Return a function that reads one field of an event, or a tuple of several."""
     gets = [methodcaller("get", field, msgspec.UNSET) for field in fields]
     return gets[0] if len(gets) == 1 else lambda event: tuple([get(event) for get in gets])
 

@@ -120,7 +120,6 @@ class JsonReader(LogReader):
 
 
 def _after(name: str, path: str) -> tuple[str, ...] | None:
-    """Return the rest of a dotted path after a name, or None."""
     return (path.removeprefix(f"{name}."),) if path.startswith(f"{name}.") else None
 
 

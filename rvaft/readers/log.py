@@ -235,7 +235,6 @@ class Log:
         return TraceError(f"{where}{reason}", file=self.name, line=line)
 
     def _where(self, place: int | None) -> tuple[int | None, str]:
-        """Return the line for a place, or None and a prefix for messages."""
         if self.reader.unit == "line" or place is None:
             return place, ""
         return None, f"{self.reader.unit} {place}: "
@@ -399,7 +398,7 @@ def expanded(name: str) -> list[str]:
     """
     if _WILD.isdisjoint(name) or scheme(name) or os.path.lexists(name):
         return [name]
-    from glob import iglob  # noqa: PLC0415 -- imported on use
+    from glob import iglob  # noqa: PLC0415
 
     found = sorted(path for path in iglob(name, recursive=True) if not _is_folder(Path(path)))  # noqa: PTH207
     if not found:
@@ -424,7 +423,7 @@ def open_log(name: str, usual: str = ".jsonl") -> AbstractContextManager[BinaryI
     if Path(name).is_dir():
         suffixes = Counter(path.suffix for path in sorted(Path(name).iterdir()) if path.suffix and path.is_file())
         usual = suffixes.most_common(1)[0][0] if suffixes and usual == ".jsonl" not in suffixes else usual
-        hint = f"'{os.path.join(name, f'*{usual}')}'"  # noqa: PTH118 (as typed)
+        hint = f"'{os.path.join(name, f'*{usual}')}'"  # noqa: PTH118
         raise IsADirectoryError(errno.EISDIR, f"Is a directory; name the logs in it, for example {hint}", name)
     return opened(Path(name))
 

@@ -36,8 +36,8 @@ class ParquetReader(LogReader):
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
         """Yield the events with their row numbers."""
         try:
-            import pyarrow  # noqa: PLC0415 -- imported on use
-            from pyarrow import parquet  # noqa: PLC0415 -- imported on use
+            import pyarrow  # noqa: PLC0415
+            from pyarrow import parquet  # noqa: PLC0415
         except ImportError as error:
             remedy = "pip install '.[parquet]' in a checkout of rvaft"
             raise ToolMissing("pyarrow", remedy=remedy) from error
@@ -80,8 +80,7 @@ def _events(batch: _Batch, log: Log, before: int) -> list[dict[str, Json] | None
 
 
 def _has_floats(batch: _Batch) -> bool:
-    """Whether a batch may contain a number that is not finite."""
-    from pyarrow import compute, types  # noqa: PLC0415 -- imported on use
+    from pyarrow import compute, types  # noqa: PLC0415
 
     return any(
         not compute.all(compute.is_finite(column)).as_py()
@@ -92,9 +91,8 @@ def _has_floats(batch: _Batch) -> bool:
 
 
 def _values(column: _Column) -> list[Json]:
-    """Return the values of a column as JSON; raises `ValueError`."""
-    import pyarrow as pa  # noqa: PLC0415 -- imported on use
-    from pyarrow import compute, types  # noqa: PLC0415 -- imported on use
+    import pyarrow as pa  # noqa: PLC0415
+    from pyarrow import compute, types  # noqa: PLC0415
 
     kind = column.type
     if isinstance(column, pa.ExtensionArray):
@@ -138,7 +136,6 @@ def _values(column: _Column) -> list[Json]:
 
 
 def _object(entries: list[dict[str, Json]]) -> Json:
-    """Return a map with text keys as an object; raises `ValueError` for a repeated key."""
     if len({entry["key"] for entry in entries}) < len(entries):
         raise ValueError("a key of a map is repeated")
     return {entry["key"]: entry["value"] for entry in entries if "value" in entry}

@@ -65,7 +65,7 @@ def reader_class(name: str) -> type[LogReader]:
     return made
 
 
-def reader(name: str, options: InputOptions = InputOptions()) -> LogReader:  # noqa: B008 (immutable)
+def reader(name: str, options: InputOptions = InputOptions()) -> LogReader:  # noqa: B008
     """Return a reader for a format; raises `UnknownFormat`, `ToolFailed` and `OptionError`.
 
     >>> reader("regex", InputOptions(records="Items"))
@@ -94,7 +94,7 @@ def suffixes() -> frozenset[str]:
     return frozenset(found)
 
 
-def format_of(file: str, options: InputOptions = InputOptions()) -> str:  # noqa: B008 (immutable)
+def format_of(file: str, options: InputOptions = InputOptions()) -> str:  # noqa: B008
     """Return the format of a file or URL, by default JSON Lines; raises `OptionError`.
 
     >>> format_of("monday.csv.gz"), format_of("monday.log")
@@ -173,7 +173,7 @@ def live_events(url: str, *, warn: Callable[[str], object] = warnings.warn) -> A
     ...         if verdict is rvaft.Verdict.TRUE:
     ...             return event
     """
-    from asyncio import to_thread  # noqa: PLC0415 -- imported on use
+    from asyncio import to_thread  # noqa: PLC0415
 
     expect("the URL", url, str, "a text")
     chosen, ended = reader(format_of(url)), False

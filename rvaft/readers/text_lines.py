@@ -86,7 +86,6 @@ class SyslogReader(LineReader):
 
 
 def _parameters(text: str) -> Json:
-    """Return the parameters of structured data; repeated ones become a list."""
     found: dict[str, list[Json]] = {}
     for name, value in _PARAMETER.findall(text):
         found.setdefault(name, []).append(_ESCAPED.sub(r"\1", value[1:-1]))
@@ -105,7 +104,6 @@ def _written(log: Log) -> date:
 
 
 def _latest(month: int, day: int, last: date) -> date:
-    """Return the latest such day that is not after `last`; raises `ValueError`."""
     for year in range(last.year, last.year - 9, -1):
         with suppress(ValueError):
             if (found := date(year, month, day)) <= last:
@@ -126,7 +124,7 @@ class RegexReader(LineReader):
     takes: ClassVar[frozenset[str]] = frozenset({"pattern", "types"})
     lenient: ClassVar[bool] = True
 
-    def __init__(self, options: InputOptions = InputOptions()) -> None:  # noqa: B008 (immutable)
+    def __init__(self, options: InputOptions = InputOptions()) -> None:  # noqa: B008
         """Raises `OptionError` for a missing or invalid pattern, one without groups, or an unknown
         field.
         """

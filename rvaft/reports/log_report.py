@@ -352,7 +352,6 @@ class LogReport(Listener):
         self._generation += 1
 
     def _keep_watches(self, needed: Collection[int]) -> None:
-        """Drop unneeded watches, except for the latest."""
         idle = [at for at in range(len(self._watches)) if at not in needed]
         gone = set(idle[: max(len(idle) - ENDED // 2, 0)])
         number = {at: place for place, at in enumerate(at for at in range(len(self._watches)) if at not in gone)}
@@ -373,7 +372,6 @@ class LogReport(Listener):
         return f"event {number} of {watch.trace}"
 
     def _fitting(self, event: Json) -> tuple[int, ...]:
-        """Return the nodes whose event this may be."""
         types = self.plan.monitors.types
         found = (types.letters[number] for number in types.of(event).admitted)
         letters = [letter for kind, _, letter in found if kind == "entry"]
@@ -527,7 +525,6 @@ def policy(*, live: bool = False) -> str:
 
 
 def _text(value: Json) -> str:
-    """Return a value for display: text unchanged, others as JSON."""
     if isinstance(value, str):
         return visible(cut(value, LONGEST))
     try:

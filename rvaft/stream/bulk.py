@@ -137,7 +137,6 @@ def _blocks_of(events: Iterable[JsonObject | None]) -> Iterator[EventBlock]:
 
 
 def _block_of(turns: Sequence[Turn]) -> EventBlock:
-    """Return a block of events and stand-ins in this order."""
     found = [(place, event) for place, event in enumerate(turns) if type(event) is not tuple]
     if not found:
         return EventBlock(len(turns), (), range(len(turns)), turns)
@@ -222,7 +221,6 @@ def _by_shape(fields: tuple[str, ...], events: Sequence[JsonObject]) -> Collecti
 
 
 def _have_the_same_fields(events: Sequence[JsonObject]) -> bool:
-    """Whether events with equally many fields have the same fields."""
     try:
         deque(map(itemgetter(*events[0]), events) if events[0] else (), maxlen=0)
     except KeyError:
@@ -231,7 +229,6 @@ def _have_the_same_fields(events: Sequence[JsonObject]) -> bool:
 
 
 def _split(table: GuardTable[H], group: EventGroup) -> list[tuple[H, EventGroup]]:
-    """Split a group by its entries in a guard table."""
     if _has_one_entry(table, group):
         return [(table.of(group.events[0]), group)]
     found: dict[H, list[JsonObject]] = {}

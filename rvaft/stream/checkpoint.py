@@ -300,7 +300,6 @@ class CheckpointFile:
         return found, state
 
     def _require_same(self, found: Checkpoint) -> None:
-        """Raise `CheckpointError` for a checkpoint of another run or trace."""
 
         def with_(name: str, value: str | None) -> str:
             return f"without {name}" if value is None else f"with {name} {value}".rstrip()

@@ -238,7 +238,6 @@ class DataWarnings:
 
 
 def _asked(types: EventTypeIndex) -> Iterator[tuple[int, _Asked]]:
-    """Yield the numbers of letters with their checks."""
     tree = types.tree
     guards = [(node.when, f"of {node.name}") for node in tree.top_down() if node.when is not None]
     parts = [part for guard, whose in guards for part in _parts(guard, whose)]

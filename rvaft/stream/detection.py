@@ -168,7 +168,7 @@ def _run(command: str, text: bytes) -> str | None:
     """Run one command in its own process group, so that it can be killed; return the failure, if
     any.
     """
-    import subprocess  # noqa: PLC0415 -- imported on use
+    import subprocess  # noqa: PLC0415
 
     output = subprocess.DEVNULL if sys.__stderr__ is None else sys.__stderr__.fileno()
     try:

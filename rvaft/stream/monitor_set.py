@@ -177,7 +177,7 @@ class MonitorSet:
     def fork(self) -> Self:
         """Return independent monitors in the same state."""
         twin = copy(self)
-        twin._take_over(tuple(monitor.fork() for monitor in self.monitors))  # noqa: SLF001 (its own)
+        twin._take_over(tuple(monitor.fork() for monitor in self.monitors))  # noqa: SLF001
         twin.since = dict(self.since)
         twin.found = [replace(count) for count in self.found]
         return twin
@@ -205,7 +205,7 @@ class MonitorSet:
         states, twin.since, twin.found = snapshot
         for engine, state in zip(twin.engines, states, strict=True):
             engine.restore(state)
-        twin._live = tuple(column for column in self._live if column not in twin.since)  # noqa: SLF001 (its own)
+        twin._live = tuple(column for column in self._live if column not in twin.since)  # noqa: SLF001
         twin._resting = tuple(column for column in twin._live if twin.engines[column].verdict.final)  # noqa: SLF001
         return twin
 

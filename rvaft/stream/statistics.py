@@ -124,7 +124,6 @@ class EventTypeIndex:
         return self.shapes.of(event).of(event)
 
     def _table(self, decided: Decided) -> GuardTable[EventKind]:
-        """Return the table from guard results to kinds, for events of a shape."""
         numbers = [number for number in sorted(chain(*decided)) if number < len(self.letters)]
         tests = [test for number in numbers for test in self._tests[number]]
 
@@ -140,7 +139,6 @@ class EventTypeIndex:
         return joined_tables([table, *tables], self._joined)
 
     def _joined(self, found: tuple[EventKind | EventClass, ...]) -> EventKind:
-        """Return the kind that joins letters and engine classes."""
         kind, *classes = found
         assert isinstance(kind, EventKind), "the first says which letters they are"
         made = EventKind(kind.fits, kind.admitted, tuple(cast("list[EventClass]", classes)), checks=kind.checks)
@@ -281,7 +279,6 @@ def _spelling(text: Json) -> Json:
 
 
 def _leaves(pattern: Pattern) -> Iterator[tuple[Path, Pattern]]:
-    """Yield the fields of a nested object pattern, in order."""
     agenda: list[tuple[Path, Pattern]] = [((), pattern)]
     while agenda:
         path, part = agenda.pop()

@@ -131,7 +131,7 @@ class Server:
                     self._tell(f"{name}: detected at event {session.events}{f': {how}' if how else ''}{which}")
                 elif session.verdict() is Verdict.FALSE is not verdict:
                     why = f"under {session.semantics} no detection is possible after event {session.events}"
-                    self._tell(f"{name}: {why}; consecutive and scattered would continue (--semantics)")
+                    self._tell(f"{name}: {why}; consecutive and scattered continue (--semantics)")
                 for label, failure in list(session.failures.items())[failures:]:
                     self._tell(f"{name}: the monitor of {label} failed after event {session.events}: {failure}")
                 for line in list(session.data_warnings.lines)[doubts:]:

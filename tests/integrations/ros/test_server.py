@@ -320,7 +320,7 @@ async def test_each_repeated_detection_is_said_and_that_there_can_be_no_other() 
     assert said[1:4] == [
         "detected at event 3: branch 1 (detection 1)",
         "detected at event 7: branch 1 (detection 2)",
-        "under projected no detection is possible after event 8; consecutive and scattered would continue (--semantics)",
+        "under projected no detection is possible after event 8; consecutive and scattered continue (--semantics)",
     ]
 
 

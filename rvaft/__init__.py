@@ -126,7 +126,6 @@ _ELSEWHERE: Final = {
         "read_log",
     ),
 }
-"""The modules of names that are not in `rvaft.api`."""
 _MODULE_OF: Final = {name: "rvaft.api" for name in __all__ if name != "__version__"} | {
     name: module for module, names in _ELSEWHERE.items() for name in names
 }

@@ -261,7 +261,6 @@ class Repetition(Monitor):
         self._fresh = monitor
         self._before = 0
         self.current = monitor.fork()
-        """The monitor of the events since the last detection."""
 
     def begin_again(self) -> None:
         """Restart, if the last event was a detection."""

@@ -38,11 +38,9 @@ they change a verdict.
 WIDE: Final = 8
 """Maximum number of monitors with a column in the summary; beyond it, detecting ones are listed."""
 TYPES: Final = 20
-"""Maximum number of event types listed individually."""
 WAITING: Final = 10
 """Maximum number of branches whose missing events are listed."""
 LISTED: Final = 20
-"""Maximum number of events listed for a counted leaf."""
 
 
 class Sink:
@@ -166,7 +164,6 @@ class Reporter(Listener):
         self.fields = detection.told_fields(settings.tree)
         self._ends = 0
         self.totals: Totals | None = None
-        """The totals of all traces so far, once the run has begun."""
 
     def ends(self, change: VerdictChange) -> dict[int, Ended]:
         """Return why columns can no longer detect; nothing once `ENDS` keys have been explained."""

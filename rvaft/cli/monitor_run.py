@@ -40,7 +40,6 @@ _OFTEN: Final = 1_000
 one.
 """
 _CHUNK: Final = 1 << 20
-"""Characters copied at a time."""
 
 
 class TraceSource(NamedTuple):
@@ -167,7 +166,6 @@ class _Run(Listener):
         self.settings = settings
         self.sink = sink
         self.jobs = jobs
-        """Number of processes that read one trace."""
         self.progress = progress
         monitors, tried = settings.plan.monitors, settings.checkpoints is None
         self.reporter = reporter or REPORTERS[settings.form](settings, sink)
@@ -184,7 +182,6 @@ class _Run(Listener):
         reacts = bool(settings.hooks) or settings.drawing is not None
         self.listeners: list[Listener] = [self, *settings.others, self.reporter, *([self.reaction] if reacts else [])]
         self._log: Log | None = None
-        """The current log, or None for JSON Lines."""
 
     def change(self, change: VerdictChange) -> None:
         kept = self.settings.checkpoints

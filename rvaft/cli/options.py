@@ -70,7 +70,6 @@ _READING: Final = {
     "strict_galileo": "Refuse dynamic gates of Galileo; by default they are read as observed failures.",
     "confine_imports": "Refuse imports of files outside the folder of the tree.",
 }
-"""The options for reading trees, with their help texts."""
 
 
 def _remember(context: click.Context, parameter: click.Parameter, value: bool) -> None:

@@ -69,7 +69,6 @@ SUFFIXES: Final[Mapping[str, Format]] = {
     ".dft": Format.GALILEO,
     **{f".{form}": form for form in Format if form is not Format.TREE},
 }
-"""The formats for the suffixes of files."""
 assert set(_DRAWN) | set(_WRITTEN) | set(PICTURES) == set(Format), "every format is written in one way"
 
 

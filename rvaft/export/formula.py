@@ -118,7 +118,6 @@ class _Writer:
         self._nodes = prop.tree.nodes
         self._own_first = prop.tree.causality is Causality.TOP_DOWN
         self._spread: dict[Part, list[Formula]] = {}
-        """For each choice, its formulas in sequence."""
         guards = (part.guard for part in prop.parts if isinstance(part, Condition))
         self._asked = {(one.point, Source(one.node, one.number)) for guard in guards for one in time_points(guard)}
         self._names = {whole: source.node for source, whole in prop.wholes.items() if self._spans(source)}

@@ -30,7 +30,6 @@ LONGEST: Final = 120
 WIDTH: Final = 14
 """Width of text in a box in columns; narrow enough for printed trees."""
 _LISTED: Final = 5
-"""Maximum number of listed events per node; the last one is always listed."""
 NARROWEST: Final = 4
 """Minimum width of a box in columns."""
 
@@ -42,7 +41,6 @@ _GATES: Final[Mapping[Gate, tuple[str, str]]] = {
     Gate.PAND: ("PAND →", "all, each ending after the one to its left"),
     Gate.VOT: ("VOT k/n", "at least k of the n"),
 }
-"""The short form of each gate and its meaning."""
 assert set(_GATES) == set(Gate), "every gate has a text"
 
 
@@ -138,7 +136,6 @@ class Look:
 
 PLAIN: Final = Look()
 TERMINAL: Final = Look(events=True)
-"""The default in a terminal."""
 
 
 def looking(
@@ -229,7 +226,6 @@ def is_condition(node: Node) -> bool:
 
 
 Role = Enum("Role", "PLAIN BOLD EVENT GUARD")
-"""The role of a row in a box."""
 
 
 def rows(node: Node, look: Look) -> Iterator[tuple[Role, list[str]]]:

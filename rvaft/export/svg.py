@@ -17,9 +17,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.support.terminal import visible
 
 SCREEN: Final = Look(events=True, wrap=20)
-"""The look on a page."""
 CROWDED: Final = Look(events=True, wrap=14, stagger=True)
-"""The look of a wide tree."""
 MANY: Final = 12
 """Number of leaves above which a tree is wide."""
 _CHARACTER, _LINE, _PAD, _MARGIN = 7.2, 15, 8, 9

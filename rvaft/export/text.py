@@ -17,7 +17,6 @@ from rvaft.support.terminal import visible
 MAX_LEVELS = 20
 """Maximum levels of indentation in a section."""
 MARK: Final = "● "
-"""The prefix of marked lines."""
 _COLOURS: Final = {Kind.FAULT: "1;33", Kind.ATTACK: "1;31", None: "1"}
 _FAINT: Final = "2"
 

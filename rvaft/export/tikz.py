@@ -71,7 +71,6 @@ _TAIL: Final = r"""\end{forest}
 \end{document}
 """
 _UNDER: Final = r"at ([yshift=-6pt]current bounding box.south west)"
-"""The position below everything drawn so far."""
 
 
 def tikz_text(tree: RVAFT, look: Look = PLAIN) -> str:

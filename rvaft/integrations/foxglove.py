@@ -49,7 +49,6 @@ _SCHEMAS: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
     ),
     VERDICTS: ("rvaft.Verdict", {**_ABOUT, "verdict": _TEXT, "verdicts": {"type": "object"}}),
 }
-"""For each channel: schema name and properties."""
 
 
 class FoxgloveSink(Publisher):

@@ -31,12 +31,11 @@ _HEARTBEAT: Final = 5.0
 """Seconds between messages that detect closed connections."""
 _REFUSALS: Final = {
     HTTPStatus.FORBIDDEN: "host not allowed: use the server's address or localhost, or allow the host with --origin",
-    HTTPStatus.NOT_FOUND: "not found: the page is at /",
+    HTTPStatus.NOT_FOUND: "not found: there is only the page at /",
     HTTPStatus.METHOD_NOT_ALLOWED: "allowed methods: GET",
     HTTPStatus.SERVICE_UNAVAILABLE: "too many open pages; close another one",
 }
 Told = tuple[str, bytes]
-"""A cursor, and the changes up to it."""
 Asked = Literal["page", "events"]
 
 
@@ -84,7 +83,7 @@ def refusal(status: HTTPStatus, more: str = "") -> str:
     r"""Return the text of a refusal; `more` completes the list of what is there.
 
     >>> refusal(HTTPStatus.NOT_FOUND, ", and WebSocket")
-    '404 there is only the page, at /, and WebSocket\n'
+    '404 not found: there is only the page at /, and WebSocket\n'
     """
     return f"{status.value} {_REFUSALS[status]}{more}\n"
 
@@ -182,7 +181,6 @@ class _Answering(BaseHTTPRequestHandler):
     server: PageServer
     server_version, sys_version = "rvaft", ""
     default_request_version = "HTTP/1.1"
-    """Malformed requests also get an answer with a status."""
     protocol_version = "HTTP/1.1"
     error_content_type = "text/plain; charset=utf-8"
     error_message_format = "%(code)d %(message)s\n"

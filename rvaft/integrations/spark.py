@@ -52,7 +52,6 @@ _KEYED: Final = "key string, place bigint, part double, came bigint, text string
 """An event with its key and its place: integer part, fraction, and arrival."""
 _ORDER: Final = ["place", "part", "came"]
 _FIRST: Final = -(1 << 63)
-"""The place of an event without one."""
 _NO_KEY: Final = ""
 _STATE: Final = "state binary"
 _QUICK: Final = msgspec.json.Decoder(float_hook=decimal)

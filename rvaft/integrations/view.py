@@ -24,7 +24,6 @@ from rvaft.support.terminal import visible
 
 _LATEST: Final = f"{MOST}  [default: {PLACES}; with --follow {SHOWN}, the latest]"
 _LINES: Final = 500
-"""Maximum number of messages on the page of a growing log."""
 
 
 class LivePageReporter(PageReporter):

@@ -1,1 +1,1 @@
-"""Logs in whatever format they are: one reader for each format, found by its name or by the name of the file."""
+"""Readers of log formats, found by name or by the suffix of a file."""

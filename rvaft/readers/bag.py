@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 TOPIC: Final = "topic"
 TIME: Final = "time"
 ELSEWHERE: Final = {name: f"message_{name}" for name in (TOPIC, TIME)}
-"""New names for message fields with these names."""
 _PLAIN: Final = frozenset({str, int, float, bool})
 _FLOATS: Final = frozenset({"float32", "float64", "float128"})
 

@@ -17,10 +17,8 @@ from rvaft.readers.json_lines import settled
 from rvaft.readers.log import FieldType, Log, LogReader, by_content, lines_of, suffix
 
 _DIVIDED: Final = re.compile(r"sep=(.)\r?\n")
-"""A line with which spreadsheets declare the delimiter."""
 _QUOTED: Final = re.compile(r'"[^"]*(?:"|$)')
 _DELIMITERS: Final = ("\t", ";", "|")
-"""Delimiters tried in a header without a comma."""
 
 
 class CsvReader(LogReader):

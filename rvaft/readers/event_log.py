@@ -15,7 +15,6 @@ CASE: Final = "case"
 """The field with the name of an event's case, and prefix of the other case attributes."""
 _NAME: Final = "concept:name"
 _HOLDERS: Final = {"log": ("",), "trace": ("log",), "event": ("log", "trace")}
-"""The allowed parents of each element."""
 _TYPES: Final = {
     **dict.fromkeys(("string", "date", "id"), FieldType.TEXT),
     **dict.fromkeys(("int", "float"), FieldType.NUMBER),

@@ -41,11 +41,9 @@ _STRETCH: Final = 29_000
 _REFUSED: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 """Exceptions of a decoder for a line of an unexpected form, malformed or not."""
 _Line: TypeAlias = Any
-"""A decoded line, of a class generated for the fields of one tree."""
 _Value: TypeAlias = Scalar | msgspec.UnsetType
 """The value of a field, `msgspec.UNSET` if missing."""
 _Values: TypeAlias = _Value | tuple[_Value, ...]
-"""The value of one field, or of several."""
 _DOUBT: Final = ("doubt",)
 """Marks a line that `rvaft.readers.json_lines` has to decode."""
 

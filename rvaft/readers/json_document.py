@@ -28,7 +28,6 @@ _HEAD: Final = 4096
 _BLOCK: Final = 1 << 18
 _SPACE: Final = re.compile(r"[ \t\r\n]*")
 _CLOSED: Final = frozenset('[{"')
-"""First characters of values that are self-delimiting."""
 _WORD: Final = 12
 """An error this close to the end of the window may be due to a torn token."""
 
@@ -133,7 +132,6 @@ class _Window:
         self._place = 0
         """Offset of the first character not consumed."""
         self._line = 1
-        """The line where the text begins."""
         self._failure: TraceError | None = None
         self._ended = False
 

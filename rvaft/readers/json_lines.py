@@ -26,10 +26,8 @@ from rvaft.support.terminal import cut
 MAX_DEPTH: Final = 500
 """Maximum nesting; below the limits of every JSON decoder, so that all readers agree."""
 BLANK: Final = b" \t\r\n"
-"""Characters of a blank line."""
 
 HINT: Final = "a trace has one JSON object per line"
-"""The end of messages about a line."""
 _STRING_OR_BRACKET: Final = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[\]{}]', re.DOTALL)
 _SURROGATE: Final = re.compile(r"\\u[dD][89a-fA-F]")
 _ESCAPE: Final = re.compile(r"\\(?:u[dD][89abAB]..\\u[dD][c-fC-F]..|(u[dD][89a-fA-F]..)|.)")
@@ -37,7 +35,6 @@ _PERHAPS_WORD: Final = re.compile(r"NaN|Infinity")
 _PERHAPS_HUGE: Final = re.compile(r"[0-9][eE]\+?0*[1-9][0-9][0-9]|[0-9]{200}")
 _HUGE: Final = "a number beyond the range of a double"
 _SHOWN: Final = 40
-"""Maximum characters of a value in a message."""
 
 
 def read(

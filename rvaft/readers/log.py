@@ -34,11 +34,9 @@ MAX_LINE: Final = 64 * 1024 * 1024
 MAX_DIGITS: Final = 4300
 """Maximum digits of an integer; conversion takes quadratic time."""
 BOM: Final = b"\xef\xbb\xbf"
-"""The byte order mark."""
 
 Source: TypeAlias = str | os.PathLike[str] | BinaryIO
 LogSource: TypeAlias = Path | BinaryIO | str
-"""The input of a reader: a file, a stream or a URL."""
 _SCHEME: Final = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
 _WILD: Final = frozenset("*?[")
 
@@ -282,7 +280,6 @@ class LogReader(ABC):
     unit: ClassVar[str] = "line"
     """The unit in which places count, from 1."""
     takes: ClassVar[frozenset[str]] = frozenset()
-    """The names of the supported `InputOptions`."""
     by_lines: ClassVar[bool] = False
     """Whether lines are independent: then a log can be followed, and resumed at any line."""
     needs_file: ClassVar[bool] = False

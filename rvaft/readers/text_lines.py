@@ -142,7 +142,6 @@ class RegexReader(LineReader):
             if name not in groups:
                 raise OptionError(f"the pattern has no group {name}, of which a type is given")
         self._searched = self._before = ""
-        """The line being searched, and the one at the last check."""
         self._converters = {
             name: by_content if (kind := options.types.get(name)) is None else kind.value_of for name in groups
         }

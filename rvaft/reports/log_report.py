@@ -45,13 +45,11 @@ PLACES: Final = 300_000
 SHOWN: Final = 20_000
 """Maximum number of places with the text of their event."""
 CHANGES: Final = 20_000
-"""Maximum number of changes of verdicts."""
 SECONDS: Final = 10.0
 """Maximum processor time, in seconds, for computing missing events."""
 RECORDS: Final = 50
 """Maximum number of bindings with missing events at one place."""
 LONGEST: Final = 240
-"""Maximum characters of an event or a value."""
 ENDED: Final = 1_000
 """Maximum number of ended traces and keys on a growing page."""
 SHARE: Final = 0.1
@@ -92,7 +90,6 @@ class LogReport(Listener):
         self._watches: list[MonitoredTrace] = []
         self._own: dict[int, int] = {}
         self._latest: dict[int, int] = {}
-        """The place of the latest event of each watch, if any."""
         self._lists: dict[str, list[Any]] = {
             name: [] for name in ("number", "watch", "nodes", "waits", "time", "event")
         }
@@ -100,7 +97,6 @@ class LogReport(Listener):
         self._waits: dict[Hashable, int] = {}
         self._changes: list[dict[str, Any]] = []
         self._at: list[int] = []
-        """The places of the changes."""
         self._most_left = self._left = SECONDS * SHARE if grows else SECONDS
         self._found_late: list[tuple[int, int]] = []
         """Places whose missing events were computed later, with the result."""
@@ -113,7 +109,6 @@ class LogReport(Listener):
         self._ended: dict[int, list[Any]] = {}
         """The final rows of ended watches on a growing page."""
         self._left_there = 0
-        """The number of ended watches left after the last clean-up."""
         self._token, self._generation = token_hex(8), 0
         self._rows: list[list[Any]] = []
         """The last row of each watch; `_revised` has the revisions of rows."""

@@ -1,1 +1,1 @@
-"""Monitors at work: many logs, many monitors, streams; what `rvaft monitor` runs, without the command line."""
+"""Monitoring of logs and streams, without the command line."""

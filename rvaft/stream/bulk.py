@@ -37,7 +37,6 @@ from rvaft.stream.run import Source, TraceRun
 from rvaft.stream.statistics import EventKind, EventTypeIndex
 
 ENABLED: Final = True
-"""Whether events are read in batches."""
 STRETCH: Final = parallel_blocks.STRETCH
 """Bytes that a process reads at a time; a shorter file is read by one process."""
 FEW: Final = 32

@@ -26,7 +26,6 @@ from rvaft.stream.detection import counted
 from rvaft.stream.statistics import UNSEEN, EventKind, EventTypeIndex
 
 MOST: Final = 20
-"""Maximum number of guards that are listed individually."""
 _ANY: Final = (1, "a", True)
 """Samples for an unknown value: if none makes a comparison defined, no value does."""
 _JUNCTIONS: Final = (Operator.AND, Operator.OR, Operator.NOT)

@@ -22,7 +22,6 @@ from rvaft.monitors import Explanation, Pending
 from rvaft.support.terminal import cut
 
 PLACES: Final = ("time", "topic")
-"""The fields with time and topic of an event in ROS logs."""
 TIMEOUT: Final = 30.0
 """Maximum duration of a command in seconds."""
 _GRACE: Final = 1.0

@@ -93,7 +93,6 @@ class KeyedTraces:
         self.key = key
         self.lacking = self.first_lacking = 0
         self.names = tuple(one.text for one in key.fields) if all(len(one.path) == 1 for one in key.fields) else ()
-        """The fields of the key, or () if one is nested."""
         self.known: dict[tuple[Json, ...], MonitoredTrace | None] = {}
         """Cache of traces by values that serve as dictionary keys directly."""
         self._most = most

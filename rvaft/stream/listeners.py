@@ -27,7 +27,6 @@ from rvaft.support.files import opened
 
 GROUP: Final = "rvaft.publishers"
 BOUND: Final = 10_000
-"""Maximum number of events kept for explanations."""
 
 
 class EventBuffer:

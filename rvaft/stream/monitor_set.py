@@ -25,7 +25,6 @@ from rvaft.monitors import Ended, Explanation, Monitor, Repetition
 from rvaft.stream.statistics import EventKind, EventTypeIndex
 
 MOST: Final = 1_000
-"""Maximum number of branches with a monitor each."""
 _UNKNOWN: Final = Verdict.UNKNOWN
 
 
@@ -117,7 +116,6 @@ class DetectionCount:
 
 
 Snapshots: TypeAlias = tuple[list[dict[str, Json]], dict[int, int], list[DetectionCount]]
-"""Engine snapshots, numbers of the events that made verdicts final, and detection counts."""
 
 
 @dataclass(eq=False)

@@ -15,9 +15,7 @@ E = TypeVar("E")
 """The sorted items: events, or what stands for them."""
 Place: TypeAlias = int | float
 DEFAULT_WINDOW: Final = 1_000
-"""Default number of events held back."""
 _ISO: Final = EventTime((), TimeFormat.ISO8601)
-"""Reads a value that is itself a time."""
 
 
 class OrderedField:
@@ -68,7 +66,6 @@ class Ordering(OrderedField, Generic[E]):
         self.first_late = self.first_without = 0
         """The numbers of the first such events, in reading order."""
         self.came = 0
-        """The number of events added."""
         self.held: list[tuple[Place, int, E]] = []
         """A heap of the held events: place, number, event."""
         self.before: Place = -inf

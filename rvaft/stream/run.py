@@ -21,7 +21,6 @@ from rvaft.stream.plan import TIME, MonitoringPlan, Totals
 from rvaft.stream.statistics import Statistics
 
 Source: TypeAlias = BinaryIO | Log | Iterable[Json]
-"""A stream of JSON Lines, a log in another format, or decoded events."""
 RunState: TypeAlias = tuple[
     list[tuple[tuple[Json, ...] | None, Snapshots, int]],
     tuple[int, int],

@@ -18,7 +18,6 @@ from rvaft.monitors import Monitor
 ROOM: Final = 10_000
 """Maximum number of events kept per trace, over all keys."""
 LIMIT: Final = 1_000
-"""Maximum number of partial matches."""
 SECONDS: Final = 2.0
 """Time limit in seconds, for all traces together."""
 _MEANING: Final = (

@@ -42,7 +42,6 @@ class WarningChecks:
     """The checks by data warnings of events that match the same patterns."""
 
     looked_at: tuple[int, ...] = UNSEEN
-    """The letters with checks."""
     good: tuple[object, int, Sequence[str] | None, set[tuple[type, ...]]] | None = None
     """The cache of passed checks: owner, version, fields, and value types."""
 
@@ -58,11 +57,8 @@ class EventKind:
     admitted: tuple[int, ...] = ()
     """The numbers of the letters that match with their guards."""
     classes: tuple[EventClass, ...] = ()
-    """The event class for each engine."""
     types: frozenset[str] = field(default=frozenset(), init=False)
-    """The matching event types."""
     entries: bool = field(default=False, init=False)
-    """Whether an entry of the alphabet matches."""
     relevant: tuple[str, ...] | None = field(default=(), init=False)
     """The types for which the event is relevant; None for an ignored event."""
     serves: bool = field(default=False, init=False)

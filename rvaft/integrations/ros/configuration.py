@@ -29,7 +29,6 @@ from rvaft.support.network import LOCAL, is_address, require_host
 SUFFIXES: Final = {"rml": ".rml", "rml-prolog": ".pl"}
 """The backends for the RML oracle of ROSMonitoring, with the suffixes of their files."""
 _BEGINNINGS: Final = {"rml": b"// The attack-fault tree ", "rml-prolog": b":- module(spec, "}
-"""The first bytes of these files."""
 _HEADER: Final = "# Written by rvaft rosmonitoring: change the tree and write it again.\n"
 _FINAL_ONLY: Final = 2
 """The value of `warning` in ROSMonitoring that reports `false`, but not `currently_false`."""

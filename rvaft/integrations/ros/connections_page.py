@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 UNIT: Final = "connection"
 _LINES: Final = 200
-"""Maximum number of messages of the server on the page."""
 _WAIT: Final = 3.0
 """Seconds that a request waits for updates; less than the timeout for opening a connection."""
 _AGAIN: Final = b"retry: 200\n\n"

@@ -93,7 +93,6 @@ class Session:
         self.buffer = EventBuffer()
         self.listener: Listener | None = None
         self.watch = MonitoredTrace("", self.looked_at, buffer=self.buffer)
-        """The monitored trace for the listener, if there is one."""
         self.data_warnings = DataWarnings(self.monitors[_WHOLE].types)
         self.events = 0
 

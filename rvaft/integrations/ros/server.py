@@ -28,11 +28,8 @@ if TYPE_CHECKING:
 
 REMEDY: Final = "pip install '.[ros]' in a checkout of rvaft"
 PORT: Final = 8080
-"""The default port of oracles in ROSMonitoring."""
 CONNECTIONS: Final = 1000
-"""Default maximum number of connections."""
 _SPARE: Final = 64
-"""Open files needed besides connections."""
 _TOLD: Final = 10
 """Maximum number of refused messages reported per connection."""
 _OVERSIZE: Final = 16

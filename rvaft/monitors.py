@@ -28,8 +28,8 @@ class Explanation:
     """One match (semantics, section 4), in the branch with the lowest number.
 
     `matched` are its events in order. `branch` is None if the tree has too many branches to count.
-    `scenario` maps each node of the scenario to the children that it keeps (K or more of a KofN),
-    and is empty if the monitor cannot tell.
+    `scenario` maps each node of the scenario to the children that it keeps (K or more of a KofN).
+    It is empty if unknown.
 
     >>> import rvaft
     >>> watching = rvaft.monitor(rvaft.loads("top sand a b;"))

@@ -113,8 +113,8 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given: Any) -> int:
     """Monitor the events of each TRACE and print changes of the verdict.
 
-    A TRACE is a file in JSON Lines or the format given by its suffix or --input, a pattern such as
-    'logs/**/*.jsonl', or a URL such as mqtt://HOST/TOPIC. Without a TRACE, or with -, events come
+    A TRACE is a file in JSON Lines, or in the format given by its suffix or --input. It may be a
+    pattern such as 'logs/**/*.jsonl', or a URL such as mqtt://HOST/TOPIC. Without a TRACE, or with -, events come
     from standard input. The exit status is 1 if a trace detects the tree.
     """
     options.refuse(tree == "-", "TREE is a file: standard input is read as a log")

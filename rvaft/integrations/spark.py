@@ -105,14 +105,14 @@ def monitor(
 ) -> "DataFrame":
     """Return the detections in a table or stream of events as a table or stream of `SCHEMA`.
 
-    The options are those of `rvaft monitor`: `key` names the key fields (dotted paths), `order_by`
-    the field that orders the events of a key (by default the `time` of the tree), `cooldown` is a
+    The options are those of `rvaft monitor`. `key` names the key fields (dotted paths). `order_by`
+    is the field that orders the events of a key, by default the `time` of the tree. `cooldown` is a
     duration like `10 min`. Events are JSON texts in `column`, or in `value` if it is the only
     column; otherwise rows are events, without null fields.
 
-    A detection has the `key` as JSON, the number of the `event` within its key, its `time`, the
-    number of the `detection` (with `repeat`), `branch`, `kinds`, and `record`, the JSON object that
-    `rvaft monitor` passes to commands. Rows with a `warning` and no record report events without
+    A detection has the `key` as JSON, the number of the `event` within its key, its `time`,
+    `branch` and `kinds`. `detection` is its number (with `repeat`), and `record` the JSON object
+    that `rvaft monitor` passes to commands. Rows with a `warning` and no record report events without
     the key, lines that are no JSON objects, undefined guards, late events, and failed monitors.
 
     A stream keeps the state of a key in Spark's state store. A query that is restarted from its

@@ -52,7 +52,7 @@ class EventBlock(NamedTuple):
     """Consecutive events: the number of all, and the possibly relevant ones with their places, from
     0.
 
-    If a reader keeps fields of all events, `passed` has the places of the others, and `kept` their
+    If a reader keeps fields of all events, `passed` has the places of the others. `kept` has their
     values (or tuples of values) in these fields, with `msgspec.UNSET` for missing ones.
     """
 
@@ -107,8 +107,8 @@ def plain_fields(reads: TreeReads, also: Iterable[str] = ()) -> Sequence[str]:
     """Return the fields that a `JsonBlockReader` decodes, or () if it cannot read logs for the
     tree.
 
-    That holds for a tree without discriminating strings, with patterns that are no objects, or with
-    field names that JSON can spell in several ways (other than by numeric escapes).
+    It cannot for a tree without discriminating strings, or with patterns that are no objects. Nor
+    can it if JSON can spell a field name in several ways (other than by numeric escapes).
     """
     patterns = [one for one in reads.patterns if isinstance(one, ObjectPattern)]
     fields = tuple(dict.fromkeys((*(name for one in patterns for name, _ in one.fields), *also)))

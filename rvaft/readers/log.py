@@ -105,8 +105,8 @@ _BOOLEANS: Final = {
 class InputOptions:
     """Options of log formats; None or empty if not given.
 
-    `records` is the dotted path of the event list in a JSON document, `types` gives the types of
-    fields, `pattern` is a regular expression with named groups.
+    `records` is the dotted path of the event list in a JSON document. `types` gives the types of
+    fields. `pattern` is a regular expression with named groups.
     """
 
     records: str | None = None

@@ -311,7 +311,7 @@ def events_of_concern(
     """Yield the possibly relevant events of JSON Lines with their numbers; None if batches cannot
     be used.
 
-    `concerns` says whether events of a kind matter. If none in a block matters and none causes a
+    `concerns` returns whether events of a kind matter. If none in a block matters and none causes a
     warning, the last event stands for the block.
     """
     time = types.tree.time

@@ -1,7 +1,7 @@
 """Checkpoints: the state of a monitor in a file, to continue from after a crash.
 
-A checkpoint is valid only for the same tree, semantics, columns, settings and rvaft version, and
-for a trace that begins with the bytes that were read. After a crash the events since the last
+A checkpoint is valid only for the same tree, semantics, columns, settings and rvaft version. The
+trace must begin with the bytes that were read. After a crash the events since the last
 checkpoint are read again, and the verdicts equal those of an uninterrupted run. A detection is
 recorded before it is reported, so that a repeated report is marked. (After a power failure the
 latest records may be missing: they are not synced.)

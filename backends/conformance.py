@@ -40,21 +40,19 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor, Monitor
 
-# The trees, each with the events that matter to it.
-#
-# Every gate at one to three children, with and without its own event, under both causalities; every
-# gate in every other; nodes shared in all ways; events that several nodes fit; guards, variables,
-# `ignore`, and parts that keep the whole tree's alphabet.
+# The trees, each with its relevant events.
+# Every gate with one to three children, with and without an event, under both causalities; every
+# gate in every other; shared nodes; events that match several nodes; guards, variables, `ignore`;
+# and parts that keep the alphabet of the whole tree.
 
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """A tree, and events that fit its nodes; in their order, and in the reverse, they are always tried.
+    """A tree with matching events; traces in their order and in reverse are always tried.
 
-    `determinate`: whenever two occurrences may be next after the same events, no event fits both,
-    so that there is never more than one assignment of the variables to follow. `detects` is a trace
-    that the tree detects under the semantics of `shown`, `misses` one that it does not; both are
-    always tried.
+    `determinate`: no event matches two occurrences that may come next, so at most one assignment of
+    the variables is possible. The tree detects `detects` and not `misses` under the semantics
+    `shown`; both traces are always tried.
     """
 
     name: str
@@ -70,7 +68,7 @@ WRITTEN_GATES = (*GATES, "1of{n}", "2of{n}", "3of{n}")
 EVENTS = "event at(k) = { k: k }; event px(p) = { x: p }; event py(p) = { y: p }; event pxy(p, q) = { x: p, y: q }; "
 
 GROUPS: dict[str, dict[str, Any]] = tomllib.loads(files("backends").joinpath("conformance.toml").read_text("utf-8"))
-"""Trees by what they are about."""
+"""Trees by topic."""
 
 CONSTRUCTS: Final = frozenset(
     {
@@ -82,7 +80,9 @@ CONSTRUCTS: Final = frozenset(
         *("ignore", "late", "shared", "a variable over two events", "when, on a gate"),
     }
 )
-"""All that a tree is made of but the operators of guards; kinds and labels change no verdict of the whole tree."""
+"""All constructs of trees except operators of guards, kinds and labels; the latter change no
+verdict.
+"""
 
 assert set(GROUPS["operator"]) == set(Operator), set(GROUPS["operator"]) ^ set(Operator)
 assert set(GROUPS["construct"]) == CONSTRUCTS, set(GROUPS["construct"]) ^ CONSTRUCTS
@@ -125,11 +125,11 @@ DECISIVE: dict[str, tuple[str, Json]] = {
     "a text more than a number": ("px(X) when X > 0", "1"),
     "a truth more than a number": ("px(X) when X > 0", True),
 }
-"""One event of a sequence, and the value that tells it from what it is easily taken for."""
+"""Per example: an event pattern, and a value that is easily confused with a matching one."""
 
 
 def examples() -> Iterator[Example]:
-    """All of them, in a stable order."""
+    """Yield all examples in a stable order."""
     leaves = ("a", "b", "c")
     for size, gate in product((1, 2, 3), WRITTEN_GATES):
         if not gate[0].isdigit() or int(gate[0]) <= size:
@@ -171,7 +171,7 @@ def examples() -> Iterator[Example]:
 
 
 def rows() -> Iterator[Example]:
-    """A tree for every operator, on one event and on two, and for every construct."""
+    """Yield a tree per operator on one event and on two, and a tree per construct."""
     for name, row in GROUPS["operator"].items():
         guard, holding, failing = row["one"]
         text = f"r sand a b; a on px(X) when {guard}; b on py(_);"
@@ -199,14 +199,14 @@ def _tree(text: str) -> RVAFT:
 
 
 def _default(name: str, text: str) -> Example:
-    """A tree over default events and `at`."""
+    """Return a tree over default events and `at`."""
     tree = _tree(text)
     words = [n.name for n in tree.top_down() if n.has_event and n.on is None]
     numbers = [{"k": number} for number in (1, 2) if f"at({number})" in text]
     return Example(name, tree, (*({"event": word} for word in sorted(words)), *numbers))
 
 
-# What is required, and what a run finds.
+# Requirements, and the results of a run.
 
 Oracle: TypeAlias = Callable[[RVAFT, Semantics], Monitor]
 Required: TypeAlias = Callable[[Example, Semantics], bool]
@@ -216,36 +216,38 @@ Finding: TypeAlias = tuple[str, str, Trace]
 NOISE: Json = {"nothing": "of interest"}
 
 VARIANTS: Final = 48
-"""So many events are held against what a backend says it observes."""
+"""The number of events used to check `observed`."""
 
 ALIKE: Final = 4
-"""So many of the prefixes that lead to one state are held against each other."""
+"""The number of compared prefixes per state."""
 
 
 OF_STRINGS: Final = FUNCTIONS - NUMERIC
 
 
 def everything(example: Example, semantics: Semantics) -> bool:  # noqa: ARG001 -- a `Required`
-    """Every tree under every semantics must be expressible, but where events may be late, of which no text knows."""
+    """Require every tree under every semantics, except with late events, which no language can
+    drop.
+    """
     return example.tree.time is None or example.tree.time.late is None
 
 
 def no_texts_of_several(example: Example, semantics: Semantics) -> bool:
-    """Every tree, but where a guard asks what the text of one event has to do with that of another."""
+    """Require every tree, except guards that search the text of one event in that of another."""
     functions = (Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS)
     names = (f"operator `{name}`, two events" for name in functions)
     return everything(example, semantics) and example.name not in names
 
 
 def without_variables(example: Example, semantics: Semantics) -> bool:  # noqa: ARG001 -- a `Required`
-    """Every tree without variables and times must be."""
+    """Require every tree without variables and times."""
     return not example.tree.variables and example.tree.time is None
 
 
 def without_variables_or_determinate(example: Example, semantics: Semantics) -> bool:
-    """Also trees with variables that never have two assignments to follow, where no event is skipped at will.
+    """Require also determinate trees with variables, unless the semantics skips events.
 
-    Except, with variables or without, where something about strings has to be asked (`asks_of_strings`), or times.
+    Trees that test strings (`asks_of_strings`) or times are not required.
     """
     if asks_of_strings(example.tree, semantics) or example.tree.time is not None:
         return False
@@ -254,8 +256,8 @@ def without_variables_or_determinate(example: Example, semantics: Semantics) -> 
 
 
 def scattered_by_single_events(example: Example, semantics: Semantics) -> bool:
-    """Every tree without variables and times where events are skipped at will, if what is asked of
-    each is a constant at a field.
+    """Require trees without variables and times under `scattered`, if each pattern only compares
+    fields with constants.
     """
     asked = (
         part
@@ -268,10 +270,10 @@ def scattered_by_single_events(example: Example, semantics: Semantics) -> bool:
 
 
 def asks_of_strings(tree: RVAFT, semantics: Semantics) -> bool:
-    """Whether a guard orders what an event has against a string, or asks what is in one.
+    """Return whether a guard orders a value relative to a string, or searches a string.
 
-    That may be a guard of a node or, under `projected` and `consecutive`, one that relevance
-    depends on: of `ignore`, or of a node of the whole tree.
+    Guards of nodes count; under `projected` and `consecutive` also those of `ignore` and of the
+    alphabet.
     """
     asked = [node.when for node in tree.top_down()]
     if semantics.projects:
@@ -286,7 +288,7 @@ def asks_of_strings(tree: RVAFT, semantics: Semantics) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class ConformanceFailure:
-    """One check that did not pass, on which tree and trace, and how."""
+    """A failed check with its tree, semantics and trace."""
 
     check: str
     example: str
@@ -301,7 +303,9 @@ class ConformanceFailure:
 
 @dataclass(slots=True)
 class Report:
-    """What a run has found; `refusals` and `too_large` name the example and the semantics, refusals the reason too."""
+    """The results of a run; `refusals` and `too_large` name example and semantics, refusals also
+    the reason.
+    """
 
     backend: str
     readable: bool = True
@@ -313,7 +317,7 @@ class Report:
 
     @property
     def passed(self) -> bool:
-        """Whether something was compared (or, where nothing can be read, translated) and nothing failed."""
+        """Whether something was compared (if not readable: translated) and nothing failed."""
         return (self.verdicts if self.readable else self.translations) > 0 and not self.failures
 
     def __str__(self) -> str:
@@ -337,9 +341,9 @@ def run(
     seed: int = 0,
     limit: int | None = None,
 ) -> Report:
-    """Check a backend on the examples (or on other `trees`) under each semantics that it offers.
+    """Check a backend on the examples (or `trees`) under each semantics.
 
-    `words` bounds the traces for each tree and semantics, `limit` is handed to `translate`.
+    `words` bounds the traces per tree and semantics; `limit` goes to `translate`.
 
     >>> from rvaft import monitor
     >>> from rvaft.backend import backend
@@ -378,7 +382,7 @@ def run(
                     wanted = partial(oracle, example.tree, semantics)
                     if isinstance(first, DetectionMonitor):
                         found += _detections(backend, specification, wanted, tried, report)
-                        tried = tried[:2]  # one by one, each event costs as much as all before it
+                        tried = tried[:2]  # event by event, each step reads the whole prefix
                     found += _verdicts(specification, wanted, tried, report, told=backend.verdicts)
                     alone = [[*specification.monitor().run(trace)] for trace in tried[:3]]
                     found += _self_contained(backend, specification, tried[:3], alone)
@@ -392,7 +396,7 @@ def run(
 
 
 def traces(example: Example, most: int, random: Random) -> Iterator[Trace]:
-    """All words over the events of an example where there are few, otherwise a sample, and some longer ones."""
+    """Yield all words over the events, or a sample, and some longer traces."""
     yield from (trace for trace in (example.detects, example.misses) if trace)
     letters = [*example.events, NOISE]
     length = 2
@@ -418,7 +422,7 @@ def _text(backend: Backend, tree: RVAFT, semantics: Semantics, specification: Sp
 
 
 def _left_open(example: Example, first: DetectionMonitor) -> Iterator[Finding]:
-    """The text has a verdict for the traces of a row."""
+    """Check that the text has a verdict for the traces of a row."""
     for trace in (example.detects, example.misses):
         if trace and (why := first.left_open(trace)):
             yield "left open", f"the text has no verdict for the trace of a row: {why}", trace
@@ -432,9 +436,9 @@ def _verdicts(
     *,
     told: frozenset[Verdict],
 ) -> Iterator[Finding]:
-    """After every prefix the verdict is the oracle's, also after a final one.
+    """Compare the verdict after every prefix with the oracle, also after a final verdict.
 
-    What the language cannot tell is unknown.
+    A verdict that the language cannot express counts as unknown.
     """
     start = oracle()
     for trace in tried:
@@ -455,10 +459,7 @@ def _detections(
     tried: Sequence[Trace],
     report: Report,
 ) -> Iterator[Finding]:
-    """The first detection of each trace, all asked for at once, is where the oracle has it.
-
-    The text read back says the same.
-    """
+    """Compare the first detection of each trace with the oracle, on the text that was read back."""
     reader = backend.read(str(specification.text))
     assert isinstance(reader, DetectionMonitor)
     start = oracle()
@@ -473,7 +474,7 @@ def _detections(
 def _self_contained(
     backend: Backend, specification: Specification, tried: Sequence[Trace], alone: Sequence[list[Verdict]]
 ) -> Iterator[Finding]:
-    """The text alone says everything."""
+    """Check that the text without the specification gives the same verdicts."""
     for trace, verdicts in zip(tried, alone, strict=True):
         if list(backend.read(str(specification.text)).run(trace)) != verdicts:
             yield "self-contained", "the text read back gives other verdicts", trace
@@ -482,7 +483,7 @@ def _self_contained(
 def _independent(
     specification: Specification, tried: Sequence[Trace], alone: Sequence[list[Verdict]]
 ) -> Iterator[Finding]:
-    """Monitors that run side by side do not feel each other."""
+    """Check that interleaved monitors do not affect each other."""
     beside: list[list[Verdict]] = [[] for _ in tried]
     monitors = [specification.monitor() for _ in tried]
     for events in zip_longest(*tried):
@@ -495,7 +496,7 @@ def _independent(
 
 
 def _states(specification: Specification, tried: Sequence[Trace]) -> Iterator[Finding]:
-    """Monitors with equal states give equal verdicts from there on."""
+    """Check that monitors with equal states give equal future verdicts."""
 
     def futures(monitor: Monitor) -> list[list[Verdict]]:
         return [[monitor.verdict, *monitor.fork().run(future)] for future in tried[-2:]]
@@ -507,15 +508,15 @@ def _states(specification: Specification, tried: Sequence[Trace]) -> Iterator[Fi
         state = monitor.state
         before, other = first.setdefault(state, (prefix, monitor))
         met[state] += 1
-        if 1 < met[state] <= ALIKE:  # what only one prefix leads to has nothing to be held against
+        if 1 < met[state] <= ALIKE:  # a state of a single prefix has no counterpart
             if state not in known:
                 known[state] = futures(other)
             if futures(monitor) != known[state]:
-                yield "state", f"the state is that after {list(before)}, the future is not", prefix
+                yield "state", f"the state equals that after {list(before)}, but the future verdicts differ", prefix
 
 
 def _observed(backend: Backend, specification: Specification, tried: Sequence[Trace]) -> Iterator[Finding]:
-    """Where the backend says what a text asks of events, events with equal answers have equal effects."""
+    """Check that events on which all `observed` patterns agree have equal effects."""
     questions = backend.observed(specification.text)
     if questions is None:
         return
@@ -528,11 +529,11 @@ def _observed(backend: Backend, specification: Specification, tried: Sequence[Tr
             wanted = _effect(monitor, first) if others else None
             for other in others:
                 if _effect(monitor, other) != wanted:
-                    yield "observed", f"{other} has another effect than {first}, and the same answers", prefix
+                    yield "observed", f"{other} and {first} have different effects, but match the same patterns", prefix
 
 
 def _after(specification: Specification, prefixes: Iterable[Trace]) -> Iterator[tuple[Trace, Monitor]]:
-    """Each different prefix, and a monitor that has read it."""
+    """Yield each distinct prefix with a monitor that has read it."""
     read = {repr([]): specification.monitor()}
     for prefix in {repr(one): one for one in prefixes}.values():
         known = read.get(repr(prefix[:-1]))
@@ -543,7 +544,7 @@ def _after(specification: Specification, prefixes: Iterable[Trace]) -> Iterator[
 
 
 def _variants(traces: Sequence[Trace]) -> list[Json]:
-    """The events of some traces, each also with one more field, with one less, and with other values."""
+    """Return the events, also with an added field, a removed field, and other values."""
     found: dict[str, Json] = {}
     for event in (NOISE, *(event for trace in traces for event in trace)):
         changed = [event, {**event, "one more": 1}]
@@ -555,9 +556,7 @@ def _variants(traces: Sequence[Trace]) -> list[Json]:
 
 
 def _answer(question: Observed, event: Json) -> object:
-    """Whether an event matches and the guard holds; where other events share variables, the values
-    that it gives them.
-    """
+    """Return whether an event matches and the guard holds; with shared variables, their values."""
     binding = match(question.pattern, event, {})
     names = [*variables(question.pattern), *guard_variables(question.when)]
     if binding is None or any(not name.startswith("_") for name in names):

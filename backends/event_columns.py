@@ -1,16 +1,14 @@
-"""What an event is to a program that knows no JSON: columns of few types, which the leading comment
-of a text defines, one line each.
+"""Columns of events for programs that do not read JSON, defined by the leading comment of a text.
 
-    time FIELD as FORMAT        where an event has its time NAME := PATTERN at T        what fits a
-    pattern, `T` being its time in nanoseconds, or null; of several lines for one name,
-                                one of them; `at T` only where something asks for the time
-    when GUARD                  and this guard holds of it
-    COLUMN ASPECT of EXPRESSION what an event has that fits the pattern above; null where the expression is undefined
+    time FIELD as FORMAT        the time of an event
+    NAME := PATTERN at T        a matching event; `T` is its time in nanoseconds, or null; several
+                                lines for one name are alternatives; `at T` only if the time is used
+    when GUARD                  a guard on the pattern above
+    COLUMN ASPECT of EXPRESSION a column of the pattern above; null if the expression is undefined
 
-An aspect is `text` (any value as JSON, the same for equal values), `kind` (n for a number, s for a
-string, o for another), `number` (a double, null where it is none), `string` (its UTF-8 in
-hexadecimal digits, which keep the order; null where it is none), `time` (whole nanoseconds) or
-`truth` (null where it is neither).
+Aspects: `text` (the value as JSON, the same for equal values), `kind` (n: number, s: string, o:
+other), `number` (a double or null), `string` (UTF-8 in hexadecimal digits, which keep the order, or
+null), `time` (whole nanoseconds), `truth` (a Boolean or null).
 """
 
 import json
@@ -33,11 +31,11 @@ from rvaft.model.values import Json, is_finite, is_number
 
 ASPECTS: Final = ("text", "kind", "number", "string", "time", "truth")
 EXACT: Final = 2**46
-"""Numbers that columns hold are less: sums of some of them are exact as doubles, too."""
+"""Columns hold smaller numbers: sums of several remain exact as doubles."""
 LONGEST: Final = 22 * 10**17
-"""So are times, and durations, in nanoseconds: up to 2039.
+"""The bound of times and durations in nanoseconds (up to 2039).
 
-The difference of two of them, and some years, has 63 bits with its sign.
+Differences of two times plus some years fit in 63 bits and a sign.
 """
 _FITS: Final = re.compile(r"(\w+) := (.*?)(?:(?<=[}\]_]) at ([A-Za-z_]\w*))?", re.ASCII)
 _HAS: Final = re.compile(rf"(\w+) ({'|'.join(ASPECTS)}) of (.*)")
@@ -51,19 +49,21 @@ class FittingEvent(NamedTuple):
     guards: tuple[Guard, ...] = ()
 
     def values(self, event: Json) -> dict[str, Json] | None:
-        """The variables of an event that fits, else None."""
+        """Return the variables of a matching event, or None."""
         found = patterns.match(self.pattern, event, {})
         return found if found is not None and all(guards.holds(one, found) for one in self.guards) else None
 
 
 class ValueColumn(NamedTuple):
-    """An aspect of an expression over the variables of an event that fits."""
+    """An aspect of an expression over the variables of a matching event."""
 
     aspect: str
     expression: Guard
 
     def of(self, values: dict[str, Json]) -> Json:
-        """What stands in the column; raises `OverflowError` for a number that it cannot hold exactly."""
+        """Return the value of the column; raises `OverflowError` for a number that it cannot hold
+        exactly.
+        """
         found = guards.value(self.expression, values)
         if found is guards.UNDEFINED or not is_finite(found):
             return None
@@ -80,17 +80,17 @@ class ValueColumn(NamedTuple):
                 return None
             case "time":
                 if abs(found) >= LONGEST:
-                    raise OverflowError("a time of 2.2e18 ns or more is no exact one there")
+                    raise OverflowError("times of 2.2e18 ns or more are not exact in this language")
                 return int(found)
             case _ if abs(found) >= EXACT:
-                raise OverflowError("a number of 2**46 or more is no exact one there")
+                raise OverflowError("numbers of 2**46 or more are not exact in this language")
             case _:
-                return float(found) + 0.0  # no zero is negative
+                return float(found) + 0.0  # avoid negative zero
 
 
 @dataclass(slots=True)
 class EventColumns:
-    """What the comment says: of each name the events that fit it, and of some the columns of their values."""
+    """The definitions of the comment: patterns by name, and columns of their values."""
 
     fitting: dict[str, list[FittingEvent]] = field(default_factory=dict)
     values: dict[str, dict[str, ValueColumn]] = field(default_factory=dict)
@@ -111,20 +111,20 @@ class EventColumns:
         return "\n".join([f"{opening} rvaft", *map(self._commented, lines), f"{closing}\n"])
 
     def _commented(self, line: str) -> str:
-        """The line without what would begin or end a comment, in its strings."""
+        """Return the line with comment delimiters escaped in its strings."""
         marks = re.compile("|".join(map(re.escape, self.comment)))
         escape = lambda mark: re.sub("[^*]", lambda sign: f"\\u{ord(sign[0]):04x}", mark[0])  # noqa: E731
         return _STRING.sub(lambda found: marks.sub(escape, found[0]), line)
 
     @classmethod
     def read(cls, text: str) -> Self:
-        """The header of a text; raises `LanguageError` where it has none."""
+        """Return the header of a text; raises `LanguageError` without one."""
         opening, closing = cls.comment
         first, _, rest = text.partition("\n")
         lines, end, _ = rest.partition(closing)
         if first.strip() != f"{opening} rvaft" or not end:
-            what = "that says what each of its names is"
-            raise LanguageError(f"the text begins with a comment {opening} rvaft … {closing} {what}")
+            what = "that defines each name"
+            raise LanguageError(f"the text must begin with a comment {opening} rvaft … {closing} {what}")
         header, last = cls(), ""
         for line in filter(None, map(str.strip, lines.split("\n"))):
             if line.startswith("time "):
@@ -140,13 +140,13 @@ class EventColumns:
             elif last and (has := _HAS.fullmatch(line)):
                 header.values.setdefault(last, {})[has[1]] = ValueColumn(has[2], parse_guard(has[3]))
             else:
-                raise LanguageError(f"no line that says what a name is: {line}")
+                raise LanguageError(f"not a definition of a name: {line}")
         return header
 
     def cells(self, event: Json) -> dict[str, dict[str, Json] | None]:
-        """Of each name the columns of an event that fits, else None.
+        """Return for each name the columns of a matching event, or None.
 
-        Raises `OverflowError` where one cannot hold a number.
+        Raises `OverflowError` if a column cannot hold a number exactly.
         """
         seen, found = event if self.time is None else self.time.stamped(event), dict[str, dict[str, Json] | None]()
         for name, several in self.fitting.items():
@@ -156,7 +156,7 @@ class EventColumns:
         return found
 
     def left_open(self, trace: Sequence[Json]) -> str:
-        """Why the columns cannot say what a trace is, in a few words; empty where they can."""
+        """Return why the columns cannot represent a trace, or an empty string."""
         try:
             for event in trace:
                 self.cells(event)
@@ -166,7 +166,7 @@ class EventColumns:
 
 
 def json_text(value: Json) -> str:
-    """A value as JSON in ASCII, the same for equal values.
+    """Return a value as ASCII JSON, the same for equal values.
 
     >>> json_text({"b": 1.0, "a": True})
     '{"a":true,"b":1}'
@@ -175,7 +175,7 @@ def json_text(value: Json) -> str:
 
 
 def _plain(value: Json) -> Json:
-    """Numbers without a fraction as integers, at all depths."""
+    """Return the value with integral floats as integers."""
     if isinstance(value, dict):
         return {name: _plain(inner) for name, inner in value.items()}
     if isinstance(value, list):
@@ -186,19 +186,19 @@ def _plain(value: Json) -> Json:
 
 
 def constant(literal: Literal, aspect: str) -> Json:
-    """What stands in a column for a constant; raises `Unsayable` where none holds it exactly."""
+    """Return the column value of a constant; raises `Unsayable` if it is not exact."""
     number = literal.value
     try:
         cell = ValueColumn(aspect, literal).of({})
     except OverflowError:
         cell = None
     if cell is None or (aspect in ("number", "time") and cell != number):
-        raise Unsayable(f"it compares with {number}, which is no exact number there")
+        raise Unsayable(f"it compares with {number}, which the language cannot hold exactly")
     return cell
 
 
 def require_exact_sums(*terms: Guard, time: bool) -> None:
-    """Raises `Unsayable` where a term could leave what doubles hold exactly, or, of times, integers of 63 bits."""
+    """Raise `Unsayable` if a sum could exceed exact doubles or, for times, 63-bit integers."""
 
     def reach(term: Guard) -> float:
         match term:
@@ -213,9 +213,9 @@ def require_exact_sums(*terms: Guard, time: bool) -> None:
 
     unit = LONGEST - 1 if time else EXACT - 1
     if max(map(reach, terms)) >= (2**62 if time else 2**53):
-        raise Unsayable("its sums are too long to be calculated exactly")
+        raise Unsayable("its sums are too large to be exact in the language")
 
 
 def time_variables(prop: Property) -> frozenset[str]:
-    """The variables of a property that hold the times of its events."""
+    """Return the variables that hold times of events."""
     return frozenset(time for event in prop.events if (time := untimed(event.pattern)[1]) is not None)

@@ -1,8 +1,6 @@
-"""What one event is asked, for languages that compare fields with constants.
+"""Conditions on one event, for languages that compare fields with constants.
 
-A pattern and guards over its own values as text.
-
-A dialect is a subclass with a template for each kind of test. What has no template is refused, with
+A dialect is a subclass with a template per kind of test. A test without a template is refused with
 the dialect's reason.
 """
 
@@ -27,11 +25,11 @@ from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, 
 from rvaft.model.values import Json, is_finite
 
 FieldPath: TypeAlias = tuple[str | int, ...]
-"""The way to a value from the outside in: names of fields, and places in lists."""
+"""The path to a value, outermost first: field names and list indices."""
 
 
 class Lack(Enum):
-    """What a dialect may have no way to ask."""
+    """Tests that a dialect may lack."""
 
     TWO_FIELDS = "whether two fields are equal"
     CONTAINER = "whether a value is an object, or how long a list is"
@@ -62,33 +60,34 @@ class FieldConditions(ABC):
     exists: ClassVar[str]
     equals: ClassVar[str]
     differs: ClassVar[str]
-    """That a field has a value, and not this one."""
+    """A test that a field has a value other than `{v}`."""
     compares: ClassVar[str] = "{p} {sign} {v}"
     is_truth: ClassVar[str]
     length: ClassVar[str | None] = None
-    """That a list has `{n}` items; None where there are no lists."""
+    """A test that a list has `{n}` items; None without lists."""
     functions: ClassVar[Mapping[Operator, str]] = {}
-    """The functions of texts."""
+    """Templates of the functions of strings."""
     denied: ClassVar[str] = "not {t}"
-    """That a function `{t}` of the text at a path is false, and not undefined."""
+    """A test that a function `{t}` of the string at a path is false, and not undefined."""
     comparing_asks: ClassVar[bool] = False
-    """Whether a comparison with a field says that the field exists."""
+    """Whether a comparison implies that the field exists."""
     reasons: ClassVar[Mapping[Lack, str]]
 
     @abstractmethod
     def path(self, way: FieldPath) -> str:
-        """A path as the language writes it; raises `NotExpressible`."""
+        """Return a path in the language; raises `NotExpressible`."""
 
     @abstractmethod
     def literal(self, value: Json) -> str:
-        """A constant as the language writes it; raises `NotExpressible`."""
+        """Return a constant in the language; raises `NotExpressible`."""
 
     def lacks(self, what: Lack) -> NotExpressible:
-        """The refusal for what the language lacks."""
+        """Return the refusal for a missing test."""
         return NotExpressible(self.reasons[what])
 
     def of(self, pattern: Pattern, guards: Iterable[Guard] = ()) -> str:
-        """The condition of an event that matches a pattern and fulfils guards over its own values.
+        """Return the condition that an event matches a pattern and satisfies guards over its own
+        values.
 
         Raises `NotExpressible`.
         """
@@ -100,15 +99,15 @@ class FieldConditions(ABC):
         return self.all([*(text for name, text in tests if name not in implied), *(text for _, text in asked)])
 
     def paths(self, pattern: Pattern) -> dict[str, str]:
-        """Where the variables of a pattern stand."""
+        """Return the paths of the variables of a pattern."""
         found: dict[str, str] = {}
         for _ in self._tests(pattern, (), found):
             pass
         return found
 
     def _tests(self, pattern: Pattern, way: FieldPath, paths: dict[str, str]) -> Iterator[tuple[str, str]]:
-        """The tests of a pattern, each with the variable that stands there, if one does; notes the
-        paths of variables.
+        """Yield the tests of a pattern with their variable, if any; add the paths of variables to
+        `paths`.
         """
         match pattern:
             case Variable(name) if name in paths:
@@ -131,7 +130,7 @@ class FieldConditions(ABC):
                 raise self.lacks(Lack.CONTAINER)
 
     def guard(self, guard: Guard, paths: Mapping[str, str]) -> str:
-        """What holds of an event exactly where a guard is true; `paths` are those of its variables."""
+        """Return a condition that is true exactly when the guard holds."""
         return spelled(
             TruthConditions().of(guard),
             lambda test: self.test(test, paths),
@@ -139,7 +138,7 @@ class FieldConditions(ABC):
         )
 
     def test(self, test: ConditionTest, paths: Mapping[str, str]) -> str:
-        """One test."""
+        """Return the text of one test."""
         match test:
             case TruthTest(Variable(name), wanted):
                 return self.is_truth.format(p=paths[name], v=self.literal(wanted))
@@ -161,27 +160,29 @@ class FieldConditions(ABC):
                 raise self.lacks(Lack.CALCULATION)
 
     def function(self, operator: Operator, path: str, text: str, *, wanted: bool) -> str:
-        """That a function of the text at a path and a constant is true, or is false."""
+        """Return a test that a function of the string at a path and a constant is true, or is
+        false.
+        """
         if operator not in self.functions:
             raise self.lacks(Lack.CALCULATION)
         found = self.functions[operator].format(p=path, v=self.literal(text))
         return found if wanted else self.denied.format(t=found, p=path)
 
     def all(self, texts: Iterable[str]) -> str:
-        """The conjunction, each condition once."""
+        """Return the conjunction without duplicates."""
         return conjunction(texts, self.conjunction, self.always, self.never)
 
     def any(self, texts: Iterable[str]) -> str:
-        """The disjunction, each condition once, in parentheses."""
+        """Return the disjunction without duplicates, in parentheses."""
         return disjunction(texts, self.disjunction, self.always, self.never, self.operand)
 
     def operand(self, text: str) -> str:
-        """A condition as an operand of a disjunction."""
+        """Return a condition as an operand of a disjunction."""
         return text
 
 
 def conjunction(texts: Iterable[str], word: str, always: str, never: str) -> str:
-    """The conjunction of conditions, each once.
+    """Return the conjunction of conditions without duplicates.
 
     >>> conjunction(["a", "true", "b", "a"], " and ", "true", "false"), conjunction([], " and ", "true", "false")
     ('a and b', 'true')
@@ -191,9 +192,9 @@ def conjunction(texts: Iterable[str], word: str, always: str, never: str) -> str
 
 
 def disjunction(texts: Iterable[str], word: str, always: str, never: str, operand: Callable[[str], str] = str) -> str:
-    """The disjunction of conditions, each once, in parentheses where there are several.
+    """Return the disjunction of conditions without duplicates, in parentheses if there are several.
 
-    `operand` writes each of several conditions.
+    `operand` formats each of several conditions.
 
     >>> disjunction(["a", "false", "b"], " or ", "true", "false"), disjunction([], " or ", "true", "false")
     ('(a or b)', 'false')
@@ -206,7 +207,7 @@ def disjunction(texts: Iterable[str], word: str, always: str, never: str, operan
 
 @contextmanager
 def naming(node: str) -> Iterator[None]:
-    """Adds the node to a refusal that names none."""
+    """Add the node to a refusal without nodes."""
     try:
         yield
     except NotExpressible as refusal:

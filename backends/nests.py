@@ -1,10 +1,8 @@
-"""The events of a property as a nest of parts.
+"""Properties as series-parallel expressions: event, all, one, at least k, or sequence.
 
-One event, all parts, one of them, some of them, or parts in sequence; for languages that say these.
-
-It is made part by part. Where parts share events or variables (a node with several parents, a guard
-on what another node observes), the scenarios are said one by one; where the order of one is no
-nest, two events without order are tried in both. Matches are of distinct events.
+Expressions are built part by part. Scenarios are written one by one if parts share events or
+variables (shared nodes, guards over several nodes). If the order of a scenario is not
+series-parallel, two unordered events are tried in both orders. Matches use distinct events.
 """
 
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
@@ -38,16 +36,17 @@ from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.support.bits import bits
 
 Refusal: TypeAlias = Callable[[str, Iterable[str]], NoReturn]
-"""Raises why nodes cannot be said: a `TIE` of events, or a `WINDOW` over parts that become several."""
+"""Raises a refusal for nodes: a `TIE` of events, or a `WINDOW` over a duplicated part."""
 TIE: Final = "tie"
 WINDOW: Final = "window"
 
 
 @dataclass(frozen=True, slots=True)
 class Nest:
-    """An event of a node that fulfils guards, or parts, of which `need` are asked for, within a time.
+    """An event under guards, or an operator over parts, of which `need` are required, within a
+    duration.
 
-    `size` is how many events are written.
+    `size` counts the written events.
     """
 
     op: PartKind
@@ -59,21 +58,21 @@ class Nest:
     size: int = 0
 
     def inside(self) -> Iterator["Nest"]:
-        """The nest and all in it."""
+        """Yield the nest and all nests in it."""
         yield self
         for part in self.parts:
             yield from part.inside()
 
     def events(self) -> list[Event]:
-        """Its events, each as often as it is written."""
+        """Return its events with repetitions."""
         return [one.event for one in self.inside() if one.event is not None]
 
     def nodes(self) -> list[str]:
-        """The nodes of its events, each as often as it is written."""
+        """Return the nodes of its events with repetitions."""
         return [event.source.node for event in self.events()]
 
     def during(self, within: int | None) -> "Nest":
-        """The nest within a time, the shorter one if it has another; a single event takes none.
+        """Return the nest with the shorter of both windows; a single event has no window.
 
         >>> both = joined(PartKind.ALL, [Nest(PartKind.EVENT, size=1), Nest(PartKind.EVENT, size=2)])
         >>> both.during(5).during(9).within, both.parts[0].during(5).within
@@ -83,19 +82,19 @@ class Nest:
         return replace(self, within=min(asked)) if asked and self.parts else self
 
     def ways(self) -> "Nest":
-        """One of all that it asks for, where it asks for some."""
+        """Return an at-least-k nest as a choice of conjunctions."""
         several = (joined(PartKind.ALL, some) for some in combinations(self.parts, self.need))
         return replace(joined(PartKind.ONE, several), within=self.within) if self.op is PartKind.AT_LEAST else self
 
 
 NOTHING: Final = Nest(PartKind.ALL)
-"""What is there at once."""
+"""A nest that is satisfied at once."""
 NEVER: Final = Nest(PartKind.ONE)
-"""What no events are."""
+"""A nest that no events satisfy."""
 
 
 def joined(op: PartKind, parts: Iterable[Nest], need: int = 0) -> Nest:
-    """Parts under one operator, nothing that means nothing among them.
+    """Return parts under one operator, simplified.
 
     >>> a = Nest(PartKind.EVENT, size=1)
     >>> joined(PartKind.ALL, [NOTHING, a]) == a, joined(PartKind.SEQUENCE, [a, NEVER]) == NEVER
@@ -125,8 +124,9 @@ def joined(op: PartKind, parts: Iterable[Nest], need: int = 0) -> Nest:
 
 
 def in_every_order(prop: Property, *, limit: int) -> Nest:
-    """A property without guards as one of all orders in which its events can come, those with the
-    same pattern being one; raises `TooLarge`.
+    """Return a property without guards as the choice of all its event orders; raises `TooLarge`.
+
+    Events with equal patterns are equal.
 
     >>> from rvaft import loads
     >>> from rvaft.core.passes import property_of
@@ -145,9 +145,10 @@ def in_every_order(prop: Property, *, limit: int) -> Nest:
 
 
 class Nesting:
-    """The nest of a property without counted events and ends in order. Variables that are `free` tie nothing.
+    """The nest of a property without counted events and ends in order; `free` variables bind
+    nothing.
 
-    Raises `TooLarge` beyond `limit` of what the `unit` says.
+    Raises `TooLarge` beyond `limit` of the `unit`.
 
     >>> from rvaft import loads
     >>> from rvaft.core.passes import property_of
@@ -168,14 +169,14 @@ class Nesting:
         self._knots = self._found_knots()
 
     def nest(self) -> Nest:
-        """The whole property, NEVER if no feasible scenario can be detected.
+        """Return the whole property, or NEVER if no feasible scenario can be detected.
 
-        Raises what the refusal raises, and `TreeError` where no scenario is feasible.
+        Raises the errors of `refusal`, and `TreeError` without a feasible scenario.
         """
         found, root = self._nest(self._prop.root, ()), self._prop.tree.root
         if found == NOTHING:
             raise TreeError(f"a scenario of {root} has no event", rule="silent-scenario", nodes=[root])
-        if found == NEVER:  # in a feasible scenario guards with variables may never hold
+        if found == NEVER:  # guards with variables may never hold in a feasible scenario
             next(Orders(self._prop, limit=self._limit, grouped=False).scenarios())
         return found
 
@@ -184,7 +185,7 @@ class Nesting:
             raise TooLarge(self._unit, limit=self._limit)
 
     def _found_knots(self) -> set[Part]:
-        """The parts whose scenarios may have an event or a variable in two of the parts inside."""
+        """Return the parts with scenarios that have an event or variable in two children."""
         held: dict[Part, set[object]] = {}
         knots = set[Part]()
         for part in self._prop.parts:
@@ -212,7 +213,7 @@ class Nesting:
         return knots
 
     def _own_event(self, part: All) -> Event | None:
-        """The event of the node that a part with conditions comes from, if that has one."""
+        """Return the event of the node of a part with conditions, or None."""
         node = part.source.node if part.source is not None else None
         agenda: list[Part] = [one for one in part.parts if not isinstance(one, Condition)]
         while agenda:
@@ -227,18 +228,18 @@ class Nesting:
         return [guard for one in part.parts if isinstance(one, Condition) for guard in conjuncts(one.guard)]
 
     def _own(self, part: All) -> tuple[Guard, ...]:
-        """What the conditions of a part ask of the event of its node alone."""
+        """Return the guards of a part on the event of its own node."""
         event = self._own_event(part)
         known = frozenset[str]() if event is None else self._binds[event]
         return tuple(guard for guard in self._asked(part) if known.issuperset(variables(guard)))
 
     def _foreign(self, part: All) -> list[Guard]:
-        """What the conditions of a part ask of other events."""
+        """Return the guards of a part on other events."""
         own = self._own(part)
         return [guard for guard in self._asked(part) if guard not in own]
 
     def _nest(self, part: Part, asked: tuple[Guard, ...]) -> Nest:
-        """The nest of a part; `asked` is what guards ask of the event of the node that the part comes from."""
+        """Return the nest of a part; `asked` holds the guards on the event of its node."""
         if (part, asked) not in self._made_nests:
             found = joined(PartKind.ONE, self._scenarios(part)) if part in self._knots else self._gate(part, asked)
             self._fits(found.size)
@@ -275,15 +276,15 @@ class Nesting:
     def _same_node(part: Part, inner: Part) -> bool:
         return part.source is not None and inner.source is not None and part.source.node == inner.source.node
 
-    # -- one scenario after the other
+    # One scenario after the other.
 
     def _scenarios(self, root: Part) -> Iterator[Nest]:
-        """The scenarios of a part, each as a nest."""
+        """Yield the scenarios of a part as nests."""
         if inside := [one.source.node for one in parts_below(root) if isinstance(one, Within)]:
             self._refuse(WINDOW, inside)
         orders = Orders(self._prop.with_root(root), limit=self._limit, grouped=False)
         self._made = 0
-        with suppress(TreeError):  # none is feasible
+        with suppress(TreeError):  # no feasible scenario
             for scenario in orders.scenarios():
                 binds = {event: self._binds[event] for event in scenario.events}
                 self._fits(len(binds))
@@ -304,7 +305,7 @@ class Nesting:
                     yield NOTHING
 
     def _arranged(self, said: Mapping[Event, Nest], order: nx.DiGraph) -> Nest:
-        """Some events of a scenario in their order."""
+        """Return events of a scenario arranged by their order."""
         if len(said) == 1:
             self._made += 1
             self._fits(self._made)

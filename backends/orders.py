@@ -1,9 +1,8 @@
-"""The orders in which the events of a property may come, for languages that say one order at a
-time: words of letters, each once.
+"""The event orders of a property as distinct words of letters, for languages that list orders.
 
-Choices between leaves of which each stands by itself are made within a letter, votes keep no child
-more than they need (under `scattered` the others ask for nothing new), and words that differ in one
-letter become one. All of it is paid from a budget.
+Choices between independent leaves are made within a letter. Votes keep no child beyond their
+minimum, which `scattered` allows. Words that differ in one letter are merged. All steps count
+against a budget.
 """
 
 from collections import Counter
@@ -24,19 +23,18 @@ Letter = TypeVar("Letter", bound=Hashable)
 
 
 class GuardedEvent(NamedTuple):
-    """An event with guards that it decides by itself."""
+    """An event with guards over its own variables."""
 
     event: Event
     guards: tuple[Guard, ...] = ()
 
 
 class Orders:
-    """The feasible scenarios of a property, and the orders of each.
+    """The feasible scenarios of a property, and their event orders.
 
-    Raises `TooLarge` beyond `limit` events of all orders, or `steps` for each.
-
-    With `grouped`, a choice between leaves is one event of the scenarios, and `groups` has its
-    leaves. Votes keep more children than they need if not `minimal`.
+    Raises `TooLarge` beyond `limit` events of all orders, or `steps` per event. `grouped`: a choice
+    between leaves is one event of the scenarios; `groups` maps it to its leaves. `minimal`: votes
+    keep no child beyond their minimum.
 
     >>> from rvaft import loads
     >>> from rvaft.core.passes import property_of
@@ -59,11 +57,11 @@ class Orders:
         self.prop = self._grouped(prop) if grouped else prop
 
     def _grouped(self, prop: Property) -> Property:
-        """The property where each choice between leaves is one event."""
+        """Return the property with each choice between leaves as one event."""
         uses = Counter(name for part in prop.parts for name in _names(part))
 
         def leaves(part: Part) -> tuple[GuardedEvent, ...]:
-            """The leaves that a part is a choice between; none where it is no such choice."""
+            """Return the leaves of a choice, or () for other parts."""
             match part:
                 case _ if part in prop.shared:
                     return ()
@@ -80,7 +78,7 @@ class Orders:
                     return tuple(leaf for some in each for leaf in some) if all(each) else ()
                 case _:
                     return ()
-            # the variables of the event and of its guards stand nowhere else
+            # the variables of the event and its guards occur nowhere else
             own = set(rigid_variables(found.event.pattern))
             alone = all(uses[name] == sum(name in _names(one) for one in (found.event, *conditions)) for name in own)
             return (found,) if alone and all(own.issuperset(_names(one)) for one in conditions) else ()
@@ -95,13 +93,13 @@ class Orders:
         return replace(prop, root=prop.with_root(prop.root).rewritten(change).root)
 
     def spend(self, steps: int) -> None:
-        """Pay for steps of work."""
+        """Spend steps of the budget."""
         self._left -= steps
         if self._left < 0:
             raise TooLarge("events of all orders in which they may come", limit=self._limit)
 
     def scenarios(self) -> Iterator[Scenario]:
-        """The feasible ones; `TreeError` where there is none."""
+        """Yield the feasible scenarios; raises `TreeError` if there are none."""
         found = False
         for scenario in core.scenarios(self.prop, minimal=self._minimal, limit=self._limit):
             self.spend(len(scenario.kept))
@@ -117,11 +115,11 @@ class Orders:
         bound: Mapping[Event, Container[str]],
         several: Callable[[str, Guard], Exception | None],
     ) -> dict[Event, list[Guard]] | None:
-        """What the guards of a scenario ask of each event; None where one of them never holds.
+        """Return the guards of a scenario per event, or None if one never holds.
 
-        Each guard is put to one event that has (`bound`) all its variables, that of its own node if
-        it can be. A guard that looks at several events is given to `several` with its node; raises
-        what that returns, if it is an error.
+        A guard is assigned to one event that binds all its variables (`bound`), preferably that of
+        its node. `several` receives guards over several events with their node; an error that it
+        returns is raised.
         """
         found: dict[Event, list[Guard]] = {event: [] for event in bound}
         for condition in scenario.conditions:
@@ -140,7 +138,7 @@ class Orders:
         return found
 
     def after(self, scenario: Scenario) -> dict[Event, frozenset[Event]]:
-        """For each event of a scenario those that come after it."""
+        """Return for each event of a scenario the later events."""
         later: dict[Event, set[Event]] = {event: set() for event in scenario.events}
         for event, before in zip(scenario.events, scenario.before, strict=True):
             for one in bits(before):
@@ -148,14 +146,14 @@ class Orders:
         return {event: frozenset(some) for event, some in later.items()}
 
     def words(self, scenario: Scenario, letters: Mapping[Event, Letter]) -> Iterator[tuple[Letter, ...]]:
-        """The orders of the events of a scenario as words of their letters; none that was there before."""
+        """Yield the event orders of a scenario as words of letters, without earlier words."""
         events, known = scenario.events, scenario.before
         needed, last = list(known), dict[Hashable, int]()
         after = [0] * len(events)
         for one, before in enumerate(known):
             for other in bits(before):
                 after[other] |= 1 << one
-        for one, event in enumerate(events):  # what is alike comes in one order
+        for one, event in enumerate(events):  # interchangeable events come in one order
             alike = letters[event], known[one], after[one]
             needed[one] |= last.get(alike, 0)
             last[alike] = 1 << one
@@ -181,7 +179,7 @@ class Orders:
 
 
 def _names(part: Part) -> set[str]:
-    """The variables that an event binds, or a guard asks for."""
+    """Return the variables of an event or a guard."""
     if isinstance(part, Event):
         return {*rigid_variables(part.pattern)}
     return {*guards.variables(part.guard)} if isinstance(part, Condition) else set()
@@ -192,7 +190,7 @@ def merged(
     union: Callable[[Sequence[Letter]], Letter],
     kind: Callable[[Letter], Hashable] = lambda _: None,
 ) -> list[tuple[Letter, ...]]:
-    """The same words with one for those that differ in one letter, of one kind.
+    """Return the words with words merged that differ in one letter of the same kind.
 
     >>> merged([("a", "b"), ("c", "b"), ("b", "a")], "|".join)
     [('a|c', 'b'), ('b', 'a')]

@@ -1,4 +1,4 @@
-"""The backend: tree to HOA text, HOA text to monitor."""
+"""The backend of HOA automata."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -25,12 +25,14 @@ from rvaft.support.budget import Work
 
 
 class AutomatonBackend(Backend):
-    """Deterministic automata that are complete over the letters which an event can make true, and minimal over them.
+    """Deterministic automata, complete over the feasible letters and minimal over them.
 
-    A letter that no event makes true leads where the shortest labels let it, mostly nowhere, which
-    HOA reads as rejection; labels of one state are disjoint all the same, and no state owes its
-    verdict to such a letter. The limit of `translate` is a number of states; for each, ten edges
-    and a thousand steps of the construction are allowed. Reading needs Spot, translating does not.
+    A letter is feasible if an event can make it true. Infeasible letters lead wherever the shortest
+    labels allow, mostly nowhere; HOA reads a missing edge as rejection. The labels of one state are
+    disjoint, infeasible letters included. No verdict depends on an infeasible letter.
+
+    The limit of `translate` counts states; each state allows ten edges and a thousand construction
+    steps. Only reading needs Spot.
 
     >>> from rvaft import loads
     >>> specification = AutomatonBackend().translate(loads("toplevel r; r sand a b;"), Semantics.STRICT)
@@ -51,7 +53,7 @@ class AutomatonBackend(Backend):
     default_limit: ClassVar[int] = 100_000
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """The automaton in HOA; raises `TooLarge` beyond `limit` states."""
+        """Return the automaton in HOA; raises `TooLarge` beyond `limit` states."""
         work = Work(limit)
         automaton, parts, letters = _built(prop, semantics, work)
         relevance, name = _relevance(prop, semantics), title_of(prop, semantics)
@@ -59,8 +61,8 @@ class AutomatonBackend(Backend):
         return SpecificationText(text, metrics, partial(AutomatonBackend.read, self))
 
     def diagram(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> str:
-        """The minimal automaton as a graph in the DOT language; raises `TooLarge` beyond so many
-        states, by default `READABLE`.
+        """Return the minimal automaton as DOT; raises `TooLarge` beyond `limit` states (`READABLE`
+        by default).
         """
         semantics, most = Semantics(semantics), READABLE if limit is None else limit
         prop = self.prepared(tree, semantics)
@@ -71,16 +73,18 @@ class AutomatonBackend(Backend):
         return diagram(automaton, parts, letters, prop=prop, semantics=semantics, limit=most)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
-        """A monitor that runs any HOA text.
+        """Return a monitor for any HOA text.
 
-        With a proposition `alive` the text is read as an encoding of finite words, whatever its
-        acceptance; without, as a finite automaton that accepts in its accepting states. Raises
-        `LanguageError`, `ToolMissing` without Spot, `TooLarge`.
+        With a proposition `alive`, the text encodes finite words by any acceptance condition.
+        Without it, the text is an automaton over finite words. Raises `LanguageError`, `TooLarge`,
+        and `ToolMissing` without Spot.
         """
         return HoaMonitor(program(text, atoms))
 
     def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:
-        """What the propositions of a HOA text ask of events, None where times are among it; raises as `read` does."""
+        """Return the patterns of the propositions, or None if the text has times; raises as `read`
+        does.
+        """
         known = program(text, atoms)
         return tuple(dict.fromkeys(known.questions())) if known.time is None else None
 
@@ -94,7 +98,7 @@ def _relevance(prop: Property, semantics: Semantics) -> Relevance | None:
 
 
 def _built(prop: Property, semantics: Semantics, work: Work) -> tuple[Automaton, Structure, FeasibleLetters]:
-    """The minimal automaton of a property, and what its letters mean."""
+    """Return the minimal automaton of a property, its parts and its feasible letters."""
     parts = structure(prop)
     scattered = semantics is Semantics.SCATTERED
     letters = FeasibleLetters(parts.patterns, _relevance(prop, semantics))

@@ -1,9 +1,11 @@
-"""The deterministic automaton, and its minimal one: a state is the set of configurations that a prefix may have led to.
+"""Subset construction and minimisation; a state is the set of partial matches (residuals) of a
+prefix.
 
-Under `strict` every event must be a move; under `projected` every relevant one; under `scattered`
-an event may also be left out, and a configuration that another one dominates is dropped. Apart from
-loops the graph has no cycle then: every move leaves less to happen. Under `consecutive` every state
-has the configurations of the start beside its own, and there are cycles.
+- `strict`: every event must extend a partial match.
+- `projected`: every relevant event must.
+- `scattered`: events may be skipped, and a dominated residual is dropped. The graph has no cycles
+  but self-loops, because every move leaves fewer occurrences.
+- `consecutive`: every state includes the initial residuals, so the graph has cycles.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,15 +20,16 @@ from rvaft.support.budget import Work
 
 DETECTED: Final = 0
 HOPELESS: Final = 1
-"""The two states that every automaton has."""
+"""The two states of every automaton."""
 EDGES: Final = 10
-"""How many edges the limit allows for each state it allows."""
+"""Edges allowed per state of the limit."""
 
 
 class StateRow(NamedTuple):
-    """One state: the atoms it sees, the guards it asks for each set of true atoms, where each letter over these leads.
+    """One state: the atoms it reads, the guards it reads per set of true atoms, and its successors.
 
-    A letter has the atoms that are true and the guards that hold, as bits of the propositions.
+    A letter is a bit set of true atoms and guards. `targets` maps each letter over `sees` and
+    `asks` to a state.
     """
 
     sees: int
@@ -34,18 +37,20 @@ class StateRow(NamedTuple):
     targets: dict[int, int]
 
     def target(self, letter: int) -> int | None:
-        """Where a letter over more propositions leads, or None where no event makes it true."""
+        """Return the successor for a letter over more propositions, or None for an infeasible
+        letter.
+        """
         seen = letter & self.sees
         return self.targets.get(seen | letter & self.asks.get(seen, 0))
 
     def redirected(self, new: dict[int, int]) -> "StateRow":
-        """The row with other targets."""
+        """Return the row with its targets renamed by `new`."""
         return self._replace(targets={letter: new.get(target, target) for letter, target in self.targets.items()})
 
 
 @dataclass(slots=True)
 class Automaton:
-    """The rows by state, and the state before any event."""
+    """The rows by state, and the initial state."""
 
     start: int
     rows: list[StateRow] = field(
@@ -53,7 +58,7 @@ class Automaton:
     )
 
     def in_order(self) -> list[int]:
-        """The reachable states in breadth-first order."""
+        """Return the reachable states in breadth-first order."""
         order = [self.start]
         seen = set(order)
         for state in order:
@@ -65,7 +70,7 @@ class Automaton:
 
 
 def determinised(residuals: ResidualSpace, letters: FeasibleLetters, work: Work, semantics: Semantics) -> Automaton:
-    """The automaton of the residuals; raises `TooLarge`."""
+    """Return the automaton of the residuals; raises `TooLarge`."""
     scattered = semantics is Semantics.SCATTERED
     number: dict[frozenset[Residual], int] = {}
     waiting: list[frozenset[Residual]] = []
@@ -83,7 +88,7 @@ def determinised(residuals: ResidualSpace, letters: FeasibleLetters, work: Work,
     if any(map(residuals.is_complete, start)):
         return Automaton(DETECTED)
     automaton = Automaton(numbered(frozenset(start)))
-    edges, cost = 0, 50 + residuals.width // 10  # steps for a letter
+    edges, cost = 0, 50 + residuals.width // 10  # steps per letter
     for state in waiting:
         configurations = sorted(state)
         kept = configurations if scattered else start if semantics is Semantics.CONSECUTIVE else ()
@@ -102,13 +107,14 @@ def determinised(residuals: ResidualSpace, letters: FeasibleLetters, work: Work,
 
 
 class _Successors:
-    """Where the letters of one state lead: the configurations of each atom found once, then put together as bit sets.
+    """The successors of one state, computed per atom and combined as bit sets.
 
-    Where a state has many overlapping atoms there are exponentially many letters, so what concerns
-    a pair of configurations is looked at once for the state. `kept` are configurations that are
-    there whatever happens, none of which dominates another one: under `consecutive` those of the
-    start; under `scattered`, where events may be left out, those of the state, and a configuration
-    that another one dominates is dropped.
+    A state with many overlapping atoms has exponentially many letters. Dominance is therefore
+    computed once per pair of residuals and state.
+
+    `kept` holds the residuals in every successor; none dominates another. Under `consecutive` they
+    are the initial ones. Under `scattered` they are those of the state, and dominated residuals are
+    dropped.
     """
 
     def __init__(
@@ -128,16 +134,16 @@ class _Successors:
             for move in residuals.moves(configuration):
                 self.by_atom.setdefault(move.label, []).append(move)
         self.guards = {atom: union(one.needed | one.noted for one in own) for atom, own in self.by_atom.items()}
-        """The guards that matter when an atom is true."""
+        """The guards that matter for each true atom."""
         self._kept = kept
         self._found = list(kept)
         self._bit = {} if scattered else {one: 1 << number for number, one in enumerate(kept)}
-        self._worse = [0] * len(self._found)  # for each configuration found, those that it dominates
+        self._worse = [0] * len(self._found)  # for each residual, the residuals that it dominates
         self._reached: dict[tuple[int, int], int | None] = {}
         self._best: dict[int, frozenset[Residual]] = {}
 
     def of(self, atoms: int, holding: int) -> frozenset[Residual] | None:
-        """The configurations after a letter, or None where one of them is complete."""
+        """Return the residuals after a letter, or None if one is complete."""
         together = (1 << len(self._kept)) - 1
         for atom in bits(atoms):
             case = atom, holding & self.guards[atom]
@@ -154,7 +160,7 @@ class _Successors:
         return self._best[together]
 
     def _lead(self, atom: int, holding: int) -> int | None:
-        """What the moves of one atom lead to, or None where one of them is complete."""
+        """Return the residuals after the moves of one atom as bits, or None if one is complete."""
         moves = self.by_atom[atom]
         self._work.step(20 * len(moves))
         possible = (move for move in moves if not move.needed & ~holding)
@@ -167,7 +173,7 @@ class _Successors:
         return union(self._bit[configuration] for configuration in moved)
 
     def _new(self, configuration: Residual) -> int:
-        """The bit of a configuration; none where one that is kept dominates it."""
+        """Return the bit of a residual, or 0 if a kept residual dominates it."""
         dominates = self._residuals.dominates
         bit, worse = 1 << len(self._found), 0
         if self._scattered:
@@ -185,7 +191,7 @@ class _Successors:
 
 
 def _subsets(mask: int) -> Iterator[int]:
-    """All subsets, the whole first.
+    """Return all subsets of a bit set, the full set first.
 
     >>> list(_subsets(0b101))
     [5, 4, 1, 0]
@@ -198,28 +204,28 @@ def _subsets(mask: int) -> Iterator[int]:
         subset = (subset - 1) & mask
 
 
-# The minimal automaton. Where there are no cycles but loops, one pass from the end suffices: when a
-# state is looked at, the classes of its other successors are known, and it either equals one of
-# those, or a class with the same edges, or is a class of its own. Else classes are split until no
-# letter tells the states of one apart. Two states may see different atoms; they are compared on the
-# letters over both.
+# Minimisation. Without cycles except self-loops, one backward pass suffices: the classes of all
+# other successors of a state are known. The state joins the class of a successor, or a class with
+# the same edges, or forms a new class. With cycles, classes are split until no letter distinguishes
+# two states of a class. States that read different atoms are compared on the letters over both.
 
 _SELF: Final = -1
-"""Stands for the class of the state that an edge leaves."""
+"""The class of the source of an edge."""
 
 
 def minimised(automaton: Automaton, letters: FeasibleLetters, work: Work, *, looping: bool) -> Automaton:
-    """The minimal automaton over the feasible letters, its states in breadth-first order.
+    """Return the minimal automaton over the feasible letters, in breadth-first order.
 
-    `looping` says where an event leads that a state does not see: back to it, or to the state without hope.
+    `looping` selects the target of letters that a state does not read: the state itself, or
+    `HOPELESS`.
     """
     default = _SELF if looping else HOPELESS
-    rows = automaton.rows[:2]  # of each class the row of its first state, with classes as targets
+    rows = automaton.rows[:2]  # per class, the row of its first state, with classes as targets
     by_signature: dict[frozenset[tuple[int, int]], list[int]] = {frozenset(): [DETECTED, HOPELESS]}
     class_of = {DETECTED: DETECTED, HOPELESS: HOPELESS}
 
     def equals(row: StateRow, successor: int) -> bool:
-        """Whether a row is that of a class which its state leads to."""
+        """Return whether a row equals the row of its successor's class."""
         theirs, either = rows[successor], {successor: _SELF}
         work.step(len(row.targets) + len(theirs.targets))
         if {*row.targets.values(), _SELF, successor} != {*theirs.targets.values(), _SELF, successor}:
@@ -246,7 +252,7 @@ def minimised(automaton: Automaton, letters: FeasibleLetters, work: Work, *, loo
 
 
 def refined(automaton: Automaton, letters: FeasibleLetters, work: Work) -> Automaton:
-    """The minimal automaton over the feasible letters where an event that a state does not see leads to the start."""
+    """Return the minimal automaton in which a letter that a state does not read leads to the start."""
     order = [state for state in automaton.in_order() if state not in (DETECTED, HOPELESS)]
     class_of = {DETECTED: DETECTED, HOPELESS: HOPELESS, **dict.fromkeys(order, 2)}
     while True:
@@ -261,7 +267,7 @@ def refined(automaton: Automaton, letters: FeasibleLetters, work: Work) -> Autom
                 known.append(alike)
                 rows.append(row)
             new[state] = alike
-        if len(set(new.values())) == len(set(class_of.values())):  # as many classes as before: these
+        if len(set(new.values())) == len(set(class_of.values())):  # the partition is stable
             first = {one: state for state, one in reversed(class_of.items())}
             rows = [automaton.rows[first.get(one, one)].redirected(class_of) for one in range(len(rows))]
             return _in_order(class_of[automaton.start], rows)
@@ -269,7 +275,7 @@ def refined(automaton: Automaton, letters: FeasibleLetters, work: Work) -> Autom
 
 
 def _same(one: StateRow, other: StateRow, letters: FeasibleLetters, work: Work) -> bool:
-    """Whether all letters lead to the same."""
+    """Return whether two rows have the same successor for every letter."""
     work.step(len(one.targets) + len(other.targets))
     if one.sees == other.sees and one.targets == other.targets:
         return True
@@ -284,14 +290,14 @@ def _same(one: StateRow, other: StateRow, letters: FeasibleLetters, work: Work) 
 
 
 def _signature(row: StateRow, letters: FeasibleLetters, default: int) -> frozenset[tuple[int, int]]:
-    """Where the least letter of each atom leads, where that is not what a state does with an event it does not see."""
+    """Return the successors of the least letter of each atom, apart from the default successor."""
     atoms = union(letters.implying(atom) for atom in bits(row.sees))
     leading = ((atom, row.target((letters.closure(1 << atom) or 0) | letters.guards)) for atom in bits(atoms))
     return frozenset((atom, to) for atom, to in leading if to is not None and to != default)
 
 
 def _in_order(start: int, rows: list[StateRow]) -> Automaton:
-    """The automaton with its states in breadth-first order."""
+    """Return the automaton with its states in breadth-first order."""
     new = {
         one: index for index, one in enumerate(dict.fromkeys([DETECTED, HOPELESS, *Automaton(start, rows).in_order()]))
     }
@@ -299,7 +305,7 @@ def _in_order(start: int, rows: list[StateRow]) -> Automaton:
 
 
 def _from_the_end(automaton: Automaton) -> Iterator[int]:
-    """The reachable states but the first two, each after all that it leads to."""
+    """Yield the reachable states except the first two, each after its successors."""
     begun: set[int] = {DETECTED, HOPELESS}
     todo = [(automaton.start, False)]
     while todo:

@@ -1,10 +1,12 @@
-"""The minimal automaton as a graph for Graphviz, for people: edges say events and guards.
+"""The minimal automaton as a Graphviz graph for readers.
 
-A label has its alternatives one below the other, what goes on from the line before is indented; `a,
-b` is one event that is both, and all guards in brackets hold with it. Where an event that is on no
-other edge of the state leads is `else`. ⊤ has detected, from ⊥ nothing can be. States have their
-numbers in the HOA text; those that no events lead to, and what no event does, are not drawn. Under
-`projected` the letters are the relevant events.
+- A label lists its alternatives one per line; continuation lines are indented.
+- `a, b` is one event that matches both patterns; all guards in brackets hold with it.
+- `else` is an event that is on no other edge of the state.
+- ⊤ is detection; from ⊥ no detection is possible.
+- States keep their numbers from the HOA text. Unreachable states and infeasible letters are not
+  drawn.
+- Under `projected` the letters are relevant events.
 """
 
 from collections import deque
@@ -27,15 +29,15 @@ from rvaft.support.bits import bits, mask_of
 from rvaft.support.budget import Work
 
 READABLE: Final = 100
-"""The most states that are drawn unless more are asked for; with more than that nobody follows an edge."""
+"""The default maximum of drawn states; larger graphs are not readable."""
 BEFORE: Final = 100
-"""How many states there may be before the automaton is minimal, for each state of the limit."""
+"""States allowed before minimisation, per state of the limit."""
 _LINES: Final = 10
-"""How many lines in all labels each state of the limit allows."""
+"""Label lines allowed per state of the limit."""
 _WIDTH: Final = 24
 """Columns of text in a label."""
 _QUIET: Final = "#8a8a8a"
-"""What leads to ⊥ is there, but does not catch the eye."""
+"""The grey of edges to ⊥."""
 
 
 def diagram(
@@ -47,7 +49,7 @@ def diagram(
     semantics: Semantics,
     limit: int,
 ) -> str:
-    """The graph; raises `TooLarge` beyond `limit` states, or ten lines of labels for each of them."""
+    """Return the graph; raises `TooLarge` beyond `limit` states or ten label lines per state."""
     number = {state: index for index, state in enumerate(automaton.in_order())}
     automaton = possible(automaton, structure)
     order = automaton.in_order()
@@ -64,7 +66,9 @@ def diagram(
         for target, lines in leaving.items():
             written += len(lines)
             look = f', color="{_QUIET}", fontcolor="{_QUIET}", style=dashed' if target == HOPELESS else ""
-            label = table(lines, space=2, cell='align="left" bgcolor="white"')  # which covers the lines that pass
+            label = table(
+                lines, space=2, cell='align="left" bgcolor="white"'
+            )  # the white background covers edges behind the label
             edges.append(f"s{number[state]} -> s{number[target]} [label=<{label}>{look}];")
     if written > _LINES * limit:
         raise TooLarge(f"{written} labels are too many to draw, {_LINES} allowed for each state", limit=limit)
@@ -88,7 +92,7 @@ def diagram(
 def _edges(
     row: StateRow, structure: Structure, letters: FeasibleLetters, prop: Property, work: Work
 ) -> dict[int, list[str]]:
-    """For each target of a state the lines of the label."""
+    """Return the lines of the label for each successor of a state."""
     leaving, rest = cubes(row, work), row.targets.get(0)
     if len(leaving) == 1:
         return {target: ["any event"] for target in leaving}
@@ -96,14 +100,14 @@ def _edges(
     guards = dict(zip(structure.guard_bits.values(), structure.written, strict=True))
 
     def event(atom: int) -> str:
-        """The event of a node as the tree writes it."""
+        """Return the event of a node as the tree writes it."""
         name = structure.nodes[atom]
         on = prop.tree.nodes[name].on
         return name_text(name) if on is None else on_text(on)
 
     def line(cube: Cube) -> str:
         excluded = cube.no & atoms
-        for atom in bits(cube.yes & atoms):  # what never holds with it goes without saying
+        for atom in bits(cube.yes & atoms):  # omit atoms that exclude each other anyway
             excluded &= letters.together(atom, excluded)
         words = [*map(event, bits(cube.yes & atoms)), *(f"not {event(atom)}" for atom in bits(excluded))]
         conditions = [guards[guard] for guard in bits(cube.yes & ~atoms)]
@@ -118,14 +122,13 @@ def _edges(
 
 
 def _hanging(text: str) -> str:
-    """Lines from the left, all but the first one indented."""
+    """Return left-aligned lines; continuation lines are indented."""
     first, *rest = (html_lines([line]) for line in wrapped_code(text, _WIDTH))
     return '<br align="left"/>'.join([first, *(f"&#160;&#160;{line}" for line in rest), ""])
 
 
 def joined(those: Iterable[Cube], atoms: int) -> list[Cube]:
-    """The same letters in fewer cubes: two that differ in one proposition, which holds in one and
-    not in the other, are one without it.
+    """Return equivalent cubes, merging pairs that differ in the sign of one proposition.
 
     >>> joined([Cube(0b11, 0), Cube(0b01, 0b10), Cube(0b10, 0b01)], 0b11)
     [Cube(yes=1, no=2), Cube(yes=2, no=0)]
@@ -148,22 +151,20 @@ def joined(those: Iterable[Cube], atoms: int) -> list[Cube]:
 
 
 def possible(automaton: Automaton, structure: Structure) -> Automaton:
-    """The automaton with the same states, without letters that never occur and guards that never
-    fail where they are asked.
+    """Return the automaton without letters that cannot occur and guards that cannot fail.
 
-    A guard holds until its variables have values, and only events give values. A letter on which a
-    guard fails although no events on the way there, and not its own, give a value to each variable
-    of the guard never occurs.
+    A guard holds while one of its variables is unbound, and only events bind variables. A letter in
+    which such a guard fails cannot occur.
     """
     needs = {bit: frozenset(variables(guard)) for guard, bit in structure.guard_bits.items()}
     atoms = (1 << len(structure.patterns)) - 1
-    valued: dict[int, frozenset[str]] = {automaton.start: frozenset()}  # the variables that may have a value in a state
+    valued: dict[int, frozenset[str]] = {automaton.start: frozenset()}  # variables that may be bound in each state
 
     def after(state: int, letter: int) -> frozenset[str]:
         return valued[state].union(*(rigid_variables(structure.patterns[atom]) for atom in bits(letter & atoms)))
 
     def idle(names: frozenset[str], asked: int) -> int:
-        """The guards among those asked for with a variable that has no value yet."""
+        """Return the guards of `asked` that have an unbound variable."""
         return mask_of(guard for guard in bits(asked) if not needs[guard] <= names)
 
     todo = deque(valued)

@@ -1,12 +1,12 @@
-"""Runs a HOA text on events, in slices (`backends.slices`), and says what the text asks of events.
+"""A monitor for HOA texts, in slices (`backends.slices`), and the patterns that a text uses.
 
-Spot reads the text, which becomes a deterministic table over finite words. The verdict of a state
-is that of the automaton alone, over all letters: ⊤ when the word and every extension are accepted,
-⊥ when neither the word nor any extension is. Two readings say when a word is accepted. With a
-proposition `alive` (the encoding of Spot's `from_ltlf`) it is when it goes on for ever without
-`alive` and without any other proposition. Without `alive` the automaton is one over finite words:
-it accepts where its run may end in an accepting state or, if acceptance is on the edges, with an
-accepting edge, its marks being seen for ever.
+Spot parses the text. The automaton becomes a deterministic table over finite words. The verdict of
+a state depends on the automaton alone, over all letters: ⊤ if the word and all extensions are
+accepted, ⊥ if neither the word nor any extension is.
+
+With a proposition `alive` (the encoding of Spot's `from_ltlf`), a word is accepted if its infinite
+continuation without any proposition is. Without `alive` the automaton reads finite words: it
+accepts if a run can end in an accepting state or, with marks on edges, with an accepting edge.
 """
 
 import re
@@ -41,19 +41,19 @@ from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
 from rvaft.support.bits import bits, mask_of
 
-_UNKNOWN: Final = Verdict.UNKNOWN  # looked up for every event
+_UNKNOWN: Final = Verdict.UNKNOWN  # a global lookup per event is slow
 RELEVANT: Final = -1
-"""Stands among the numbers of events for the propositions that say an event is relevant."""
+"""The pseudo-number of the propositions for relevant events."""
 LIMIT: Final = 100_000
-"""The most states that a nondeterministic text may turn into."""
+"""The maximum number of states after determinisation."""
 
 
 _error: Final = partial(error_at, file="<hoa>")
 
-# The table: what Spot has read, determinised.
+# The table: the automaton that Spot parsed, determinised.
 
 Edges: TypeAlias = list[list[tuple[Any, int]]]
-"""For each state the edges that leave it: label (a diagram of BuDDy) and target."""
+"""For each state its edges: label (a BuDDy diagram) and target."""
 
 _PLACE: Final = re.compile(r"^<hoa>:(\d+)\.(\d+)[-.\d]*: (.*)$", re.MULTILINE)
 _STATE: Final = re.compile(
@@ -64,7 +64,7 @@ _STATE: Final = re.compile(
 
 
 class HoaTable:
-    """A text made deterministic and complete, the start being state 0; `names` are the propositions by number."""
+    """A deterministic, complete automaton with initial state 0; `names` lists the propositions."""
 
     def __init__(self, text: str) -> None:
         """Raises `LanguageError`, `ToolMissing`, `TooLarge`."""
@@ -88,7 +88,7 @@ class HoaTable:
         self.asked = cache(self._asked)
 
     def _accepting_silence(self, spot: Any, automaton: Any) -> list[bool]:
-        """For each state whether the word that goes on with no proposition at all is accepted from there."""
+        """Return per state whether the infinite word without propositions is accepted from it."""
         silence = always = self._buddy.bddtrue
         for variable in self._variables:
             silence &= self._buddy.bdd_nithvar(variable)
@@ -107,11 +107,11 @@ class HoaTable:
         return [bool(components.is_useful_scc(components.scc_of(state))) for state in range(states)]
 
     def _asked(self) -> list[int]:
-        """For each state the propositions, as bits, on which it or a state that can follow depends."""
+        """Return per state the propositions, as bits, on which it or a reachable state depends."""
         return self._ahead([mask_of(self.seen(state)) for state in range(len(self._edges))])
 
     def _ahead(self, own: Sequence[int]) -> list[int]:
-        """For each state the union of its own bit set and those of all states that can follow."""
+        """Return per state the union of its bit set and those of all reachable states."""
         before: list[list[int]] = [[] for _ in self._edges]
         for state, leaving in enumerate(self._edges):
             for _, to in leaving:
@@ -127,7 +127,7 @@ class HoaTable:
         return found
 
     def _seen(self, state: int) -> tuple[int, ...]:
-        """The numbers of the propositions on which the next state depends."""
+        """Return the propositions on which the successor depends."""
         found, support = [], self._buddy.bddtrue
         for label, _ in self._edges[state]:
             support &= self._buddy.bdd_support(label)
@@ -137,27 +137,29 @@ class HoaTable:
         return tuple(sorted(found))
 
     def _next(self, state: int, letter: tuple[bool, ...]) -> int:
-        """The state after a letter, given as the values of the propositions `seen`."""
+        """Return the successor for a letter, given as the values of the propositions `seen`."""
         values = self._buddy.bddtrue
         for number, true in zip(self.seen(state), letter, strict=True):
             variable = self._variables[number]
             values &= self._buddy.bdd_ithvar(variable) if true else self._buddy.bdd_nithvar(variable)
         targets = (to for label, to in self._edges[state] if label & values != self._buddy.bddfalse)
-        return next(targets)  # there is one, as the table is complete
+        return next(targets)  # the table is complete
 
 
 def _tools() -> tuple[Any, Any]:
     remedy = "pip install spottl (Linux x86-64, Python below 3.14), or build Spot with its Python bindings"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        spot, buddy = (installed(name, "Spot", remedy) for name in ("spot", "buddy"))  # which becomes visible with Spot
+        spot, buddy = (
+            installed(name, "Spot", remedy) for name in ("spot", "buddy")
+        )  # buddy becomes importable with Spot
     if not hasattr(spot, "automaton_stream_parser"):
         raise ToolMissing("Spot (the module named spot is another one)", remedy=remedy)
     return spot, buddy
 
 
 def _parsed(spot: Any, text: str) -> Any:
-    """The one automaton of a text."""
+    """Return the only automaton of a text."""
     start = re.match(r"(?:\s|/\*.*?\*/)*", text, re.DOTALL)
     position = start.end() if start else 0
     if not text.startswith("HOA:", position):
@@ -190,13 +192,14 @@ def _labelled(automaton: Any) -> Edges:
 
 
 def _over_finite_words(spot: Any, automaton: Any, text: str) -> tuple[Edges, list[bool]]:
-    """The edges of an automaton over finite words, and for each state whether a word may end there.
+    """Return the edges of an automaton over finite words, and per state whether a word may end
+    there.
 
-    Where edges have marks, a state is split by the marks of the last edge.
+    If edges have marks, states are split by the marks of the last edge.
     """
     states, acceptance = range(automaton.num_states()), automaton.acc()
     found = [one for one in _STATE.finditer(text.partition("--BODY--")[2]) if one["state"] is not None]
-    if any(one["marks"] is not None for one in found):  # the text puts them on states
+    if any(one["marks"] is not None for one in found):  # the marks are on states
         marks = {int(one["state"]): [int(mark) for mark in (one["marks"] or "").split()] for one in found}
         ends = [bool(acceptance.accepting(spot.mark_t(marks.get(state, [])))) for state in states]
         return _labelled(automaton), ends
@@ -211,12 +214,15 @@ def _over_finite_words(spot: Any, automaton: Any, text: str) -> tuple[Edges, lis
 
 
 def _determinised(buddy: Any, when: Any, moves: Edges, start: int) -> tuple[list[tuple[int, ...]], Edges]:
-    """The subset construction over the letters that satisfy `when`; a missing edge leads to the empty subset."""
+    """Return the subset construction over letters that satisfy `when`.
+
+    A missing edge leads to the empty subset.
+    """
     number: dict[tuple[int, ...], int] = {(start,): 0}
     order = [*number]
     edges: Edges = []
     for subset in order:
-        classes: dict[frozenset[int], Any] = {frozenset(): when}  # disjoint, by where their letters lead
+        classes: dict[frozenset[int], Any] = {frozenset(): when}  # disjoint labels, by the states that they lead to
         for state in subset:
             for label, to in moves[state]:
                 refined: dict[frozenset[int], Any] = {}
@@ -238,7 +244,7 @@ def _determinised(buddy: Any, when: Any, moves: Edges, start: int) -> tuple[list
     return order, edges
 
 
-# The program: the table, and what the lower-case header lines say, as `hoa_writer` writes them.
+# The program: the table, and the lower-case header lines that `hoa_writer` writes.
 
 _HEADER: Final = re.compile(
     r'(?P<string>"(?:\\.|[^"\\])*")|(?P<comment>/\*.*?\*/)|(?P<name>[A-Za-z_][\w-]*:)'
@@ -253,15 +259,15 @@ _EXPECTED: Final = {
     "alphabet:": ((1, 2), "a pattern in quotes, and a guard in quotes where there is one"),
     "ignore:": ((1, 2), "a pattern in quotes, and a guard in quotes where there is one"),
 }
-"""Of each line how many values it has, and which."""
+"""For each header line, the allowed numbers of values, and their description."""
 
 
 class HoaProgram:
-    """A text made ready to run; monitors share it.
+    """A parsed HOA text, shared by its monitors.
 
-    Of its propositions `events` has the patterns with the variables that they share with others,
-    `guards` the guards, `relevant` those that `alphabet` and `ignored` define. `atoms` gives the
-    events of those that the text does not define.
+    `events` maps propositions to patterns with their shared variables, `guards` to guards.
+    `relevant` holds the propositions that `alphabet` and `ignore` lines define. `atoms` gives
+    patterns for propositions without a header line.
     """
 
     def __init__(self, text: str, atoms: Mapping[str, Pattern]) -> None:
@@ -281,7 +287,7 @@ class HoaProgram:
             elif token.lastgroup != "comment" and lines:
                 lines[-1][1].append(token.group())
         for start, values in lines:
-            if start.group() in _EXPECTED:  # any other is a line of the format itself, or of somebody else
+            if start.group() in _EXPECTED:  # other header lines belong to the format or to other tools
                 try:
                     self._take(start.group(), values)
                 except LanguageError as error:
@@ -290,7 +296,7 @@ class HoaProgram:
         explained = dict.fromkeys((*self._patterns, *self.guards, *self.relevant))
         for number in explained:
             if number >= len(self.table.names):
-                raise _error(f"the text has no proposition {number}, but says what it means", text, 0)
+                raise _error(f"the text has no proposition {number}, but a header line defines it", text, 0)
         for number, name in enumerate(self.table.names):
             if number not in explained and name != ALIVE:
                 self._patterns[number] = atoms.get(name, ObjectPattern((("event", Literal(name)),)))
@@ -301,14 +307,14 @@ class HoaProgram:
         self.ties_nothing = (
             self.time is None and not self.guards and not any(shared for _, shared in self.events.values())
         )
-        """Whether what holds of an event alone says where it leads: then the text is a table over that."""
+        """Whether the successor depends on the current event alone."""
         asked = (*self._patterns.values(), *(line.pattern for line in (*self._alphabet, *self._ignored)))
         self.of_shape = PatternIndex(asked, self._decided).of
-        """As `holding`, or None where the shape of an event does not say it."""
+        """As `holding`, or None if the shape of an event does not determine it."""
         self.move = lru_cache(maxsize=LIMIT)(self._move)
 
     def _decided(self, decided: Decided) -> frozenset[int] | None:
-        """As `holding`, of all events of a shape, or None where that does not say it."""
+        """Return `holding` for all events of a shape, or None if the shape does not determine it."""
         first, last = len(self._patterns), len(self._patterns) + len(self._alphabet)
         guards = [line.when for line in (*self._alphabet, *self._ignored)]
         if decided.open or any(place >= first and guards[place - first] is not None for place in decided.fits):
@@ -318,7 +324,7 @@ class HoaProgram:
         return events | {RELEVANT} if relevant and self.relevant else events
 
     def holding(self, event: Mapping[str, Json]) -> frozenset[int]:
-        """The events that one is, where no variables are shared, and `RELEVANT` where it is that."""
+        """Return the propositions of an event, including `RELEVANT`, if no variables are shared."""
         found = self.of_shape(event)
         if found is None:
             events = (number for number, pattern in self._patterns.items() if match(pattern, event, {}) is not None)
@@ -326,7 +332,7 @@ class HoaProgram:
         return found
 
     def _move(self, state: int, holding: frozenset[int]) -> tuple[Verdict, int]:
-        """What an event means in a state, where no variables are shared, and the state after it."""
+        """Return the verdict and state after an event, if no variables are shared."""
         read = ((number if number in self.events else RELEVANT) in holding for number in self.table.seen(state))
         to = self.table.next(state, tuple(read))
         return self.table.verdicts[to], to
@@ -361,25 +367,27 @@ class HoaProgram:
             (self._alphabet if name == "alphabet:" else self._ignored).append(fit)
 
     def is_relevant(self, event: Json) -> bool:
-        """Whether an event fits a line of the alphabet and none to ignore, for some values of their variables."""
+        """Return whether an event fits an `alphabet` line and no `ignore` line, for some values of
+        their variables.
+        """
         return any(line.fits(event) for line in self._alphabet) and not any(line.fits(event) for line in self._ignored)
 
     def _matter(self, state: int) -> frozenset[str]:
-        """The variables that the text may still ask for from a state on."""
+        """Return the variables that the text may still read from a state on."""
         asked = [*bits(self.table.asked()[state])]
         shared = [self.events[number][1] for number in asked if number in self.events]
         guards = [self.guards[number] for number in asked if number in self.guards]
         return frozenset().union(*shared, *map(guard_variables, guards))
 
     def questions(self) -> Iterator[Observed]:
-        """What the text asks of events: that they match its propositions, and what says whether they are relevant."""
+        """Yield the patterns and guards of the propositions, and those that define relevance."""
         for pattern, shared in self.events.values():
             yield Observed(pattern)
-            for guard in self.guards.values():  # a proposition of its own, about values that an event gives
+            for guard in self.guards.values():  # a guard is a proposition about values that an event binds
                 if not shared.isdisjoint(guard_variables(guard)):
                     yield Observed(pattern, guard)
         for fit in (*self._alphabet, *self._ignored) if self.relevant else ():
-            yield fit.untied(rigid_variables(fit.pattern))  # some values will do
+            yield fit.untied(rigid_variables(fit.pattern))  # any values suffice
 
 
 @lru_cache(maxsize=8)
@@ -388,33 +396,35 @@ def _program(text: str) -> HoaProgram:
 
 
 def program(text: str, atoms: Mapping[str, Pattern] | None) -> HoaProgram:
-    """The program of a text, kept for its other monitors; raises `LanguageError`, `ToolMissing`, `TooLarge`."""
-    return _program(text) if atoms is None else HoaProgram(text, atoms)  # atoms may refuse a name, which no copy does
+    """Return the cached program of a text; raises `LanguageError`, `ToolMissing`, `TooLarge`."""
+    return (
+        _program(text) if atoms is None else HoaProgram(text, atoms)
+    )  # `atoms` may reject a name by raising, so it is not cached
 
 
 class HoaMonitor(Monitor):
-    """Runs one program in slices; `TooLarge` beyond so many of them."""
+    """Run one program in slices; raises `TooLarge` beyond their limit."""
 
     def __init__(self, program: HoaProgram) -> None:
         super().__init__()
         self._program = program
         self._slices = slices.start(0)
         self._at = 0
-        """The state, where no variables are shared: then there is one slice."""
+        """The state if no variables are shared: there is one slice."""
         self._plain = program.ties_nothing
 
     @property
     def state(self) -> Hashable:
-        """The slices; after a final verdict only that."""
+        """The slices, or the verdict once it is final."""
         if self._verdict.final:
             return self._verdict
         return frozenset(slices.start(self._at) if self._plain else self._slices)
 
     def step(self, event: Json) -> Verdict:
-        """Read one event and return the verdict after it; raises `TraceError` for what is no JSON object."""
+        """Read one event and return the verdict; raises `TraceError` if it is not a JSON object."""
         if not self._plain or type(event) is not dict or self._verdict is not _UNKNOWN:
             return super().step(event)
-        self._read += 1  # what follows is for very many events
+        self._read += 1  # fast path
         program = self._program
         holding = program.of_shape(event)
         self._verdict, self._at = program.move(self._at, program.holding(event) if holding is None else holding)

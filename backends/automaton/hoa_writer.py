@@ -38,10 +38,10 @@ _TOKEN: Final = re.compile(r"State:|@?\w+|[^\s\w]")
 
 
 def atom_name(node: str) -> str:
-    """The name of the proposition for a node's event: the node's own where that is a word with no other meaning.
+    """Return the proposition name for a node's event: the node name, with other characters escaped.
 
-    Otherwise the characters in the way are written as `_x` and their number in hexadecimal, and a
-    `_`; so is a `_` that an `x` follows, which keeps different names different.
+    An escape is `_x`, the hexadecimal code point and `_`. A `_` before an `x` is escaped too, so
+    that different names stay different. Reserved words have their first character escaped.
 
     >>> atom_name("land"), atom_name("or"), atom_name("lost link")
     ('land', '_x6f_r', 'lost_x20_link')
@@ -52,23 +52,24 @@ def atom_name(node: str) -> str:
 
 
 def title_of(prop: Property, semantics: Semantics) -> str:
-    """The name of an automaton: the root, the branch or kind, the semantics."""
+    """Return the name of an automaton: root, branch or kind, and semantics."""
     chosen = [f"branch {prop.branch}"] if prop.branch is not None else []
     chosen += [prop.kind.value] if prop.kind is not None else []
     return ", ".join([prop.tree.root, *chosen, semantics])
 
 
 class Cube(NamedTuple):
-    """Propositions that hold and that do not: an alternative of a label."""
+    """A conjunction of propositions: `yes` hold, `no` do not. A label is a disjunction of cubes."""
 
     yes: int
     no: int
 
 
 def cubes(row: StateRow, work: Work) -> dict[int, list[Cube]]:
-    """For each target of a state what leads there: short, and disjoint from what leads to the others.
+    """Return per successor of a state its cubes, short and disjoint from those of other successors.
 
-    A letter needs to say `not` only of the propositions by which letters with another target differ. Raises `TooLarge`.
+    A cube negates only propositions that distinguish letters with another target. Raises
+    `TooLarge`.
     """
     work.step(10 * len(row.targets))
     own: dict[int, int] = {}
@@ -84,7 +85,7 @@ def cubes(row: StateRow, work: Work) -> dict[int, list[Cube]]:
 
 
 def _needed(those: list[Cube], work: Work) -> list[Cube]:
-    """Without cubes that another one covers, which holds no proposition that they do not: found by its first one."""
+    """Return the cubes that no other cube covers, indexed by their first positive proposition."""
     ordered: list[Cube] = []
     kept: dict[int, list[Cube]] = {}
     for one in sorted(dict.fromkeys(those), key=lambda cube: cube.yes.bit_count()):
@@ -108,20 +109,21 @@ def write(
     relevance: Relevance | None,
     work: Work,
 ) -> tuple[str, Metrics]:
-    """The text of an automaton, and its sizes; with `relevance` events that are not relevant change nothing.
+    """Return the text of an automaton and its metrics; `relevance` adds self-loops on irrelevant
+    events.
 
-    Atoms that never hold together and yet tell targets apart exclude each other in an alias of the
-    header, so that an edge names just the atoms that hold.
+    Header aliases express the mutual exclusion of atoms, so that an edge names only the atoms that
+    hold.
     """
     order = automaton.in_order()
     number = {state: index for index, state in enumerate(order)}
     edges = {state: cubes(automaton.rows[state], work) for state in order if state not in (DETECTED, HOPELESS)}
     used = [cube for leaving in edges.values() for those in leaving.values() for cube in those]
-    always = ["0"] if relevance is None else ["0", "1"]  # what holds on all these edges
+    always = ["0"] if relevance is None else ["0", "1"]  # propositions that hold on all these edges
     said = union(cube.yes | cube.no for cube in used)
     numbers = {proposition: index for index, proposition in enumerate(bits(said), len(always))}
     atoms = (1 << len(structure.patterns)) - 1
-    rivals: dict[int, int] = {}  # for each atom those that never hold with it and that some letter with it excludes
+    rivals: dict[int, int] = {}  # per atom, the incompatible atoms that some cube negates beside it
     for cube in used:
         excluded = cube.no & atoms
         for atom in bits(cube.yes & atoms):
@@ -178,7 +180,7 @@ def write(
 
 
 def _propositions(structure: Structure, numbers: Mapping[int, int], relevance: Relevance | None) -> Iterator[str]:
-    """The lines that name the propositions, and say what they mean."""
+    """Yield the header lines that name and define the propositions."""
     atoms = len(structure.patterns)
     names = [ALIVE] if relevance is None else [ALIVE, RELEVANT]
     meanings = []
@@ -201,7 +203,7 @@ def _propositions(structure: Structure, numbers: Mapping[int, int], relevance: R
 
 
 def _fresh(wanted: str, taken: list[str]) -> str:
-    """The name, with a number where another proposition has it."""
+    """Return the name, numbered if it is taken."""
     return next(name for number in count(1) if (name := wanted if number == 1 else f"{wanted}_x_{number}") not in taken)
 
 

@@ -1,10 +1,10 @@
-"""Which atoms one event can make true together: the feasible letters.
+"""Feasible letters: the sets of atoms that one event can satisfy together.
 
-An atom that the least event of a set satisfies is satisfied by every event of that set. A letter is
-therefore feasible exactly when it contains all that its own least event satisfies. Rigid variables
-are shared between atoms (a slice gives them one value) and an atom with a variable that the set
-does not bind is false; the entries of the alphabet and the `ignore` declarations share nothing with
-anybody. Guards are taken as independent of all that.
+The least event of a set of atoms satisfies exactly the atoms that every event of the set satisfies.
+A letter is feasible if and only if its least event satisfies no further atom. Atoms share rigid
+variables, because a slice assigns them one value. An atom with a variable that the set does not
+bind is false. The alphabet and the `ignore` declarations have their own variables. Guards count as
+independent.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,24 +20,25 @@ from rvaft.support.bits import bits, mask_of, union
 
 
 def apart(pattern: Pattern) -> Pattern:
-    """The pattern with variables of its own."""
+    """Return the pattern with fresh variables."""
     return Observed(pattern).untied().pattern
 
 
 Fits: TypeAlias = tuple[tuple[Pattern, Guard | None], ...]
-"""What an event has to fit one of: patterns with guards."""
+"""Alternatives, each a pattern with an optional guard."""
 
 
 class Relevance(NamedTuple):
-    """What decides whether an event is relevant: the entries of the alphabet, and the `ignore` declarations."""
+    """The definition of relevant events: the alphabet, and the `ignore` declarations."""
 
     alphabet: Fits
     ignored: Fits
 
 
 class FeasibleLetters:
-    """The feasible letters over some atoms, as bits; with `relevance`, those of relevant events
-    (guards on entries not looked at).
+    """The feasible letters over some atoms, as bits; with `relevance`, those of relevant events.
+
+    Guards in the alphabet are not considered.
 
     >>> from rvaft.language.parser import parse_pattern
     >>> letters = FeasibleLetters([parse_pattern(text) for text in ("{ a: 1 }", "{ a: 2 }", "{ b: _ }", "{ a: _ }")])
@@ -47,7 +48,7 @@ class FeasibleLetters:
 
     def __init__(self, patterns: Sequence[Pattern], relevance: Relevance | None = None) -> None:
         self._patterns = tuple(patterns)
-        self._having: dict[str, int] = {}  # for each rigid variable the atoms that have it
+        self._having: dict[str, int] = {}  # for each rigid variable, the atoms that contain it
         for atom, pattern in enumerate(self._patterns):
             self._having.update((name, self._having.get(name, 0) | 1 << atom) for name in rigid_variables(pattern))
         alphabet, ignored = ((), ()) if relevance is None else relevance
@@ -58,7 +59,7 @@ class FeasibleLetters:
         self._ignored = tuple(apart(pattern) for pattern, guard in ignored if guard is None)
         self._all = (1 << len(self._patterns)) - 1
         self.guards = ~self._all
-        """Added to a letter, says that every guard holds."""
+        """The guard bits of a letter in which every guard holds."""
         overlaps = Overlaps(self._decisive)
         self._near = [overlaps.compatible(index) for index in range(len(self._decisive))]
         self._relevant: dict[int, tuple[set[int], Iterator[int]]] = {}
@@ -67,7 +68,7 @@ class FeasibleLetters:
         self.implying = cache(self._implying)
 
     def _closure(self, atoms: int) -> int | None:
-        """All atoms that hold wherever these hold, or None where they never hold together."""
+        """Return all atoms implied by these atoms, or None if no event satisfies them together."""
         event = least(self._patterns[atom] for atom in bits(atoms))
         near = self._all
         for atom in bits(atoms):
@@ -75,12 +76,12 @@ class FeasibleLetters:
         return None if event is None else self._satisfied(event, near)
 
     def _implying(self, atom: int) -> int:
-        """The atoms, itself included, at whose every event this one holds."""
+        """Return the atoms that imply this atom, itself included."""
         candidates = bits(self._all & self._near[atom])
         return mask_of(one for one in candidates if (self.closure(1 << one) or 0) >> atom & 1)
 
     def together(self, atom: int, others: int) -> int:
-        """Those of the other atoms that can hold at an event where this one does."""
+        """Return which of the other atoms one event can satisfy together with this atom."""
         known, found = self._together.get(atom, (0, 0))
         for other in bits(others & ~known & self._near[atom]):
             if least([self._patterns[atom], self._patterns[other]]) is not None:
@@ -89,7 +90,7 @@ class FeasibleLetters:
         return found & others
 
     def over(self, some: int) -> Iterator[int]:
-        """The feasible letters as far as these atoms see them, the empty one first where it is feasible."""
+        """Yield the feasible letters restricted to these atoms, the empty letter first if feasible."""
         nothing = (self.closure(0) or 0) & some
         seen = {nothing}
         todo = [nothing]
@@ -107,7 +108,7 @@ class FeasibleLetters:
                     todo.append(closed & some)
 
     def _can_be_relevant(self, letter: int, some: int) -> bool:
-        """Whether some relevant event makes exactly this letter true, as far as `some` atoms see it."""
+        """Return whether a relevant event makes this letter true, restricted to `some` atoms."""
         if letter not in self._relevant:
             self._relevant[letter] = (set(), self._find_relevant(letter))
         found, more = self._relevant[letter]
@@ -120,10 +121,11 @@ class FeasibleLetters:
         return False
 
     def _find_relevant(self, letter: int) -> Iterator[int]:
-        """What the least relevant events at which these atoms hold make true, one for each entry of the alphabet.
+        """Yield the atoms of the least relevant events that satisfy the letter, one per alphabet
+        entry.
 
-        An atom whose every event is ignored keeps its letters: a partial match that waits for it is
-        none the less a partial match.
+        An atom whose events are all ignored keeps its letters, because its partial matches still
+        count.
         """
         own = [self._patterns[atom] for atom in bits(letter)]
         if not self._entries or any(self._is_ignored(least([pattern])) for pattern in own):
@@ -140,5 +142,5 @@ class FeasibleLetters:
 
     def _satisfied(self, event: LeastEvent, among: int) -> int:
         bound = union(self._having.get(name, 0) for name in event.bound)
-        possible = among & (bound | self._plain)  # a variable without a value is that of no event
+        possible = among & (bound | self._plain)  # an atom with an unbound variable is false
         return mask_of(atom for atom in bits(possible) if event.satisfies(self._patterns[atom]))

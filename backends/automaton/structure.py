@@ -1,7 +1,7 @@
-"""A tree laid out for the construction of its automaton: its parts, flattened, and its propositions.
+"""The parts and propositions of a property, prepared for the automaton construction.
 
-The parts are those of the normal form; what is nested for no reason is flattened, so that a chain
-of thousands of gates is one sequence. A node that several parents share stays one part.
+Nested parts of one kind are flattened: a chain of thousands of gates becomes one sequence. A shared
+node stays one part.
 """
 
 from collections import Counter
@@ -20,11 +20,11 @@ from rvaft.model.patterns import Pattern
 
 @dataclass(frozen=True)
 class Structure:
-    """The parts of a property, and its propositions: first the patterns of events (*atoms*), then
-    the guards, each a bit.
+    """The parts of a property and its propositions: event patterns (*atoms*), then guards, one bit
+    each.
 
-    `names` gives a name for each pattern, `nodes` a node of the tree that has it, `atoms` the
-    number of each pattern. `written` has each guard as the tree writes it.
+    `atoms` numbers the patterns. `names` and `nodes` hold for each pattern a name and a node of the
+    tree. `written` holds each guard as the tree writes it.
     """
 
     form: NumberedParts
@@ -37,20 +37,20 @@ class Structure:
 
     @cached_property
     def guard_bits(self) -> Mapping[Guard, int]:
-        """The number of each guard among the propositions."""
+        """The proposition number of each guard."""
         return {guard: number for number, guard in enumerate(self.guards, len(self.patterns))}
 
     def atom_of(self, number: int) -> int:
-        """The atom of an event part."""
+        """Return the atom of an event part."""
         return self.atoms[self.form.parts[number].event.pattern]
 
 
 def structure(prop: Property) -> Structure:
-    """The parts and propositions of a property."""
+    """Return the parts and propositions of a property."""
     form = numbered(prop)
     parts: list[NumberedPart] = []
     of: list[int] = []
-    kept: set[int] = set()  # what several parents share is not flattened
+    kept: set[int] = set()  # shared parts are not flattened
     for number, part in enumerate(form.parts):
         children = [of[child] for child in part.parts]
         match part.op:
@@ -95,7 +95,7 @@ def structure(prop: Property) -> Structure:
 
 
 def written(condition: Condition) -> str:
-    """A condition as the tree writes it.
+    """Return a condition as the tree writes it.
 
     >>> import rvaft
     >>> from rvaft.core.build import build

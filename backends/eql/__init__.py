@@ -1,8 +1,8 @@
-"""The `eql` backend: sequences of the Event Query Language, as Elasticsearch and the package `eql` read it.
+"""The `eql` backend: sequences of the Event Query Language, as in Elasticsearch and the package
+`eql`.
 
-A text has one query for each order in which the events of the tree may come; any of them is a
-detection. The unit of `limit` is the events of these queries. Reading a text needs the package
-`eql`, translating does not.
+A text has one query per order of the tree's events; a match of any query is a detection. The
+`limit` counts the events of these queries. Only reading needs the package `eql`.
 """
 
 import json
@@ -26,7 +26,8 @@ __all__ = ["EqlBackend"]
 
 
 class EqlBackend(Backend):
-    """Sequences of EQL: what is `scattered`, with variables that tie all events, and windows over whole sequences.
+    """EQL sequences: `scattered`, variables that all events share, and windows over whole
+    sequences.
 
     >>> from rvaft import loads
     >>> events = "event login(u) = { user: u, ok: true };"
@@ -65,21 +66,22 @@ class EqlBackend(Backend):
     default_limit: ClassVar[int] = 1_000
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
-        """The queries; raises `TooLarge` beyond `limit` events of them, `NotExpressible` for what a
-        sequence cannot say.
+        """Return the queries; raises `TooLarge` beyond `limit` events, `NotExpressible` for other
+        constructs.
         """
         text, symbols = EqlText(prop, limit).text()
         return SpecificationText(text, Metrics(symbols))
 
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:
-        """JSON Lines whose events have their time in `@timestamp`."""
+        """Return JSON Lines whose events have their time in `@timestamp`."""
         return "".join(f"{json.dumps(event, ensure_ascii=False)}\n" for event in stamped(tree, trace, "@timestamp"))
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> DetectionMonitor:  # noqa: ARG002
-        """A monitor that asks the engine of the package `eql` about queries in the syntax of
-        Elasticsearch, `;` between them.
+        """Return a monitor that runs queries in Elasticsearch syntax, separated by `;`, in the
+        package `eql`.
 
-        Raises `LanguageError`, also for what that engine reads otherwise than Elasticsearch does; `ToolMissing`.
+        Raises `ToolMissing`, and `LanguageError`, also for queries whose meaning differs between
+        `eql` and Elasticsearch.
         """
         self.require()
         queries = compiled(text)

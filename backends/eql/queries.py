@@ -1,10 +1,9 @@
-"""The parse of one query, with functions in the place of what the engine of the package `eql` reads
-otherwise than Elasticsearch.
+"""The parse tree of one query, with replacements where the package `eql` deviates from
+Elasticsearch.
 
-Elasticsearch minds the case of letters but where an operator says otherwise, and then knows those
-of ASCII alone; `?` is a wildcard, too; what is asked of a field that is missing is neither true nor
-false, and such a field is no key of `by`, unless it is written `?field`. What the engine cannot be
-told is refused.
+Elasticsearch is case-sensitive unless an operator ignores case, which concerns ASCII letters only.
+`?` is a wildcard. A test of a missing field is neither true nor false. A missing field is no key of
+`by`, unless written `?field`. Queries that the engine cannot run so are refused.
 """
 
 import operator
@@ -26,14 +25,14 @@ from rvaft.model.values import Json, equal
 FILE: Final = "<eql>"
 CATEGORY: Final = "ofCategory"
 OPTIONAL: Final = "optional"
-"""A function that asks for the category of an event, and one around the fields of `by` that may be missing."""
+"""Functions that test the category of an event, and that mark optional fields of `by`."""
 _REFUSED: Final = {
     "join": "Elasticsearch has no join",
-    "named_subquery": "Elasticsearch does not look at descendants",
+    "named_subquery": "Elasticsearch has no descendant queries",
     "fork_param": "Elasticsearch has no fork",
     "method": "Elasticsearch has no methods",
-    "MISSING_EVENT_OPEN": "![: the engine does not wait until a missing event is missing",
-    "MULT_OP": "the engine divides otherwise than Elasticsearch",
+    "MISSING_EVENT_OPEN": "![: the package eql does not support missing events",
+    "MULT_OP": "the package eql divides differently from Elasticsearch",
 }
 _NAMES: Final = "startsWith endsWith stringContains add concat length multiply string substring subtract"
 _FUNCTIONS: Final = {"cidrmatch": "inNetwork"} | {one.lower(): one for one in _NAMES.split()}
@@ -52,7 +51,7 @@ _ESCAPED: Final = dict(zip("btnfr", "\b\t\n\f\r", strict=True))
 _UNLIKE: Final = (
     r'["#@&<>~$\\]|\(\?|[?*+}][?*+{]|(?<!\[)\^|\[\^?[]-]|\[[^]]*\[|-\]|--|\{(?!\d+(,\d*)?\})|(^|[(|])\||\|(\)|$)'
 )
-"""In regular expressions, what is not the same to Lucene and to Python, once escaped signs are gone."""
+"""Constructs of regular expressions that differ between Lucene and Python, escapes aside."""
 
 
 def _wildcards(text: str) -> str:
@@ -65,7 +64,6 @@ def _pattern(written: Callable[[str], str], flags: int, patterns: tuple[str, ...
 
 
 def _matches(written: Callable[[str], str], flags: int, text: Json, *patterns: str) -> bool:
-    """Whether the whole of a text matches one of the patterns."""
     return isinstance(text, str) and bool(_pattern(written, flags, patterns).fullmatch(text))
 
 
@@ -101,11 +99,11 @@ _ASKED: Final[Mapping[str, Callable[..., Json]]] = {
     CATEGORY: operator.contains,
 }
 FUNCTIONS: Final = {name: _unless_missing(asked) for name, asked in _ASKED.items()}
-"""What the engine is given for what it reads otherwise; None is neither true nor false."""
+"""Replacements for functions of the engine; None is neither true nor false."""
 
 
 class _Rewriting(Visitor[Token]):
-    """Puts the functions into a parse; refuses what none is for."""
+    """Replaces deviating functions in a parse tree; refuses the others."""
 
     def __init__(self, source: str) -> None:
         self._source = source
@@ -136,9 +134,9 @@ class _Rewriting(Visitor[Token]):
         for one in listed:
             text = _text(one)
             if one.data.endswith("field") or (text is None and token not in ("in", "in~")):
-                self._refuse(one, f"`{token}` compares with constants, and but for `in` with texts")
+                self._refuse(one, f"`{token}` compares with constants; only `in` takes other constants than strings")
             if token.startswith("regex") and not _is_lucenes(text or "", any_case=token.endswith("~")):
-                self._refuse(one, "Lucene may read this regular expression otherwise than Python")
+                self._refuse(one, "Lucene and Python may differ on this regular expression")
         self._call(tree, _PREDICATES.get(token, str(token)), [value, *listed])
 
     string_predicate = in_set
@@ -151,14 +149,16 @@ class _Rewriting(Visitor[Token]):
         name, given = tree.children
         called, arguments = _FUNCTIONS.get(name.lower().removesuffix("~")), given.children if given else []
         if called is None or (name.endswith("~") and called not in ("startsWith", "endsWith", "stringContains")):
-            self._refuse(name, f"{name}: Elasticsearch has no such function, or one that the engine reads otherwise")
+            self._refuse(
+                name, f"{name}: not a function of Elasticsearch, or one with another meaning in the package eql"
+            )
         if name.endswith("~"):
             arguments = [self._call(copy(tree), "anyCase", [one]) for one in arguments]
         try:
             networks = [_text(one) for one in arguments[1:]] if called == "inNetwork" else ["::"]
             [ip_network(one or "", strict=False) for one in networks or [""]]
         except ValueError:
-            self._refuse(name, f"{name} asks whether an address is in networks that are written out")
+            self._refuse(name, f"{name} takes constant networks, such as 10.0.0.0/8")
         self._call(tree, called, arguments)
 
     def join_values(self, tree: Any) -> None:
@@ -172,8 +172,9 @@ class _Rewriting(Visitor[Token]):
 
 
 def _is_lucenes(regex: str, *, any_case: bool) -> bool:
-    """Whether a regular expression means to Lucene, which looks at no other case of letters in
-    brackets, what it does to Python.
+    """Return whether Lucene and Python agree on a regular expression.
+
+    Lucene ignores the case flag in brackets.
     """
     signs = re.sub(r"\\[^\w\s]", "'", regex)
     with suppress(re.error):
@@ -182,14 +183,14 @@ def _is_lucenes(regex: str, *, any_case: bool) -> bool:
 
 
 def _text(part: Any) -> str | None:
-    """The text of a literal that is one."""
+    """Return the text of a string literal, or None."""
     token = next(part.scan_values(lambda _: True), "") if part.data == "literal" else ""
     return str(token[3:-3]) if token.startswith('"') else None
 
 
 @lru_cache(maxsize=1_000)
 def parsed(source: str) -> Any:
-    """A query as the parser of the package reads it, without its pipes: `head` and `tail` change no first detection."""
+    """Return the parsed query without its pipes; `head` and `tail` change no first detection."""
     eql = installed("eql", "eql", "pip install '.[eql]' in a checkout of rvaft")
     options = {"elasticsearch_syntax": True, "allow_runs": True, "allow_negation": True, "allow_sample": True}
     options |= {"reject_field_comparisons": True, "check_functions": False, "optimized": False}
@@ -198,7 +199,7 @@ def parsed(source: str) -> Any:
             tree = _Rewriting(source).visit(eql.parser.lark_parser.parse(f"{source}\n", start="piped_query"))
             query = eql.parser.LarkToEQL(f"{source}\n").visit(tree).first
         except UnexpectedInput as error:
-            raise error_at("this is no query of EQL", source, max(error.pos_in_stream or 0, 0), FILE) from None
+            raise error_at("not an EQL query", source, max(error.pos_in_stream or 0, 0), FILE) from None
         except eql.EqlParseError as error:
             raise error_at(error.error_msg, source, place(source, error.line, error.column), FILE) from None
         except RecursionError:
@@ -209,5 +210,5 @@ def parsed(source: str) -> Any:
 
 
 def place(text: str, line: int, column: int) -> int:
-    """Where a column of a line is in a text, all from 0."""
+    """Return the offset of a line and column, all counted from 0."""
     return min(sum(len(one) + 1 for one in text.split("\n")[:line]) + column, len(text))

@@ -1,14 +1,12 @@
-"""Texts of EQL, and their run by the engine of the package `eql`.
+"""EQL texts, run by the engine of the package `eql`.
 
-A text is one query, or several with `;` between them, of which any is a detection, in the syntax of
-Elasticsearch. A line `// time FIELD as FORMAT` before the first says where events have their time;
-without it that is `@timestamp as iso8601`. `maxspan` is about logs in the order of their times; an
-event without a time is none to queries with a `maxspan`.
+A text has one or more queries in Elasticsearch syntax, separated by `;`. A match of any query is a
+detection. A first line `// time FIELD as FORMAT` names the time of events (default: `@timestamp as
+iso8601`). `maxspan` needs traces in time order; queries with `maxspan` skip events without a time.
 
-The engine is asked once for each event what holds of it, and then, for each sequence, of events
-that have nothing but that. Events are joined by what is equal in JSON (`true` and 1 are not), and a
-null is a value. A list is one to texts that look at its elements by their numbers, which
-Elasticsearch does not; of others' lists nothing is told.
+The engine evaluates the conditions once per event. Sequences then run on events that hold only
+these results. Joins use JSON equality (`true` and 1 differ; null is a value). Elasticsearch does
+not index lists; a text that does so is run; other tests of lists are left open.
 """
 
 import re
@@ -29,18 +27,18 @@ _TEXTS: Final = r"""\"{3}[^\r\n]*?\"{3,5}|"(?:\\.|[^"\\\r\n])*"|'(?:\\.|[^'\\\r\
 _QUERY: Final = re.compile(rf"(?:{_TEXTS}|//[^\n]*|/\*.*?\*/|[^;])+", re.DOTALL)
 _TIME: Final = re.compile(r"(?:\s|/\*.*?\*/|//(?![ \t]*time[ \t])[^\n]*\n)*//[ \t]*(time[ \t][^\n]*\S)", re.DOTALL)
 _DEFAULT_TIME: Final = EventTime(("@timestamp",), TimeFormat.ISO8601)
-_BACKWARDS: Final = "`maxspan` is about logs in the order of their times, and those of this trace go back"
-_LISTS: Final = "Elasticsearch looks at each element of a list by itself"
+_BACKWARDS: Final = "`maxspan` needs events in time order, and the times of this trace decrease"
+_LISTS: Final = "Elasticsearch tests each element of a list separately"
 _EVENT, _END = "event", "end"
-"""Of these types are events, and what they are once more to `until`, which looks at the sequences after them."""
+"""Event types; `until` reads an event as `end`, after the sequences have read it as `event`."""
 _KEY, _CATEGORIES, _TRACE, _NULL = "key", 0, -1, object()
-"""A function, two fields that no event of JSON has, and what stands for a null."""
+"""A function, two fields that no JSON event has, and the replacement of null."""
 _TRACES: Final = 100
-"""So many traces are looked at by one engine, which keeps what is left of each."""
+"""Traces per engine; an engine keeps the partial matches of its traces."""
 
 
 def _at(value: Json, path: Sequence[str | int]) -> Json:
-    """What stands at a path, a null as a value of its own; None where there is nothing."""
+    """Return the value at a path, with `_NULL` for null; None if there is no value."""
     for name in path:
         at_number = isinstance(value, list) and isinstance(name, int) and name < len(value)
         if not (at_number or (isinstance(value, Mapping) and name in value)):
@@ -50,7 +48,7 @@ def _at(value: Json, path: Sequence[str | int]) -> Json:
 
 
 def _field(_: Any, node: Any) -> Callable[[Any], Json]:
-    """How the engine gets a field: its own way finds one in a text, too."""
+    """Return a field accessor; the engine's own also indexes strings."""
     path = (node.base, *node.path)
     return lambda scope: _at(scope.event.data, path)
 
@@ -62,11 +60,11 @@ def _categories(event: Json) -> list[Json]:
 
 
 class Queries:
-    """What a text asks. An engine runs many traces: their number is a key of sequences."""
+    """The queries of a text. An engine runs many traces; the trace number is a key of sequences."""
 
     def __init__(self, module: Any, queries: Sequence[Any], time: EventTime | None) -> None:
         mended = {"_convert_field": _field, "lowercase": staticmethod(lambda compare, **_: compare)}
-        functions = {**FUNCTIONS, _KEY: lambda value: frozenset([key(value)])}  # of which no letters are made small
+        functions = {**FUNCTIONS, _KEY: lambda value: frozenset([key(value)])}  # keys stay case-sensitive
         self._module, self._lock = module, Lock()
         self._asker = type("Asker", (module.PythonEngine,), mended)({"functions": functions})
         self._asked: dict[str, int] = {}
@@ -81,7 +79,7 @@ class Queries:
         self._engines, self._found, self._traces = list[Any](), list[Any](), 0
 
     def _sequences(self, query: Any) -> Iterator[Any]:
-        """A query as sequences of the numbers of what is asked of events."""
+        """Yield a query as sequences over condition numbers."""
         ast = self._module.ast
         if isinstance(query, ast.EventQuery):
             yield ast.PipedQuery(ast.EventQuery(_EVENT, self._number(query, [])))
@@ -89,7 +87,7 @@ class Queries:
         terms = [self._term(one, _EVENT) for one in query.queries]
         close, span = getattr(query, "close", None), getattr(query, "max_span", None)
         close = close and self._term(close, _END)
-        span = span and ast.TimeRange(span.as_milliseconds(), ast.TimeUnit.Seconds)  # the engine rounds to its seconds
+        span = span and ast.TimeRange(span.as_milliseconds(), ast.TimeUnit.Seconds)  # the engine counts whole seconds
         for order in permutations(terms) if isinstance(query, ast.Sample) else [terms]:
             yield ast.PipedQuery(ast.Sequence([*order], span, close))
 
@@ -102,7 +100,7 @@ class Queries:
         return ast.SubqueryBy(ast.EventQuery(kind, self._number(term.query, needed)), [*joined, ast.Field(_TRACE)])
 
     def _number(self, query: Any, more: Sequence[Any]) -> Any:
-        """The field with what holds of an event for a query, and more."""
+        """Return the field that holds the result of a query's condition and `more`."""
         ast, kind = self._module.ast, query.event_type
         within = [] if kind == "any" else [ast.FunctionCall(CATEGORY, [ast.Field(_CATEGORIES), ast.String(kind)])]
         parts = [*within, *more, query.query]
@@ -117,7 +115,7 @@ class Queries:
         return self._module.ast.Field(number)
 
     def first_detections(self, traces: Sequence[Sequence[Json]]) -> list[int | None]:
-        """For each trace the number of the event with which one of the queries first has a match."""
+        """Return for each trace the number of the event that completes the first match, or None."""
         with self._lock:
             return [self._first(trace) for trace in traces]
 
@@ -137,7 +135,7 @@ class Queries:
                     told[_TRACE] = self._traces
                     for engine in self._engines[: 1 if moment is None else 2]:
                         engine.stream_event(self._module.Event(kind, moment or 0, told))
-            except Exception as error:  # what a query asks of values that it did not expect
+            except Exception as error:  # errors of the engine on unexpected values
                 self._traces = 0
                 raise ToolFailed("eql", reason=f"event {number}: {type(error).__name__}: {error}") from error
             if self._found:
@@ -145,7 +143,7 @@ class Queries:
         return None
 
     def left_open(self, trace: Sequence[Json]) -> str:
-        """Why the language says nothing of a trace, if that is so."""
+        """Return why the trace has no verdict, or an empty string."""
         read = [] if self._time is None or not self._queries[1] else map(self._time.read, trace)
         times = [time for time in read if time is not None]
         if any(later < earlier for earlier, later in pairwise(times)):
@@ -162,7 +160,7 @@ class Queries:
 
 @lru_cache(maxsize=32)
 def compiled(text: str) -> Queries:
-    """The queries of a text; raises `LanguageError`, `ToolMissing`."""
+    """Return the queries of a text; raises `LanguageError`, `ToolMissing`."""
     eql = installed("eql", "eql", "pip install '.[eql]' in a checkout of rvaft")
     time, queries = None, []
     if line := _TIME.match(text):

@@ -1,9 +1,8 @@
-"""From a tree to queries.
+"""Properties to EQL queries.
 
-Each scenario's events in each order that it allows, as a sequence of conditions on single events.
-
-EQL compares values of one type, and does not tell a field with null from none; a guard is written
-as what is true where it holds and nowhere else, whichever types the fields of an event have.
+Each order of events that a scenario allows becomes a sequence of conditions on single events. EQL
+compares values of one type, and does not distinguish a null field from a missing one. A guard
+becomes a condition that is true exactly when the guard holds, for all types of the fields.
 """
 
 import re
@@ -34,15 +33,12 @@ _ESCAPES: Final = str.maketrans({sign: f"\\{letter}" for sign, letter in zip('\\
 _TOKEN: Final = re.compile(r'"(?:[^"\\]|\\.)*"|`[^`]*`|[\w.]+|[^\s\w]')
 _SPANS: Final = {"d": UNITS["d"], "h": UNITS["h"], "m": UNITS["min"], "s": UNITS["s"], "ms": UNITS["ms"]}
 _RUNS: Final = 100
-"""So many at most takes Elasticsearch of `with runs`."""
+"""The maximum of `with runs` in Elasticsearch."""
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One event of a sequence, which takes no longer than `span`.
-
-    A condition holds for it, and it has in `keys` what all others have in theirs.
-    """
+    """One event of a sequence: alternative conditions, join keys, and the `maxspan` in nanoseconds."""
 
     conditions: tuple[str, ...]
     keys: tuple[str, ...] = ()
@@ -58,7 +54,7 @@ def _union(items: Sequence[Item]) -> Item:
 
 
 def query(items: Sequence[Item]) -> str:
-    """The text of a sequence, or of a query for one event."""
+    """Return the text of a sequence, or of a query for one event."""
     if len(items) == 1:
         return str(items[0])
     shared, span = {item.keys for item in items}, items[0].span
@@ -75,7 +71,9 @@ def query(items: Sequence[Item]) -> str:
 
 
 class EqlText:
-    """One translation. Raises `NotExpressible`, `TooLarge`, and `TreeError` without a feasible scenario."""
+    """One translation. Raises `NotExpressible`, `TooLarge`, and `TreeError` without a feasible
+    scenario.
+    """
 
     def __init__(self, prop: Property, limit: int) -> None:
         self._time = prop.time if any(isinstance(part, Within) for part in prop.parts) else None
@@ -86,7 +84,7 @@ class EqlText:
         self._seen: dict[Event, dict[str, str]] = {}
 
     def text(self) -> tuple[str, int]:
-        """The text, and how many symbols its queries have."""
+        """Return the text and its number of symbols."""
         orders = self._orders
         some = ((one, items) for one in orders.scenarios() if (items := self._items(one)) is not None)
         words = chain.from_iterable(orders.words(one, items) for one, items in some)
@@ -96,7 +94,7 @@ class EqlText:
         return f"{header}\n" + ";\n".join(texts) + "\n", sum(len(_TOKEN.findall(text)) for text in texts)
 
     def _span(self, scenario: Scenario) -> int | None:
-        """The shortest of the windows of a scenario, which must be over all its events."""
+        """Return the shortest window of a scenario; each must cover all its events."""
         found = [part for part in scenario.kept if isinstance(part, Within)]
         for window in found:
             node = window.source.node
@@ -110,7 +108,7 @@ class EqlText:
         return min((window.duration for window in found), default=None)
 
     def _items(self, scenario: Scenario) -> dict[Event, Item] | None:
-        """What each event of a scenario is asked, None where a guard never holds."""
+        """Return the condition of each event of a scenario, or None if a guard never holds."""
         groups = self._orders.groups
         paths = {event: {} if event in groups else self._paths(event) for event in scenario.events}
         several = "a condition of EQL looks at one event"
@@ -129,10 +127,10 @@ class EqlText:
             for event in scenario.events
         }
 
-    # The conditions on one event.
+    # Conditions on one event.
 
     def _conditions(self, event: Event, asked: Iterable[Guard]) -> tuple[str, ...]:
-        """Conditions on an event of which one holds."""
+        """Return alternative conditions on an event."""
         if event in self._orders.groups:
             each = chain.from_iterable(self._conditions(*leaf) for leaf in self._orders.groups[event])
             return tuple(dict.fromkeys(one for one in each if one != "false")) or ("false",)
@@ -140,7 +138,7 @@ class EqlText:
             return (self._dialect.of(event.pattern, asked),)
 
     def _paths(self, event: Event) -> dict[str, str]:
-        """Where the variables that an event shares with others stand."""
+        """Return the paths of the variables that an event shares with others."""
         if event not in self._seen:
             with naming(event.source.node):
                 found = self._dialect.paths(event.pattern)
@@ -149,7 +147,7 @@ class EqlText:
 
 
 class EqlConditions(FieldConditions):
-    """The conditions of EQL; `spend` is told the length of each."""
+    """The conditions of EQL; `spend` receives the length of each."""
 
     exists, equals, is_truth, length = "{p} != null", "{p} == {v}", "{p} == {v}", "length({p}) == {n}"
     differs = "(({p} == {v}) == null or {p} != {v})"
@@ -172,7 +170,7 @@ class EqlConditions(FieldConditions):
         self._spend = spend
 
     def path(self, way: FieldPath) -> str:
-        """Names of fields with dots between, and places of lists in brackets."""
+        """Return field names joined by dots, and list indices in brackets."""
         text = ""
         for step in way:
             if isinstance(step, int):
@@ -184,7 +182,7 @@ class EqlConditions(FieldConditions):
         return text
 
     def literal(self, value: Json) -> str:
-        """A constant of EQL."""
+        """Return a constant of EQL."""
         match value:
             case None:
                 raise self.lacks(Lack.NULL)
@@ -198,11 +196,11 @@ class EqlConditions(FieldConditions):
                 return repr(value)
 
     def all(self, texts: Iterable[str]) -> str:
-        """The conjunction; its length is spent."""
+        """Return the conjunction, and spend its length."""
         found = super().all(texts)
         self._spend(len(found))
         return found
 
     def operand(self, text: str) -> str:
-        """A conjunction in parentheses."""
+        """Return the condition, in parentheses if it is a conjunction."""
         return f"({text})" if " and " in text else text

@@ -1,8 +1,7 @@
 """The `ltlf` backend: linear temporal logic on finite traces, in Spot's syntax.
 
-The text explains itself: a leading comment defines the atoms (event patterns and guards), which
-events are relevant, and the shared subformulas. The unit of `limit` is subformulas made. Reading a
-text needs Spot, translating does not.
+A leading comment of the text defines atoms (event patterns and guards), relevant events and shared
+subformulas. The `limit` counts subformulas. Only reading needs Spot.
 """
 
 from collections.abc import Mapping
@@ -24,7 +23,7 @@ __all__ = ["LtlfBackend"]
 
 
 class LtlfBackend(Backend):
-    """LTLf in Spot's syntax: every tree under every semantics, but for late events.
+    """LTLf in Spot's syntax: every tree under every semantics, except late events.
 
     >>> from rvaft import loads
     >>> print(LtlfBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text, end="")
@@ -49,29 +48,28 @@ class LtlfBackend(Backend):
     default_limit: ClassVar[int] = 200_000
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """The formula; raises `TooLarge` beyond `limit` subformulas."""
+        """Return the formula; raises `TooLarge` beyond `limit` subformulas."""
         return SpecificationText(*Translation(prop, semantics, limit).text())
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
-        """A monitor that runs a formula in Spot's LTLf syntax, with or without a header.
+        """Return a monitor for a formula in Spot's LTLf syntax, with or without a header.
 
-        Raises `LanguageError`, and `ToolMissing` where Spot is not installed.
+        Raises `LanguageError`, and `ToolMissing` without Spot.
         """
         return LtlfMonitor(text, atoms or {})
 
     def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:
-        """What the atoms of the formula ask of events, None where times are among it.
-
-        Raises `LanguageError` and `ToolMissing` as `read` does.
+        """Return the patterns of the atoms, or None if the formula has times; raises as `read`
+        does.
         """
         return observed(text, atoms or {})
 
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
-        """By `mona`: a monitor that runs the automaton which ltlf2dfa and MONA make of a formula without variables.
+        """Return a monitor for a formula without variables by `mona`: ltlf2dfa and MONA build the
+        automaton.
 
-        Raises `LanguageError`; `ToolMissing` where Spot (whose parser reads the text), ltlf2dfa or
-        MONA is not installed; `NotExpressible` where there are variables, `TooLarge` where there
-        are too many atoms or MONA comes to no end.
+        Raises `LanguageError`, `NotExpressible` (variables), `TooLarge` (too many atoms, or a
+        timeout of MONA), and `ToolMissing` without Spot (the parser), ltlf2dfa or MONA.
         """
         if tool not in self.tools:
             return super().read_with(tool, text, atoms=atoms)

@@ -1,16 +1,16 @@
-"""The formula of a tree's parts, put together from those of its parts, and where that gives way to the general form.
+"""The formula of a part, composed from those of its children, or by the general form.
 
-The formula of a part with what must come strictly after it (`after`):
+The formula of a part is followed strictly later by `after`:
 
     event              p & X[!] after                          scattered: F(p & X[!] after)
     choice             the disjunction
     sequence           from the last part to the first, each with the next as its `after`
-    AND, VOT           scattered: conjunction and threshold, where no event can serve two of the parts;
-                       strict and projected: a window over single events, where no event can serve two of them
-    otherwise          the general sum over what may come next
+    AND, VOT           scattered: conjunction and threshold, if no event can serve two of the parts;
+                       strict and projected: a window over single events, under the same condition
+    otherwise          the general sum over the events that may come next
 
-The sum goes over sets of residuals (`rvaft.core.residual`): what may be left after the events so
-far. There may be exponentially many; residuals that ask for the same events are one.
+The sum ranges over sets of residuals (`rvaft.core.residual`), possibly exponentially many.
+Residuals with the same next events are merged.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -29,14 +29,16 @@ from rvaft.support.budget import Call, Work, run
 class Composer:
     """Translates parts.
 
-    `event_of` gives the formula of an EVENT part, `relevant` is the atom of relevant positions
-    (`projected`, `consecutive`).
+    `event_of` returns the formula of an EVENT part; `relevant` is the atom of relevant positions
+    (`projected`, `consecutive`); `work` bounds the steps. A formula is true at a position if the
+    part is matched from there on:
 
-    A formula is true at a position when what it stands for is matched from there on. `scattered`:
-    by some later events, so that such a formula is *monotone*, true at every earlier position too.
-    `strict`: by exactly the next events. `projected`: by exactly the next relevant events; each
-    formula is about a relevant position, and `_begin` looks for the first one. `consecutive`:
-    likewise, from anywhere. `work` bounds the steps.
+    - `scattered`: by some later events; the formula is *monotone*, true at every earlier position
+      too.
+    - `strict`: by exactly the next events.
+    - `projected`: by exactly the next relevant events; formulas hold at relevant positions, and
+      `_begin` finds the first one.
+    - `consecutive`: as `projected`, from any relevant position.
     """
 
     def __init__(
@@ -59,43 +61,46 @@ class Composer:
         self._work = work
         self._known: dict[tuple[int, int], int] = {}
         self._free: set[int] = set()
-        """Parts below a separable one: they are translated one by one although they share occurrences."""
+        """Descendants of a separable part: they are translated separately although they share
+        occurrences.
+        """
         self._residuals: dict[tuple[int, ...], ResidualSpace] = {}
 
     def whole(self) -> int:
-        """The formula of the root, from the first position on; `consecutive`: from some relevant one, `F(rel & f)`."""
+        """Return the formula of the root from the first position; `consecutive`: `F(rel & f)`."""
         formula = run(self._of(self._anatomy.root, TRUE))
         if self._anywhere and formula != TRUE:
             return self._formulas.eventually(self._formulas.conjunction([self._relevant, formula]))
         return self._begin(formula)
 
-    # Positions: the only place where the semantics differ in the formulas themselves.
+    # Positions: only these methods depend on the semantics.
 
     def _begin(self, formula: int) -> int:
-        """The formula from the first position that counts; `projected`: `!rel U (rel & f)`."""
+        """Return the formula at the first relevant position; `projected`: `!rel U (rel & f)`."""
         f = self._formulas
         if not self._relative or formula == TRUE:
             return formula
         return f.until(f.negation(self._relevant), f.conjunction([self._relevant, formula]))
 
     def _later(self, formula: int) -> int:
-        """The formula from the next position that counts; true stands for "nothing more" and demands no position."""
+        """Return the formula at the next relevant position; TRUE requires no position."""
         return TRUE if formula == TRUE else self._formulas.next(self._begin(formula))
 
     def _steps(self, ways: Iterable[tuple[int, int]]) -> int:
-        """One of several events here (`scattered`: somewhere), each with its own formula after it."""
+        """Return the choice of an event at this position (`scattered`: at some position) and its
+        continuation.
+        """
         f = self._formulas
         found = f.disjunction(f.conjunction([event, self._later(after)]) for event, after in ways)
         return f.eventually(found) if self._monotone else found
 
     def _window(self, events: Sequence[int], need: int, after: int) -> int:
-        """At least `need` of the events (disjunctions of atoms), each at its own position, then `after`.
+        """Return: at least `need` of the events (disjunctions of atoms) at distinct positions, then
+        `after`.
 
-        No event may serve two.
-
-        That is: exactly j positions (`need` ≤ j ≤ n), at each of them one of the events, and none
-        of the events at two of them. It is polynomial where unrolling is factorial. What nothing
-        follows is decided as soon as `need` events were seen.
+        No event may serve two of them. The formula requires one of the events at each of exactly j
+        positions (`need` ≤ j ≤ n), and none of the events twice. It is polynomial; unrolling is
+        factorial. Without `after`, j = `need` suffices.
         """
         f = self._formulas
         some = f.disjunction(events)
@@ -165,7 +170,7 @@ class Composer:
         return found
 
     def _threshold(self, formulas: Sequence[int], need: int) -> int:
-        """At least `need` of the formulas: T(i, j) = f_i & T(i+1, j-1) | T(i+1, j)."""
+        """Return: at least `need` of the formulas, by T(i, j) = f_i & T(i+1, j-1) | T(i+1, j)."""
         f = self._formulas
         row = [TRUE]
         for formula in reversed(formulas):
@@ -175,7 +180,7 @@ class Composer:
         return row[need]
 
     def _rival_groups(self, number: int) -> list[list[int]]:
-        """The parts of a part, those together of which one event may serve two."""
+        """Return the children, grouped so that no event serves parts of two groups."""
         groups: list[tuple[list[int], int]] = []
         """Parts, and their events."""
         seen = 0
@@ -192,12 +197,13 @@ class Composer:
     # The general form.
 
     def _sum(self, some: Sequence[int], after: int) -> Call[int]:
-        """The general form of some parts in any order; they share no occurrence with other parts.
+        """Return the general form of some parts in any order; they share no occurrence with other
+        parts.
 
-        There is one shared formula G for each set of residuals: what follows, if one of them is
-        complete, or one of the events that may come next, with G of the residuals after it. The
-        residuals after one event part are one set. All residuals after equal events would be fewer
-        formulas for some trees, and exponentially many for others.
+        Each set of residuals has one shared formula G: `after` if a residual is complete, or one of
+        the next events, followed by G of the residuals after it. The residuals after one event part
+        form one set. Merging residuals after equal events would give fewer formulas for some trees,
+        but exponentially many for others.
         """
         key, disjunction = tuple(some), self._formulas.disjunction
         if key not in self._residuals:
@@ -211,7 +217,7 @@ class Composer:
         def of(left: frozenset[Residual]) -> Call[int]:
             if left not in known:
                 ends = any(map(residuals.is_complete, left))
-                if ends and (after == TRUE or self._monotone):  # nothing longer can say more
+                if ends and (after == TRUE or self._monotone):  # a longer match adds nothing
                     known[left] = after
                     return after
                 following: dict[int, dict[int, set[Residual]]] = {}

@@ -1,8 +1,8 @@
-"""Formulas of LTL on finite traces: a hash-consed graph, in which equal formulas are the same number.
+"""LTLf formulas as a hash-consed graph: equal formulas have the same number.
 
-A number is the index of a row, and operands have smaller numbers than what is made of them. So
-every walk is a loop, and no depth is too deep. The core is small: constants, atoms, `!`, `&`, `|`,
-the strong next `X[!]`, `F` and `U`.
+A number is a row index; operands have smaller numbers than their formulas. Every traversal is
+therefore a loop without recursion. The core operators are constants, atoms, `!`, `&`, `|`, the
+strong next `X[!]`, `F` and `U`.
 """
 
 from collections.abc import Hashable, Iterable
@@ -18,7 +18,7 @@ FALSE: Final = 1
 
 
 class Connective(Enum):
-    """The operators of the core; the value is how Spot writes them."""
+    """The core operators, with their spelling in Spot."""
 
     TRUE = "1"
     FALSE = "0"
@@ -35,7 +35,7 @@ JUNCTIONS: Final = frozenset({Connective.AND, Connective.OR})
 
 
 class Subformula(NamedTuple):
-    """An operator with its operands; `name` is that of an atom, else empty."""
+    """An operator with its operands; `name` is the name of an atom, else empty."""
 
     op: Connective
     operands: tuple[int, ...] = ()
@@ -43,7 +43,7 @@ class Subformula(NamedTuple):
 
 
 class Formulas:
-    """The formulas made so far. `limit` bounds how many there may be; beyond it `TooLarge` is raised.
+    """The formulas made so far; raises `TooLarge` beyond `limit`.
 
     >>> f = Formulas()
     >>> a, b = f.atom("a"), f.atom("b")
@@ -72,45 +72,47 @@ class Formulas:
         return self._make(op, tuple(unique)) if len(unique) > 1 else next(iter(unique), neutral)
 
     def atom(self, name: str) -> int:
-        """An atomic proposition."""
+        """Return an atomic proposition."""
         return self._make(Connective.ATOM, (), name)
 
     def negation(self, formula: int) -> int:
-        """`!f`."""
+        """Return `!f`."""
         if formula in (TRUE, FALSE):
             return FALSE if formula == TRUE else TRUE
         row = self.rows[formula]
         return row.operands[0] if row.op is Connective.NOT else self._make(Connective.NOT, (formula,))
 
     def conjunction(self, operands: Iterable[int]) -> int:
-        """`f & g & …`: each operand once, in order; of none it is true."""
+        """Return `f & g & …` without duplicates, in order; TRUE without operands."""
         return self._junction(Connective.AND, operands, TRUE, FALSE)
 
     def disjunction(self, operands: Iterable[int]) -> int:
-        """`f | g | …`: each operand once, in order; of none it is false."""
+        """Return `f | g | …` without duplicates, in order; FALSE without operands."""
         return self._junction(Connective.OR, operands, FALSE, TRUE)
 
     def next(self, formula: int) -> int:
-        """`X[!] f`: there is a next position, and f holds there; so `X[!] 1` is not `1`."""
+        """Return `X[!] f`: a next position exists and satisfies f. `X[!] 1` is not `1`."""
         return FALSE if formula == FALSE else self._make(Connective.NEXT, (formula,))
 
     def eventually(self, formula: int) -> int:
-        """`F f`."""
+        """Return `F f`."""
         return formula if formula in (TRUE, FALSE) else self._make(Connective.EVENTUALLY, (formula,))
 
     def until(self, left: int, right: int) -> int:
-        """`f U g`."""
+        """Return `f U g`."""
         if right in (TRUE, FALSE):
             return right
         return self.eventually(right) if left == TRUE else self._make(Connective.UNTIL, (left, right))
 
     def atoms(self, formula: int, *, now: bool = False) -> list[str]:
-        """The names of the atoms in a formula; `now`: not those that only the next position decides."""
+        """Return the names of the atoms of a formula; `now`: only those that the current position
+        decides.
+        """
         rows = (self.rows[number] for number in self.reachable(formula, now=now))
         return [row.name for row in rows if row.op is Connective.ATOM]
 
     def reachable(self, formula: int, *, now: bool = False) -> list[int]:
-        """The distinct subformulas, the formula itself included, operands first; `now`: nothing behind a next."""
+        """Return the distinct subformulas, operands first; `now`: without those below a next."""
         seen = {formula}
         todo = [formula]
         while todo:
@@ -122,9 +124,10 @@ class Formulas:
         return sorted(seen)
 
     def size(self, root: int) -> int:
-        """How many distinct subformulas there are as people and other tools count them, the formula itself included.
+        """Return the number of distinct subformulas, the formula included.
 
-        `&` and `|` have any number of operands, in any order: `a & (b & c)` has four, and `b & c` is none of them.
+        `&` and `|` are flat and unordered: `a & (b & c)` counts four, and `b & c` is not one of
+        them.
         """
         reachable = self.reachable(root)
         last = {operand: formula for formula in reachable for operand in self.rows[formula].operands}
@@ -132,14 +135,14 @@ class Formulas:
         numbers: dict[Hashable, int] = {}
         own: dict[int, int] = {}
         flat: dict[int, tuple[Connective, frozenset[int]]] = {}
-        """Of a junction the operands, nested ones opened; dropped after their last use, since they may be many."""
+        """Flattened operands of junctions; dropped after their last use to save memory."""
         counted: set[int] = set()
         for formula in reachable:
             op, operands, name = self.rows[formula]
             nested = [flat[operand][1] for operand in operands if operand in flat and flat[operand][0] is op]
             kept = [own[operand] for operand in operands if operand not in flat or flat[operand][0] is not op]
             members = frozenset(kept).union(*nested)
-            if op in JUNCTIONS and len(members) == 1:  # all operands are the same
+            if op in JUNCTIONS and len(members) == 1:  # all operands are equal
                 own[formula] = own[operands[0]]
                 if operands[0] in flat:
                     flat[formula] = flat[operands[0]]

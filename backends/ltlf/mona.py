@@ -1,10 +1,8 @@
-"""Formulas run by others: the package `ltlf2dfa` writes them as programs for MONA, and MONA makes an automaton.
+"""A second monitor for formulas: `ltlf2dfa` writes a MONA program, and MONA builds the automaton.
 
-Of ltlf2dfa only its parser and its translation are used. Its `to_dfa` writes every program to one
-file inside the installed package, where two processes meet and where a read-only installation keeps
-an old program without a word, and it makes an automaton even of the output of a missing MONA.
-Spot's parser and the meaning of atoms at an event are those of the other monitor; what a formula
-demands of a word is found out in a different way.
+Only the parser and the translation of ltlf2dfa are used. Its `to_dfa` writes all programs to one
+file in the installed package, which fails with parallel processes or a read-only installation, and
+it ignores a missing MONA. Spot's parser and the atoms are shared with the other monitor.
 """
 
 import re
@@ -30,14 +28,12 @@ from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
 
 ATOMS: Final = 8
-"""The most atoms: the automaton has a transition for every set of them in the worst case."""
+"""The maximum number of atoms: in the worst case there is a transition per set of atoms."""
 OPERATORS: Final = 2_000
-"""The most operators, shared subformulas written out wherever they occur: ltlf2dfa knows no
-sharing, and works by recursion.
-"""
+"""The maximum number of operators after expanding shared subformulas: ltlf2dfa is recursive."""
 SECONDS: Final = 20
 MEMORY: Final = 1 << 30
-"""Bytes, where the system can bound them: some small formulas take all there are."""
+"""Bytes, if the system can bound them; some small formulas exhaust the memory."""
 
 _WRITTEN: Final = {
     Connective.TRUE: "true",
@@ -52,7 +48,7 @@ assert {*_WRITTEN, *JUNCTIONS, Connective.ATOM} == set(Connective)
 
 
 def _program(formulas: Formulas, root: int, symbols: Mapping[str, str]) -> str:
-    """The program for MONA; `symbols` names each atom in a way that ltlf2dfa takes."""
+    """Return the MONA program; `symbols` maps atoms to names that ltlf2dfa accepts."""
     sizes: dict[int, int] = {}
     texts: dict[int, str] = {}
     for number in formulas.reachable(root):
@@ -76,9 +72,7 @@ def _program(formulas: Formulas, root: int, symbols: Mapping[str, str]) -> str:
 
 
 def _output(program: str) -> str:
-    """What MONA prints of a program; raises `ToolMissing`, `ToolFailed`, and `TooLarge` where it
-    comes to no end in time.
-    """
+    """Return the output of MONA; raises `ToolMissing`, `ToolFailed`, and `TooLarge` on a timeout."""
     mona = shutil.which("mona")
     if mona is None:
         remedy = "install the program mona (Debian and Ubuntu: `apt install mona`), and see that it is on the PATH"
@@ -91,7 +85,7 @@ def _output(program: str) -> str:
             command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, encoding="utf-8"
         ) as process:
             if hasattr(resource, "prlimit"):  # Linux
-                with suppress(OSError):  # it may have come to its end already
+                with suppress(OSError):  # the process may have ended
                     resource.prlimit(process.pid, resource.RLIMIT_AS, (MEMORY, MEMORY))
             try:
                 output, _ = process.communicate(timeout=SECONDS)
@@ -111,16 +105,16 @@ _EDGE: Final = re.compile(r"^State (\d+): ([01X]*) -> state (\d+)$", re.MULTILIN
 
 
 class _MonaAutomaton:
-    """What MONA prints for `-w`, deterministic and complete; a cube has `0`, `1` or `X` for each of `names`.
+    """A deterministic, complete automaton from the output of `mona -w`.
 
-    MONA's first step reads the variables that stand for no position, of which there are none here:
-    the automaton of the words starts behind it. Output:
+    A cube has `0`, `1` or `X` for each of `names`. The first step of MONA reads variables without a
+    position; there are none here, so the automaton starts after it. Output:
 
-        DFA for formula with free variables: P0 P1
-        Initial state: 0
-        Accepting states: 3
-        ...
-        State 0: XX -> state 1
+            DFA for formula with free variables: P0 P1
+            Initial state: 0
+            Accepting states: 3
+            ...
+            State 0: XX -> state 1
     """
 
     def __init__(self, output: str) -> None:
@@ -135,7 +129,9 @@ class _MonaAutomaton:
         accepts = frozenset(map(int, head[3].split()))
         graph = nx.DiGraph((state, target) for state, found in self.edges.items() for _, target in found)
         self.verdicts: dict[int, Verdict] = {}
-        """Of each state, once something was read: ⊤ where it and all that it leads to accept, ⊥ where none does."""
+        """Per state after the first event: ⊤ if it and all reachable states accept, ⊥ if none
+        accepts.
+        """
         for state in self.edges:
             ends = {reached in accepts for reached in (state, *nx.descendants(graph, state))}
             self.verdicts[state] = (
@@ -145,7 +141,7 @@ class _MonaAutomaton:
 
 @lru_cache(maxsize=32)
 def _made(text: str, given: tuple[tuple[str, Pattern], ...]) -> tuple[_MonaAutomaton, Mapping[str, Atom], Header]:
-    """The automaton, the atoms by their names in it, and what the text says beside the formula."""
+    """Return the automaton, the atoms by their names in it, and the header."""
     formulas = Formulas()
     header, root = formula_of(text, formulas)
     names = sorted(formulas.atoms(root))
@@ -161,9 +157,9 @@ def _made(text: str, given: tuple[tuple[str, Pattern], ...]) -> tuple[_MonaAutom
 
 
 class MonaMonitor(Monitor):
-    """⊤ where the word and all its extensions are accepted, ⊥ where none of them is, else ?.
+    """⊤ if the word and all its extensions are accepted, ⊥ if none is, else ?.
 
-    Raises as `Backend.read_with` says.
+    Raises the errors of `Backend.read_with`.
     """
 
     def __init__(self, text: str, given: Mapping[str, Pattern]) -> None:
@@ -173,7 +169,7 @@ class MonaMonitor(Monitor):
 
     @property
     def state(self) -> Hashable:
-        """The automaton, its state, the verdict."""
+        """The automaton, its state and the verdict."""
         return self._automaton, self._at, self._verdict
 
     def _advance(self, event: Json) -> Verdict:

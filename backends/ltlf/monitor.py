@@ -1,9 +1,9 @@
-"""Running a formula on events: slices, one for each partial assignment of the variables that matching can reach.
+"""A monitor for formulas: one slice per reachable partial assignment of the variables.
 
-At an event a slice may stay as it is (atoms with an unbound variable are false), or take up the
-values that make one more atom true; then the letter is all atoms true under its assignment. ⊤ if in
-some slice the formula holds here and on every continuation; ⊥ if there is none where it can still
-hold. A slice in which it cannot is dropped.
+At an event, a slice stays (atoms with unbound variables are false), or binds the values that make
+one more atom true. The letter is the set of atoms that are then true. The verdict is ⊤ if the
+formula holds in some slice on every continuation, and ⊥ if it cannot hold in any slice. Slices in
+which it cannot hold are dropped.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
@@ -25,23 +25,25 @@ from rvaft.monitors import Monitor
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Atom:
-    """What an atom of a formula observes. Events that do not fit its pattern need not be asked."""
+    """The condition of an atom on an event; `pattern` is a necessary condition."""
 
     pattern: Pattern
     binds: frozenset[str]
-    """The variables that must be bound for it to be true."""
+    """Variables that must be bound for the atom to be true."""
     mentions: frozenset[str]
-    """All variables that make a difference to it."""
+    """All variables that affect the atom."""
     extended: Callable[[Json, Binding], Binding | None]
-    """The smallest extension of a binding under which it is true at an event, or None."""
+    """The smallest extension of a binding that makes the atom true at an event, or None."""
 
     def holds(self, event: Json, binding: Binding, before: Binding) -> bool:
-        """Whether it is true at the event under a binding that was `before` without what the event has given."""
+        """Return whether the atom is true at an event; `before` is the binding without the event's
+        values.
+        """
         return self.binds <= binding.keys() and fits(partial(self.extended, event), binding, before)
 
 
 def atoms_of(header: Header, names: Iterable[str], given: Mapping[str, Pattern]) -> dict[str, Atom]:
-    """The atoms of these names: as the header has them, else as given, else the event of that name."""
+    """Return the atoms of these names: from the header, from `given`, or as the event of that name."""
     return {
         name: _relevance(header.relevant.get(name, ()), header.ignored.get(name, ()))
         if name in header.relevant or name in header.ignored
@@ -56,7 +58,7 @@ def _observation(header: Header, name: str, given: Mapping[str, Pattern]) -> Obs
 
 
 def _event_atom(observation: Observation) -> Atom:
-    """An event pattern under guards; a guard counts as true while one of its variables is unbound."""
+    """Return the atom of a pattern under guards; a guard with an unbound variable counts as true."""
     pattern = observation.observed
     binds = frozenset(patterns.rigid_variables(pattern))
 
@@ -74,9 +76,7 @@ def _event_atom(observation: Observation) -> Atom:
 
 
 def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) -> Atom:
-    """True at events that fit one of the observations for some values of the variables, and none of
-    the ignored ones.
-    """
+    """Return the atom of events that fit a relevant and no ignored observation, for some values."""
 
     def fitting(observations: Sequence[Observation]) -> PatternIndex[list[Reader]]:
         readers = [reader(number, Letter(one.pattern, one.when)) for number, one in enumerate(observations)]
@@ -94,17 +94,18 @@ def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) 
 
 @lru_cache(maxsize=8)
 def _formula(text: str) -> tuple[Header, Formulas, int]:
-    """The header of a text, and its formula among the formulas that it is made of."""
+    """Return the header, the formulas and the root formula of a text."""
     formulas = Formulas()
     header, root = formula_of(text, formulas)
     return header, formulas, root
 
 
 def observed(text: str, given: Mapping[str, Pattern]) -> tuple[Observed, ...] | None:
-    """What a formula asks of events: patterns and guards of its atoms, and what its header says of
-    relevance; None where times are among it.
+    """Return the patterns and guards of the atoms and of relevance, or None if the formula has
+    times.
 
-    `given` has the patterns of atoms that the text does not define. Raises `LanguageError`, `ToolMissing`.
+    `given` has the patterns of atoms that the text does not define. Raises `LanguageError`,
+    `ToolMissing`.
     """
     header, formulas, root = _formula(text)
     return tuple(dict.fromkeys(_questions(header, formulas, root, given))) if header.time is None else None
@@ -114,19 +115,17 @@ def _questions(header: Header, formulas: Formulas, root: int, given: Mapping[str
     for name in formulas.atoms(root):
         if name not in header.relevant and name not in header.ignored:
             one = _observation(header, name, given)
-            # a guard on a variable that the atom cannot share with others never has its value, and counts as true
+            # an anonymous variable is never bound, so a guard on it counts as true
             shared = [g for g in one.guards if not any(variable.startswith("_") for variable in guards.variables(g))]
             yield Observed(one.pattern, Observation(one.pattern, tuple(shared)).when)
         for one in (*header.relevant.get(name, ()), *header.ignored.get(name, ())):
             if set(guards.variables(one.when)) <= set(patterns.variables(one.pattern)):
-                yield Observed(one.pattern, one.when).untied()  # some values will do
+                yield Observed(one.pattern, one.when).untied()  # any values suffice
 
 
 @lru_cache(maxsize=32)
 class _LtlfProgram:
-    """The formula of a text, its atoms, and what was found out about its residuals so far; monitors
-    of one text share it.
-    """
+    """The formula of a text, its atoms and a cache of residuals; shared by monitors of one text."""
 
     def __init__(self, text: str, given: tuple[tuple[str, Pattern], ...]) -> None:
         header, formulas, root = _formula(text)
@@ -139,7 +138,7 @@ class _LtlfProgram:
 
 
 class LtlfMonitor(Monitor):
-    """A formula of LTLf on a trace; `TooLarge` where values give rise to too many slices."""
+    """A monitor for an LTLf formula; raises `TooLarge` beyond the limit of slices."""
 
     def __init__(self, text: str, given: Mapping[str, Pattern]) -> None:
         super().__init__()
@@ -148,7 +147,7 @@ class LtlfMonitor(Monitor):
 
     @property
     def state(self) -> Hashable:
-        """The program, the slices, the verdict."""
+        """The program, the slices and the verdict."""
         return self._program, frozenset(self._slices), self._verdict
 
     def _advance(self, event: Json) -> Verdict:
@@ -158,7 +157,7 @@ class LtlfMonitor(Monitor):
         candidates = frozenset([program.names[number] for number in program.index.candidates(event)])
 
         def extensions(residual: int, binding: Binding) -> Iterator[Binding]:
-            """With the values that one more atom takes from the event."""
+            """Yield the binding extended by the values of one more atom."""
             if not residuals.variables(residual) <= binding.keys():
                 asked = residuals.now(residual) & candidates
                 residuals.ask(len(asked))
@@ -177,8 +176,8 @@ class LtlfMonitor(Monitor):
                 return Verdict.TRUE, rest
             return Verdict.UNKNOWN if accepted or residuals.is_satisfiable(rest) else Verdict.FALSE, rest
 
-        # All are kept: a guard counts as true while it has an unbound variable, so a slice that has
-        # bound more may violate less.
+        # Keep all slices: a guard counts as true while a variable is unbound, so a slice with more
+        # bindings may violate less.
         slices = advance(self._slices, extensions, step, matter=residuals.variables, keep_all=True)
         self._slices = slices or {}
         return Verdict.TRUE if slices is None else Verdict.UNKNOWN if slices else Verdict.FALSE

@@ -1,8 +1,6 @@
-"""The parts of a tree as this translation wants them.
+"""The parts of a property simplified for LTLf, with rival events and settled guards.
 
-In as few as possible, with what one event may serve, guards settled.
-
-Sets of parts and of events are bits, so that a tree of thousands of nodes is no trouble.
+Sets of parts and of events are bit sets, which scale to thousands of nodes.
 """
 
 from collections import defaultdict
@@ -22,9 +20,10 @@ from rvaft.support.budget import Work
 
 
 def simplified(form: NumberedParts, *, monotone: bool) -> tuple[NumberedPart, ...]:
-    """The same scenarios in fewer parts, the root last: below it nothing empty, and nothing nested that need not be.
+    """Return the same scenarios in fewer parts, the root last, without empty or needlessly nested
+    parts.
 
-    Guards are dropped. `monotone`: a match may be found inside a larger one, as any positions may be used.
+    Guards are dropped. `monotone`: a match may lie inside a larger one (`scattered`).
     """
     kept = form.kept()
     users: defaultdict[int, list[int]] = defaultdict(list)
@@ -32,7 +31,7 @@ def simplified(form: NumberedParts, *, monotone: bool) -> tuple[NumberedPart, ..
         for inner in form.parts[number].parts:
             users[inner].append(number)
     shared: set[int] = set()
-    """What is used twice, or below something that is."""
+    """Parts that are used twice, and their descendants."""
     for number in reversed(kept):
         if len(users[number]) > 1 or not shared.isdisjoint(users[number]):
             shared.add(number)
@@ -51,15 +50,15 @@ def simplified(form: NumberedParts, *, monotone: bool) -> tuple[NumberedPart, ..
 
 
 class _Simplifier:
-    """Simple parts, built from parts to wholes."""
+    """Builds simplified parts bottom-up."""
 
     def __init__(self, monotone: bool) -> None:
         self._monotone = monotone
         self.parts: list[NumberedPart] = []
         self.several: set[int] = set()
-        """Parts used more than once: their choices are not made where they are used."""
+        """Parts with several users: they are not merged into a user."""
         self._always: list[int] = []
-        """Of each part the shared parts that every scenario of it contains, itself among them."""
+        """Per part, the shared parts that all its scenarios contain, itself included."""
 
     def add(self, part: NumberedPart, *, shared: bool) -> int:
         found = in_at_least(len(part.parts) - part.need + 1, [self._always[inner] for inner in part.parts])
@@ -68,9 +67,9 @@ class _Simplifier:
         return len(self.parts) - 1
 
     def simple(self, part: NumberedPart, *, taken_over: bool = False) -> NumberedPart | int:
-        """The simple form of a part of simple parts, or the number of the part that it equals.
+        """Return the simplified part, or the number of an equal part.
 
-        `taken_over`: the only user is of the same kind and takes the parts over anyway.
+        `taken_over`: the only user has the same kind and absorbs the children.
         """
         rest = [number for number in part.parts if self.parts[number] != EMPTY]
         empty = [number for number in part.parts if self.parts[number] == EMPTY]
@@ -97,7 +96,7 @@ class _Simplifier:
             case _:
                 assert_never(part.op)
         if part.op is PartKind.ALL and not taken_over:
-            # each once, without what every scenario of another one contains anyway
+            # each once, without parts that another one implies
             rest = list(dict.fromkeys(rest))
             twice = in_at_least(2, [self._always[number] for number in rest])
             rest = [number for number in rest if not twice >> number & 1]
@@ -110,9 +109,9 @@ class _Simplifier:
         )
 
     def _opened(self, numbers: Sequence[int], op: PartKind) -> list[int]:
-        """The numbers, those of the same kind replaced by their parts.
+        """Return the numbers with parts of the same kind replaced by their children.
 
-        A choice that is used elsewhere too stays one.
+        A choice with other users stays.
         """
         found: list[int] = []
         todo = list(reversed(numbers))
@@ -128,16 +127,17 @@ class _Simplifier:
 
 Context: TypeAlias = tuple[int, ...]
 _MANY: Final[Context] = (-1,)
-"""Stands for contexts that differ."""
+"""A placeholder for differing contexts."""
 
 
 class Anatomy:
-    """Simplified parts, and what the translation asks about them.
+    """Simplified parts with the facts that the translation needs.
 
-    Of each part its events; the other events that one event may serve together with one of them
-    (`rivals`; variables stand for anything and guards are not looked at, so that what is no rival
-    surely is none); and, where every scenario of it observes exactly one event, the parts that are
-    that event (`unit`). `tangled` are parts with shared occurrences somewhere below.
+    - `events`: the events of a part.
+    - `rivals`: other events that one trace event may match together with an event of the part.
+      Variables and guards are ignored, so non-rivals are certain.
+    - `unit`: the EVENT parts, if every scenario of the part has exactly one event.
+    - `tangled`: whether parts below share occurrences.
     """
 
     def __init__(self, parts: Sequence[NumberedPart]) -> None:
@@ -164,34 +164,34 @@ class Anatomy:
             self.tangled.append(self.is_entangled(number) or any(self.tangled[inner] for inner in part.parts))
 
     def is_entangled(self, part: int) -> bool:
-        """Whether two parts that one scenario may keep share an occurrence."""
+        """Return whether two parts of one scenario share an occurrence."""
         this = self.parts[part]
         return this.op is not PartKind.ONE and meet((self.events[inner], self.events[inner]) for inner in this.parts)
 
     def rivals_apart(self, part: int) -> bool:
-        """Whether no event can serve occurrences in two different parts of this one."""
+        """Return whether no event can match occurrences in two children."""
         return not meet((self.events[inner], self.rivals[inner]) for inner in self.parts[part].parts)
 
     def below(self, part: int) -> list[int]:
-        """The part and all below it, parts before wholes."""
+        """Return the part and its descendants, children first."""
         return NumberedParts(tuple(self.parts[: part + 1])).kept()
 
     def is_separable(self, root: int) -> bool:
-        """Whether parts that share occurrences may be translated one by one as if they did not (`scattered` only).
+        """Return whether parts with shared occurrences may be translated separately (`scattered`
+        only).
 
-        A shared part is then written once for each use, and the uses may be matched by different
-        events. That is harmless when matches can be moved: what is matchable from one position is
-        matchable from every earlier one, so the latest match serves all uses that have the same
-        continuation, and the earliest all that have the same start. Dropping any of the three
-        conditions has a counterexample; with both continuation and start different, `and (sand x s)
-        (sand s y)` would accept s y x s.
+        A shared part is then written once per use, and different events may match the uses. This is
+        correct if matches can be moved: a match from one position is possible from every earlier
+        one. The latest match then serves all uses with the same continuation, and the earliest one
+        all uses with the same start. Each of the three conditions has a counterexample without it.
+        For example, `and (sand x s) (sand s y)` would accept s y x s.
         """
         kept = self.below(root)
         unordered = (part for part in kept if self.parts[part].op in (PartKind.ALL, PartKind.AT_LEAST))
         return all(map(self.rivals_apart, unordered)) and self._uses_agree(kept) and self._always_feasible(root)
 
     def _uses_agree(self, kept: Sequence[int]) -> bool:
-        """Whether for every part all its uses are followed by the same, or all are preceded by the same."""
+        """Return whether the uses of each part have the same successor, or the same predecessor."""
         contexts: dict[int, tuple[Context, Context]] = {kept[-1]: ((), ())}
         for number in reversed(kept):
             before, after = contexts[number]
@@ -208,22 +208,22 @@ class Anatomy:
         return True
 
     def _always_feasible(self, root: int) -> bool:
-        """Whether no scenario can be cyclic: not even the precedences of all scenarios together are."""
+        """Return whether the precedences of all scenarios together are acyclic."""
         around = NumberedParts(tuple(self.parts[: root + 1])).around(dict(enumerate(self.events)))
         events = (number for number, part in enumerate(self.parts) if part.op is PartKind.EVENT)
         return transitive([around.get(number, 0) for number in events]) is not None
 
 
 GuardsOf: TypeAlias = Mapping[Event, tuple[Guard, ...]]
-"""For each event the guards that it is under in all scenarios."""
+"""For each event, its guards in all scenarios."""
 
 
 def settled(form: NumberedParts, *, monotone: bool, work: Work) -> Iterator[tuple[NumberedParts, GuardsOf]]:
-    """All scenarios, divided so that it is settled for each event which guards it is under.
+    """Yield divisions of the scenarios in which the guards of each event are fixed.
 
-    A guard counts in every scenario that contains its condition, and is conjoined to every event of
-    that scenario that binds one of its variables. Where some scenarios with such an event contain
-    the guard and others do not, the choices that decide it are made one by one.
+    A guard counts in every scenario with its condition, and is conjoined to each event that binds
+    one of its variables. If only some scenarios with such an event contain the guard, the deciding
+    choices are split.
     """
     if not form.guards:
         yield form, {}
@@ -237,19 +237,19 @@ def settled(form: NumberedParts, *, monotone: bool, work: Work) -> Iterator[tupl
 
 
 def _placed(form: NumberedParts) -> GuardsOf | int:
-    """The guards of each event, or a part whose choice decides about one."""
+    """Return the guards of each event, or a part whose choice decides about one."""
     below = form.below()
     kept = list(below)
     always: dict[int, int] = {}
-    """Of each part itself and what is in every scenario that contains it, looking downwards only."""
+    """Per part, itself and the descendants in all its scenarios."""
     for number in kept:
         part = form.parts[number]
         missable = len(part.parts) - part.need + 1
         always[number] = 1 << number | in_at_least(missable, [always[inner] for inner in part.parts])
     above: dict[int, int] = {kept[-1]: 0}
-    """Of each part itself and the parts on every way to it."""
+    """Per part, itself and its dominators."""
     certain: dict[int, int] = {}
-    """Of each part what is in every scenario that contains it, as far as is known."""
+    """Per part, the parts known to be in every scenario that contains it."""
     for number in reversed(kept):
         certain[number] = always[number] | certain.get(_lowest(above[number]), 0)
         above[number] |= 1 << number
@@ -262,7 +262,7 @@ def _placed(form: NumberedParts) -> GuardsOf | int:
         if number not in below:
             continue
         together = below[number]
-        """What some scenario may contain beside the part: some gate keeps a way to each, or it is below."""
+        """The parts that some scenario may contain beside the condition."""
         for part in (form.parts[whole] for whole in kept if below[whole] >> number & 1):
             leading = {inner for inner in part.parts if below[inner] >> number & 1}
             if part.op is not PartKind.ONE and leading:
@@ -273,7 +273,7 @@ def _placed(form: NumberedParts) -> GuardsOf | int:
             if certain[event] >> number & 1:
                 placed[form.parts[event].event].append(guard)
             elif together >> event & 1:
-                # decided by the topmost choice between the part and the nearest part above both
+                # the topmost choice between the part and the nearest common dominator decides
                 between = bits(below[_lowest(above[event] & above[number])])
                 return max(p for p in between if form.parts[p].chooses and below[p] >> number & 1)
     return {event: tuple(dict.fromkeys(guards)) for event, guards in placed.items()}

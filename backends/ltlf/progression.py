@@ -1,11 +1,10 @@
-"""What a formula still demands after some events: progression, kept canonical, and whether that can still be met.
+"""Progression of formulas in canonical form, and satisfiability of the residuals.
 
-A residual is a Boolean function over variables each of which stands for "the rest is not empty and
-satisfies g"; the number of the variable is that of g, so that wholes stand above their parts. One
-event gives two answers at once: whether the formula is satisfied if the trace ends here, and the
-residual for the case that it goes on. After Bacchus and Kabanza, Using temporal logics to express
-search control knowledge for planning (Artificial Intelligence, 2000), here with the strong next and
-the end of the trace.
+A residual is a Boolean function. Its variables stand for "the rest is not empty and satisfies g",
+numbered as g. One event yields two results: whether the formula holds if the trace ends here, and
+the residual if it continues. After Bacchus and Kabanza, Using temporal logics to express search
+control knowledge for planning (Artificial Intelligence, 2000), with the strong next and the end of
+the trace.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -19,22 +18,22 @@ from rvaft.support.budget import Call, run
 NODE_LIMIT: Final = 2_000_000
 SEARCH_LIMIT: Final = 1_000_000
 STEPS: Final = 3_000_000
-"""How many elementary steps one event may take, and reading the formula."""
+"""The maximum of elementary steps per event, and for reading the formula."""
 _ATOM: Final = 5
-"""What it costs to ask one atom of an event."""
+"""The cost of evaluating one atom on an event."""
 STEPS_KEPT: Final = 200_000
-"""How many steps are remembered, of all residuals together."""
+"""The size of the cache of steps, for all residuals together."""
 
 BOTTOM: Final = 0
 TOP: Final = 1
 _CONSTANT: Final = -1
-"""The variable of the constants: below all others."""
+"""The variable of constants: below all others."""
 
 
 class Steps:
-    """The elementary steps that are left for this event, about a microsecond each.
+    """The elementary steps left for this event, about a microsecond each.
 
-    `take` raises `TooLarge` where there are none.
+    `take` raises `TooLarge` when they are used up.
     """
 
     def __init__(self) -> None:
@@ -49,21 +48,21 @@ class Steps:
 
 
 class _Diagrams:
-    """Reduced ordered binary decision diagrams: Boolean functions in canonical form.
+    """Reduced ordered binary decision diagrams (BDDs).
 
-    Plain loops instead of recursion, since there may be thousands of variables. The variable with
-    the largest number is on top, and nothing is ever thrown away. After Bryant, Graph-Based
-    Algorithms for Boolean Function Manipulation (IEEE Transactions on Computers, 1986).
+    Loops replace recursion, for thousands of variables. The largest variable is on top. Nodes are
+    never freed. After Bryant, Graph-Based Algorithms for Boolean Function Manipulation (IEEE
+    Transactions on Computers, 1986).
     """
 
     def __init__(self, steps: Steps) -> None:
         self._steps = steps
         self.nodes = [(_CONSTANT, BOTTOM, BOTTOM), (_CONSTANT, TOP, TOP)]
-        """Variable, function where it is false, function where it is true."""
+        """Variable, low and high branch."""
         self._index: dict[tuple[int, int, int], int] = {}
         self._choices: dict[tuple[int, int, int], int] = {}
         self.support = cache(lambda f: sorted({self.nodes[node][0] for node in self._below(f)}, reverse=True))
-        """The variables that a function depends on, from the top."""
+        """The variables of a function, topmost first."""
 
     def variable(self, number: int) -> int:
         return self._node(number, BOTTOM, TOP)
@@ -75,7 +74,7 @@ class _Diagrams:
         return self.choice(f, g, TOP) == TOP
 
     def joined(self, op: Connective, parts: Iterable[int]) -> int:
-        """The junction of many functions, the lowest first: so each step works near the top."""
+        """Return the junction of functions, the lowest first, so that each step works near the top."""
         found = TOP if op is Connective.AND else BOTTOM
         for part in sorted(set(parts), key=lambda f: self.nodes[f][0]):
             found = self.choice(part, found, BOTTOM) if op is Connective.AND else self.choice(part, TOP, found)
@@ -93,7 +92,7 @@ class _Diagrams:
         return found
 
     def choice(self, f: int, g: int, h: int) -> int:
-        """If f then g else h."""
+        """Return if-then-else of f, g and h."""
         nodes, known, steps = self.nodes, self._choices, self._steps
         todo: list[tuple[int, int, int, int]] = [(f, g, h, _CONSTANT)]
         done: list[int] = []
@@ -102,7 +101,7 @@ class _Diagrams:
             steps.left -= 1
             if steps.left < 0:
                 steps.take(1)
-            if variable != _CONSTANT:  # both halves are done
+            if variable != _CONSTANT:  # both branches are done
                 high, low = done.pop(), done.pop()
                 known[f, g, h] = self._node(variable, low, high)
                 done.append(known[f, g, h])
@@ -121,7 +120,7 @@ class _Diagrams:
         return done.pop()
 
     def _below(self, f: int) -> list[int]:
-        """The inner nodes of f, each before those above it."""
+        """Return the inner nodes of f, children first."""
         seen = {BOTTOM, TOP}
         todo = [f]
         while todo:
@@ -133,7 +132,7 @@ class _Diagrams:
         return sorted(seen)[2:]
 
     def compose(self, f: int, by: Mapping[int, int]) -> int:
-        """The function with every variable replaced by a function."""
+        """Return the function with every variable replaced by a function."""
         made = {BOTTOM: BOTTOM, TOP: TOP}
         for node in self._below(f):
             variable, low, high = self.nodes[node]
@@ -143,7 +142,9 @@ class _Diagrams:
 
 
 class Progression(NamedTuple):
-    """After an event: is the formula satisfied if the trace ends here, and what is left if it does not."""
+    """Whether the formula holds if the trace ends after this event, and the residual if it
+    continues.
+    """
 
     accepted: bool
     residual: int
@@ -157,7 +158,7 @@ _CONSTANTS: Final = {TRUE: Progression(True, TOP), FALSE: Progression(False, BOT
 
 
 class Residuals:
-    """The residuals of some formulas; `mentions` gives the variables of each atom."""
+    """The residuals of some formulas; `mentions` maps atoms to their variables."""
 
     def __init__(self, formulas: Formulas, mentions: Mapping[str, frozenset[str]]) -> None:
         self._formulas = formulas
@@ -169,17 +170,19 @@ class Residuals:
         self._after = lru_cache(STEPS_KEPT)(lambda one, letter: run(self._progress(one, letter, dict(_CONSTANTS))))
         self.step = lru_cache(STEPS_KEPT)(self._stepped)
         self.now = cache(lambda residual: _union(map(self._asks, self._diagrams.support(residual))))
-        """The atoms that the next event is asked for."""
+        """The atoms that the next event decides."""
         self.variables = cache(
             lambda residual: _union(self._variables[one] for one in self._diagrams.support(residual))
         )
-        """The variables that can still make a difference."""
+        """The variables that can still affect the residual."""
         self.is_satisfiable = self._continuations.satisfied
-        """Whether some continuation by one event or more satisfies a residual."""
+        """Whether a non-empty continuation satisfies a residual."""
         self._bare: list[bool] = []
-        """Of each formula: is it, apart from `!`, `&` and `|`, about the first position (an atom is in sight)?"""
+        """Per formula: whether an atom occurs below `!`, `&` and `|` only."""
         self._monotone: list[bool] = []
-        """Of each formula: is it of `F`, `&` and `|` only, so that it is true wherever it is true later?"""
+        """Per formula: whether it consists of `F`, `&` and `|`; it then holds wherever it holds
+        later.
+        """
         self._variables: list[frozenset[str]] = []
         for op, operands, name in formulas.rows:
             bare = op in (Connective.NOT, *JUNCTIONS) and any(self._bare[operand] for operand in operands)
@@ -190,23 +193,23 @@ class Residuals:
             self._variables.append(mentions.get(name, frozenset()).union(*names))
 
     def begin(self) -> None:
-        """Allow the steps of one more event."""
+        """Reset the steps for a new event."""
         self._steps.left = STEPS
 
     def ask(self, atoms: int) -> None:
-        """Count so many atoms that are asked of an event; raises `TooLarge`."""
+        """Count evaluated atoms; raises `TooLarge`."""
         self._steps.take(_ATOM * atoms)
 
     def of(self, formula: int) -> int:
-        """The residual that is the formula itself."""
+        """Return the residual of the formula itself."""
         return run(self._lift(formula))
 
     def is_valid(self, residual: int) -> bool:
-        """Whether every continuation by one event or more satisfies it."""
+        """Return whether every non-empty continuation satisfies the residual."""
         return not self.is_satisfiable(self._diagrams.negation(residual))
 
     def _stepped(self, residual: int, letter: frozenset[str]) -> Progression:
-        """The residual after one event; `letter` are the atoms that are true at it, of those that are asked (`now`)."""
+        """Return the residual after one event; `letter` holds the true atoms among `now`."""
         support = self._diagrams.support(residual)
         after = {formula: self._after(formula, letter & self._asks(formula)) for formula in support}
         end = self._diagrams.compose(
@@ -216,9 +219,7 @@ class Residuals:
         return Progression(end == TOP, rest)
 
     def _lift(self, formula: int) -> Call[int]:
-        """Boolean combinations of `F`, `U` and `X[!]` are taken apart; others wait as one variable
-        until the next event.
-        """
+        """Split Boolean combinations of `F`, `U` and `X[!]`; other formulas become one variable."""
         if formula in self._lifted:
             return self._lifted[formula]
         op, operands, _ = self._formulas.rows[formula]
@@ -277,12 +278,12 @@ class Residuals:
         return found
 
     def _implies_again(self, formula: int) -> bool:
-        """Whether, once the formula g has begun (its atoms were true), its rest follows from `F g`
-        on the rest of the trace.
+        """Return whether the rest of a formula g, once begun, follows from `F g` on the rest of the
+        trace.
 
-        So it is for g = p & X[!] h with a monotone h: if g is true somewhere in the rest, h is true
-        there later, hence at its beginning. Keeping `F g` beside h would be right too, but
-        residuals of long sequences would grow with every repetition.
+        This holds for g = p & X[!] h with monotone h: if g holds later, h holds there later, hence
+        at the beginning. Keeping `F g` beside h would also be correct, but the residuals of long
+        sequences would grow with each repetition.
         """
         row = self._formulas.rows[formula]
         operands = row.operands if row.op is Connective.AND else (formula,)
@@ -293,21 +294,20 @@ class Residuals:
 
 
 _Obligations: TypeAlias = frozenset[int]
-"""Formulas that the rest must satisfy; the complement ~f stands for "must not satisfy f"."""
+"""Formulas that the rest must satisfy; the complement ~f means "must not satisfy f"."""
 
 _Item: TypeAlias = tuple[int, bool]
-"""An obligation, and whether it is about the next position (then the trace goes on)."""
+"""An obligation, and whether it concerns the next position, which must then exist."""
 
 _Clause: TypeAlias = list[list[_Item]]
-"""Ways, one of which has to be gone: to meet all items of a list."""
+"""A disjunction of conjunctions of items."""
 
 
 class _Continuations:
-    """Whether a residual can still be satisfied: a lazy search for one continuation. Nothing is
-    translated to an automaton.
+    """A lazy search for a continuation that satisfies a residual, without an automaton.
 
-    The search goes through sets of obligations, tries the nearest fulfilment first, and remembers
-    what it found. All letters count, also those that no event can produce.
+    The search runs over sets of obligations, tries the nearest fulfilment first, and caches
+    results. All letters count, including infeasible ones.
     """
 
     def __init__(self, formulas: Formulas, diagrams: _Diagrams, steps: Steps) -> None:
@@ -342,8 +342,8 @@ class _Continuations:
         return False
 
     def _cubes(self, residual: int) -> Iterator[_Obligations]:
-        """Sets of obligations, one of which has to be met. Where a function is monotone in a
-        variable one sign suffices.
+        """Yield alternative sets of obligations. For a variable in which the function is monotone,
+        one sign suffices.
         """
         path: list[int] = []
         todo: list[tuple[int, int, tuple[int, ...]]] = [(residual, 0, ())]
@@ -362,7 +362,7 @@ class _Continuations:
                 todo += halves[::-1] if falling else halves
 
     def _continued(self, obligations: _Obligations) -> Iterator[_Obligations]:
-        """The obligations for the rest after one event that the obligations allow."""
+        """Yield the obligations for the rest after one allowed event."""
         seen: set[_Obligations] = set()
         branches: list[tuple[list[_Clause], set[_Item]]] = [([[[(one, False)]] for one in sorted(obligations)], set())]
         while branches:
@@ -378,7 +378,7 @@ class _Continuations:
                     yield found
 
     def _settled(self, clauses: list[_Clause], taken: set[_Item]) -> list[_Clause] | None:
-        """Take what is forced; None on a contradiction, else the clauses that are open, of two ways or more."""
+        """Propagate forced items; return the open clauses, or None on a contradiction."""
         changed = True
         while changed:
             changed, todo, clauses = False, clauses[::-1], []
@@ -400,7 +400,7 @@ class _Continuations:
         return clauses
 
     def _taken_apart(self, obligation: int) -> list[_Clause]:
-        """What an obligation at a position asks of that position and the next; nothing more where it is an atom."""
+        """Return the clauses of an obligation on this position and the next; none for an atom."""
         positive = obligation >= 0
         op, operands, _ = self._rows[obligation if positive else ~obligation]
         now = [(self._signed(operand, positive), False) for operand in operands]
@@ -411,7 +411,9 @@ class _Continuations:
             case Connective.ATOM:
                 return []
             case Connective.NEXT:
-                return [[[(operands[0] if positive else ~operands[0], True)]]]  # a positive one demands a next position
+                return [
+                    [[(operands[0] if positive else ~operands[0], True)]]
+                ]  # a positive one requires a next position
             case Connective.NOT:
                 return [[[(self._signed(operands[0], not positive), False)]]]
             case Connective.AND | Connective.OR if (op is Connective.AND) is positive:

@@ -1,17 +1,16 @@
-"""Texts of LTLf in Spot's syntax, and their leading comment: what each atom is, and the shared subformulas.
+"""LTLf texts in Spot's syntax, with a leading comment that defines atoms and shared subformulas.
 
-Lines of the comment, one each:
+Lines of the comment:
 
-    atom NAME := PATTERN at T when GUARD when GUARD an event under guards, each true while one of
-    its variables is unbound; `at T`
-                                                    binds the time of the event, in nanoseconds, or null without a time
-    relevant NAME := PATTERN when GUARD             several lines: events that fit one of them, for
-    some values of the variables, ignored NAME := PATTERN when GUARD              and none of these
-    time FIELD as FORMAT                            where an event has its time NAME := FORMULA
-    a shared subformula, of atoms and of what was defined above
+    atom NAME := PATTERN at T when GUARD when GUARD   an event under guards; a guard with an unbound
+                                        variable is true; `at T` binds the time in nanoseconds, or null
+    relevant NAME := PATTERN when GUARD alternatives for relevant events, for some values of variables
+    ignored NAME := PATTERN when GUARD  exceptions to `relevant`
+    time FIELD as FORMAT                the time of an event
+    NAME := FORMULA                     a shared subformula over atoms and earlier definitions
 
-Patterns and guards are written as in the language of trees. The comment starts with `/* rvaft`; any
-other comment is just that.
+Patterns and guards are written as in trees. The comment starts with `/* rvaft`; other comments are
+ignored.
 """
 
 import re
@@ -42,7 +41,7 @@ _VARIABLE: Final = re.compile(r"\s*([A-Za-z_]\w*)\s*", re.ASCII)
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """An event pattern under guards; `time` is the variable that the time of the event binds."""
+    """An event pattern under guards; `time` is the variable for the time of the event."""
 
     pattern: Pattern
     guards: tuple[Guard, ...] = ()
@@ -50,12 +49,12 @@ class Observation:
 
     @property
     def observed(self) -> Pattern:
-        """The pattern with the variable of the time, for events with the key `TIME`."""
+        """The pattern with the time variable, for events with the key `TIME`."""
         return self.pattern if self.time is None else timed(self.pattern, self.time)
 
     @property
     def when(self) -> Guard | None:
-        """One guard that holds when all do."""
+        """The conjunction of the guards, or None."""
         several = len(self.guards) > 1
         return Operation(Operator.AND, self.guards) if several else next(iter(self.guards), None)
 
@@ -65,24 +64,24 @@ class Observation:
 
 
 def _in_comment(text: str) -> str:
-    """The text without what would end the comment in its strings."""
+    """Return the text with comment delimiters escaped in its strings."""
     return _STRING.sub(lambda found: found[0].replace("*/", "*\\u002f").replace("/*", "\\u002f*"), text)
 
 
 @dataclass(slots=True)
 class Header:
-    """What a leading comment says."""
+    """The content of a leading comment."""
 
     atoms: dict[str, Observation] = field(default_factory=dict)
     relevant: dict[str, list[Observation]] = field(default_factory=dict)
     ignored: dict[str, list[Observation]] = field(default_factory=dict)
     definitions: dict[str, str] = field(default_factory=dict)
     places: dict[str, int] = field(default_factory=dict)
-    """Of each definition where its formula begins in the text."""
+    """For each definition, the offset of its formula in the text."""
     time: EventTime | None = None
 
     def stamped(self, event: Json) -> Json:
-        """The event with its time at the key `TIME`, where the header says where an event has its time."""
+        """Return the event, with its time at the key `TIME` if the header defines times."""
         return event if self.time is None else self.time.stamped(event)
 
     def __str__(self) -> str:
@@ -95,9 +94,9 @@ class Header:
 
 
 def split(text: str) -> tuple[Header, int]:
-    """The header of a text, empty where it has none, and where it ends.
+    """Return the header of a text (empty if missing) and its end.
 
-    Raises `LanguageError` for a line that says none of the things above, or says them twice.
+    Raises `LanguageError` for malformed or repeated lines.
     """
     header = Header()
     several = {"relevant": header.relevant, "ignored": header.ignored}
@@ -116,7 +115,7 @@ def split(text: str) -> tuple[Header, int]:
         kind, name, what, time = found.groups()
         if time is not None:
             if header.time is not None:
-                raise _malformed("there are two times of one event", text, found.start(4))
+                raise _malformed("the time of events is defined twice", text, found.start(4))
             header.time = _read(parse_time, text, *found.span(4))
             continue
         if name in header.atoms or name in header.definitions or (kind not in several and name in header.relevant):
@@ -132,9 +131,7 @@ def split(text: str) -> tuple[Header, int]:
 
 
 def _observation(text: str, start: int, stop: int) -> Observation:
-    """The pattern, the variable of the time, and the guards, between words that stand outside of
-    strings and brackets.
-    """
+    """Return the pattern, time variable and guards, split at keywords outside strings and brackets."""
     words: list[tuple[str, int, int]] = []
     depth = 0
     for token in _STRING_OR_WORD.finditer(text, start, stop):
@@ -170,7 +167,7 @@ def _read(parser: Callable[[str], Any], text: str, start: int, stop: int) -> Any
 _malformed: Final = partial(error_at, file="<ltlf>")
 
 
-# Formulas, read by Spot's own parser.
+# Formulas, parsed by Spot.
 
 _REMEDY: Final = "run `pip install spottl` (Linux x86-64, glibc 2.34 or later, Python below 3.14)"
 _CARET: Final = re.compile(r"^>>> (?P<text>.*)\n(?P<pad> *)\^+\n(?P<message>.+)$", re.DOTALL)
@@ -202,35 +199,35 @@ _OPERATORS: Final[Mapping[str, Callable[..., int]]] = {
     "W": lambda f, a, b: _released(f, b, f.disjunction([a, b])),
     "M": lambda f, a, b: f.until(b, f.conjunction([a, b])),
 }
-"""Spot's operators on finite traces, where `X` is the weak next and `X[!]` the strong one."""
+"""Spot's operators on finite traces: `X` is the weak next, `X[!]` the strong one."""
 
 
 def spot() -> Any:
-    """Spot's Python module; raises `ToolMissing`."""
+    """Return Spot's Python module; raises `ToolMissing`."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # one that is turned into an error while Spot loads ends in a crash
+        warnings.simplefilter("ignore")  # a warning that becomes an error while Spot loads crashes the process
         return installed("spot", "Spot", _REMEDY)
 
 
 def formula_of(text: str, formulas: Formulas) -> tuple[Header, int]:
-    """What the header of a text says, and its formula; raises `LanguageError` and `ToolMissing`."""
+    """Return the header and the formula of a text; raises `LanguageError` and `ToolMissing`."""
     header, end = split(text)
     known: dict[str, int] = {}
 
     def atom(name: str) -> int:
         if name in header.definitions and name not in known:
-            unknown = next(one for one in header.definitions if one not in known)  # the one that is being read
+            unknown = next(one for one in header.definitions if one not in known)  # the definition that is being read
             raise _malformed(f"{name} is used before it is defined", text, header.places[unknown])
         return known[name] if name in known else formulas.atom(name)
 
     def parsed(start: int, formula: str) -> int:
-        """A formula that stands in the text from `start` on."""
+        """Return the formula at offset `start` of the text."""
         try:
             root = spot().formula(formula.replace("\n", " "))
-        except SyntaxError as error:  # Spot writes the text, a caret below the fault, and what it is, for each fault
+        except SyntaxError as error:  # Spot prints for each error the text, a caret and a message
             found = _CARET.match(str(error).strip("\n").split("\n\n")[0])
             if found is None:
-                raise _malformed("no formula of Spot's LTLf syntax", text, start) from None
+                raise _malformed("not a formula in Spot's LTLf syntax", text, start) from None
             offset = min(max(len(found["pad"]) - len(">>> "), 0), len(formula))
             raise _malformed(found["message"].strip().replace("\n", " "), text, start + offset) from None
         made: dict[int, int] = {}
@@ -247,7 +244,7 @@ def formula_of(text: str, formulas: Formulas) -> tuple[Header, int]:
                 elif kind in _OPERATORS:
                     made[current.id()] = _OPERATORS[kind](formulas, *(made[inner.id()] for inner in current))
                 else:
-                    raise _malformed(f"{kind} is no operator of LTL on finite traces", text, start)
+                    raise _malformed(f"{kind} is not an operator of LTL on finite traces", text, start)
         return made[root.id()]
 
     for name, definition in header.definitions.items():

@@ -1,4 +1,4 @@
-"""From a tree to a text: a header that says what the atoms are, and a formula in Spot's LTLf syntax."""
+"""Properties to LTLf texts: a header that defines the atoms, and a formula in Spot's syntax."""
 
 import re
 from collections import Counter
@@ -38,15 +38,15 @@ class Translation:
         self._formulas = Formulas(limit)
         self._atoms: dict[Observation, int] = {}
         self._rank: dict[str, int] = {}
-        """For each atom the place of its event in the tree."""
+        """For each atom, the position of its event in the tree."""
         self._place = {event: place for place, event in enumerate(prop.events)}
         nodes = Counter(event.source.node for event in prop.events)
         self._counted = {node for node, count in nodes.items() if count > 1}
-        """The nodes with several events."""
+        """Nodes with several events."""
         self._taken = set(_RESERVED)
 
     def text(self) -> tuple[str, Metrics]:
-        """The text and its sizes."""
+        """Return the text and its metrics."""
         formulas, header, form = self._formulas, self._header, numbered(self._prop)
         relevant = self._relevance() if self._semantics.projects else TRUE
         monotone = self._semantics is Semantics.SCATTERED
@@ -69,7 +69,7 @@ class Translation:
         anatomy = Anatomy(simplified(form, monotone=monotone))
 
         def event_of(part: int) -> int:
-            """The atom of an event under guards, named after the first node that observes it."""
+            """Return the atom of an event under guards, named after the first node with that event."""
             event = anatomy.parts[part].event
             pattern, time = untimed(event.pattern)
             observation = Observation(pattern, guards.get(event, ()), time)
@@ -86,9 +86,9 @@ class Translation:
         ).whole()
 
     def _relevance(self) -> int:
-        """The atom of relevant events."""
+        """Return the atom of relevant events."""
         wanted = "rel"
-        while wanted in self._prop.tree.nodes:  # nodes keep their own names
+        while wanted in self._prop.tree.nodes:  # node names take precedence
             wanted += "_"
         name = self._fresh(wanted)
         entries = [(entry.pattern, entry.when) for entry in self._prop.alphabet]
@@ -100,10 +100,7 @@ class Translation:
         return self._formulas.atom(name)
 
     def _fresh(self, wanted: str) -> str:
-        """A name `[a-z_][a-z0-9_]*` given to nothing else.
-
-        The wanted one where it is legal and free, else one like it.
-        """
+        """Return an unused name `[a-z_][a-z0-9_]*`, similar to the wanted one."""
         name = _ILLEGAL.sub("_", wanted.lower()) or "_"
         name = f"_{name}" if name[0].isdigit() else name
         candidate, number = name, 1
@@ -114,14 +111,16 @@ class Translation:
         return candidate
 
     def _written(self, root: int) -> str:
-        """The formula as text; what is used more than once is written once, as a definition after those it uses."""
+        """Return the formula as text; subformulas with several uses become definitions in the
+        header.
+        """
         rows = self._formulas.rows
         reachable = self._formulas.reachable(root)
         uses = Counter(operand for formula in reachable for operand in rows[formula].operands)
         defined: dict[int, str] = {}
 
         def pieces(formula: int) -> list[str | int]:
-            """Words, and operands that are yet to be written."""
+            """Return words, and operands that are not yet written."""
             op, operands, name = rows[formula]
             inner: list[list[str | int]] = []
             for operand in operands:

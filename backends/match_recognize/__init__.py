@@ -1,8 +1,7 @@
-"""The `match-recognize` backend: row pattern recognition of SQL:2016, as stream processors and data warehouses run it.
+"""The `match-recognize` backend: row pattern recognition of SQL:2016.
 
-The text explains itself: a leading comment defines the columns of the table `events`, whose first
-row of each log has position 0 and fits nothing. The unit of `limit` is events of all orders in
-which those of a scenario may come.
+A leading comment defines the columns of the table `events`. The first row of each log has position
+0 and matches nothing. The `limit` counts the events of all orders of all scenarios.
 """
 
 from typing import ClassVar
@@ -19,11 +18,10 @@ __all__ = ["MatchRecognizeBackend"]
 
 
 class MatchRecognizeBackend(Backend):
-    """Queries with a row for each detection.
+    """Queries with a row per detection: every tree, except calculations over events that doubles
+    distort.
 
-    Every tree, but for calculations over several events that doubles do otherwise.
-
-    Nothing here runs it in a comparison; `backends.match_recognize.flink` asks Apache Flink.
+    No cross-check runs these queries; `backends.match_recognize.flink` runs them in Apache Flink.
 
     >>> from rvaft import loads
     >>> print(MatchRecognizeBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text, end="")
@@ -54,5 +52,7 @@ class MatchRecognizeBackend(Backend):
     default_limit: ClassVar[int] = 2_000
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """The queries; raises `NotExpressible` for what only Python computes alike, `TooLarge`."""
+        """Return the queries; raises `NotExpressible` for calculations that doubles distort, and
+        `TooLarge`.
+        """
         return SpecificationText(*RowPatternQueries(prop, semantics, limit).text())

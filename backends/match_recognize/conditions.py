@@ -1,7 +1,7 @@
-"""Guards over several events as conditions of SQL that are TRUE exactly where a guard is true;
-where it is false or undefined they are FALSE, or NULL.
+"""Guards over several events as SQL conditions: TRUE exactly when the guard holds, else FALSE or
+NULL.
 
-What is about one event alone stands in a column of its own; comparisons and sums of several columns are left to SQL.
+Expressions over one event are columns. SQL evaluates comparisons and sums of several columns.
 """
 
 from collections.abc import Callable
@@ -24,25 +24,25 @@ from rvaft.model.guards import Guard, Operation, Operator, Sort
 from rvaft.model.patterns import Literal
 
 Column: TypeAlias = Callable[[str, Guard], str | None]
-"""The column of an aspect of what is about one event, None for what several events have."""
+"""Return the column for an aspect of an expression over one event, or None for several events."""
 
 NEVER: Final = "FALSE"
 ALWAYS: Final = "TRUE"
 LENGTH: Final = 20_000
-"""The most characters of a condition."""
+"""The maximum number of characters of a condition."""
 _ASPECTS: Final = {Sort.NUMBER: "number", Sort.TIME: "time", Sort.TEXT: "string", Sort.TRUTH: "truth"}
 _CALLED: Final = {Operator.MIN: "LEAST", Operator.MAX: "GREATEST", Operator.ABS: "ABS"}
 
 
 def written(condition: TruthCondition, column: Column) -> str:
-    """The condition in SQL; raises `Unsayable` and `TooLarge`."""
+    """Return the condition in SQL; raises `Unsayable` and `TooLarge`."""
 
     def test(one: ConditionTest) -> str:
         match one:
             case TruthTest(term, wanted):
                 alone = column("truth", term)
                 if alone is None and isinstance(term, Operation):
-                    raise Unsayable(f"it calculates {term.operator.name.lower()} of what several events have")
+                    raise Unsayable(f"it applies {term.operator.name.lower()} to values of several events")
                 return alone or NEVER if wanted else f"NOT {alone}"
             case EqualityTest(left, right, wanted):
                 return f"{value(left, 'text')} {'=' if wanted else '<>'} {value(right, 'text')}"
@@ -55,7 +55,7 @@ def written(condition: TruthCondition, column: Column) -> str:
                 return f"{value(term, 'text')} IS NOT NULL AND {value(term, _ASPECTS[sort])} IS NULL"
 
     def value(term: Guard, aspect: str) -> str:
-        """A term where it has an aspect, else NULL."""
+        """Return an aspect of a term, or NULL."""
         if isinstance(term, Literal):
             return _literal(constant(term, aspect))
         if (alone := column(aspect, term)) is not None:
@@ -72,7 +72,7 @@ def written(condition: TruthCondition, column: Column) -> str:
             case Operator.MIN | Operator.MAX | Operator.ABS:
                 return f"{_CALLED[term.operator]}({', '.join(operands)})"
             case operator:
-                raise Unsayable(f"doubles calculate {operator.name.lower()} otherwise")
+                raise Unsayable(f"{operator.name.lower()} of doubles is not exact")
 
     def join(every: bool, parts: list[str]) -> str:
         found = conjunction(parts, " AND ", ALWAYS, NEVER) if every else disjunction(parts, " OR ", ALWAYS, NEVER)
@@ -84,7 +84,7 @@ def written(condition: TruthCondition, column: Column) -> str:
 
 
 def _literal(cell: object) -> str:
-    """What a column would hold of a constant."""
+    """Return the column value of a constant as SQL."""
     if isinstance(cell, str):
         quoted = cell.replace("'", "''")
         return f"'{quoted}'"

@@ -1,11 +1,9 @@
-"""What Apache Flink reads and says.
+"""First detections of texts in Apache Flink, with many texts and traces per job.
 
-The rows of a trace, and where a text first detects something, asked in few jobs of one session.
-
-The leading comment of a text defines columns of the table `events` (`backends.event_columns`):
-BOOLEAN for what fits, and what such an event has. Every row has `trace` (the log that an event is
-of), `pos` (its number there, from 1) and `ts`, a time attribute that increases with `pos`; it is
-not the time of the event.
+The leading comment of a text defines columns of the table `events` (`backends.event_columns`): a
+BOOLEAN per pattern, and its values. Every row has `trace` (the number of the trace), `pos` (the
+number of the event, from 1) and `ts`, a time attribute that increases with `pos` and is not the
+time of the event.
 """
 
 import json
@@ -21,7 +19,7 @@ from rvaft.errors import ToolFailed, installed
 from rvaft.model.values import Json
 
 _TYPES: Final = {"text": "STRING", "number": "DOUBLE", "string": "STRING", "time": "BIGINT", "truth": "BOOLEAN"}
-"""The type of each aspect."""
+"""The SQL type of each aspect."""
 _TABLE: Final = """CREATE TEMPORARY TABLE events_{number} (trace BIGINT, pos BIGINT, {columns}
 ts AS TO_TIMESTAMP_LTZ(pos, 3), WATERMARK FOR ts AS ts - INTERVAL '99' DAY)
 WITH ('connector' = 'filesystem', 'path' = '{path}', 'format' = 'json')"""
@@ -29,21 +27,21 @@ _CAUSE: Final = re.compile(r"(?:^|: )([\w.]+(?:Exception|Error): .*)", re.MULTIL
 _LENGTH: Final = 300
 _JAVA: Final = "a Java runtime, 11 or later"
 _QUERIES: Final = 60
-"""So many queries make a job: each takes buffers of Flink, of which there are few."""
+"""Queries per job: each query takes some of Flink's few buffers."""
 
 
 class RowHeader(EventColumns):
     """The columns of the table of a text."""
 
     def types(self) -> dict[str, str]:
-        """The columns with their types."""
+        """Return the columns with their types."""
         found = dict.fromkeys(self.fitting, "BOOLEAN")
         for columns in self.values.values():
             found.update({name: _TYPES[one.aspect] for name, one in columns.items()})
         return found
 
     def row(self, event: Json) -> dict[str, Json]:
-        """The columns of an event; raises `OverflowError` where one cannot hold a number."""
+        """Return the columns of an event; raises `OverflowError` for inexact numbers."""
         found: dict[str, Json] = dict.fromkeys(self.types())
         for name, cells in self.cells(event).items():
             found |= {name: cells is not None, **(cells or {})}
@@ -51,13 +49,13 @@ class RowHeader(EventColumns):
 
 
 def tables() -> Any:
-    """The module of PyFlink; raises `ToolMissing`."""
+    """Return the module of PyFlink; raises `ToolMissing`."""
     return installed("pyflink.table", "Apache Flink", f"pip install '.[flink]' in a checkout of rvaft, and {_JAVA}")
 
 
 @cache
 def _session() -> Any:
-    """The environment of all jobs of this process, which takes long to start."""
+    """Return the environment of all jobs of this process; it starts slowly."""
     table = tables()
     environment = table.TableEnvironment.create(table.EnvironmentSettings.in_streaming_mode())
     environment.get_config().set("parallelism.default", "1")
@@ -65,12 +63,10 @@ def _session() -> Any:
 
 
 def first_detections(asked: Sequence[tuple[str, Sequence[Sequence[Json]]]]) -> list[list[int | None]]:
-    """For each text the number of the event, from 1, with which each of its traces first is a detection.
+    """Return for each text and trace the number of the first detecting event, from 1, or None.
 
-    The least position that it finds.
-
-    Raises `LanguageError` for a text without a header, `OverflowError` for a number that no column
-    holds exactly, `ToolMissing` without PyFlink, and `ToolFailed` where Flink does not take a text.
+    Raises `LanguageError` for a text without a header, `OverflowError` for inexact numbers,
+    `ToolMissing` without PyFlink, and `ToolFailed` for errors of Flink.
     """
     headers = [RowHeader.read(text) for text, _ in asked]
     table, environment = tables(), cast(Any, None)
@@ -83,7 +79,7 @@ def first_detections(asked: Sequence[tuple[str, Sequence[Sequence[Json]]]]) -> l
                 found[text][trace] = position if known is None else min(known, position)
         except OverflowError:
             raise
-        except Exception as error:  # of Java, by way of Python
+        except Exception as error:  # Java errors, passed on by Python
             said = _CAUSE.findall(str(error)) or [f"{type(error).__name__}: {error}"]
             why = " ".join(said[-1].split())[:_LENGTH]
             raise ToolFailed("Apache Flink", reason=why if environment else f"it needs {_JAVA} ({why})") from error
@@ -102,13 +98,13 @@ def _detections(
     headers: Sequence[RowHeader],
     asked: Sequence[tuple[str, Sequence[Sequence[Json]]]],
 ) -> Iterator[tuple[int, int, int]]:
-    """The number of a text, of a trace and of an event of each row that is found."""
+    """Yield the numbers of text, trace and event for each result row."""
     whole, queries = None, 0
     for number, (header, (text, traces)) in enumerate(zip(headers, asked, strict=True)):
         path = folder / f"{number}.json"
         with path.open("w", encoding="ascii") as file:
             for trace, events in enumerate(traces):
-                rows = [dict.fromkeys(header.fitting, False), *map(header.row, events)]  # no event before the first
+                rows = [dict.fromkeys(header.fitting, False), *map(header.row, events)]  # row 0 matches nothing
                 file.writelines(json.dumps({"trace": trace, "pos": pos, **row}) + "\n" for pos, row in enumerate(rows))
         columns = "".join(f"`{name}` {kind}," for name, kind in header.types().items())
         environment.execute_sql(_TABLE.format(number=number, columns=columns, path=path))

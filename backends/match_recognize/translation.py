@@ -1,7 +1,6 @@
-"""From a tree to queries.
+"""Properties to MATCH_RECOGNIZE queries, one per order of a scenario's events.
 
-One for each order in which the events of a scenario may come, each a row pattern with a condition
-for each event.
+Each query is a row pattern with a condition per event.
 """
 
 import re
@@ -46,7 +45,7 @@ class RowPatternQueries:
         self._taken = set(_RESERVED)
 
     def text(self) -> tuple[str, Metrics]:
-        """The text and its sizes."""
+        """Return the text and its metrics."""
         projects = self._semantics in (Semantics.PROJECTED, Semantics.CONSECUTIVE)
         table = f"(SELECT * FROM events WHERE {self._relevance()})" if projects else "events"  # noqa: S608
         queries: dict[str, None] = {}
@@ -60,7 +59,7 @@ class RowPatternQueries:
         return f"{self._header}{written}\n", Metrics(len(_TOKEN.findall(written)), subformulas=self._size)
 
     def _relevance(self) -> str:
-        """Which rows are looked at."""
+        """Return the condition of relevant rows."""
         whole = ((entry.pattern, entry.when) for entry in self._prop.alphabet)
         ignored = ((one.pattern, one.when) for one in self._prop.ignored)
         for column, pairs in (("is_relevant", whole), ("is_ignored", ignored)):
@@ -71,7 +70,9 @@ class RowPatternQueries:
         return start + " AND NOT ".join(self._header.fitting)
 
     def _words(self, scenario: Scenario) -> Iterator[tuple[Sequence[str], list[str]]]:
-        """The orders of the events of a scenario, as columns that they fit, with the condition of each event."""
+        """Yield the orders of a scenario's events as pattern columns, with the condition of each
+        event.
+        """
         shared = dict[tuple[str, Guard], TruthCondition]()
         bound = {event: frozenset(rigid_variables(event.pattern)) for event in scenario.events}
         conditions = TruthConditions(
@@ -109,7 +110,7 @@ class RowPatternQueries:
         shared: Mapping[tuple[str, Guard], TruthCondition],
         tied: Sequence[str],
     ) -> list[str] | None:
-        """The condition of each event of an order, None where they cannot hold together."""
+        """Return the condition of each event of an order, or None if they are contradictory."""
         found = [[f"e{number}.{name}"] for number, name in enumerate(columns, 1)]
         for variable in tied:
             first, *others = (number for number, name in enumerate(columns) if variable in variables_of[name])
@@ -136,7 +137,7 @@ class RowPatternQueries:
         return [" AND ".join(several) for several in found]
 
     def _cell(self, columns: Sequence[str], at: int, aspect: str, part: Guard) -> str:
-        """The column of an aspect of what one event of an order has."""
+        """Return the column for an aspect of an expression over one event."""
         base, value = columns[at], ValueColumn(aspect, part)
         known = self._header.values.setdefault(base, {})
         name = next((name for name, one in known.items() if one == value), None)
@@ -147,7 +148,7 @@ class RowPatternQueries:
         return f"e{at + 1}.{name}"
 
     def _fitting(self, event: Event, own: Sequence[Guard]) -> str:
-        """The column that says of a row whether it is an event under guards."""
+        """Return the column that holds whether a row matches an event and its guards."""
         node = event.source.node
         fitting = FittingEvent(event.pattern, tuple(dict.fromkeys(own)))
         if fitting not in self._columns:
@@ -155,7 +156,7 @@ class RowPatternQueries:
         return self._columns[fitting]
 
     def _fresh(self, wanted: str, ending: str = "") -> str:
-        """A name of a column that no other has, like that of a node."""
+        """Return an unused column name similar to the wanted one."""
         name = _ILLEGAL.sub("_", wanted.lower()).strip("_")[:40]
         name = f"n{name}" if name[0].isdigit() else name
         tries = chain([name], (f"{name}_{number}" for number in count(2)))

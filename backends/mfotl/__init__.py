@@ -1,9 +1,9 @@
-"""The `mfotl` backend: metric first-order temporal logic, for MonPoly and its formally verified kernel VeriMon.
+"""The `mfotl` backend: metric first-order temporal logic, for MonPoly and its verified kernel
+VeriMon.
 
-The text explains itself: a leading comment defines the predicates as columns of an event
-(`backends.event_columns`). The programs read the signature of the predicates from a file of its
-own, which `signature` gives. The last argument of every predicate is the position of the event in
-the trace. The unit of `limit` is atoms and comparisons of the formula.
+A leading comment defines the predicates as event columns (`backends.event_columns`). The last
+argument of a predicate is the position of the event in the trace. The tools read the predicate
+types from a separate file, see `signature`. The `limit` counts atoms and comparisons.
 """
 
 from typing import ClassVar
@@ -21,11 +21,10 @@ __all__ = ["MfotlBackend"]
 
 
 class MfotlBackend(Backend):
-    """A closed formula of past MFOTL, true from the first detection on.
+    """A closed formula of past MFOTL, true from the first detection on: every tree under
+    `scattered`.
 
-    Every tree under `scattered`, with variables and arithmetic.
-
-    Nothing here runs it: in a comparison the program does that a path names (`rvaft cross-check --monpoly`).
+    A cross-check runs it with `rvaft cross-check --monpoly PATH`; there is no reader.
 
     >>> from rvaft import loads
     >>> print(MfotlBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text, end="")
@@ -52,12 +51,14 @@ class MfotlBackend(Backend):
     default_limit: ClassVar[int] = 5_000
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
-        """The formula; raises `NotExpressible` for what only Python computes alike, `TooLarge`."""
+        """Return the formula; raises `NotExpressible` for calculations that doubles distort, and
+        `TooLarge`.
+        """
         return SpecificationText(*MfotlFormula(prop, limit).text())
 
     @staticmethod
     def signature(text: str) -> str:
-        """The signature of a text of this backend: its predicates with the types of their arguments.
+        """Return the signature of a text: its predicates with argument types.
 
         >>> from rvaft import loads
         >>> tree = loads("theft sand break_in alarm;")

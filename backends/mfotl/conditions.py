@@ -1,7 +1,7 @@
-"""Guards over several events as disjunctions of conjunctions of MonPoly's comparisons, each of
-which is about arguments that are bound.
+"""Guards over several events as disjunctions of conjunctions of MonPoly comparisons.
 
-What MonPoly does not calculate as guards do is an argument of its own, where it is about one event alone.
+Comparisons use bound arguments only. Expressions over one event that MonPoly evaluates differently
+become arguments.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -28,14 +28,14 @@ Ways: TypeAlias = tuple[tuple[str, ...], ...]
 """A disjunction of conjunctions."""
 
 MOST: Final = 500
-"""The most conjunctions of one guard."""
+"""The maximum number of conjunctions per guard."""
 _LEFT_TO_COLUMNS: Final = FUNCTIONS - {Operator.MIN, Operator.MAX} | {Operator.MUL, Operator.DIV}
 _ASPECTS: Final = {Sort.NUMBER: "number", Sort.TIME: "time", Sort.TEXT: "string"}
 _KINDS: Final = {Sort.NUMBER: "n", Sort.TIME: "n", Sort.TEXT: "s", Sort.TRUTH: "o"}
 
 
 def both(*several: Ways) -> Ways:
-    """What is so where all of these are; raises `TooLarge`."""
+    """Return the conjunction; raises `TooLarge`."""
     found: Ways = (tuple(dict.fromkeys(chain.from_iterable(ways[0] for ways in several if len(ways) == 1))),)
     for ways in (ways for ways in several if len(ways) != 1):
         if len(found) * len(ways) > MOST:
@@ -45,17 +45,15 @@ def both(*several: Ways) -> Ways:
 
 
 def either(*several: Ways) -> Ways:
-    """What is so where one of these is."""
+    """Return the disjunction."""
     return tuple(dict.fromkeys(way for ways in several for way in ways))
 
 
 class Conditions:
     """The guards of a scenario.
 
-    `times` are the variables that hold times, `column` writes the argument of a column, which is
-    `asked` for then.
-
-    `bound` are the variables of each event.
+    `times` are the variables of times. `column` returns the argument of a column, which is then in
+    `asked`. `bound` holds the variables of each event.
     """
 
     def __init__(
@@ -70,7 +68,7 @@ class Conditions:
         return left and any(one.issuperset(variables(term)) for one in self._bound)
 
     def ways(self, guard: Guard) -> Ways:
-        """When a guard is true; raises `Unsayable` and `TooLarge`."""
+        """Return when a guard is true; raises `Unsayable` and `TooLarge`."""
         return spelled(self._conditions.of(guard), self._spelled, lambda every, parts: (either, both)[every](*parts))
 
     def _spelled(self, test: ConditionTest) -> Ways:
@@ -78,7 +76,7 @@ class Conditions:
             case TruthTest(term, wanted) if isinstance(term, Variable) or self._is_argument(term):
                 return self._spelled(EqualityTest(term, Literal(wanted), wanted=True))
             case TruthTest(Operation(operator)):
-                raise Unsayable(f"it calculates {operator.name.lower()} of what several events have")
+                raise Unsayable(f"it applies {operator.name.lower()} to values of several events")
             case EqualityTest(left, right, wanted):
                 same = " = ".join(self._written(one, "text") for one in (left, right))
                 sides = () if wanted and isinstance(right, Literal) else (left, right)
@@ -100,7 +98,7 @@ class Conditions:
             greatest, least = (
                 _operands(one, op) for one, op in zip(left.operands, (Operator.MAX, Operator.MIN), strict=True)
             )
-            if len(greatest) + len(least) > 2:  # a window: what is so of the extremes is so of all
+            if len(greatest) + len(least) > 2:  # a window: a bound on the extremes is a bound on all pairs
                 pairs = (Operation(Operator.SUB, pair) for pair in product(greatest, least))
                 return both(*(self._compared(sort, pair, sign, right) for pair in pairs))
         found = []
@@ -110,7 +108,9 @@ class Conditions:
         return both(tuple(found))
 
     def _terms(self, term: Guard, sort: Sort) -> list[tuple[tuple[str, ...], str]]:
-        """The ways in which a term comes about: conditions, and how it is written then."""
+        """Return alternative conditions under which a term has a value, each with the text of the
+        term.
+        """
         match term:
             case Literal():
                 return [((), self._written(term, _ASPECTS[sort]))]
@@ -137,19 +137,19 @@ class Conditions:
                             for number, text in enumerate(texts)
                         ]
                     case _:
-                        raise Unsayable(f"MonPoly's doubles calculate {operator.name.lower()} otherwise")
+                        raise Unsayable(f"{operator.name.lower()} of MonPoly's doubles is not exact")
             case _:
                 raise AssertionError("a variable is an argument")
 
     def _written(self, term: Guard, aspect: str) -> str:
-        """An argument, or a constant."""
+        """Return an argument or a constant."""
         if isinstance(term, Literal):
             return argument(aspect, constant(term, aspect))
         self.asked.add((term, aspect))
         return self._column((term, aspect))
 
     def _defined(self, *terms: Guard) -> tuple[str, ...]:
-        """That what is calculated has a value."""
+        """Return the conditions that calculated terms have a value."""
         return tuple(f'NOT ({self._written(one, "kind")} = "")' for one in terms if isinstance(one, Operation))
 
     def _is(self, term: Guard, sort: Sort) -> str:
@@ -161,6 +161,6 @@ def _operands(guard: Guard, operator: Operator) -> tuple[Guard, ...]:
 
 
 def _first(texts: Sequence[str], number: int, before: str, after: str) -> list[str]:
-    """The conditions under which one of several numbers is the least, or the greatest, and the first of those."""
+    """Return the conditions that one number is the first extreme among several."""
     pairs = ((before if other < number else after, text) for other, text in enumerate(texts) if other != number)
     return [f"{texts[number]} {sign} {text}" for sign, text in pairs]

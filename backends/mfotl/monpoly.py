@@ -1,10 +1,8 @@
-"""What MonPoly and VeriMon read and say.
+"""First detections in MonPoly and VeriMon: the signature of a text, and the facts of events.
 
-The signature of a text, the facts of an event, and where the formula holds first.
-
-The leading comment of a text defines predicates as the columns of an event
-(`backends.event_columns`); the arguments of a predicate are its columns, and last the position of
-the event in the trace. An argument is `""` or 0 where its column is null.
+The leading comment of a text defines predicates as event columns (`backends.event_columns`). The
+arguments of a predicate are its columns and the position of the event in the trace. A null column
+becomes `""` or 0.
 """
 
 import json
@@ -24,7 +22,7 @@ from rvaft.model.guards import Guard
 from rvaft.model.values import Json
 
 Column: TypeAlias = tuple[Guard, str]
-"""A variable or what is calculated of one event, and an aspect of it."""
+"""A variable or an expression over one event, and an aspect of it."""
 
 _TYPES: Final = {"text": "string", "kind": "string", "number": "float", "string": "string", "time": "int"}
 """The type of each aspect in a signature."""
@@ -39,7 +37,7 @@ class MfotlHeader(EventColumns):
     comment: ClassVar[tuple[str, str]] = ("(*", "*)")
 
     def signature(self) -> str:
-        """The predicates with the types of their arguments, as the programs read them."""
+        """Return the predicates with argument types, in the format of the tools."""
         lines = []
         for name in self.fitting:
             arguments = [f"{column}: {_TYPES[one.aspect]}" for column, one in self.values.get(name, {}).items()]
@@ -47,9 +45,9 @@ class MfotlHeader(EventColumns):
         return "".join(lines)
 
     def facts(self, event: Json, position: int) -> Iterator[str]:
-        """The facts that an event at a position becomes.
+        """Yield the facts of an event at a position.
 
-        Raises `OverflowError` for a number that no argument holds exactly.
+        Raises `OverflowError` for inexact numbers.
         """
         for name, cells in self.cells(event).items():
             if cells is not None:
@@ -59,7 +57,7 @@ class MfotlHeader(EventColumns):
 
 
 def argument(aspect: str, cell: Json) -> str:
-    """What stands in a column, as a log and a formula write it.
+    """Return a column value as logs and formulas write it.
 
     >>> argument("text", '"a b"'), argument("text", "1"), argument("number", -2.5e-7), argument("time", None)
     ('"a%20b"', '"1"', '-0.00000025', '0')
@@ -83,11 +81,11 @@ def argument(aspect: str, cell: Json) -> str:
 def first_detections(
     program: Path, text: str, traces: Sequence[Sequence[Json]], *, verified: bool = False, timeout: float | None = None
 ) -> list[int | None]:
-    """For each trace the number of the event, from 1, at which the formula holds first; `verified` asks VeriMon.
+    """Return per trace the number of the first event, from 1, at which the formula holds, or None.
 
-    Raises `LanguageError` for a text without a header, `OverflowError` for a number that no
-    argument holds exactly, `ToolMissing` where the path is no program, `ToolFailed` where it does
-    not take the text, and `TimeoutExpired` of `subprocess` after so many seconds for one trace.
+    `verified` runs VeriMon. Raises `LanguageError` for a text without a header, `OverflowError` for
+    inexact numbers, `ToolMissing` if the path is not MonPoly, `ToolFailed` on its errors, and
+    `subprocess.TimeoutExpired` after `timeout` seconds for one trace.
     """
     header, found = MfotlHeader.read(text), list[int | None]()
     _require(program)
@@ -110,12 +108,12 @@ def first_detections(
 
 @cache
 def _require(program: Path) -> None:
-    """Raise `ToolMissing` for a program that does not say it is MonPoly.
+    """Raise `ToolMissing` unless the program identifies itself as MonPoly.
 
-    What says nothing would be one that detects nothing.
+    A program without output would otherwise count as one that detects nothing.
     """
     if "MonPoly" not in _run(program, "-version", timeout=10).stdout:
-        raise ToolMissing("MonPoly", remedy=f"name the program that its build makes ({program} is another)")
+        raise ToolMissing("MonPoly", remedy=f"give the path of the monpoly program ({program} is another program)")
 
 
 def _run(program: Path, *options: str, timeout: float | None) -> subprocess.CompletedProcess[str]:
@@ -129,5 +127,5 @@ def _run(program: Path, *options: str, timeout: float | None) -> subprocess.Comp
             check=False,
         )
     except OSError as error:
-        remedy = f"name the program that its build makes ({error.strerror}: {program})"
+        remedy = f"give the path of the monpoly program ({error.strerror}: {program})"
         raise ToolMissing("MonPoly", remedy=remedy) from error

@@ -1,7 +1,4 @@
-"""From a tree to a formula.
-
-A disjunction over its scenarios, each of which says which positions have the events of its nodes.
-"""
+"""Properties to MFOTL formulas: a disjunction of scenarios, each a relation of event positions."""
 
 import re
 from collections import Counter
@@ -60,16 +57,16 @@ class MfotlFormula:
         self._taken = {*_RESERVED}
 
     def text(self) -> tuple[str, Metrics]:
-        """The text and its sizes."""
+        """Return the text and its metrics."""
         formulas = [formula for one in self._orders.scenarios() for formula in self._disjuncts(one)]
-        if not formulas:  # no event is one of these
+        if not formulas:  # a predicate that no event satisfies
             self._header.fitting = {"never": [FittingEvent(ObjectPattern(()), (Literal(value=False),))]}
             formulas = ["EXISTS i1. (ONCE never(i1))"]
         formula = formulas[0] if len(formulas) == 1 else "\nOR ".join(f"({one})" for one in formulas)
         return f"{self._header}{formula}\n", Metrics(symbols=len(_TOKEN.findall(formula)), subformulas=self._size)
 
     def _disjuncts(self, scenario: Scenario) -> Iterator[str]:
-        """A scenario, once for each way in which its guards can hold."""
+        """Yield a scenario once per alternative of its guards."""
         after = self._orders.after(scenario)
         events = sorted(after, key=lambda event: -len(after[event]))
         bound = {event: frozenset(rigid_variables(event.pattern)) for event in events}
@@ -108,7 +105,7 @@ class MfotlFormula:
             yield _conjunction(atoms, orders, way, [*map(self._column, asked), *places.values()])
 
     def _atom(self, event: Event, guards: tuple[Guard, ...], columns: tuple[Column, ...], place: str) -> str:
-        """What says that a position has an event, and binds these arguments."""
+        """Return the atom of an event at a position, which binds these arguments."""
         known = FittingEvent(event.pattern, guards), columns
         if known not in self._predicates:
             self._predicates[known] = name = self._fresh(event.source.node)
@@ -117,7 +114,7 @@ class MfotlFormula:
         return f"(ONCE {self._predicates[known]}({', '.join([*map(self._column, columns), place])}))"
 
     def _column(self, column: Column) -> str:
-        """The word of an argument; positions are `i1`, `i2`, …, which none is called."""
+        """Return the name of an argument; positions have names `i1`, `i2` and so on."""
         term, aspect = column
         if term not in self._names:
             about = term.name if isinstance(term, Variable) else "value"
@@ -126,7 +123,7 @@ class MfotlFormula:
         return f"{self._names[term]}_{aspect}"
 
     def _fresh(self, node: str) -> str:
-        """A name of a predicate that no other has, like that of a node."""
+        """Return an unused predicate name similar to the node name."""
         name = _ILLEGAL.sub("_", node.lower()).strip("_") or "event"
         name = f"e{name}" if name[0].isdigit() else name
         self._taken.add(found := _free(name, self._taken))
@@ -134,12 +131,12 @@ class MfotlFormula:
 
 
 def _free(name: str, taken: Collection[str]) -> str:
-    """The name, or one like it that is not taken."""
+    """Return the name, numbered if it is taken."""
     return next(one for one in chain([name], (f"{name}_{number}" for number in count(2))) if one not in taken)
 
 
 def _conjunction(atoms: Sequence[str], orders: Sequence[list[str]], way: Sequence[str], bound: list[str]) -> str:
-    """The atoms one after the other, each comparison as soon as all that it is about is bound."""
+    """Return the conjunction of atoms, with each comparison as soon as its arguments are bound."""
     formula, known, waiting, arguments = "", set[str](), list(way), frozenset(bound)
     for atom, order in zip(atoms, orders, strict=True):
         formula = f"({formula} AND {atom})" if formula else atom

@@ -1,7 +1,8 @@
-"""The `mtl` backend: past-time formulas for Reelay, over discrete time, that hold from the first detection on.
+"""The `mtl` backend: past-time formulas for Reelay over discrete time, true from the first
+detection on.
 
-A comment says what each proposition asks of an event. The unit of `limit` is the events of all
-orders in which they may come. Reading a text needs the package `reelay`, translating does not.
+A comment defines the propositions. The `limit` counts events of all orders. Only reading needs the
+package `reelay`.
 """
 
 from collections.abc import Mapping
@@ -25,7 +26,7 @@ _UNTIMED: Final = "its discrete time counts events, and windows are of clocks"
 
 
 class MtlCapabilities(Backend):
-    """What past MTL can express, in whichever form its texts are written."""
+    """The capabilities of past MTL, for all its text forms."""
 
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
@@ -45,7 +46,7 @@ class MtlCapabilities(Backend):
 
 
 class MtlBackend(MtlCapabilities):
-    """Past MTL: what is `scattered`, without variables of several events and without times.
+    """Past MTL: `scattered`, without variables over several events and without times.
 
     >>> from rvaft import loads
     >>> print(MtlBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text, end="")
@@ -63,8 +64,8 @@ class MtlBackend(MtlCapabilities):
     modules: ClassVar[tuple[str, ...]] = ("reelay",)
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
-        """The formula; raises `TooLarge` beyond `limit` events of all orders, `NotExpressible` for
-        chains that are too long.
+        """Return the formula; raises `TooLarge` beyond `limit` events, `NotExpressible` for too
+        long chains.
         """
         chains = translation(prop, limit)
         header = "".join(f"{name} := {asked}\n" for name, asked in chains.propositions.items())
@@ -72,10 +73,11 @@ class MtlBackend(MtlCapabilities):
         return SpecificationText(f"/* rvaft\n{header}*/\n{formula}\n", Metrics(symbols(formula)))
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> DetectionMonitor:
-        """A monitor that asks Reelay; a proposition that the text does not define is as `atoms`
-        says, or the event of its name.
+        """Return a monitor that runs Reelay; `atoms` defines propositions that the text does not
+        define.
 
-        Raises `LanguageError`, `TooLarge`, `ToolMissing`.
+        Other propositions match the event of their name. Raises `LanguageError`, `TooLarge`,
+        `ToolMissing`.
         """
         self.require()
         return DetectionMonitor(compiled(text, tuple((atoms or {}).items())).first_detections)

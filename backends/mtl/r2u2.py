@@ -1,13 +1,11 @@
-"""The form of past MTL that R2U2 takes.
+"""Past MTL for R2U2: a file for its compiler C2PO, in which all operators have bounds.
 
-A file for its compiler C2PO, in which every operator looks back by a bounded number of events.
+Propositions are Boolean inputs, defined in a comment; each event is a row of inputs. The formula
+holds at each event that completes a match, first at the detection. The text uses `true S` for `O`:
+C2PO 4.1 reserves memory proportional to the bound of `O`, but two slots for `S`.
 
-A proposition is a boolean input, and a comment says what it asks of an event; input is one row of
-these for each event. The formula holds at each event that ends an attack, for the first time at the
-detection. `true S` stands where `O` would: C2PO (4.1) keeps as many slots of memory for an `O` as
-its bound is large, and two for the same said by `S`.
-
-A comparison asks a checkout of R2U2: its compiler, once for a text, and its monitor, once for a trace.
+A cross-check needs a checkout of R2U2. It runs the compiler once per text and the monitor once per
+trace.
 """
 
 import re
@@ -28,19 +26,18 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 
 HORIZON: Final = 2**30 - 1
-"""How far operators look back.
-
-The largest bound to which R2U2 (4.1), with its 31 bits, can add the number of any event that it
-reaches.
+"""The bound of operators, in events: the largest to which R2U2 4.1 can add any event number in 31
+bits.
 """
-_SMALL: Final = "a text that is larger than its bounds needs a build with others (`c2po.py --write-bounds`)"
+_SMALL: Final = "if the text exceeds the bounds of the monitor, build it with larger ones (`c2po.py --write-bounds`)"
 _COMPILER: Final = Path("compiler", "c2po.py")
 _DEFINITION: Final = re.compile(r"^-- (\w+ := .*\n)", re.MULTILINE)
 _VERDICT: Final = re.compile(r"^0:(\d+),([TF])", re.MULTILINE)
 
 
 class MtlR2u2Backend(MtlCapabilities):
-    """What `mtl` says, for R2U2: of the first 1,073,741,824 events, which is why it is not called faithful.
+    """The formulas of `mtl` for R2U2; not faithful, because they cover only the first 1,073,741,824
+    events.
 
     >>> from rvaft import loads
     >>> print(MtlR2u2Backend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text, end="")
@@ -61,7 +58,7 @@ class MtlR2u2Backend(MtlCapabilities):
     readable: ClassVar[bool] = False
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """The file for C2PO; raises `NotExpressible` and `TooLarge` as `mtl` does."""
+        """Return the file for C2PO; raises `NotExpressible` and `TooLarge` as `mtl` does."""
         mtl = MtlBackend()
         chains = translation(prop, limit)
         formula = chains.c2po(HORIZON)
@@ -79,18 +76,18 @@ class MtlR2u2Backend(MtlCapabilities):
 def first_detections(
     program: Path, text: str, traces: Sequence[Sequence[Json]], *, timeout: float | None = None
 ) -> list[int | None]:
-    """For each trace the number of the event, from 1, at which the monitor says that the formula first holds.
+    """Return per trace the number of the first event, from 1, at which the formula holds, or None.
 
-    Raises `ToolMissing` where the path is no program, or has no compiler in a folder above it,
-    `ToolFailed` where one of both fails or the monitor is built too small for the text, and
-    `TimeoutExpired` of `subprocess` after so many seconds for one of their runs.
+    Raises `ToolMissing` if the path is not a program or no parent folder has the compiler,
+    `ToolFailed` if a tool fails or is built too small for the text, and `subprocess.TimeoutExpired`
+    after `timeout` seconds for one run.
     """
     found = list[int | None]()
     asked = definitions(f"/* rvaft\n{''.join(_DEFINITION.findall(text))}*/")
     compilers = (folder / _COMPILER for folder in program.resolve().parents)
     compiler = next((one for one in compilers if one.is_file()), None)
     if compiler is None:
-        remedy = f"name the monitor in a checkout of it, with {_COMPILER} in a folder above ({program})"
+        remedy = f"give the path of the monitor in a checkout of R2U2, with {_COMPILER} in a parent folder ({program})"
         raise ToolMissing("C2PO, the compiler of R2U2,", remedy=remedy)
     with tempfile.TemporaryDirectory(prefix="rvaft-") as folder:
         names = ("formula.c2po", "signals.map", "formula.bin", "trace.csv")
@@ -104,7 +101,7 @@ def first_detections(
             said = _VERDICT.findall(_output(timeout, "R2U2", program.resolve(), binary, rows)) if trace else []
             ends = [0, *(int(number) + 1 for number, _ in said)]
             if ends[-1] < len(trace):
-                raise ToolFailed("R2U2", reason=f"it says nothing from event {ends[-1] + 1} on; {_SMALL}")
+                raise ToolFailed("R2U2", reason=f"it gives no verdict from event {ends[-1] + 1} on; {_SMALL}")
             found.append(next((end + 1 for end, (_, truth) in zip(ends, said, strict=False) if truth == "T"), None))
     return found
 
@@ -115,9 +112,7 @@ def _output(timeout: float | None, tool: str, *command: str | Path) -> str:
             command, capture_output=True, encoding="utf-8", errors="replace", timeout=timeout, check=False
         )
     except OSError as error:
-        raise ToolMissing(
-            tool, remedy=f"name the program that its build makes ({error.strerror}: {command[0]})"
-        ) from error
+        raise ToolMissing(tool, remedy=f"give the path of the program ({error.strerror}: {command[0]})") from error
     if ran.returncode:
         said = " ".join(f"{ran.stderr} {ran.stdout}".split())
         raise ToolFailed(tool, reason=said[:300] or f"exit status {ran.returncode}; {_SMALL}")

@@ -1,12 +1,12 @@
-"""Texts of past MTL, and their run by Reelay: a comment that says what each proposition is, then a formula.
+"""Texts of past MTL, run by Reelay: a comment that defines propositions, then a formula.
 
     /* rvaft
     NAME := PATTERN when GUARD when GUARD
     */
 
-Reelay ends the whole process at a text that is not in its language, or that is too deep: so the
-formula is parsed here first, and Reelay gets what the parse says. Propositions are decided here,
-for each event by itself, and handed over as booleans.
+Reelay ends the whole process on malformed or too deep formulas. The formula is therefore parsed
+here, and Reelay receives the parsed formula. Propositions are evaluated here per event and passed
+as Booleans.
 """
 
 import re
@@ -60,9 +60,7 @@ def _parser() -> Lark:
 
 
 class _Written(Transformer_NonRecursive[Token, tuple[str, int]]):
-    """The formula as Reelay gets it, with its depth: of many traces one after the other, between
-    which `go` is false once.
-    """
+    """The formula for Reelay with its depth; `go` is false once between consecutive traces."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -100,13 +98,13 @@ class _Written(Transformer_NonRecursive[Token, tuple[str, int]]):
 
 
 class MtlProgram:
-    """A formula that is ready to run."""
+    """A compiled formula."""
 
     def __init__(self, formula: str, atoms: Mapping[str, Observed]) -> None:
         (self._monitor, self._lock), self._atoms = _monitor(formula), atoms
 
     def first_detections(self, traces: Sequence[Sequence[Json]]) -> list[int | None]:
-        """For each trace the number of the event at which the formula first holds."""
+        """Return per trace the number of the first event at which the formula holds, or None."""
         with self._lock:
             return [self._first(trace) for trace in traces]
 
@@ -121,51 +119,49 @@ class MtlProgram:
 
 @cache
 def _reelay() -> tuple[Any, Any]:
-    """The extension of Reelay and the options of its monitors, which are long in the making."""
+    """Return the extension of Reelay and its monitor options, which are slow to create."""
     extension = installed("reelay._pybind11_module", "Reelay", "pip install '.[mtl]' in a checkout of rvaft")
     return extension, extension.monitor_options("time", "value", False, True)
 
 
 @lru_cache(maxsize=128)
 def _monitor(formula: str) -> tuple[Any, Lock]:
-    """The monitor of a formula, for one at a time. Reelay's own constructor would parse the formula twice."""
+    """Return the monitor of a formula and its lock. Reelay's own constructor parses formulas twice."""
     extension, options = _reelay()
     return extension.discrete_monitor.make(formula, options), Lock()
 
 
 def _called(name: str) -> str:
-    """A proposition as Reelay gets it, none of them `go`."""
+    """Return the name of a proposition in Reelay, different from `go`."""
     return f"p_{name}"
 
 
 @lru_cache(maxsize=32)
 def compiled(text: str, given: tuple[tuple[str, Pattern], ...]) -> MtlProgram:
-    """The program of a text; raises `LanguageError`, `TooLarge`, `ToolMissing`."""
+    """Return the program of a text; raises `LanguageError`, `TooLarge`, `ToolMissing`."""
     header, defined = _HEADER.match(text), definitions(text)
     start = 0 if header is None else header.end()
     writing = _Written()
     try:
         formula, depth = writing.transform(_parser().parse(text[start:]))
     except UnexpectedInput as error:
-        raise error_at(
-            "this is no formula of past MTL", text, start + max(error.pos_in_stream or 0, 0), _FILE
-        ) from None
+        raise error_at("not a formula of past MTL", text, start + max(error.pos_in_stream or 0, 0), _FILE) from None
     if depth > _DEEPEST:
-        raise TooLarge("operators in each other", limit=_DEEPEST)
+        raise TooLarge("nested operators", limit=_DEEPEST)
     known = dict(given)
     named = {name: Observed(known.get(name) or ObjectPattern((("event", Literal(name)),))) for name in writing.names}
     return MtlProgram(formula, {name: defined.get(name, one) for name, one in named.items()})
 
 
 def definitions(text: str) -> dict[str, Observed]:
-    """What the propositions of a header ask of an event; raises `LanguageError`."""
+    """Return the patterns and guards of the propositions of a header; raises `LanguageError`."""
     found: dict[str, Observed] = {}
     header = _HEADER.match(text)
     for line in re.finditer(r"[^\n]*\S", header[1]) if header else ():
         assert header is not None
         begin, content = header.start(1) + line.start(), _LINE.fullmatch(line[0])
         if content is None or content[1] in found:
-            raise error_at("a line of the header is NAME := PATTERN when GUARD, of each name one", text, begin, _FILE)
+            raise error_at("expected a header line NAME := PATTERN when GUARD, with each name once", text, begin, _FILE)
         cuts = [when.span(1) for when in _WHEN.finditer(content[2]) if when[1]]
         ends = [*(cut[0] for cut in cuts), len(content[2])]
         try:

@@ -1,4 +1,4 @@
-"""From a tree to a formula: a disjunction of the orders of its events, each a chain of what is strictly earlier."""
+"""Properties to past MTL: a disjunction of event orders, each a chain of strictly earlier events."""
 
 import re
 from collections.abc import Sequence
@@ -22,27 +22,26 @@ _NEVER: Final = "never"
 
 @dataclass(frozen=True, slots=True)
 class Chains:
-    """The orders of a tree's events, each a word of propositions, of which several in a letter are a choice."""
+    """The event orders of a property as words; a letter is a choice of propositions."""
 
     propositions: dict[str, str]
-    """What each proposition asks of an event, as `PATTERN when GUARD`."""
+    """The definition of each proposition, as `PATTERN when GUARD`."""
     words: tuple[tuple[tuple[str, ...], ...], ...]
 
     def reelay(self) -> str:
-        """The formula as Reelay takes it: the last event now or earlier, and strictly before it the others."""
+        """Return the formula for Reelay: the last event now or earlier, the others strictly before
+        it.
+        """
         return self._formula("once({})", "{{{}: true}}", " or ", "{} and pre(once({}))")
 
     def c2po(self, horizon: int) -> str:
-        """The formula as C2PO takes it.
-
-        The last event now, and strictly before it, by at most `horizon`, the others.
+        """Return the formula for C2PO: the last event now, the others strictly before it, within
+        `horizon`.
         """
         return self._formula("{}", "{}", " || ", f"{{}} && (true S[1,{horizon}] ({{}}))")
 
     def _formula(self, whole: str, atom: str, either: str, then: str) -> str:
-        """The words in the shapes of a language: of a chain, a proposition, a choice, and an event
-        with those before it.
-        """
+        """Return the words as a formula, from templates for a chain, an atom, a choice and a step."""
         formulas: list[str] = []
         for word in self.words:
             before = ""
@@ -55,12 +54,12 @@ class Chains:
 
 
 def symbols(formula: str) -> int:
-    """How many tokens a formula has."""
+    """Return the number of tokens of a formula."""
     return len(_TOKEN.findall(formula))
 
 
 def translation(prop: Property, limit: int) -> Chains:
-    """The orders of the events of a property; where there are none, what no event is."""
+    """Return the event orders of a property; if there are none, a proposition that never holds."""
     orders = Orders(prop, limit=limit)
 
     def question(event: Event, asked: Sequence[Guard]) -> str:

@@ -1,6 +1,5 @@
-"""The `rml` backend: trees as specifications in the Runtime Monitoring Language.
-
-The text means the tree under the published RML compiler and monitor.
+"""The `rml` backend: specifications in the Runtime Monitoring Language for the published compiler
+and monitor.
 """
 
 from collections.abc import Mapping, Sequence
@@ -48,14 +47,14 @@ HIGHLIGHTING: Final = Highlighting(
 }}
 """,
 )
-"""RML for the package `listings` of LaTeX, in styles that survive print without colour."""
+"""RML for the LaTeX package `listings`, in styles that do not need colour."""
 
 
 _UNTIMED: Final = "times are read from texts and decimals, and RML has only the numbers of an event as they stand"
 
 
 class RmlCapabilities(Backend):
-    """What RML can express, in whichever form its texts are written."""
+    """The capabilities of RML, for all its text forms."""
 
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
@@ -74,28 +73,30 @@ class RmlCapabilities(Backend):
 class RmlBackend(RmlCapabilities):
     """Attack-fault trees in the Runtime Monitoring Language (RML).
 
-    Trees without variables and conditions on time are expressed under every semantics, with one
-    exception: RML cannot order strings, nor look into them, so `projected` and `consecutive` are
-    refused where relevance depends on that, by a guard of `ignore` (or, in a part of a tree, by one
-    of a node outside it). Under `strict` and `projected` also trees with variables are expressed,
-    unless a guard asks such a thing. `limit` counts scenarios, and alternatives of the equations;
-    for each, ten symbols of the text and fifty steps of looking for it are allowed.
+    Trees without variables and conditions on time are expressible under every semantics, with an
+    exception: RML cannot order or search strings. `projected` and `consecutive` are therefore
+    refused if relevance depends on that, through a guard of `ignore` or of a node outside the
+    branch. Under `strict` and `projected`, trees with variables are expressible too, apart from
+    such guards.
+
+    `limit` counts scenarios and alternatives of equations; each allows ten symbols of text and
+    fifty steps of search.
     """
 
     name: ClassVar[str] = "rml"
     language: ClassVar[str] = "rml"
     suffix: ClassVar[str] = ".rml"
     highlighting: ClassVar[Highlighting] = HIGHLIGHTING
-    json_alone: ClassVar[bool] = True  # `not matches` takes whatever is not matched
+    json_alone: ClassVar[bool] = True  # `not matches` accepts any other value
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """The text in RML; raises `NotExpressible` and `TooLarge`."""
+        """Return the text in RML; raises `NotExpressible` and `TooLarge`."""
         text, symbols, equations = translate(prop, semantics, limit=limit)
         return SpecificationText(text, Metrics(symbols=symbols, states=equations))
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
-        """A monitor that runs an RML text, whoever wrote it; its texts define their events, so
-        `atoms` is not looked at.
+        """Return a monitor for any RML text; `atoms` is unused, because RML texts define their
+        events.
         """
         return read(text)
 
@@ -105,9 +106,11 @@ class RmlBackend(RmlCapabilities):
         *,
         atoms: Mapping[str, Pattern] | None = None,  # noqa: ARG002
     ) -> tuple[Observed, ...] | None:
-        """What the event types that an RML text uses ask of events; None where patterns with guards cannot say it."""
+        """Return patterns and guards of the event types of a text, or None if they are not
+        expressible so.
+        """
         return observed(text)
 
     def masked(self, text: str, trace: Sequence[Json]) -> tuple[str, ...]:
-        """The titles of the rows in the table of deviations that the text touches on the trace."""
+        """Return the titles of the deviations that the text and trace may show."""
         return tuple(deviation.title for deviation in touching(text, trace))

@@ -1,12 +1,12 @@
-"""The Prolog form of RML: what `rml` emits, as the module that RML's monitors load. It is only written here, not read.
+"""The Prolog form of RML texts, as the module that RML monitors load; there is no reader.
 
-`match/2` stands for the event types, `trace_expression/2` for the equations. Written from the
-syntax alone; it shares nothing with the reader's own rules. Source: the published compiler, by its
-output. One thing is different: the compiler's output calls the monitor's `deep_subdict(Event,
-Pattern)`, but the copy of the monitor that is ROSMonitoring's RML oracle has its arguments the
-other way round (and turns them once more inside nested patterns), so that a text which suits one
-matches hardly any event in the other. Here the text brings its own `fits/2`, which does what the
-published `deep_subdict` does, and means the same in both.
+`match/2` defines the event types, `trace_expression/2` the equations. The writer uses only the
+syntax and shares nothing with the reader's rules. Source: output of the published compiler.
+
+One difference: compiler output calls `deep_subdict(Event, Pattern)` of the monitor. ROSMonitoring's
+copy of the monitor swaps the arguments, again in nested patterns, so that a text for one monitor
+fails in the other. The text here therefore includes its own `fits/2`, with the meaning of the
+published `deep_subdict`.
 """
 
 from collections.abc import Iterable, Iterator
@@ -32,13 +32,13 @@ fields_fit([], _).
 fields_fit([Name-Pattern|Fields], Value) :-
     get_dict(Name, Value, Inner), fits(Inner, Pattern), fields_fit(Fields, Value).
 """
-"""How every text begins."""
+"""The beginning of every text."""
 _DATA: Final = {"==": "=:=", "!=": "=\\=", "<=": "=<", "&&": ",", "||": ";"}
 _JOINS: Final = {"and": "/\\", "or": "\\/", "shuffle": "|"}
 
 
 def prolog(text: str) -> str:
-    """An RML text as a Prolog module; raises `LanguageError`.
+    """Return an RML text as a Prolog module; raises `LanguageError`.
 
     >>> print(prolog("a matches {e: 'a'}; Main = a all;").splitlines()[-1])
         Main = (a_et*(1)).
@@ -100,7 +100,7 @@ def _expression(part: s.Expression, inside: list[str]) -> str:
             raise AssertionError(part.operator)
 
 
-# -- event types, data and words; `variable` is the form of a variable there -------------------------------------------
+# Event types, data and words; `variable` is a template for variables.
 
 
 def _use(use: s.TypeUse, variable: str) -> str:
@@ -113,7 +113,7 @@ def _type(name: str, arguments: Iterable[str]) -> str:
 
 
 def _patterns(value: s.Parameter, variable: str) -> list[str]:
-    """A pattern without `|` for each choice, those of the first field varying slowest."""
+    """Return a pattern without `|` per alternative; the first field varies slowest."""
 
     def choices(part: s.Part, inside: list[list[str]]) -> list[str]:
         match part:
@@ -172,11 +172,10 @@ def _quoted(text: str, quote: str) -> str:
 
 
 class RmlPrologBackend(RmlCapabilities):
-    """What the published RML compiler would make of the text of `rml`, ready to load without a compiler.
+    """The output of the published RML compiler for the text of `rml`, without running the compiler.
 
-    The published monitor and ROSMonitoring's RML oracle both load it. It expresses what `rml`
-    expresses, within the same limit. Nothing here runs Prolog: the monitor of a specification runs
-    the RML text that it was written from.
+    The published monitor and ROSMonitoring's RML oracle load it. The monitor of a specification
+    runs the RML text that it was written from.
     """
 
     name: ClassVar[str] = "rml-prolog"
@@ -184,7 +183,7 @@ class RmlPrologBackend(RmlCapabilities):
     suffix: ClassVar[str] = ".pl"
     highlighting: ClassVar[Highlighting] = Highlighting(
         "RMLProlog",
-        # Terms without any space are as long as lines can get.
+        # terms without spaces may be very long
         r"""
 \lstdefinelanguage{RMLProlog}[]{Prolog}{
   breakatwhitespace=false,
@@ -195,6 +194,6 @@ class RmlPrologBackend(RmlCapabilities):
     readable: ClassVar[bool] = False
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """The Prolog module; raises `NotExpressible` and `TooLarge`."""
+        """Return the Prolog module; raises `NotExpressible` and `TooLarge`."""
         made = RmlBackend().write(prop, semantics, limit)
         return SpecificationText(prolog(made.text), made.metrics, lambda _: RmlBackend().read(made.text))

@@ -1,1 +1,1 @@
-"""RML as the published compiler and monitor read it: parser, event types, terms and transitions."""
+"""A reader of RML with the semantics of the published compiler and monitor."""

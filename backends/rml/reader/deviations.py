@@ -1,11 +1,12 @@
-"""Where this reader means the language and the published compiler and monitor do something else, in one table.
+"""Deviations of the published RML compiler and monitor from this reader.
 
-Comparisons with the published tools leave out the pairs of text and trace that a row touches;
-nothing else may differ. The predicates are conservative: they may name a pair that does not differ,
-never the other way round. The numbers only name the rows. Not in the table, because nothing can be
-compared: the published compiler refuses field names that are blank or not ASCII and integers beyond
-32 bits, and its monitor does not return from an event type derived from itself, nor from a
-recursive equation that is repeated `{0}` times or is generic and lacks its arguments.
+Comparisons with the published tools leave out the pairs of text and trace that a row concerns; no
+other pair may differ. The predicates are conservative: they may include pairs that agree, but miss
+none that differ. Row numbers are names only.
+
+Not in the table, because nothing can be compared: the compiler refuses field names that are blank
+or not ASCII, and integers beyond 32 bits. The monitor does not terminate on event types derived
+from themselves, nor on recursive equations that are repeated `{0}` times or lack generic arguments.
 """
 
 from collections.abc import Iterable
@@ -23,7 +24,7 @@ _SPECIAL: Final = frozenset(("^", "sin", "cos", "tan", "abs", "min", "max"))
 
 
 class Deviation(NamedTuple):
-    """One row: what the published tools do, and what happens here."""
+    """A deviation: behaviour of the published tools, and of this reader."""
 
     number: int
     title: str
@@ -85,7 +86,7 @@ DEVIATIONS: Final = (
 
 
 def touching(text: str, trace: Iterable[Json]) -> list[Deviation]:
-    """The deviations that can show when the text runs on the trace; raises `LanguageError` for a text that is not RML.
+    """Return the deviations that may show when the text runs on the trace; raises `LanguageError`.
 
     >>> [row.title for row in touching("a matches {v: 1}; Main = a all;", [{"v": 1.0}])]
     ['1 and 1.0']
@@ -120,7 +121,7 @@ def touching(text: str, trace: Iterable[Json]) -> list[Deviation]:
 
 
 def _fields(events: list[Json]) -> list[tuple[str, Json]]:
-    """Every value inside the events with the name of its field, if it has one."""
+    """Return all values inside the events with their field names."""
     found, todo = list[tuple[str, Json]](), [*events]
     while todo:
         match todo.pop():
@@ -134,14 +135,14 @@ def _fields(events: list[Json]) -> list[tuple[str, Json]]:
 
 
 def _calculated(parts: Iterable[s.Part]) -> tuple[list[s.Data], list[s.Data]]:
-    """The conditions of `if`, and the arguments of equations."""
+    """Return the conditions of `if`, and the arguments of equations."""
     expressions = [part for part in parts if isinstance(part, s.Expression)]
     conditions = [part.data[0] for part in expressions if part.operator == "if"]
     return conditions, [a for part in expressions if part.operator == "call" for a in part.data[1]]
 
 
 def _bindable(parts: list[s.Part], fields: list[tuple[str, Json]], whole: bool, events: list[Json]) -> list[Json]:
-    """The values that a variable of a pattern can come to stand for."""
+    """Return the values that a pattern variable may take."""
 
     def has_variable(part: s.Part, below: list[bool]) -> bool:
         return isinstance(part, s.Name) or (isinstance(part, s.Items | s.Either) and any(below))
@@ -151,11 +152,11 @@ def _bindable(parts: list[s.Part], fields: list[tuple[str, Json]], whole: bool, 
     return [*(value for name, value in fields if name in names), *(events if whole else ())]
 
 
-# -- the predicates, true where they cannot tell -----------------------------------------------------------------------
+# The predicates, conservatively true.
 
 
 def _kind(part: s.Data, operands: list[str]) -> str:
-    """`truth` for connectives of comparisons, `number` for arithmetic over variables and numbers, else nothing."""
+    """Return `truth` for connectives of comparisons, `number` for arithmetic, else an empty string."""
     match part:
         case s.Constant(value):
             return "number" if is_number(value) else ""
@@ -183,9 +184,7 @@ def _leaves_unbound(program: s.RmlProgram) -> bool:
 
     @cache
     def bound(declaration: s.Declaration) -> frozenset[str]:
-        """The names that stand for a value once the pattern or the parents have matched, however
-        the event type is used.
-        """
+        """Return the names that are bound after any match of the pattern or the parents."""
         ways = [frozenset[str]() if declaration.negated else taken(one) for one in declaration.alternatives]
         return frozenset.intersection(*ways)
 
@@ -197,7 +196,9 @@ def _leaves_unbound(program: s.RmlProgram) -> bool:
         return frozenset.intersection(*ways) if ways else frozenset()
 
     def bound_by(part: s.Part, below: list[frozenset[str]]) -> frozenset[str]:
-        """What every choice of a pattern binds: what stands in a `|` may stay without a value."""
+        """Return the names that every alternative of a pattern binds; names in `|` may stay
+        unbound.
+        """
         if isinstance(part, s.Name):
             return frozenset([part.name])
         return frozenset() if isinstance(part, s.Either) else frozenset[str]().union(*below)
@@ -220,7 +221,7 @@ def _calculates_as_prolog(
         return False
 
     def may_lack_values(equation: s.Equation) -> bool:
-        """Whether a variable of a `let` can reach a condition or an argument, or none does."""
+        """Return whether a `let` variable reaches a condition or an argument."""
         inside = [*s.walk(equation.body)]
         own_conditions, own_arguments = _calculated(inside)
         let = {part.data for part in inside if isinstance(part, s.Expression) and part.operator == "block"}

@@ -1,8 +1,7 @@
-"""Which events an event type matches, and what that binds; what all event types of a text ask of events.
+"""Matching of events with event types, and the patterns that all event types of a text use.
 
-Declarations of one name are alternatives in their order; `|` in a pattern stands for several
-patterns, those of the first field varying slowest. `any` and `none` are there unless declared, and
-a declared `any` is wider.
+Declarations of one name are alternatives, in order. `|` in a pattern stands for several patterns;
+the first field varies slowest. `any` and `none` are predefined; a declaration of `any` adds to it.
 """
 
 import math
@@ -25,11 +24,9 @@ from rvaft.model.values import Json, equal, is_number
 Number: TypeAlias = int | float
 Bound: TypeAlias = Mapping[str, Json]
 
-# The value of a data expression: exact numbers, and nothing (`None`) where types are wrong or a variable is unbound.
-#
-# Integers are exact, the rest are IEEE doubles, and two strings compare by code points, as in the
-# tree language; the published monitor calculates with the real constraints of Prolog instead (see
-# `deviations`).
+# Values of data expressions: exact numbers, or `None` for wrong types and unbound variables.
+# Integers are exact, other numbers are IEEE doubles, and strings compare by code points, as in
+# trees. The published monitor uses Prolog's real constraints instead (see `deviations`).
 
 _MAX_BITS: Final = 100_000
 
@@ -51,7 +48,7 @@ _CALCULATE: Final[Mapping[str, Callable[..., Number]]] = {
 
 
 def value(data: s.Data, values: Bound) -> Json:
-    """A number, a truth value or another JSON value; None stands for no value (null counts as none)."""
+    """Return a JSON value, or None if the data has no value (null counts as none)."""
 
     def step(part: s.Data, given: list[Json]) -> Json:
         match part:
@@ -66,12 +63,12 @@ def value(data: s.Data, values: Bound) -> Json:
 
 
 def _mathematical(number: Number) -> Number:
-    """A number as its mathematical value: a double with an integral value is that integer."""
+    """Return the number, with an integral double as an integer."""
     return int(number) if isinstance(number, float) and number.is_integer() else number
 
 
 def _applied(sign: str, given: list[Json]) -> Json:
-    if sign in ("&&", "||"):  # the first operand where it decides, else the second
+    if sign in ("&&", "||"):  # the first operand if it decides, else the second
         first, second = given
         decided = first if not isinstance(first, bool) or first is (sign == "||") else second
         return decided if isinstance(decided, bool) else None
@@ -88,22 +85,24 @@ def _applied(sign: str, given: list[Json]) -> Json:
 
 
 def argument(data: s.Data, values: Bound) -> Json:
-    """The value of an argument of a generic equation; a variable without a value, or an error, counts as false."""
+    """Return the value of an argument of a generic equation; an unbound variable or an error is
+    false.
+    """
     found = value(data, values)
     known = isinstance(data, s.Constant) or (isinstance(data, s.Name) and data.name in values)
     return False if found is None and not known else found
 
 
-# -- matching ----------------------------------------------------------------------------------------------------------
+# Matching.
 
 
 class Mark(Enum):
-    """Values that equal nothing but themselves."""
+    """Values that equal only themselves."""
 
     UNBOUND = auto()
-    """What an event type leaves a variable that occurs in it and that the match does not bind."""
+    """A variable of an event type that the match does not bind."""
     UNEVALUATED = auto()
-    """An argument that is not calculated."""
+    """An argument that is not evaluated."""
 
 
 UNBOUND: Final = Mark.UNBOUND
@@ -116,7 +115,7 @@ class EventTypes:
         self._declared = program.declared
 
     def matches(self, use: s.TypeUse, event: Json) -> Iterator[dict[str, Json]]:
-        """What each way to match binds, for every variable among the arguments: a value or `UNBOUND`."""
+        """Yield for each match the value of every variable argument, or `UNBOUND`."""
         wanted = [parameter.name for parameter in use.parameters if isinstance(parameter, s.Name)]
         for found in self._ways(use, event, {}):
             yield {name: found.get(name, UNBOUND) for name in wanted}
@@ -124,14 +123,14 @@ class EventTypes:
                 return
 
     def _ways(self, use: s.TypeUse, event: Json, bound: Bound) -> Iterator[Bound]:
-        """The ways a use matches, as bindings of the variables around it."""
+        """Yield the matches of a use as bindings of the surrounding variables."""
         for declaration in self._declared.get(s.signature(use), ()):
             inner: dict[str, Json] = {}
             pairs = list(zip(declaration.parameters, use.parameters, strict=True))
             for name, given in pairs:
                 known = _given(given, bound)
                 if known is not UNBOUND and not equal(inner.setdefault(name, known), known):
-                    break  # one parameter is given two values
+                    break  # one parameter has two values
             else:
                 ways = self._alternatives(declaration, event, inner)
                 if declaration.negated:
@@ -139,7 +138,7 @@ class EventTypes:
                 for found in ways:
                     if declaration.guard is None or value(declaration.guard, found) is True:
                         outer = [bound]
-                        for name, given in pairs:  # patterns among the arguments are matched in turn
+                        for name, given in pairs:  # match pattern arguments in order
                             if name in found and isinstance(given, s.Name | s.Fields | s.Items):
                                 outer = [after for before in outer for after in _matching(given, found[name], before)]
                         yield from outer
@@ -162,7 +161,7 @@ def _given(given: s.Parameter, bound: Bound) -> Json:
 
 
 def _matching(pattern: s.Value, event: Json, bound: Bound) -> Iterator[Bound]:
-    """The ways a pattern matches a value, by an explicit stack of what is still to match."""
+    """Yield the matches of a pattern with a value, with an explicit stack."""
     stack: list[tuple[Any, Bound]] = [((pattern, event, None), bound)]
     while stack:
         todo, bound = stack.pop()
@@ -189,7 +188,7 @@ def _matching(pattern: s.Value, event: Json, bound: Bound) -> Iterator[Bound]:
                         rest = (inner, found[name], rest)
                     stack.append((rest, bound))
             case s.Items(items, more):
-                # the published `[...]` wants at least one item, `[x, ...]` at least as many as there are patterns
+                # the published `[...]` needs at least one item, `[x, ...]` at least one per pattern
                 least = max(len(items), 1) if more else len(items)
                 if isinstance(found, list) and (len(found) >= least if more else len(found) == least):
                     for inner, one in reversed(list(zip(items, found, strict=False))):
@@ -197,52 +196,49 @@ def _matching(pattern: s.Value, event: Json, bound: Bound) -> Iterator[Bound]:
                     stack.append((rest, bound))
 
 
-# -- what an RML text asks of events, as patterns with guards ----------------------------------------------------------
-#
-# Every use of an event type in an equation that `Main` reaches is unfolded into *ways* to match:
-# one pattern for each choice in each declaration, with the arguments and the patterns of derived
-# types filled in, and the guards met on the way. The reader asks events nothing else, so two events
-# that match the same ways are the same to it. `not` asks what it negates. A variable of an
-# expression ties events together and keeps its name; variables of declarations belong to one event
-# and begin with `_`.
-#
-# Unknown (None) where a question has no such form: lists that are open at the end, functions in
-# guards, a value that has to equal a part of the event *and* to match a pattern of its own.
+# The patterns with guards that an RML text uses.
+# Every use of an event type that is reachable from `Main` is unfolded into *ways* to match. A way
+# has one alternative of each declaration, with arguments and derived types filled in, and the
+# guards. The reader depends on nothing else of an event. `not` contributes what it negates.
+# Variables of expressions are shared between events and keep their names; variables of declarations
+# are local and begin with `_`.
+# The result is None if a use has no such form: open lists, functions in guards, or a value that
+# must equal a part of the event and match a pattern.
 
 _CHOICES: Final = 10_000
 _NESTING: Final = 100
 _ALWAYS: Final = Observed(p.ObjectPattern(()))
 """Every event is an object."""
 _NOTHING: Final = p.Literal(None)
-"""Stands for no value in guards: whatever is asked of null there is undefined."""
+"""A guard operand without value: operations on null are undefined."""
 _Value: TypeAlias = p.Pattern | Mark
-"""What a name stands for; `Mark.UNEVALUATED` equals nothing."""
+"""The value of a name; `Mark.UNEVALUATED` equals nothing."""
 _Scope: TypeAlias = Mapping[str, _Value]
 
 
 class _Unknown(Exception):
-    """A question that has no form as a pattern with a guard."""
+    """A use that is not expressible as a pattern with a guard."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Way:
-    """A way to match: a pattern (None after `not`), what names stand for, the guards met so far."""
+    """A way to match: a pattern (None after `not`), the values of names, and the guards."""
 
     pattern: p.Pattern | None
     scope: _Scope
     guards: tuple[Guard, ...] = ()
 
     def replaced(self, by: Mapping[str, p.Pattern]) -> "_Way":
-        """With something else for some variables."""
+        """Return the way with variables replaced."""
         pattern = None if self.pattern is None else p.substitute(self.pattern, by)
         scope = {n: value if isinstance(value, Mark) else p.substitute(value, by) for n, value in self.scope.items()}
         return _Way(pattern, scope, tuple(_filled(guard, by) for guard in self.guards))
 
 
 def observed(text: str) -> tuple[Observed, ...] | None:
-    """Everything that the text asks of events, or None where that cannot be said; raises `LanguageError`, `TooLarge`.
+    """Return the patterns and guards of a text, or None; raises `LanguageError`, `TooLarge`.
 
-    What every event matches is no question.
+    Patterns that match every event are left out.
     """
     program = parse(text)
     questions = _Questions(program)
@@ -257,7 +253,7 @@ def observed(text: str) -> tuple[Observed, ...] | None:
 
 
 class _Questions:
-    """The questions of one program."""
+    """The patterns and guards of one program."""
 
     def __init__(self, program: s.RmlProgram) -> None:
         self._fresh = count(1)
@@ -265,7 +261,7 @@ class _Questions:
         self._declared = program.declared
 
     def ask(self, ways: Iterator[_Way]) -> None:
-        """Each with its own variables numbered from 1: equal questions become one."""
+        """Add the patterns; local variables are numbered from 1, so that equal patterns are merged."""
         for way in ways:
             if way.pattern is None:
                 continue
@@ -278,7 +274,7 @@ class _Questions:
                 raise _Unknown
 
     def ways(self, use: s.TypeUse, scope: _Scope) -> Iterator[_Way]:
-        """The ways to match a use; their scope is that around the use."""
+        """Yield the ways to match a use; their scope is the surrounding one."""
         for declaration in self._declared.get(s.signature(use), ()):
             inner = _inward(declaration, use, scope)
             if inner is None:
@@ -301,8 +297,8 @@ class _Questions:
                 yield from filter(None, (self._way(pattern, inner) for pattern in _choices(one)))
 
     def _way(self, pattern: p.Pattern, inner: _Scope) -> _Way | None:
-        """A pattern with what its names stand for, the others being variables of this event; None
-        where it never matches.
+        """Return a pattern with its scope, or None if it never matches; unknown names become local
+        variables.
         """
         if any(inner.get(name) is Mark.UNEVALUATED for name in p.variables(pattern)):
             return None
@@ -312,7 +308,9 @@ class _Questions:
         return _Way(p.substitute(pattern, values), scope)
 
     def _outward(self, declaration: s.Declaration, use: s.TypeUse, way: _Way, scope: _Scope) -> _Way | None:
-        """The way as seen from around the use: arguments take up what the parameters stand for, or have to fit it."""
+        """Return the way in the surrounding scope: arguments take or must match the parameters'
+        values.
+        """
         outer, inner = replace(way, scope=dict(scope)), way.scope
         for name, given in zip(declaration.parameters, use.parameters, strict=True):
             if name not in inner:
@@ -338,7 +336,7 @@ class _Questions:
 
 
 def _inward(declaration: s.Declaration, use: s.TypeUse, scope: _Scope) -> _Scope | None:
-    """What the arguments give the parameters; None where one parameter is given two values."""
+    """Return the values of parameters, or None if one parameter has two values."""
     inner: dict[str, _Value] = {}
     for name, given in zip(declaration.parameters, use.parameters, strict=True):
         known = _given(given, scope)
@@ -353,7 +351,7 @@ def _inward(declaration: s.Declaration, use: s.TypeUse, scope: _Scope) -> _Scope
 
 
 def _equal(value: _Value, wanted: _Value) -> Mapping[str, p.Pattern] | None:
-    """What to put for a variable of the event so that two values are equal; None where they cannot be."""
+    """Return the substitution that makes two values equal, or None if there is none."""
     for one, other in ((value, wanted), (wanted, value)):
         if isinstance(one, p.Variable) and one.local and isinstance(other, p.Literal | p.Variable):
             return {} if one == other else {one.name: other}
@@ -365,10 +363,7 @@ def _equal(value: _Value, wanted: _Value) -> Mapping[str, p.Pattern] | None:
 
 
 def _fits(value: _Value, wanted: p.Pattern, whole: p.Pattern | None) -> Mapping[str, p.Pattern]:
-    """What to put for a variable so that a value fits a pattern.
-
-    The pattern, where the variable stands nowhere else.
-    """
+    """Return the substitution that makes a value match a pattern, if its variable occurs only once."""
     uses = 0 if whole is None else sum(part == value for part in p.walk(whole))
     if isinstance(value, p.Variable) and value.local and uses == 1:
         return {value.name: wanted}
@@ -376,7 +371,7 @@ def _fits(value: _Value, wanted: p.Pattern, whole: p.Pattern | None) -> Mapping[
 
 
 def _choices(value: s.Value) -> Iterator[p.Pattern]:
-    """The patterns that a pattern with `|` stands for, names as variables; counted before any is made."""
+    """Return the patterns of a pattern with `|`; their number is checked first."""
 
     def size(part: s.Part, below: list[tuple[int, int]]) -> tuple[int, int]:
         sizes, depths = zip(*below, strict=True) if below else ((), (-1,))
@@ -407,12 +402,12 @@ def _choices(value: s.Value) -> Iterator[p.Pattern]:
     return iter(made)
 
 
-# RML compares two numbers or two strings and nothing else, while `==` of a guard compares all
-# values. So `x == y` becomes `x <= y and x >= y`, and `x != y` becomes `x < y or x > y`, which are
-# undefined where RML's have no value.
+# RML compares only two numbers or two strings, but `==` of guards compares all values. `x == y`
+# therefore becomes `x <= y and x >= y`, and `x != y` becomes `x < y or x > y`. These are undefined
+# when RML's comparisons have no value.
 
 _NUMBERS: Final = frozenset({Operator.ABS, Operator.MIN, Operator.MAX})
-"""Functions that trees have too."""
+"""Functions that trees also have."""
 _SAME: Final = {
     **{sign: Operator(sign) for sign in ("<", "<=", ">", ">=", "+", "-", "*", "/", "neg", *_NUMBERS)},
     "&&": Operator.AND,
@@ -425,9 +420,7 @@ _PAIRS: Final = {
 
 
 def _condition(data: s.Data, scope: _Scope, depth: int = 0) -> Guard:
-    """A `with` of RML as a guard that holds for the same values; unbound names, objects and lists
-    have no value there.
-    """
+    """Return an RML `with` as an equivalent guard; unbound names, objects and lists have no value."""
     if depth > g.MAX_DEPTH:
         raise _Unknown
     match data:
@@ -438,7 +431,7 @@ def _condition(data: s.Data, scope: _Scope, depth: int = 0) -> Guard:
         case s.Apply(sign, operands):
             parts = tuple(_condition(operand, scope, depth + 1) for operand in operands)
             truths = any(isinstance(part, Operation) and part.operator not in g.ARITHMETIC | _NUMBERS for part in parts)
-            if truths and sign not in ("&&", "||"):  # a truth value is neither compared nor calculated with
+            if truths and sign not in ("&&", "||"):  # Booleans are neither compared nor calculated with
                 return _NOTHING
             if sign in _PAIRS:
                 joint, *compared = _PAIRS[sign]

@@ -1,15 +1,11 @@
-"""A monitor that runs an RML text by the published transition rules.
+"""A monitor for RML texts by the published transition rules, with left preference.
 
-One step of a term by one event, with left preference.
+A rule requests the ways of its parts (with `first`, one suffices), and returns the ways of the
+whole, best first. Only a conjunction uses second ways, to find common bindings. Other operators
+commit to the first way of a part; the last alternative passes all its ways on.
 
-A rule asks for the ways of the parts that it needs (saying whether the first will do) and returns
-the ways of the whole, best first. Only a conjunction ever looks at a second way, to find bindings
-that its sides share. Everything else commits: to the first way of its parts, except that the last
-alternative passes all of its ways on.
-
-A variable that an event passes without binding it (`not` types, `|` in patterns) is open from then
-on: no block binds it any more, and the next type that has it as an argument gives it its value,
-everywhere at once.
+An event may match without binding a variable (`not` types, `|` in patterns). The variable is then
+*open*: no block binds it, and the next event type with it as an argument binds all its occurrences.
 """
 
 from collections.abc import Hashable
@@ -27,25 +23,26 @@ from rvaft.monitors import Monitor
 from rvaft.support.budget import Call, run
 
 DEPTH_LIMIT: Final = 50_000
-"""How many terms may wait for each other while equations are unfolded."""
+"""The maximum number of nested terms while equations are unfolded."""
 _REMEMBERED: Final = 1024
 Bindings: TypeAlias = dict[str, Json]
 Way: TypeAlias = tuple[RmlTerm, Bindings]
-"""The term afterwards and what the step binds."""
+"""The next term, and the bindings of the step."""
 _NOTHING: Final[Bindings] = {}
 
 
 @lru_cache(maxsize=256)
 def rules(text: str) -> "Transitions":
-    """The rules of a text; raises as `read` does."""
+    """Return the rules of a text; raises as `read` does."""
     return Transitions(parse(text))
 
 
 def read(text: str) -> Monitor:
-    """A fresh monitor of the specification; raises `LanguageError`, and `TooLarge` where event types nest too deep.
+    """Return a new monitor; raises `LanguageError`, and `TooLarge` for too deeply nested event
+    types.
 
-    Monitors of one text share its terms, so that their states can be compared. A step raises `TooLarge` where equations
-    unfold into each other without end, which the static check cannot always see.
+    Monitors of one text share terms, so that states are comparable. A step raises `TooLarge` if
+    equations unfold without end; the static check does not find all such cases.
 
     >>> [str(verdict) for verdict in read("a matches {e: 'a'}; Main = a a;").run([{"e": "a"}, {"e": "a"}])]
     ['unknown', 'true']
@@ -54,7 +51,9 @@ def read(text: str) -> Monitor:
 
 
 class RmlMonitor(Monitor):
-    """⊤ from the first prefix whose state may halt, ⊥ when no rule applies any more, else ?; ? before any event."""
+    """⊤ from the first prefix whose term may halt, ⊥ if no rule applies, else ?; ? before any
+    event.
+    """
 
     def __init__(self, rules: "Transitions") -> None:
         super().__init__()
@@ -68,7 +67,7 @@ class RmlMonitor(Monitor):
 
     def _advance(self, event: Json) -> Verdict:
         assert self._term is not None
-        if not self._rules.may_halt(self._term):  # it may only before the first event: what was ⊤ there stays ⊤
+        if not self._rules.may_halt(self._term):  # a term that may halt before any event stays ⊤
             self._term = self._rules.step(self._term, event)
         if self._term is None:
             return Verdict.FALSE
@@ -79,7 +78,7 @@ class RmlMonitor(Monitor):
 
 
 class Transitions:
-    """The rules for one program; the steps that were taken last are remembered."""
+    """The rules of one program, with a cache of recent steps."""
 
     def __init__(self, program: RmlProgram) -> None:
         self.terms = TermTable(program)
@@ -89,7 +88,7 @@ class Transitions:
         self._matched: dict[tuple[RmlTerm, Hashable, bool], list[Bindings]] = {}
 
     def step(self, term: RmlTerm, event: Json) -> RmlTerm | None:
-        """The term after the event, or None where no rule applies; raises `TooLarge` where unfolding finds no end."""
+        """Return the term after the event, or None if no rule applies; raises `TooLarge`."""
         asked = term, mark(event)
         try:
             return self._taken[asked]
@@ -104,9 +103,9 @@ class Transitions:
         return after
 
     def matches(self, term: RmlTerm, event: Json, known: Hashable, *, first: bool) -> list[Bindings]:
-        """What the ways bind in which an event, with what it is `known` by, matches the type of a term.
+        """Return the bindings of the matches of an event with the type of a term.
 
-        The first one alone, if that will do.
+        `known` identifies the event; `first` restricts the result to one match.
         """
         asked = term, known, first
         if asked not in self._matched:
@@ -122,10 +121,7 @@ class Transitions:
         return self._matched[asked]
 
     def may_halt(self, term: RmlTerm) -> bool:
-        """Whether a trace may end here; each term remembers its answer.
-
-        Raises `TooLarge` where unfolding finds no end.
-        """
+        """Return whether a trace may end here (cached); raises `TooLarge` for endless unfolding."""
         return run(self._halting(term, 0)) if term.halts is None else term.halts
 
     def _halting(self, term: RmlTerm, depth: int) -> Call[bool]:
@@ -150,7 +146,7 @@ class Transitions:
         return term.halts
 
     def chosen(self, term: RmlTerm) -> RmlTerm:
-        """What a condition or the name of an equation stands for."""
+        """Return the chosen branch of a condition, or the body of a called equation."""
         if term.operator == "call":
             return self.terms.unfolded(term)
         condition, environment = term.data
@@ -164,7 +160,7 @@ def _check_depth(depth: int) -> None:
 
 
 class _RmlStep:
-    """One event."""
+    """The step for one event."""
 
     def __init__(self, transitions: Transitions, event: Json, known: Hashable) -> None:
         self.terms = transitions.terms
@@ -176,7 +172,7 @@ class _RmlStep:
         self._known: dict[tuple[RmlTerm, bool], list[Way]] = {}
 
     def ways(self, term: RmlTerm, first: bool) -> Call[list[Way]]:
-        """The ways of a term to take the event, best first; `first` says that one will do."""
+        """Return the ways of a term to take the event, best first; with `first`, one suffices."""
         found = self._known.get((term, first))
         if found is None:
             _check_depth(self._depth)
@@ -239,7 +235,9 @@ class _RmlStep:
                 raise AssertionError(operator)
 
     def _both(self, term: RmlTerm, first: bool) -> Call[list[Way]]:
-        """Depth first through the ways of the parts; `chosen` holds one term for each part but the last looked at."""
+        """Combine the ways of all parts depth-first; `chosen` holds one term per part before the
+        current one.
+        """
         parts, chosen, bound, found = term.parts, list[RmlTerm](), [_NOTHING], list[Way]()
         left = [iter((yield self.ways(parts[0], False)))]
         while left:
@@ -300,7 +298,9 @@ def _agree(left: Json, right: Json) -> bool:
 
 
 def _merged(left: Bindings, right: Bindings) -> Bindings | None:
-    """Both bindings, or None where they differ; a variable that one side left unbound agrees with nothing."""
+    """Return the union of bindings, or None on a conflict; a variable that one side left unbound
+    conflicts.
+    """
     if not left or not right:
         return left or right
     for name in left.keys() & right.keys():

@@ -1,4 +1,4 @@
-"""From RML text to the values of `syntax`, by the published grammar."""
+"""A parser from RML text to `syntax`, by the published grammar."""
 
 import math
 import re
@@ -18,7 +18,7 @@ _SIGNS: Final = {
     "any_of": "||", "all_of": "&&", "ne": "!=", "eq": "==", "ge": ">=", "gt": ">", "le": "<=", "lt": "<",
     "sub": "-", "add": "+", "div": "/", "mul": "*", "neg": "neg", "pow": "^",
 }  # fmt: skip
-"""The operators of data, by the names that the grammar gives them."""
+"""Operators of data, by rule names of the grammar."""
 _WORDS: Final = {
     "SEMICOLON": "';'",
     "LOWER": "a name in lower case",
@@ -38,7 +38,7 @@ _LITERALS: Final = {"LOWER", "INT", "FLOAT", "BOOLEAN", "_NULL", "STRING", "_IGN
 
 
 def _string(token: str) -> str:
-    """What a quoted string stands for."""
+    """Return the value of a quoted string."""
     return re.sub(r"\\(.)", lambda escape: _ESCAPES[escape[1]], token[1:-1])
 
 
@@ -51,9 +51,7 @@ def _declaration(use: s.TypeUse, no: Token | None, found: Any, guard: s.Data | N
     if len(names) < len(use.parameters):
         raise s.refusal(f"the parameters of {use.name} must be names where it is declared", use.place)
     types = [one for one in found if isinstance(one, s.TypeUse)]
-    if len(types) < len(
-        found
-    ):  # a name beside a pattern, where no event type can stand, is a variable for the whole event
+    if len(types) < len(found):  # a name beside a pattern is a variable for the whole event
         for one in types:
             if one.parameters:
                 raise s.refusal(f"the event type {one.name} cannot stand beside a pattern", one.place)
@@ -62,7 +60,7 @@ def _declaration(use: s.TypeUse, no: Token | None, found: Any, guard: s.Data | N
 
 
 def _argument(given: s.Parameter) -> s.Parameter:
-    """An argument of an event type: a number may have a sign, nothing else is calculated."""
+    """Return an argument of an event type; a signed number is a constant, other operators stay."""
     match given:
         case s.Apply("neg", (s.Constant(int() | float() as value),)) if not isinstance(value, bool):
             return s.Constant(-value)
@@ -90,7 +88,7 @@ def _distinct(named: Iterable[tuple[str, s.Position, Any]], message: str) -> dic
 
 
 class _RmlSyntax(Transformer[Token, Any]):
-    """From the rules of the grammar to the values of `syntax`; rules not named here are operators on their parts."""
+    """Transforms grammar rules to `syntax`; other rules become operators on their parts."""
 
     def __default__(self, rule: str, parts: list[Any], _meta: Any) -> Any:
         match str(rule), parts:
@@ -148,18 +146,16 @@ class _RmlSyntax(Transformer[Token, Any]):
                 return s.Equation(str(name), tuple(map(str, generics or ())), body, _place(name))
             case name, _ if name in _SIGNS:
                 return s.Apply(_SIGNS[name], tuple(parts))
-            case name, _:  # those of Lark's own, for a repetition, begin with `_`
+            case name, _:  # Lark's own rules for repetitions begin with `_`
                 return Tree(name, parts) if name.startswith("_") else s.Expression(name, tuple(parts))
 
 
 @lru_cache(maxsize=64)
 def parse(text: str) -> s.RmlProgram:
-    """The specification.
+    """Return the specification (cached).
 
-    Raises `LanguageError` with line, column and what was expected, or where it cannot run, and
+    Raises `LanguageError` with line and column for texts that are malformed or cannot run, and
     `TooLarge`.
-
-    Whoever runs a text asks several things of it, so some are kept.
 
     >>> list(parse("a matches {e: 'a'}; Main = a all;").equations)
     ['Main']
@@ -183,8 +179,8 @@ def _parser() -> Lark:
 
 
 class _LookAhead:
-    """Tells a parenthesis that opens parameters from one that groups, and a brace that opens a
-    block from one that counts.
+    """Distinguishes parentheses of parameters from groups, and braces of blocks from repetition
+    counts.
     """
 
     always_accept = ()
@@ -209,7 +205,7 @@ class _LookAhead:
 
 
 def _are_parameters(tokens: list[Token]) -> bool:
-    """Whether the tokens between two parentheses can be read as parameters of an event type."""
+    """Return whether the tokens between two parentheses form parameters of an event type."""
     if all(token.type in _LITERALS if index % 2 == 0 else token.type == "COMMA" for index, token in enumerate(tokens)):
         return len(tokens) % 2 == 1
     for start in ("parameters", "choices"):

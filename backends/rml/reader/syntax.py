@@ -1,7 +1,7 @@
-"""The parts of an RML specification as immutable values, the walks over them, and what cannot run.
+"""RML specifications as immutable values, traversals of them, and static checks.
 
-Sequences, unions, shuffles and conjunctions are flat, so that long ones are not deep; nothing
-compares or hashes the nested values and nothing recurses over them, so depth costs no recursion.
+Sequences, unions, shuffles and conjunctions are flat. Nested values are not compared or hashed, and
+traversals do not recurse, so that depth is unlimited.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -14,14 +14,14 @@ from rvaft.errors import LanguageError, TooLarge
 from rvaft.model.values import Json
 
 DERIVATION_LIMIT: Final = 100
-"""How many event types may be derived from each other in a row."""
+"""The maximum length of a chain of derived event types."""
 Position: TypeAlias = tuple[int, int]
 """A line and a column."""
 
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """A string, a number, a boolean or null."""
+    """A string, a number, a Boolean or null."""
 
     value: Json
 
@@ -35,9 +35,9 @@ class Name:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Apply:
-    """An operator or a function applied; `operator` is as it is written, `neg` for the unary minus.
+    """An applied operator or function in its RML spelling; `neg` is the unary minus.
 
-    As the argument of an event type it is not calculated, and no value equals it.
+    As an argument of an event type it is not evaluated, and equals no value.
     """
 
     operator: str
@@ -46,12 +46,12 @@ class Apply:
 
 @dataclass(frozen=True, slots=True)
 class Ignored:
-    """`_`."""
+    """The pattern `_`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fields:
-    """An object that has at least these fields."""
+    """An object with at least these fields."""
 
     fields: tuple[tuple[str, "Value"], ...]
 
@@ -66,7 +66,7 @@ class Items:
 
 @dataclass(frozen=True, slots=True)
 class Either:
-    """`v1 | v2 | …` inside a pattern."""
+    """The pattern `v1 | v2 | …`."""
 
     values: tuple["Value", ...]
 
@@ -92,7 +92,9 @@ class TypeUse:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Declaration:
-    """`name(parameters) [not] matches … [with guard];`: the alternatives are patterns or event types."""
+    """`name(parameters) [not] matches … [with guard];`: the alternatives are patterns or event
+    types.
+    """
 
     name: str
     parameters: tuple[str, ...]
@@ -102,7 +104,7 @@ class Declaration:
 
 
 def signature(one: TypeUse | Declaration) -> tuple[str, int]:
-    """What the declarations of an event type are found by."""
+    """Return the key of an event type: name and number of parameters."""
     return one.name, len(one.parameters)
 
 
@@ -110,18 +112,22 @@ EVERYWHERE: Final = (
     Declaration("any", (), negated=False, alternatives=(Fields(()),)),
     Declaration("none", (), negated=True, alternatives=(TypeUse("any"),)),
 )
-"""The event types that every specification has; one that is declared as well is wider."""
+"""The predefined event types; a declaration of the same name adds alternatives."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expression:
     """An operator, its parts, and data that depends on the operator.
 
-    `empty`, `all`; `event` (a `TypeUse`); `cat`, `and`, `or`, `shuffle`; `star`, `plus`,
-    `optional`, `closure`, `times` (the number); `filter` (a `TypeUse`; the parts are inside and
-    outside); `block` (the variable); `if` (the condition; the parts are yes and no); `call` (the
-    name of an equation and its arguments). Those of `if` and `call` end with what is known of the
-    variables: nothing yet.
+    - `empty`, `all`, `cat`, `and`, `or`, `shuffle`, `star`, `plus`, `optional`, `closure`: no data
+    - `event`: a `TypeUse`
+    - `times`: the number
+    - `filter`: a `TypeUse`; the parts are inside and outside
+    - `block`: the variable
+    - `if`: the condition; the parts are yes and no
+    - `call`: the name of an equation and its arguments
+
+    The data of `if` and `call` ends with an environment, which is empty here.
     """
 
     operator: str
@@ -149,14 +155,14 @@ class RmlProgram:
 
     @property
     def declared(self) -> Mapping[tuple[str, int], list[Declaration]]:
-        """The declarations of each event type, those that every specification has among them."""
+        """The declarations of each event type, including predefined ones."""
         found: dict[tuple[str, int], list[Declaration]] = {}
         for declaration in (*self.declarations, *EVERYWHERE):
             found.setdefault(signature(declaration), []).append(declaration)
         return found
 
     def reachable(self, names: Iterable[str] = ("Main",)) -> Iterator[Equation]:
-        """The equations that some can unfold, these among them."""
+        """Yield the equations reachable from some equations, themselves included."""
         seen = dict.fromkeys(names)
         waiting = list(seen)
         while waiting:
@@ -166,8 +172,8 @@ class RmlProgram:
             waiting += fresh
 
     def settle(self, is_new: Callable[[str], bool]) -> None:
-        """Ask `is_new` of every equation, and again of those that use one of which something was
-        new, until nothing is.
+        """Call `is_new` for each equation until a fixpoint; users of a changed equation are
+        repeated.
         """
         users: dict[str, list[str]] = {name: [] for name in self.equations}
         for equation in self.equations.values():
@@ -179,7 +185,7 @@ class RmlProgram:
                 waiting.extend(users[name])
 
 
-# -- walks -------------------------------------------------------------------------------------------------------------
+# Traversals.
 
 Part: TypeAlias = Data | Value | TypeUse | Declaration | Expression
 P = TypeVar("P")
@@ -187,7 +193,7 @@ R = TypeVar("R")
 
 
 def inside(part: Part) -> Sequence[Part]:
-    """What a part is made of, in order; of an expression the parts, then its data."""
+    """Return the children of a part in order; for an expression its parts, then its data."""
     match part:
         case Expression("event" | "filter", parts, use):
             return (*parts, use)
@@ -208,7 +214,7 @@ def inside(part: Part) -> Sequence[Part]:
 
 
 def walk(*roots: Part) -> Iterator[Part]:
-    """All parts, wholes before parts, what comes last first."""
+    """Yield all parts, parents first, last children first."""
     todo = list(roots)
     while todo:
         yield (part := todo.pop())
@@ -216,17 +222,17 @@ def walk(*roots: Part) -> Iterator[Part]:
 
 
 def expressions(root: Expression) -> Iterator[Expression]:
-    """The expressions in an expression, parts before wholes, in order."""
+    """Return the expressions in an expression, children first, in order."""
     return reversed([part for part in walk(root) if isinstance(part, Expression)])
 
 
 def references(body: Expression) -> list[str]:
-    """The equations that an expression refers to."""
+    """Return the equations that an expression refers to."""
     return [part.data[0] for part in expressions(body) if part.operator == "call"]
 
 
 def names(*data: Data) -> frozenset[str]:
-    """The variables in data expressions."""
+    """Return the variables in data expressions."""
     return frozenset(part.name for part in walk(*data) if isinstance(part, Name))
 
 
@@ -235,7 +241,7 @@ def fold(
     step: Callable[[P, list[R]], R],
     below: Callable[[P], Sequence[P]] = inside,  # type: ignore[assignment]
 ) -> R:
-    """The value of a tree, from the values of what is below each part; without recursion."""
+    """Return the value of a tree, computed bottom-up without recursion."""
     order, todo = list[tuple[P, int]](), [root]
     while todo:
         parts = below(part := todo.pop())
@@ -248,18 +254,17 @@ def fold(
     return done[0]
 
 
-# -- what cannot run: the published compiler refuses all but types derived from themselves, which
-# its monitor never returns from
+# Static checks. The published compiler makes them too, except for types derived from themselves, on
+# which its monitor does not terminate.
 
 
 def refusal(message: str, place: Position = (1, 1)) -> LanguageError:
-    """The error for a text that is no RML, or that cannot run."""
+    """Return the error for a text that is not RML, or that cannot run."""
     return LanguageError(message, file="<rml>", line=place[0], column=place[1])
 
 
 def check(program: RmlProgram) -> None:
-    """Raises `LanguageError` for undefined equations, ones that unfold without an event, types derived from themselves.
-
+    """Raise `LanguageError` for undefined or non-contractive equations and for cyclic types, and
     `TooLarge`.
     """
     if "Main" not in program.equations:
@@ -272,7 +277,9 @@ def check(program: RmlProgram) -> None:
             for given in part.data.parameters if isinstance(part.data, TypeUse) else ():
                 text = isinstance(given, Constant) and isinstance(given.value, str)
                 if text or isinstance(given, Ignored | Fields | Items):
-                    reason = "a string, `_`, list or object is no argument in an expression; derive an event type"
+                    reason = (
+                        "an argument in an expression cannot be a string, `_`, list or object; derive an event type"
+                    )
                     raise refusal(f"{part.data.name}: {reason}", part.data.place)
     _check_contractive(program)
 
@@ -283,7 +290,7 @@ def _check_derived(program: RmlProgram) -> None:
         parents = [parent for parent in declaration.alternatives if isinstance(parent, TypeUse)]
         for parent in parents:
             if any(isinstance(part, Either) for part in walk(parent)):
-                raise refusal(f"{parent.name}: no `|` inside an argument", parent.place)
+                raise refusal(f"{parent.name}: `|` is not allowed inside an argument", parent.place)
         for parent in parents:
             if signature(parent) == signature(declaration):
                 raise refusal(f"the event type {declaration.name} is derived from itself", parent.place)

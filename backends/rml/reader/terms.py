@@ -1,11 +1,8 @@
-"""The states of a running specification: terms, one object for all that are equal.
+"""The states of a monitor: hash-consed terms.
 
-A term is kept once (hash-consing), so equality is identity and a state is hashed in no time.
-Equations are unfolded only when a step needs them: a call holds the name of the equation and the
-values that variables had where it stood, no more than the equation can use. Nothing here recurses
-over a term.
-
-A variable that an event passed without binding it is *open*; open variables have names that begin with `?`.
+Equal terms are identical objects. Equations are unfolded on demand: a call holds the equation name
+and the variable values that the equation can use. Nothing recurses over terms. A variable that an
+event matched without binding is *open*; its name begins with `?`.
 """
 
 from collections.abc import Hashable, Iterable, Mapping
@@ -18,15 +15,15 @@ from backends.rml.reader.syntax import Constant, Data, Expression, Name, RmlProg
 from rvaft.model.values import Json
 
 Values: TypeAlias = Mapping[str, Json | Name]
-"""What variables stand for: a value, or (for one that an event passed without binding) another variable."""
+"""Values of variables: a value, or another variable for an open one."""
 Environment: TypeAlias = tuple[tuple[str, Json], ...]
 _FLAT: Final = ("and", "or", "shuffle")
 
 
 def mark(value: Json | Name) -> Hashable:
-    """A hashable stand-in for a value or a variable: two have the same one only where nothing can ever tell them apart.
+    """Return a hashable key of a value or variable; equal keys are indistinguishable.
 
-    Finer than equality of JSON values: 1 and 1.0 are equal, and their marks are not.
+    Keys are finer than JSON equality: 1 and 1.0 are equal but have different keys.
     """
     out: list[Hashable] = []
     todo = [value]
@@ -48,17 +45,14 @@ def mark(value: Json | Name) -> Hashable:
 
 
 def is_open(name: str) -> bool:
-    """Whether a variable is one that an event passed without binding it."""
+    """Return whether a variable is open."""
     return name.startswith("?")
 
 
 def _free_variables(program: RmlProgram) -> Mapping[str, frozenset[str]]:
-    """For each equation the variables it can use, its parameters left out.
+    """Return for each equation its free variables and those of the equations that it refers to.
 
-    Its own, and those of equations it refers to.
-
-    Equations see the variables of the place they are unfolded at (scope is dynamic), so this is
-    what has to travel with them.
+    Scope is dynamic: an equation uses the variables of the place where it is unfolded.
     """
     found: dict[str, frozenset[str]] = {}
     uses: dict[str, set[tuple[str, frozenset[str]]]] = {}
@@ -68,7 +62,7 @@ def _free_variables(program: RmlProgram) -> Mapping[str, frozenset[str]]:
         while todo:
             part, hidden = todo.pop()
             match part:
-                case Expression("call", data=(name, arguments, _)):  # with the variables of blocks around the reference
+                case Expression("call", data=(name, arguments, _)):  # with the variables of surrounding blocks
                     uses[equation.name].add((name, hidden))
                     own |= names(*arguments) - hidden
                 case Expression("event" | "filter", data=use):
@@ -91,9 +85,8 @@ def _free_variables(program: RmlProgram) -> Mapping[str, frozenset[str]]:
 
 @dataclass(slots=True, eq=False, weakref_slot=True, repr=False)
 class RmlTerm:
-    """One term: an `Expression` whose calls and conditions know the values of variables.
-
-    `free` are those it can still use.
+    """An `Expression` whose calls and conditions hold variable values; `free` are its free
+    variables.
     """
 
     operator: str
@@ -116,7 +109,7 @@ class TermTable:
         self.nothing: Final = self.make("nothing")
 
     def make(self, operator: str, parts: Iterable[RmlTerm] = (), data: Any = None) -> RmlTerm:
-        """The one term of that form, nested joins of one kind made flat."""
+        """Return the unique term of this form; nested joins of one kind are flattened."""
         found = _flat(operator, parts) if operator in _FLAT else list(parts)
         distinct, own = self._described(operator, data)
         identity = (operator, tuple(map(id, found)), distinct)
@@ -128,10 +121,10 @@ class TermTable:
         return known
 
     def _described(self, operator: str, data: Any) -> tuple[Hashable, frozenset[str]]:
-        """What tells data from other data, and the variables that it uses."""
+        """Return the key of data, and its variables."""
 
         def marked(arguments: Iterable[Any]) -> Hashable:
-            """By their values, else variables by name and expressions by identity."""
+            """Return constants by value, variables by name and expressions by identity."""
             return tuple(mark(one.value) if isinstance(one, Constant) else one for one in arguments)
 
         identity: tuple[Hashable, ...]
@@ -144,7 +137,7 @@ class TermTable:
                 identity, usable = (name, marked(arguments)), self._usable(name, arguments)
             case _:
                 return data, frozenset()
-        # The variables that it can still use when it knows some of them, by their own names or as others.
+        # Variables that are still usable, under their own or substituted names.
         unknown = usable.difference(name for name, _ in environment)
         as_others = (value.name for _, value in environment if isinstance(value, Name))
         return (*identity, *((name, mark(value)) for name, value in environment)), unknown.union(as_others)
@@ -152,10 +145,10 @@ class TermTable:
     def _usable(self, name: str, arguments: Iterable[Data]) -> frozenset[str]:
         return self._free.get(name, frozenset[str]()) | names(*arguments)
 
-    # -- from the text -------------------------------------------------------------------------------------------------
+    # From the text.
 
     def body(self, name: str) -> RmlTerm:
-        """The right-hand side of an equation."""
+        """Return the right-hand side of an equation."""
         if name not in self._bodies:
             self._bodies[name] = fold(
                 self._equations[name].body, lambda part, below: self._filled(part, below, {}), lambda part: part.parts
@@ -163,8 +156,8 @@ class TermTable:
         return self._bodies[name]
 
     def unfolded(self, term: RmlTerm) -> RmlTerm:
-        """The body of the equation that a call names, with its arguments and values; nothing where
-        the arguments do not fit.
+        """Return the body of a called equation with arguments and values; `nothing` on an arity
+        mismatch.
         """
         name, arguments, environment = term.data
         parameters = self._equations[name].parameters
@@ -175,7 +168,7 @@ class TermTable:
         return self.substituted(self.body(name), {**values, **given})
 
     def _filled(self, part: Expression | RmlTerm, below: list[RmlTerm], values: Values) -> RmlTerm:
-        """A term with new parts, and with values for the variables in its data."""
+        """Return a term with new parts, and values for the variables in its data."""
 
         def known(environment: Environment) -> Values:
             return {**values, **{n: values.get(v.name, v) if isinstance(v, Name) else v for n, v in environment}}
@@ -198,17 +191,17 @@ class TermTable:
             case operator, data:
                 return self.make(operator, below, data)
 
-    # -- forms, as in the published monitor but for `t | all` (see `deviations`) ---------------------------------------
+    # Normal forms, as in the published monitor apart from `t | all` (see `deviations`).
 
     def sequence(self, parts: list[RmlTerm]) -> RmlTerm:
-        """One after the other, nested to the right."""
+        """Return a sequence nested to the right."""
         term = parts[-1]
         for before in reversed(parts[:-1]):
             term = self.make("cat", (before, term))
         return term
 
     def then(self, first: RmlTerm, rest: RmlTerm) -> RmlTerm:
-        """What is left of a first part, and the rest; nested to the right by one step, not simplified further."""
+        """Return the remainder of a first part, then the rest; not simplified further."""
         if first in (self.all, self.nothing) or rest is self.empty:
             return first
         if first is self.empty:
@@ -216,7 +209,7 @@ class TermTable:
         return self.sequence([*(first.parts if first.operator == "cat" else (first,)), rest])
 
     def joined(self, operator: str, parts: Iterable[RmlTerm]) -> RmlTerm:
-        """A shuffle or a conjunction without the parts that ask for nothing."""
+        """Return a shuffle or conjunction without its neutral elements."""
         neutral = self.empty if operator == "shuffle" else self.all
         left = [part for part in _flat(operator, parts) if part is not neutral]
         if len(left) > 1:
@@ -224,13 +217,13 @@ class TermTable:
         return left[0] if left else neutral
 
     def block(self, variable: str, body: RmlTerm) -> RmlTerm:
-        """`{let variable; body}`; nothing can be bound where nothing is left to do."""
+        """Return `{let variable; body}`; the block is dropped if the body is complete."""
         return body if body in (self.empty, self.all) else self.make("block", (body,), variable)
 
-    # -- substitution --------------------------------------------------------------------------------------------------
+    # Substitution.
 
     def substituted(self, term: RmlTerm, values: Values) -> RmlTerm:
-        """The term with values for variables; a block hides its own variable."""
+        """Return the term with values for variables; a block hides its own variable."""
         start = term.free.intersection(values)
         if not start:
             return term
@@ -252,12 +245,14 @@ class TermTable:
         return done[term, start]
 
     def opened(self, term: RmlTerm, bound: Mapping[str, Json]) -> RmlTerm:
-        """The term with those of some bindings that give an open variable its value."""
+        """Return the term with open variables replaced by their new values."""
         values = {name: value for name, value in bound.items() if is_open(name) and value is not UNBOUND}
         return self.substituted(term, values) if values else term
 
     def canonical(self, term: RmlTerm) -> RmlTerm:
-        """The term with its open variables numbered by where they first occur, so that equal states are equal terms."""
+        """Return the term with open variables numbered by first occurrence, so that equal states
+        are equal terms.
+        """
         order: dict[str, None] = {}
         seen: set[RmlTerm] = set()
         todo = [term]

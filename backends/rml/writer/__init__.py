@@ -1,4 +1,4 @@
-"""From a tree to an RML text: gate by gate where that is safe, else determinised into equations."""
+"""Properties to RML texts: by composition if that is safe, else by determinisation into equations."""
 
 from contextlib import suppress
 from typing import Final, TypeAlias
@@ -16,26 +16,22 @@ from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits
 
 SMALL: Final = 120
-"""A tree with a VOT is written as equations if these have so few alternatives.
+"""A tree with a VOT is determinised if it has at most this many alternatives.
 
-The published monitors then say `true` at the event that completes a detection, and not one event
-later, as with optional children beside a count. No limit decides which it is.
+The published monitors then report `true` at the completing event. With optional children beside a
+count they report it one event later. The user's limit does not affect this choice.
 """
 SYMBOLS: Final = 10
-"""How many symbols of the text the limit allows for each alternative it allows.
-
-A text has to be read in reasonable time.
-"""
+"""Symbols of the text per alternative of the limit, which bounds the time to read the text."""
 RmlProperty: TypeAlias = tuple[Written, list[tuple[str, Written]]]
-"""The expression of the whole, and the equations that it needs."""
+"""The main expression, and its equations."""
 
 
 def translate(prop: Property, semantics: Semantics, *, limit: int) -> tuple[str, int, int]:
-    """The property as an RML text, its symbols, and how many equations it has, that of `Main` included.
+    """Return the RML text, its number of symbols, and its number of equations including `Main`.
 
-    Raises `NotExpressible`, `TooLarge`, `TreeError`.
-
-    `limit` bounds the scenarios, the alternatives of equations, and with `SYMBOLS` the length of the text.
+    Raises `NotExpressible`, `TooLarge`, `TreeError`. `limit` bounds scenarios, alternatives of
+    equations, and with `SYMBOLS` the length of the text.
     """
     types = RmlTypes(prop.tree)
     letters = RmlLetters(prop, types)
@@ -73,11 +69,13 @@ def _determinised(letters: RmlLetters, semantics: Semantics, limit: int) -> RmlP
     return around(main, "let", ", ".join(automaton.registers)) if automaton.registers else main, made
 
 
-# -- the filter of `projected`: events that are relevant to some node of the whole tree and not ignored ----------------
+# The filter of `projected`: events that are relevant to a node of the whole tree and not ignored.
 
 
 def _relevant(letters: RmlLetters) -> str:
-    """The name of the event type, declared among those of the letters."""
+    """Return the name of the event type of relevant events; it is declared among those of the
+    letters.
+    """
     whole, types = letters.tree, letters.types
     entries: list[tuple[str, Call, Guard | None]] = []
     for name in whole.occurrences:
@@ -88,7 +86,7 @@ def _relevant(letters: RmlLetters) -> str:
     overlaps = Overlaps(patterns)
 
     def is_covered(i: int) -> bool:
-        """Whether another entry that asks for nothing more than its pattern covers this one."""
+        """Return whether another entry without a guard covers this one."""
         return any(
             entries[j][2] is None
             and implies(patterns[i], patterns[j])

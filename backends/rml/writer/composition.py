@@ -1,25 +1,29 @@
-r"""The translation gate by gate, for plain trees: a term of the size of the tree.
+r"""Translation gate by gate for plain trees: a term of the size of the tree.
 
-strict, projected: `or` is `\/`, `and` is `|`, `sand` is juxtaposition; VOT is a shuffle of optional
-parts, of which at least K must be taken: `(a? | b? | c?) /\ (any any any*)`, or `/\ (any any)`
-where nothing can follow. (The monitor in ROSMonitoring does not know `any{2}`.) scattered: an event
-is awaited with `not_a* a` and followed by the rest; `and` awaits each child on its own and joins
-with `/\`.
+`strict`, `projected`: `or` becomes `\/`, `and` becomes `|`, `sand` becomes juxtaposition. VOT is a
+shuffle of optional parts, of which at least K occur: `(a? | b? | c?) /\ (any any any*)`, or `/\
+(any any)` if nothing can follow. (The monitor of ROSMonitoring lacks `any{2}`.) `scattered`: an
+event becomes `not_a* a` followed by the rest; `and` awaits each child and joins them with `/\`.
 
-A tree is *plain* where its parts can be told apart by the events alone:
-- no variable is remembered and no node is shared; guards hold always or speak of their own node's event only;
-- a part has an event in each of its scenarios, or has none at all and is left out (under a choice
-  it may not be left out).
-Then a gate can be written by its operator under these conditions, `overlap` meaning that one event
-might match both patterns:
-- under `strict` and `projected`: `or`, no first events of two children overlap; `and` and VOT, no
-  events of two children overlap; VOT, no event of it overlaps with one that may come next after it,
-  and its children can be counted: each has *marks*, events of which every scenario of it has
-  exactly one, and no mark overlaps with another event of the same child;
-- under `scattered`: `or` over parts that are one event in each scenario; `and`, no events of two
-  children overlap; VOT is like `or` for K = 1 and like `and` for K = n, otherwise not.
-Where K children end the whole match at once (*decided*), `strict` and `projected` have exactly K of them too.
-RML commits to the left operand that can take an event; under these conditions no other one could have.
+A tree is *plain* if events alone distinguish its parts:
+
+- no variable is remembered, no node is shared, and guards are constant or concern only the event of
+  their node;
+- a part has an event in all its scenarios, or in none; parts without events are left out, except
+  under a choice.
+
+A gate becomes its operator under these conditions; two patterns *overlap* if one event can match
+both:
+
+- `strict`, `projected`: `or`: no first events of two children overlap. `and`, VOT: no events of two
+  children overlap. VOT: none of its events overlaps an event that may come next after it. Its
+  children are countable: each has *marks*, events of which each of its scenarios has exactly one,
+  and no mark overlaps another event of the child;
+- `scattered`: `or`: each scenario of its parts has one event. `and`: no events of two children
+  overlap. VOT: as `or` for K = 1, as `and` for K = n, else excluded.
+
+If K children complete the match (*decided*), `strict` and `projected` have exactly K. RML commits
+to the left operand that can take an event; under these conditions no other operand could.
 """
 
 from collections.abc import Sequence
@@ -42,14 +46,13 @@ from rvaft.support.budget import Call, run
 
 @dataclass(slots=True)
 class _Facts:
-    """What is known of a part; sets of occurrences are integers. What overlaps with a set is kept.
-
-    To walk its bits is slow.
+    """Facts about a part; sets of occurrences are bit sets. Overlapping sets are stored, because
+    iterating over bits is slow.
     """
 
     part: NumberedPart
     children: Sequence["_Facts"] = ()
-    """The parts with events, in the order of time where there is one."""
+    """The parts with events, in temporal order if there is one."""
     events: int = 0
     first: int = 0
     marks: int = 0
@@ -57,32 +60,34 @@ class _Facts:
     near_first: int = 0
     near_marks: int = 0
     follow: int = 0
-    """The events that may come right after it."""
+    """The events that may come right after the part."""
     single: bool = False
-    """Whether it is one event in each scenario."""
+    """Whether each scenario of the part has exactly one event."""
     last: bool = False
-    """Whether it ends the whole match: nothing may come after it or beside it."""
+    """Whether the part ends the match: nothing may come after or beside it."""
 
     @property
     def node(self) -> str:
-        """The node of the tree that the part comes from, empty for none."""
+        """The node of the part, or an empty string."""
         return self.part.of.source.node if self.part.of is not None and self.part.of.source is not None else ""
 
     @property
     def single_events(self) -> bool:
-        """Whether each child is one event in each scenario, so that events are counted where children are."""
+        """Whether each scenario of each child has one event, so that counting events counts
+        children.
+        """
         return all(child.single for child in self.children)
 
     @property
     def decided(self) -> bool:
-        """Whether the match ends with the event that makes enough children of a VOT: one more can never be needed."""
+        """Whether the match ends at the event that completes enough children of a VOT."""
         return self.last and self.single_events
 
 
 class Composition:
     """Terms for the parts of a plain tree.
 
-    `possible` says whether it is plain, `equations` holds what was given a name.
+    `possible` is true for plain trees; `equations` holds the named terms.
     """
 
     def __init__(self, letters: RmlLetters, semantics: Semantics) -> None:
@@ -96,7 +101,7 @@ class Composition:
             if inner.source and part.source and inner.source.node == part.source.node
         }
         self._wholes = {number for number, part in enumerate(self._form.parts) if part.of not in inside}
-        """The parts that are all that comes from their node."""
+        """The outermost part of each node."""
         self._scattered = semantics is Semantics.SCATTERED
         self._parts: list[_Facts] = []
         self._own: list[RmlLetter] = []
@@ -106,11 +111,11 @@ class Composition:
 
     @property
     def has_votes(self) -> bool:
-        """Whether children have to be counted."""
+        """Whether a VOT needs counting."""
         return any(self._joined(facts) is PartKind.AT_LEAST for facts in self._parts)
 
     def _joined(self, facts: _Facts) -> PartKind:
-        """How the children are written; where there is at most one, as a SEQUENCE."""
+        """Return the operator for the children; SEQUENCE for at most one child."""
         part, count = facts.part, len(facts.children)
         if count < 2:
             return PartKind.SEQUENCE
@@ -120,10 +125,10 @@ class Composition:
             return PartKind.ONE
         return part.op
 
-    # -- is the tree plain? --------------------------------------------------------------------------------------------
+    # Check that the tree is plain.
 
     def _has_letters(self) -> bool:
-        """Whether no occurrence depends on another."""
+        """Return whether occurrences are independent of each other."""
         prop = self._prop
         observing = (any(isinstance(one, Event) for one in parts_below(part)) for part in prop.shared)
         if self._letters.remembered or not prop.feasible or any(observing):
@@ -144,9 +149,8 @@ class Composition:
         return True
 
     def _fits(self) -> bool:
-        """Whether each part can be written by its operator.
-
-        What is below it is looked at first, then what comes behind it.
+        """Return whether each part can become its operator; computes facts bottom-up, then
+        top-down.
         """
         overlaps = Overlaps([letter.call.pattern(self._prop.tree) for letter in self._own])
         position = {event: index for index, event in enumerate(self._prop.events)}
@@ -166,7 +170,7 @@ class Composition:
                 child.follow = facts.follow
                 child.last = (
                     facts.last and joined is PartKind.ONE
-                )  # of others than ONE and SEQUENCE any child may be the last one
+                )  # with other operators, any child may be the last one
             for child, following in pairwise(facts.children) if facts.part.op is PartKind.SEQUENCE else ():
                 child.follow = following.first
             if facts.last and joined is PartKind.SEQUENCE and facts.children:
@@ -213,15 +217,15 @@ class Composition:
             case never:
                 assert_never(never)
 
-    # -- terms ---------------------------------------------------------------------------------------------------------
+    # Terms.
 
     def written(self) -> Written:
-        """The whole tree."""
+        """Return the term of the whole tree."""
         self._types = [self._type(*pair) for pair in zip(self._letters.nodes, self._own, strict=True)]
         return run(self._awaited(self._parts[-1], ALL)) if self._scattered else self._contiguous()
 
     def _type(self, name: str, letter: RmlLetter) -> str:
-        """One event type for an occurrence, its own guard folded in."""
+        """Return one event type for an occurrence, including its guard."""
         texts = self._letters.texts(letter)
         if len(texts) == 1:
             return texts[0]
@@ -229,16 +233,16 @@ class Composition:
         return types.union(types.checked(letter.call, condition, name), name)
 
     def _called(self, term: Written) -> Written:
-        """A new equation for the expression; its name."""
+        """Add an equation for the expression, and return its name."""
         self.equations.append((f"P{len(self.equations) + 1}", term))
         return named(self.equations[-1][0])
 
     def _shallow(self, term: Written) -> Written:
-        """The expression, or, where it is deep or long, the name of an equation for it."""
+        """Return the expression, or the name of an equation for it if it is deep or long."""
         return self._called(term) if term.is_large else term
 
     def _contiguous(self) -> Written:
-        """The events of a match follow one another."""
+        """Return the term for consecutive events."""
         done = dict[int, Written]()
         for number, facts in enumerate(self._parts):
             if facts.part.op is PartKind.EVENT:
@@ -262,15 +266,17 @@ class Composition:
                 whole = then(*parts)
                 if whole.operator != THEN:
                     return whole
-                # A shuffle behind a name gets a name, for `a (b | c)` is an event type with a pattern.
+                # A shuffle behind a name needs a name, because `a (b | c)` parses as an event type
+                # with a pattern.
                 first, *others = whole.parts
                 return then(first, *(self._called(part) if part.operator == SHUFFLE else part for part in others))
             case never:
                 assert_never(never)
 
     def _enough(self, facts: _Facts) -> Written:
-        """At least K parts are taken: of single events any may be counted, else one of each part
-        is. Exactly K where that is the end.
+        """Return the term that counts at least K parts; exactly K if that ends the match.
+
+        For single events it counts any event, otherwise one mark of each part.
         """
         least = then(*[ANY] * facts.part.need)
         if facts.decided:
@@ -282,7 +288,7 @@ class Composition:
         return around(enough, ">>", self._letters.types.union(marks, f"{facts.node}_counted"))
 
     def _awaited(self, facts: _Facts, after: Written) -> Call[Written]:
-        """The events of a part, any others standing between them, then the rest."""
+        """Return the term for the events of a part with gaps, then the rest."""
         match facts.part.op if facts.part.op is PartKind.EVENT else self._joined(facts):
             case PartKind.ONE | PartKind.EVENT:  # any number of other events, one of these, then the rest
                 wanted = [self._types[index] for index in bits(facts.events)]

@@ -1,10 +1,9 @@
-"""Slices of variables: how a monitor of a propositional text follows values.
+"""Slices: variable values in monitors of propositional texts.
 
-A *slice* is an assignment of some variables and the state to which the text has come under it. At
-an event a slice goes on as it is, atoms with an unbound variable being false, and for each way in
-which an atom would take values from the event a slice with those values branches off. ⊤ when some
-slice has detected, ⊥ when none is left that could. A slice that has bound more than another one in
-the same state adds nothing to it and is dropped.
+A *slice* is a partial assignment of variables and the state of the text under it. At an event a
+slice continues as it is, with atoms over unbound variables false. It also branches for each way in
+which an atom binds variables from the event. The verdict is ⊤ when a slice detects, and ⊥ when none
+can. Of two slices in the same state, the one with more bindings is dropped.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Set
@@ -18,18 +17,18 @@ from rvaft.model.values import equal, fingerprint
 from rvaft.model.verdict import Verdict
 
 LIMIT: Final = 100_000
-"""The most slices that a monitor keeps before it gives up with `TooLarge`."""
+"""The maximum number of slices of a monitor; beyond it `TooLarge` is raised."""
 
 FEW: Final = 6
-"""Up to this many variables all smaller assignments are looked for."""
+"""The maximum number of variables for which all smaller assignments are tested."""
 
 Assignment: TypeAlias = frozenset[tuple[str, Hashable]]
 Slices: TypeAlias = Mapping[tuple[Assignment, int], Binding]
-"""Each slice with its binding; never changed, so that monitors may share it."""
+"""Slices with their bindings; immutable, so that monitors can share them."""
 
 
 def start(state: int) -> Slices:
-    """The one slice before any event."""
+    """Return the only slice before any event."""
     return {(frozenset(), state): {}}
 
 
@@ -41,13 +40,15 @@ def advance(
     matter: Callable[[int], Set[str]],
     keep_all: bool = False,
 ) -> Slices | None:
-    """The slices after an event, none where there is no hope; None where one of them has detected.
+    """Return the slices after an event (none if no slice can detect), or None on detection.
 
-    `extensions` gives what atoms of a state would make of a binding, `step` where an event leads
-    under a binding (made from what was bound before), and what that means; `matter`, the variables
-    on which a state still depends: others are forgotten. `keep_all` where a slice that has bound
-    more may still detect what the other does not, as under a negated atom with a guard. Raises
-    `TooLarge`.
+    - `extensions` yields the bindings that atoms of a state can take from the event.
+    - `step` returns verdict and next state under a binding, given the binding before.
+    - `matter` returns the variables that a state still depends on; others are dropped.
+    - `keep_all` keeps slices with more bindings, which may detect more, as under a negated atom
+      with a guard.
+
+    Raises `TooLarge`.
 
     >>> once = lambda state, bound, _: (Verdict.UNKNOWN, len(bound))
     >>> one = advance(start(0), lambda state, bound: [{"X": 1}], once, matter=lambda state: {"X"})
@@ -85,9 +86,9 @@ def advance(
 
 
 def fits(matched: Callable[[Binding], Binding | None], bound: Binding, before: Binding) -> bool:
-    """Whether an event is matched under a binding.
+    """Return whether an event matches under a binding.
 
-    What it has just given it and what equals nothing, as NaN, is its own.
+    A new value that does not equal itself, such as NaN, is compared by identity.
     """
     if matched(bound) is not None or bound is before:
         return matched(bound) is not None
@@ -97,7 +98,7 @@ def fits(matched: Callable[[Binding], Binding | None], bound: Binding, before: B
 
 
 def passes(guard: Guard, binding: Binding) -> bool:
-    """Whether a guard holds, or still has a variable without a value.
+    """Return whether a guard holds or has an unbound variable.
 
     >>> from rvaft.language.parser import parse_guard
     >>> [passes(parse_guard("X < Y"), binding) for binding in ({}, {"X": 1}, {"X": 1, "Y": 2}, {"X": 2, "Y": 1})]
@@ -107,6 +108,6 @@ def passes(guard: Guard, binding: Binding) -> bool:
 
 
 def _is_redundant(assignment: Assignment, state: int, slices: Slices) -> bool:
-    """Whether a smaller assignment is in the same state."""
+    """Return whether a smaller assignment is in the same state."""
     sizes = range(len(assignment)) if len(assignment) <= FEW else (0, len(assignment) - 1)
     return any((frozenset(part), state) in slices for size in sizes for part in combinations(assignment, size))

@@ -1,8 +1,8 @@
-"""The `sigma` backend: rules for single events and one correlation of them, the format of
-detections that SIEM systems share.
+"""The `sigma` backend: rules for single events and one correlation, a detection format of SIEM
+systems.
 
-The unit of `limit` is rules. Reading a text needs pySigma and its backend for SQLite, whose queries
-Python's sqlite3 runs; translating needs PyYAML.
+The `limit` counts rules. Reading needs pySigma and its SQLite backend, whose queries run in
+Python's sqlite3; translating needs PyYAML.
 """
 
 import json
@@ -28,10 +28,9 @@ _UNTYPED: Final = "Sigma has no types, and no null: it takes the constant for an
 
 
 class SigmaBackend(Backend):
-    """Sigma correlations.
+    """Sigma correlations under `scattered`: sequences of events, or unordered gates.
 
-    Under `scattered`, events in sequence, or any gates without order, where no event is two things
-    at once.
+    One event must not match two unordered nodes.
 
     >>> from rvaft import loads
     >>> made = SigmaBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED)
@@ -70,18 +69,18 @@ class SigmaBackend(Backend):
     default_limit: ClassVar[int] = 100
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
-        """The correlation with its rules; raises `TooLarge` beyond `limit` rules, `NotExpressible`,
-        `ToolMissing` without PyYAML.
+        """Return the correlation with its rules; raises `TooLarge` beyond `limit` rules,
+        `NotExpressible`, and `ToolMissing` without PyYAML.
         """
         text, symbols = SigmaRules(prop, limit).text()
         return SpecificationText(text, Metrics(symbols))
 
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:
-        """JSON Lines whose events have their time in `timestamp`."""
+        """Return JSON Lines whose events have their time in `timestamp`."""
         return "".join(f"{json.dumps(event, ensure_ascii=False)}\n" for event in stamped(tree, trace, "timestamp"))
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
-        """A monitor that asks SQLite what pySigma makes of the rules, whoever wrote them.
+        """Return a monitor for any rules, which pySigma compiles to SQLite queries.
 
         Raises `LanguageError` and `ToolMissing`.
         """

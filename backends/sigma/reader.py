@@ -1,9 +1,8 @@
-"""Running a correlation: pySigma compiles the rules to a plan of queries, and SQLite asks them of a
-table with a row for each event.
+"""A monitor for correlations: pySigma compiles rules to queries, and SQLite runs them on a table of
+events.
 
-A trace is left open where Sigma would take different values for the same: null for what is absent,
-and values that differ in type or case, or beyond 15 digits, where events are grouped by them; and
-where the times of the events do not increase.
+A trace is left open if Sigma would confuse values: null with a missing field, or group values that
+differ only in type, case, or beyond 15 digits. It is also left open if times do not increase.
 """
 
 import json
@@ -23,11 +22,11 @@ _LAST: Final = 2**32
 _REMEDY: Final = "pip install '.[sigma]' in a checkout of rvaft"
 _TIME: Final = "rvaft_time"
 _TOLD: Final = ("action", "correlation", "detection", "filter", "id", "logsource", "name", "rvaft", "title")
-"""What a document has that matters: not who wrote it, when and why."""
+"""The relevant keys of a document, without author, date and purpose."""
 
 
 class SigmaMonitor(DetectionMonitor):
-    """A correlation on a trace; raises `LanguageError` and `ToolMissing`."""
+    """A monitor for a correlation; raises `LanguageError` and `ToolMissing`."""
 
     def __init__(self, text: str) -> None:
         program = _SigmaProgram(text)
@@ -36,7 +35,7 @@ class SigmaMonitor(DetectionMonitor):
 
 @lru_cache(maxsize=64)
 class _SigmaProgram:
-    """The queries of a text, and what they said of some traces; monitors of one text share it."""
+    """The queries of a text with a cache of results; shared by monitors of one text."""
 
     def __init__(self, text: str) -> None:
         self.known = lru_cache(5_000)(self.first)
@@ -67,19 +66,19 @@ class _SigmaProgram:
             self._table.execute(self._query)
         except yaml.MarkedYAMLError as error:
             line, column = (error.problem_mark.line, error.problem_mark.column) if error.problem_mark else (0, 0)
-            message = f"no YAML, and so no Sigma correlation: {error.problem}"
+            message = f"not a Sigma correlation, because it is not YAML: {error.problem}"
             raise LanguageError(message, file="<sigma>", line=line + 1, column=column + 1) from None
-        except Exception as error:  # noqa: BLE001 -- pySigma and SQLite say in many ways what is wrong with a text
+        except Exception as error:  # noqa: BLE001 -- pySigma and SQLite raise many types of errors
             message = error.message if isinstance(error, LanguageError) else str(error)
             if "fulltext_field" in message:
-                message = "a rule looks for words in no field, and an event is fields: say in which"
-            raise LanguageError(f"no Sigma correlation: {' '.join(message.split())[:500]}", file="<sigma>") from None
+                message = "a rule searches words without a field; name the field"
+            raise LanguageError(f"not a Sigma correlation: {' '.join(message.split())[:500]}", file="<sigma>") from None
 
     def _times(self, trace: Sequence[Json]) -> list[float]:
-        """When the events are, up to the first that is not later than those before.
+        """Return the times of the events, up to the first that does not increase.
 
-        A microsecond is the 2**-20th part of a second there, so that whole seconds are added
-        exactly and the order is kept.
+        A microsecond is stored as 2**-20 s, so that whole seconds add exactly and the order is
+        kept.
         """
         if self._time is None:
             return [float(number) for number in range(len(trace))]
@@ -93,27 +92,27 @@ class _SigmaProgram:
         return found[1:]
 
     def left_open(self, trace: Sequence[Json]) -> str:
-        """Why the language says nothing of a trace, if that is so."""
+        """Return why the trace has no verdict, or an empty string."""
         if len(self._times(trace)) < len(trace):
-            return "Sigma orders by times, which have to increase"
+            return "Sigma orders events by time, and the times do not increase"
         if any(at(event, name.split("."), 0) is None for event in trace for name in self._fields):
-            return "Sigma takes null for absent"
+            return "Sigma does not distinguish null from a missing field"
         known: dict[object, Json] = {}
         for name in self._grouped:
             for event in trace:
                 value = at(event, name.split("."), ...)
                 if value is not ... and not equal(known.setdefault(_alike(value), value), value):
-                    return "Sigma groups without types, case and the last digits"
+                    return "Sigma groups values without type, case and digits after the 15th"
         return ""
 
     def first(self, written: str) -> int | None:
-        """The number of the event at which the correlation first holds.
+        """Return the number of the first event at which the correlation holds, or None.
 
-        Raises `TraceError` where its language leaves that open.
+        Raises `TraceError` if the trace is left open.
         """
         trace = json.loads(written)
         if why := self.left_open(trace):
-            raise TraceError(f"this log says nothing to Sigma: {why}", line=None)
+            raise TraceError(f"Sigma has no verdict for this trace: {why}", line=None)
         times = self._times(trace)
         rows = [
             (time, *(_stored(at(event, name.split("."), None)) for name in self._fields))
@@ -130,11 +129,11 @@ class _SigmaProgram:
 
 
 def _told(documents: Iterable[Any]) -> list[Any]:
-    """What documents say of events; one rule alone with a correlation that counts to one."""
+    """Return the relevant parts of documents; a single rule gets a correlation that counts to one."""
     found = list[Any]()
     for one in documents:
         if not isinstance(one, dict | None):
-            raise TypeError(f"a rule is a mapping of YAML, and here is a {type(one).__name__}")
+            raise TypeError(f"a rule must be a YAML mapping, not {type(one).__name__}")
         found += [{key: one[key] for key in _TOLD if key in one}] if one else []
     match found:
         case [{"detection": _} as rule]:
@@ -146,15 +145,15 @@ def _told(documents: Iterable[Any]) -> list[Any]:
 
 
 def _root(converted: list[Any]) -> Any:
-    """What asks for all other rules."""
+    """Return the correlation that refers to all other rules."""
     if len(converted) != 1:
         found = ", ".join(one["title"] for one in converted) or "none"
-        raise ValueError(f"there has to be one correlation, of all the rules and other correlations; there is: {found}")
+        raise ValueError(f"expected one correlation that refers to all other rules and correlations; found: {found}")
     return converted[0]
 
 
 def _grouped(rule: Any) -> list[str]:
-    """The fields by which a correlation groups or counts."""
+    """Return the fields by which a correlation groups or counts."""
     counted = getattr(getattr(rule, "condition", None), "fieldref", None)
     aliases = [field for alias in getattr(rule, "aliases", ()) for field in alias.mapping.values()]
     return [*(getattr(rule, "group_by", None) or ()), *([counted] if isinstance(counted, str) else ()), *aliases]
@@ -165,29 +164,27 @@ def _is_found(pattern: str, value: object) -> bool:
 
 
 def _alike(value: Json) -> object:
-    """What values have in common that Sigma takes for the same; groups are kept as JSON, in which
-    SQLite writes 15 digits.
-    """
+    """Return a key, equal for values that Sigma confuses; SQLite writes groups with 15 digits."""
     stored = _stored(value)
     return stored.lower() if isinstance(stored, str) else stored if stored is None else float(f"{stored:.15g}")
 
 
 def _stored(value: Json) -> str | int | float | None:
-    """A value as a table holds it."""
+    """Return a value as stored in the table."""
     if value is None or isinstance(value, str):
         return value if value is None else value.encode("utf-8", "backslashreplace").decode()
     if isinstance(value, bool | Mapping | list):
         return json.dumps(_numbered(value), sort_keys=True)
     number: int | float = value
     if abs(number) < 2**53:
-        return int(number) if number == int(number) else number  # a whole number is written in full, whatever its type
+        return int(number) if number == int(number) else number  # whole numbers are stored as integers
     if isinstance(number, float):
         return number
     return float(number) if abs(number) < 2**1023 else f"integer {number:x}"
 
 
 def _numbered(value: Json) -> Json:
-    """A value with one way to write each number in it."""
+    """Return a value with a canonical form of its numbers."""
     if isinstance(value, Mapping):
         return {name: _numbered(inner) for name, inner in value.items()}
     if isinstance(value, list):

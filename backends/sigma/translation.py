@@ -1,11 +1,10 @@
-"""From a tree to Sigma: a rule for each event, and correlations of the rules.
+"""Properties to Sigma: a rule per event, and correlations of rules.
 
-A correlation knows when its last event was, and asks for rules and not for events: of two rules
-without order one event can fit both, while in `temporal_ordered` each comes later than those
-before. So what is in sequence becomes chains of single events, of which all are asked for, or one,
-each event as early as it can be; and events that can be the same one are tried in every order.
-Sigma has no types: what a number, a boolean and a text have in common it does not tell apart, so
-constants that could be taken for others are refused.
+A correlation knows only the time of its last event, and requires rules, not distinct events: one
+event can satisfy two unordered rules. In `temporal_ordered` each event is later than the previous
+one. Sequences therefore become chains of single events, combined by and/or; each event is taken as
+early as possible. Events that may coincide are tried in every order. Sigma is untyped, so constants
+that it confuses with other values are refused.
 """
 
 import re
@@ -25,11 +24,11 @@ from rvaft.model.values import NUMBER, Json, equal
 
 _DAYS: Final = 50_000
 FOREVER: Final = f"{_DAYS}d"
-"""The timespan where a tree has no window: longer than any trace is."""
+"""The timespan without a window: longer than any trace."""
 _SECOND: Final = 1_000_000_000
 _ODD: Final = re.compile(r"[\0-\2\ud800-\udfff]")
 _COLUMN: Final = re.compile(r"rowid|oid|_rowid_|rvaft_.*", re.IGNORECASE)
-"""What columns of a table are called that are no fields."""
+"""Table columns that are not fields."""
 _UNIT: Final = "rules of the correlation"
 _MIXED: Final = "one event can fit two rules, and a correlation does not tell that it is one"
 _WINDOW: Final = (
@@ -37,11 +36,11 @@ _WINDOW: Final = (
 )
 
 Chain: TypeAlias = tuple[Nest, ...]
-"""Single events one after the other, each perhaps one of several; the first may be a nest with a window."""
+"""Consecutive single events, each possibly a choice; the first may be a nest with a window."""
 
 
 class Junction(NamedTuple):
-    """Of its parts `need` are asked for."""
+    """At least `need` of the parts."""
 
     need: int
     parts: "list[Chain | Junction]"
@@ -55,14 +54,14 @@ class SigmaRules:
         self._documents: dict[str, dict[str, Any]] = {}
         self._names: dict[object, str] = {}
         self._bound: dict[str, dict[str, str]] = {}
-        """Of each rule the fields of its variables."""
+        """For each rule, the fields of its variables."""
         self._written = 0
         self._windows = [part for part in reversed(prop.parts) if isinstance(part, Within)]
         self._time = time_text(prop.time) if self._windows and prop.time is not None else None
         self._groups = self._grouped()
 
     def text(self) -> tuple[str, int]:
-        """The documents, and how many symbols they have."""
+        """Return the documents and their number of symbols."""
         yaml = installed("yaml", "PyYAML", "pip install '.[sigma]' in a checkout of rvaft")
         tied, refused = self._groups, lambda _, nodes: self._refuse(_WINDOW, nodes)
         nest = Nesting(self._prop, refused, limit=10 * self._limit, unit=_UNIT, free=tied).nest()
@@ -82,10 +81,10 @@ class SigmaRules:
         if size > self._limit:
             raise TooLarge(_UNIT, limit=self._limit)
 
-    # -- correlations
+    # Correlations.
 
     def _correlation(self, nest: Nest) -> dict[str, Any]:
-        """What first holds when a nest has been there, within its window."""
+        """Return a correlation that holds once a nest is matched within its window."""
         within, nest = nest.within, replace(nest, within=None)
         if mixed := self._mixed(nest):
             nest = self._in_every_order(mixed, _MIXED)
@@ -95,7 +94,7 @@ class SigmaRules:
         if self._is_chain(nest):
             return self._sequence(nest.parts, within)
         formula: Chain | Junction
-        if ordered and within is not None:  # each way has a timespan of its own
+        if ordered and within is not None:  # each alternative has its own timespan
             formula, within = Junction(1, [(one.during(within),) for one in nest.parts]), None
         else:
             formula = self._after((), nest)
@@ -110,7 +109,7 @@ class SigmaRules:
         return self._of("temporal", [*names], within, **further)
 
     def _sequence(self, steps: Chain, within: int | None) -> dict[str, Any]:
-        """Events one after the other; equal ones before all others are counted."""
+        """Return the correlation of a sequence; equal events at its beginning are counted."""
         equal_ones = len([*takewhile(lambda one: self._key(one) == self._key(steps[0]), steps)])
         counted = equal_ones > 1 and (within is None or equal_ones == len(steps))
         names = list[str]()
@@ -124,7 +123,7 @@ class SigmaRules:
         return self._of("temporal_ordered", names, within)
 
     def _of(self, kind: str, names: list[str], within: int | None, **further: Any) -> dict[str, Any]:
-        """A correlation of rules and correlations; its groups have the same values in the variables."""
+        """Return a correlation of rules and correlations, grouped by the values of variables."""
         if within is not None and (within < _SECOND or within % _SECOND or within > _DAYS * 86_400 * _SECOND):
             self._refuse("a timespan is of whole seconds, one or more", (one.source.node for one in self._windows))
         bound = {name: self._bound[name] for name in names if name in self._bound}
@@ -139,7 +138,7 @@ class SigmaRules:
         return found | {"timespan": FOREVER if within is None else f"{within // _SECOND}s", **further}
 
     def _child(self, correlation: dict[str, Any]) -> str:
-        """The name of a correlation that another one asks for."""
+        """Return the name of a nested correlation."""
         if (key := str(correlation)) not in self._names:
             times = "_times" if correlation["type"] == "event_count" else ""
             name = self._named(key, "_".join(correlation["rules"])[:60] + times)
@@ -148,7 +147,7 @@ class SigmaRules:
         return self._names[key]
 
     def _grouped(self) -> dict[str, str]:
-        """The variables that all events have, each with the field that all have it in, or an alias of their fields."""
+        """Return the shared variables with their field, or an alias if the fields differ."""
         fields = {event: dict(_places(event.pattern, ())) for event in self._prop.events}
         names = list(dict.fromkeys(chain.from_iterable(fields.values())))
         shared = sorted(name for name in names if sum(name in one for one in fields.values()) > 1)
@@ -159,10 +158,10 @@ class SigmaRules:
         several = [name for name in shared if len(by[name]) > 1]
         return {name: f"rvaft_{several.index(name)}" if name in several else min(by[name]) for name in shared}
 
-    # -- which events come after which
+    # Order.
 
     def _after(self, before: Chain | Junction, nest: Nest, *, step: bool = False) -> Chain | Junction:
-        """What has a nest after each of its chains."""
+        """Return the formula with a nest after each of its chains."""
         self._written += 1
         self._fits(self._written // 100)
         if isinstance(before, Junction) and (step or nest.op is PartKind.EVENT):
@@ -177,7 +176,7 @@ class SigmaRules:
         return Junction(need, [self._after(before, one) for one in nest.parts])
 
     def _condition(self, formula: Chain | Junction, names: dict[str, None]) -> str:
-        """A formula over the names of rules and correlations, which are added to the names."""
+        """Return the condition of a formula, and add the names of its rules to `names`."""
         if not isinstance(formula, Junction):
             name = self._rule(formula[0], 0) if len(formula) == 1 else self._child(self._sequence(formula, None))
             names[name] = None
@@ -190,7 +189,7 @@ class SigmaRules:
         return ways[0] if len(ways) == 1 else f"({' or '.join(ways)})"
 
     def _mixed(self, nest: Nest) -> list[str]:
-        """Two events without order that can be the same one."""
+        """Return the nodes of two unordered events that may coincide."""
         for one, other in combinations(nest.parts, 2) if nest.op in (PartKind.ALL, PartKind.AT_LEAST) else ():
             for events in product(one.events(), other.events()):
                 if not disjoint(*(event.pattern for event in events)):
@@ -198,30 +197,28 @@ class SigmaRules:
         return next(filter(None, map(self._mixed, nest.parts)), [])
 
     def _in_every_order(self, nodes: Iterable[str], reason: str) -> Nest:
-        """The whole tree as one of all orders in which its events can come; refused for a reason
-        where there are windows in it.
-        """
+        """Return the tree as a choice of all event orders, or refuse it if it has windows."""
         if any(window is not self._prop.root for window in self._windows):
             self._refuse(reason, nodes)
         return in_every_order(self._without_window(), limit=10 * self._limit)
 
     def _without_window(self) -> Property:
-        """The property without the window over all of it."""
+        """Return the property without its outermost window."""
         root = self._prop.root
         return self._prop.with_root(root.parts[0] if isinstance(root, Within) else root)
 
     def _is_step(self, nest: Nest) -> bool:
-        """Whether a rule says it: an event, or one of several."""
+        """Return whether one rule expresses the nest: an event, or a choice of events."""
         several = nest.op is PartKind.ONE and not self._groups and all(one.op is PartKind.EVENT for one in nest.parts)
         return nest.within is None and (nest.op is PartKind.EVENT or several)
 
     def _is_chain(self, nest: Nest) -> bool:
         return nest.op is PartKind.SEQUENCE and all(map(self._is_step, nest.parts))
 
-    # -- a rule
+    # Rules.
 
     def _named(self, key: object, wish: str) -> str:
-        """A name of letters and digits that no other rule has, for what has a key."""
+        """Return an unused name for a key."""
         word = re.sub(r"[^a-z0-9_]", "_", wish.lower()) or "_"
         word = f"e_{word}" if word in ("and", "or", "not", "of") or not word[0].isalpha() else word
         while word in self._documents:
@@ -229,12 +226,12 @@ class SigmaRules:
         return self._names.setdefault(key, word)
 
     def _key(self, step: Nest) -> object:
-        """What equal steps have in common."""
+        """Return a key that is equal for equal steps."""
         return step if step.within is not None else tuple(event.pattern for event in step.events())
 
     def _rule(self, step: Nest, number: int) -> str:
-        """The name of the rule for the events of a step, another one for each number; or of the
-        correlation for a nest with a window.
+        """Return the name of the rule for a step and number, or of the correlation for a nest with
+        a window.
         """
         if step.within is not None:
             return self._child(self._correlation(step))
@@ -247,7 +244,7 @@ class SigmaRules:
         return self._names[key]
 
     def _detecting(self, name: str, events: list[Event]) -> dict[str, Any]:
-        """A rule that fits what one of these events is."""
+        """Return a rule that matches any of these events."""
         detection: dict[str, Any] = {}
         for number, event in enumerate(events):
             detection["selection" if len(events) == 1 else f"selection{number}"] = self._selection(event)
@@ -295,7 +292,7 @@ class SigmaRules:
 
 
 def _places(pattern: Pattern, way: tuple[str, ...]) -> Iterator[tuple[str, str]]:
-    """The variables of a pattern that other events can have, with their fields."""
+    """Yield the shared variables of a pattern with their fields."""
     match pattern:
         case Variable(name) if not name.startswith("_"):
             yield name, ".".join(way)
@@ -311,7 +308,7 @@ def _plain_number(value: Json) -> bool:
 
 
 def disjoint(one: Pattern, other: Pattern) -> bool:
-    """Whether no event matches both patterns, because they ask for different constants in a field."""
+    """Return whether two patterns require different constants in a field."""
     match one, other:
         case ObjectPattern(fields), ObjectPattern(others):
             known = dict(others)

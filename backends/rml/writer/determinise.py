@@ -1,14 +1,12 @@
-r"""Determinisation: every partial match of the feasible scenarios at once, followed by sets of letters.
+r"""Determinisation: subset construction over the partial matches of all feasible scenarios.
 
-A configuration is a set of matched occurrences, the register of each variable that has to be
-remembered, and the scenarios it is a partial match of; a state is a set of configurations. One
-event may be several letters. Each state lists its alternatives, larger sets of letters first: `\/`
-takes the first that fits, so none needs a negation, and an alternative that detects comes before
-all others. Where no alternative fits the monitor reports ⊥ at that very event; under `scattered`
-the state stays, and under `consecutive`, where every state has the empty partial match beside its
-own, the first state follows.
-
-In sets of bits, bit i stands for the i-th occurrence, scenario or letter.
+A partial match has matched occurrences, a register per remembered variable, and its scenarios. A
+state is a set of partial matches. One event may satisfy several letters. Each state lists its
+alternatives with larger letter sets first: `\/` takes the first that fits, so no negation is
+needed. Detecting alternatives come first. If no alternative fits, the monitor reports ⊥ at that
+event; under `scattered` the state stays. Under `consecutive`, every state includes the empty
+partial match, and the first state follows. Bit i of a bit set is the i-th occurrence, scenario or
+letter.
 """
 
 from collections import Counter, defaultdict
@@ -30,16 +28,13 @@ from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, mask_of, union
 
 WORK: Final = 50
-"""How many nodes of scenarios the limit allows for each scenario, and how many steps of partial
-matches for each alternative.
-"""
+"""Scenario nodes per scenario of the limit, and steps of partial matches per alternative."""
 
-# -- scenarios: under `scattered` a VOT keeps exactly K children, since any position may be skipped
-# ---------------------
+# Scenarios. Under `scattered` a VOT keeps exactly K children, because events may be skipped.
 
 
 class BitScenario(NamedTuple):
-    """Its occurrences, what comes before each of them, and its conditions over variables."""
+    """Occurrences, the predecessors of each occurrence, and conditions over variables."""
 
     occurrences: int
     before: tuple[tuple[int, int], ...]
@@ -47,16 +42,18 @@ class BitScenario(NamedTuple):
 
 
 def feasible_scenarios(prop: Property, semantics: Semantics, *, limit: int) -> list[BitScenario]:
-    """The feasible scenarios, each once.
+    """Return the distinct feasible scenarios.
 
-    Raises `TooLarge` beyond `limit`; `TreeError` where there is none, where one has no occurrence,
-    or leaves a guard unbound.
+    Raises `TooLarge` beyond `limit`, and `TreeError` if there is none or one has no occurrence or
+    an unbound guard.
     """
     index, root = {event: position for position, event in enumerate(prop.events)}, prop.tree.root
     found: dict[BitScenario, None] = {}
-    nodes, width = 0, 1 + len(index) // 1000  # larger sets of bits take longer
+    nodes, width = 0, 1 + len(index) // 1000  # larger bit sets are slower
     for one in scenarios(prop, minimal=semantics is Semantics.SCATTERED, limit=limit):
-        nodes += (len(one.kept) + len(prop.parts) // 4) * width  # to find a scenario costs the size of the property too
+        nodes += (
+            len(one.kept) + len(prop.parts) // 4
+        ) * width  # finding a scenario also costs the size of the property
         if nodes > WORK * limit:
             raise TooLarge(f"nodes of scenarios, {WORK} allowed for each scenario", limit=limit)
         number = [index[event] for event in one.events]
@@ -72,24 +69,24 @@ def feasible_scenarios(prop: Property, semantics: Semantics, *, limit: int) -> l
             for variable in variables(condition.guard):
                 if variable not in bound:
                     node = condition.source.node
-                    message = f"the guard of {node} speaks of {variable}, which nothing binds in one of its scenarios"
+                    message = f"the guard of {node} uses {variable}, which is unbound in one of its scenarios"
                     raise TreeError(message, rule="unbound-variable", nodes=[node])
     return list(found)
 
 
-# -- which sets of letters one event can be at once, the largest first -------------------------------------------------
+# The sets of letters that one event can satisfy, largest first.
 
 Combination: TypeAlias = tuple[tuple[RmlLetter, ...], int]
-"""The letters that have to be written, and all the letters that the event then is."""
+"""The letters to write, and all letters that the event then satisfies."""
 
 
 def combinations(
     tree: RVAFT, letters: list[RmlLetter], detecting: int, bound: frozenset[str], counted: Callable[[], None]
 ) -> Iterator[Combination]:
-    """Each letter that detects, alone; then all closed sets of the others, larger ones before those they contain.
+    """Yield each detecting letter alone, then all closed sets of the others, larger ones first.
 
-    An event that is some letters is also those that their calls imply and their guards allow.
-    `counted` is called for each set before it is looked at, and may raise.
+    A set is closed under implication of calls and guards. `counted` is called for each set before
+    it is examined, and may raise.
     """
     calls = list(dict.fromkeys(letter.call for letter in letters))
     asked = [call.pattern(tree) for call in calls]
@@ -109,7 +106,7 @@ def combinations(
     guards = [mask_of(place[guard] for guard in letter.guards) for letter in letters]
 
     def entailed(fits: int, among: int) -> int:
-        """The letters that every event is that is all of some."""
+        """Return the letters that these letters imply."""
         allowed = union(guards[i] for i in bits(fits))
         reached = union(having[call] for call in bits(union(implied[call_of[i]] for i in bits(fits))))
         return mask_of(i for i in bits(reached & among) if not guards[i] & ~allowed)
@@ -129,7 +126,7 @@ def combinations(
     for fits in agenda:
         counted()
         if entailed(fits, detects):
-            continue  # the alternative that detects comes first
+            continue  # the detecting alternative comes first
         written: dict[int, int] = defaultdict(int)  # one letter per call, with all its guards
         beside = others
         for i in bits(fits):
@@ -147,7 +144,7 @@ def combinations(
 
 
 def _unimplied(guards: Mapping[int, int], calls: list[Call], implied: list[int]) -> list[int]:
-    """The calls with guards but for those that another one implies and that bind nothing more."""
+    """Return the calls with guards that no other call implies, unless they bind more registers."""
 
     def spares(one: int, other: int) -> bool:
         covers = implied[one] >> other & 1 and not guards[other] & ~guards[one]
@@ -160,25 +157,27 @@ def _unimplied(guards: Mapping[int, int], calls: list[Call], implied: list[int])
     ]
 
 
-# -- states ------------------------------------------------------------------------------------------------------------
+# States.
 
 ACCEPT: Final = -1
 STAY: Final = -2
 Partial: TypeAlias = tuple[int, tuple[tuple[str, str], ...]]
 """The matched occurrences, and the register of each remembered variable, by name."""
 Partials: TypeAlias = Mapping[Partial, int]
-"""Each with the scenarios it belongs to."""
+"""Partial matches with the scenarios that they belong to."""
 
 
 class MatchState(NamedTuple):
-    """Partial matches with their scenarios, and the registers bound by now."""
+    """Partial matches with their scenarios, and the bound registers."""
 
     partials: frozenset[tuple[Partial, int]]
     bound: frozenset[str] = frozenset()
 
 
 class RmlAlternative(NamedTuple):
-    """On an event that is all the letters, go on to the target; `fits` is the set of all letters it then is."""
+    """A transition on an event that satisfies all letters; `fits` holds all letters that the event
+    then satisfies.
+    """
 
     letters: tuple[RmlLetter, ...]
     fits: int
@@ -188,11 +187,10 @@ class RmlAlternative(NamedTuple):
 class Determinised:
     """The alternatives of each state; state 0 is the first.
 
-    Raises `TooLarge` beyond `limit` alternatives, rejected ones included.
-
-    In RML a variable is bound once. A register (`registers`, in order of need) is called after the
-    first variable it is for, with a number where that name is bound already on the way here, or
-    where one event could have to bind it in two places at once.
+    Raises `TooLarge` beyond `limit` alternatives, rejected ones included. In RML a variable is
+    bound once. A register (`registers`, in order of need) is named after its first variable. It
+    gets a number if that name is already bound on the way to the state, or if one event could bind
+    it twice.
     """
 
     def __init__(self, found: list[BitScenario], letters: RmlLetters, semantics: Semantics, *, limit: int) -> None:
@@ -205,7 +203,7 @@ class Determinised:
         ordered = [name for name in self._tree.variables if name in letters.remembered]
         self._wanted = {name: names.fresh(name, otherwise="v") for name in ordered}
         self.registers: dict[str, None] = {}
-        ready: dict[int, dict[int, int]] = {}  # for each occurrence, what comes before it in which scenarios
+        ready: dict[int, dict[int, int]] = {}  # for each occurrence, its predecessors and their scenarios
         self._complete: dict[int, int] = defaultdict(int)
         self._guarded: dict[Condition, int] = defaultdict(int)
         for number, scenario in enumerate(found):
@@ -252,7 +250,7 @@ class Determinised:
             yield RmlAlternative((), 0, STAY if self._scattered else 0)
 
     def _count(self) -> None:
-        """One more alternative, in whatever state."""
+        """Count an alternative of any state."""
         self._size += 1
         if self._size > self._limit:
             raise TooLarge("alternatives of the RML equations", limit=self._limit)
@@ -263,9 +261,10 @@ class Determinised:
             raise TooLarge(f"steps of partial matches, {WORK} allowed for each alternative", limit=self._limit)
 
     def _merged(self, state: MatchState, moves: Iterable[Partials]) -> frozenset[tuple[Partial, int]]:
-        """All partial matches after the moves.
+        """Return the partial matches after the moves.
 
-        Under `scattered` one that another of the same scenario contains has nothing to add.
+        Under `scattered`, a partial match that another one of the same scenario includes is
+        dropped.
         """
         merged: dict[Partial, int] = defaultdict(int, state.partials if self._scattered else ())
         merged.update(self._start if self.cyclic else {})
@@ -288,7 +287,9 @@ class Determinised:
         return frozenset(found.items())
 
     def _moves(self, state: MatchState) -> tuple[dict[RmlLetter, dict[Partial, int]], set[RmlLetter]]:
-        """The letters that advance some partial match, and where each leads; those that detect."""
+        """Return the letters that advance partial matches with their results, and the detecting
+        letters.
+        """
         self._spend(len(state.partials) * len(self._ready))
         candidates = [
             (done, dict(environment), index, mask & ways)
@@ -316,7 +317,9 @@ class Determinised:
         return moves, detecting
 
     def _chosen(self, waiting: Iterable[tuple[int, Set[str]]], bound: Set[str]) -> dict[Where, str]:
-        """A register for each place where an occurrence (with the variables it already knows) would bind a variable."""
+        """Return a register for each parameter that may bind a remembered variable of an
+        occurrence.
+        """
         here: dict[Where, list[tuple[str, int]]] = {}
         for index, known in waiting:
             for where, name in self._letters.asked(index):
@@ -339,7 +342,7 @@ class Determinised:
         return chosen
 
     def _split(self, done: int, after: int, mask: int) -> list[tuple[int, tuple[Condition, ...]]]:
-        """The scenarios, parted by which guards get their last variable now."""
+        """Return the scenarios, partitioned by the guards that become decidable."""
         parts: list[tuple[int, tuple[Condition, ...]]] = [(mask, ())]
         for condition, spoken in self._speaks.items():
             if spoken <= self._bound(after) and not spoken <= self._bound(done):
@@ -358,7 +361,7 @@ class Determinised:
         return self._known[done]
 
     def _remembered(self, done: int, registers: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
-        """The registers of the variables that something later speaks of."""
+        """Return the registers of variables that later occurrences or guards use."""
         if not registers:
             return ()
         later = {name for names in self._speaks.values() if not names <= self._bound(done) for name in names}
@@ -366,18 +369,18 @@ class Determinised:
         return tuple(sorted((name, register) for name, register in registers.items() if name in later))
 
 
-# -- states with the same future made one, and alternatives dropped that a later one does as well ----------------------
+# Merging of states with the same future, and removal of redundant alternatives.
 
 StateClass: TypeAlias = tuple[tuple[tuple[RmlLetter, ...], int], ...]
-"""The alternatives: on an event that is all the letters, go on to the target, a class (or `ACCEPT` or `STAY`)."""
+"""Alternatives as letters with the next class, `ACCEPT` or `STAY`."""
 
 
 def minimised(states: list[list[RmlAlternative]]) -> list[StateClass]:
-    """The classes, every one before those that lead to it; the last is that of the first state."""
+    """Return the classes of an acyclic automaton, targets first; the first state's class is last."""
     number: dict[StateClass, int] = {}
     of_state: dict[int, int] = {}
     agenda = [(0, False)]
-    while agenda:  # each state after all that it leads to; the only loops are STAY, so there is such an order
+    while agenda:  # post-order; the only loops are STAY
         state, visited = agenda.pop()
         if state in of_state:
             continue
@@ -392,8 +395,8 @@ def minimised(states: list[list[RmlAlternative]]) -> list[StateClass]:
 
 
 def refined(states: list[list[RmlAlternative]]) -> list[StateClass]:
-    """The classes where states may lie on cycles: split until those of a class have the same
-    alternatives; the last is that of the first state.
+    """Return the classes of an automaton with cycles by partition refinement; the first state's
+    class is last.
     """
     class_of = dict.fromkeys(range(len(states)), 0)
     while True:
@@ -412,7 +415,9 @@ def refined(states: list[list[RmlAlternative]]) -> list[StateClass]:
 
 
 def _without_idle(own: list[RmlAlternative], class_of: Mapping[int, int]) -> StateClass:
-    """The alternatives by class, but for those after which the next one that would fit leads to the same."""
+    """Return the alternatives by class, without those that the next fitting alternative makes
+    redundant.
+    """
     kept: list[RmlAlternative] = []
     for one in reversed(own):
         target = class_of.get(one.target, one.target)
@@ -425,10 +430,10 @@ def _without_idle(own: list[RmlAlternative], class_of: Mapping[int, int]) -> Sta
 def equations(
     classes: list[StateClass], letters: RmlLetters, *, cyclic: bool = False
 ) -> tuple[Written, list[tuple[str, Written]]]:
-    """The expression for the first state, and the equations it needs: one for each class that several others lead to.
+    """Return the expression of the first state, and an equation per class with several
+    predecessors.
 
-    The others are written where they are needed, unless that would be too deep inside others, or
-    there may be cycles (`cyclic`).
+    Other classes are inlined, unless they are nested too deeply or there may be cycles (`cyclic`).
     """
     uses = Counter(target for choices in classes for target in {target for _, target in choices})
     apart = {
@@ -442,7 +447,7 @@ def equations(
         if height[number] >= MAX_DEPTH:
             height[number] = 0
     order = dict.fromkeys([len(classes) - 1])
-    for number in (agenda := list(order)):  # as a reader meets them
+    for number in (agenda := list(order)):  # in reading order
         fresh = [target for _, target in classes[number] if target >= 0 and target not in order]
         agenda += dict.fromkeys(fresh)
         order.update(dict.fromkeys(fresh))
@@ -454,10 +459,10 @@ def equations(
         after = {ACCEPT: ALL, STAY: names.get(number, NONE)}
         texts = [(letters.all_texts(found), target) for found, target in choices]
         for (target, joint), run in groupby(texts, key=lambda one: (one[1], one[1] == ACCEPT and len(one[0]) > 1)):
-            if joint:  # detecting by several types at once has a form of its own
+            if joint:  # detection by several event types at once has its own form
                 parts += [join(AND, (then(event, ALL) for event in events)) for events, _ in run]
-            else:  # neighbours that lead to the same are written as one
+            else:  # neighbours with the same target are merged
                 heads = [join(AND, events) if events else ANY for events, _ in run]
                 parts.append(then(join(OR, heads), after.get(target) or names.get(target) or bodies[target]))
-        bodies.append(join(OR, parts) if parts else NONE)  # guards that no event can fulfil
+        bodies.append(join(OR, parts) if parts else NONE)  # no event satisfies the guards
     return names.get(len(classes) - 1) or bodies[-1], [(names[number].word, bodies[number]) for number in names]

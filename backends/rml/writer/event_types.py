@@ -1,15 +1,12 @@
-r"""The event types of an RML text, declared as they are needed, and the guards of a tree as
-conditions that RML can check.
+r"""The event types of an RML text, declared on demand, and guards as conditions that RML can check.
 
-Each event type of the tree is declared once; what an occurrence looks for is that type itself or
-one derived from it. A derived type that binds folds comparisons of numbers into its `with`; any
-other condition becomes a type of its own that binds nothing and is asked beside it (`/\`), because
-the negation of a type never binds.
+Each event type of the tree is declared once. An occurrence uses that type or a type derived from
+it. A derived type that binds has numeric comparisons in its `with`. Other conditions become
+separate types that bind nothing and are joined by `/\`, because a negated type never binds.
 
-A guard of a tree is three-valued; a condition is a guard that says when another one is true,
-undefined being neither. It is made of `and` and `or` over comparisons of numbers, which simply fail
-on anything else; over *equalities*, of a variable with a literal or another variable; and of `not`
-in front of one of the two kinds of `==`.
+A guard is three-valued; a condition states when a guard is true, undefined being neither. A
+condition consists of `and` and `or` over numeric comparisons, which fail on other values; over
+*equalities* of a variable with a literal or variable; and of `not` before either kind of `==`.
 """
 
 from collections import Counter
@@ -43,28 +40,28 @@ NEVER: Final = Operation(Operator.OR, ())
 
 
 NUMERIC: Final = CALCULATING
-"""What RML calculates; its `min` and `max` take two numbers."""
+"""Operators that RML calculates; its `min` and `max` take two numbers."""
 TEXTS: Final = FUNCTIONS - NUMERIC
-"""What RML has no notion of."""
+"""Operators without an RML counterpart."""
 
 
 class Inexpressible(Exception):
-    """A guard that no RML event type can check; the text says why."""
+    """A guard that no RML event type can check; the text is the reason."""
 
 
 def _without(operator: Operator) -> Inexpressible:
-    return Inexpressible(f"RML knows nothing of what strings contain, and has no {operator}")
+    return Inexpressible(f"RML cannot search strings, and has no {operator}")
 
 
 def _is_equality(condition: Guard) -> TypeGuard[Operation]:
-    """Whether the condition says that a variable has the value of a literal or of another variable."""
+    """Return whether the condition equates a variable with a literal or another variable."""
     return isinstance(condition, Operation) and (
         condition.operator is Operator.EQ and isinstance(condition.operands[0], Variable)
     )
 
 
 def _is_numeric(condition: Guard) -> bool:
-    """Whether the condition consists of comparisons of numbers only."""
+    """Return whether the condition consists of numeric comparisons only."""
     match condition:
         case Operation(operator, parts) if operator in JUNCTIONS:
             return all(map(_is_numeric, parts))
@@ -75,7 +72,9 @@ def _is_numeric(condition: Guard) -> bool:
 
 
 def when_true(guard: Guard, wanted: bool = True) -> Guard:
-    """The condition under which the value of the guard is `true` (or, not wanted, `false`); raises `Inexpressible`."""
+    """Return the condition that the guard is true (or, if not `wanted`, false); raises
+    `Inexpressible`.
+    """
     if not variables(guard):
         return ALWAYS if value(guard, {}) is wanted else NEVER
     match guard:
@@ -84,7 +83,7 @@ def when_true(guard: Guard, wanted: bool = True) -> Guard:
         case Operation(Operator.NOT, (operand,)):
             return when_true(operand, not wanted)
         case Operation(Operator.AND | Operator.OR as operator, operands):
-            # Read from left to right: an operand counts only while those before it do not decide.
+            # An operand counts only if no earlier operand decides.
             decides = operator is Operator.OR
             undecided = [when_true(operand, not decides) for operand in operands]
             if wanted is not decides:
@@ -105,7 +104,7 @@ def when_true(guard: Guard, wanted: bool = True) -> Guard:
             sign = operator if wanted else OPERATORS[operator].negated or operator
             return Operation(sign, (left, right)) if _is_calculable(left) and _is_calculable(right) else NEVER
         case _:
-            return NEVER  # a number is no truth value
+            return NEVER  # a number is not a Boolean
 
 
 def _same(left: Guard, right: Guard, *, positive: bool) -> Guard:
@@ -136,7 +135,9 @@ def _equality(left: Guard, right: Guard, *, positive: bool) -> Guard:
 
 
 def _is(side: Guard, truth: bool, positive: bool) -> Guard:
-    """Whether the side is that truth value (or, not positive, defined and something else)."""
+    """Return the condition that the side equals the Boolean (not `positive`: is defined and
+    differs).
+    """
     match side:
         case Variable():
             return _same(side, Literal(truth), positive=positive)
@@ -168,7 +169,7 @@ def _defined(arithmetic: Guard) -> Guard:
 
 
 def _constant(guard: Guard) -> Guard | None:
-    """A literal for what has no variables, None where that is undefined."""
+    """Return a constant expression as a literal, or None if it is undefined."""
     if variables(guard):
         return guard
     constant = value(guard, {})
@@ -176,7 +177,7 @@ def _constant(guard: Guard) -> Guard | None:
 
 
 def _is_calculable(guard: Guard) -> bool:
-    """Whether the expression can be a number at all."""
+    """Return whether the expression can be a number."""
     match _constant(guard):
         case None:
             return False
@@ -207,7 +208,7 @@ def _some(parts: Iterable[Guard]) -> Guard:
 
 
 def _data(guard: Guard, names: dict[str, str]) -> str:
-    """A condition over numbers as a data expression; every operation in parentheses but the outermost."""
+    """Return a numeric condition as a data expression, with parentheses around inner operations."""
     match guard:
         case Literal(constant):
             return in_arithmetic(constant)  # type: ignore[arg-type]
@@ -228,17 +229,19 @@ def _data(guard: Guard, names: dict[str, str]) -> str:
             return f"-{texts[0]}" if operator is Operator.NEGATE else f" {operator.value} ".join(texts)
 
 
-# -- event types -------------------------------------------------------------------------------------------------------
+# Event types.
 
 
 def is_register(argument: Argument) -> TypeGuard[Variable]:
-    """Whether an argument of a call is a variable of the RML text, and not one of the event alone."""
+    """Return whether an argument of a call is a variable of the RML text."""
     return isinstance(argument, Variable) and "#" not in argument.name
 
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """An event type applied to arguments; `event` is None for the default event of the node called `default`."""
+    """An event type applied to arguments; `event` is None for the default event of the node
+    `default`.
+    """
 
     event: str | None
     arguments: tuple[Argument, ...] = ()
@@ -246,11 +249,11 @@ class Call:
 
     @property
     def registers(self) -> tuple[str, ...]:
-        """The registers among the arguments, each once."""
+        """The distinct registers among the arguments."""
         return tuple(dict.fromkeys(a.name for a in self.arguments if is_register(a)))
 
     def pattern(self, tree: RVAFT) -> Pattern:
-        """The pattern of the events; registers and places stand as variables."""
+        """Return the pattern of the events, with registers and places as variables."""
         if self.event is None:
             return ObjectPattern((("event", Literal(self.default)),))
         return tree.instantiate(On(self.event, self.arguments))
@@ -264,13 +267,16 @@ class RmlTypes:
         self.lines: list[str] = []
         self._names = RmlNames()
         self._bases: dict[tuple[str | None, str], tuple[str, list[Literal]]] = {}
-        """The declared event types of the tree, each with the literals that no pattern can hold, its last arguments."""
+        """The declared event types, each with the literals that patterns cannot hold, as its last
+        arguments.
+        """
         self._declared: dict[tuple[object, ...], str] = {}
 
     def observed(self, call: Call, conditions: Sequence[tuple[Guard, str]], node: str) -> list[str]:
-        """The types, applied, that together match the events of a call that fulfil the conditions; the first one binds.
+        """Return the applied types that together match a call under conditions; the first one
+        binds.
 
-        `node` and the names beside the conditions, of the nodes they come from, are what the types are called after.
+        Types are named after `node` and the nodes of the conditions.
         """
         folded = [condition for condition, _ in conditions if _is_numeric(condition)]
         names = dict.fromkeys(name for condition, name in conditions if _is_numeric(condition) and name != node)
@@ -279,9 +285,7 @@ class RmlTypes:
         return [binding, *(self._asked(call, condition, name) for condition, name in others)]
 
     def checked(self, call: Call, condition: Guard, hint: str) -> list[str]:
-        """Types that bind nothing, as parents of another: any of them matches the events of a call
-        that fulfil the condition.
-        """
+        """Return types that bind nothing; each matches events of a call that satisfy the condition."""
         if condition == ALWAYS:
             parents, extra = self._parents(call, *self._scope(call, ()), ())
             return [self._declare((), parents, extra, hint)] if extra else parents
@@ -291,18 +295,18 @@ class RmlTypes:
         return [self.neither([other, self._refused(call, condition, hint, f"not_{hint}")], hint)]
 
     def union(self, parents: Iterable[str], hint: str) -> str:
-        """A type that matches what any of the parents match."""
+        """Return a type that matches what any parent matches."""
         return self._declare((), list(parents), (), hint)
 
     def neither(self, parents: Iterable[str], hint: str) -> str:
-        """A type that matches what none of the parents match."""
+        """Return a type that matches what no parent matches."""
         return self._declare((), list(parents), (), hint, negated=True)
 
-    # -- derived types ----------------------------------------------------------------------------------------------
+    # Derived types.
 
     def _scope(self, call: Call, registers: Iterable[str]) -> tuple[dict[str, str], RmlNames]:
-        """The variables of one declaration: registers and places of the call are called after the
-        parameters of its event type.
+        """Return the names of registers and places in one declaration, after the event type's
+        parameters.
         """
         local, names = RmlNames(), dict[str, str]()
         parameters = self.tree.events[call.event].parameters if call.event is not None else ()
@@ -323,7 +327,9 @@ class RmlTypes:
     def _derived(
         self, call: Call, condition: Guard, conditions: Iterable[Guard], hint: str, binding: Sequence[str] = ()
     ) -> str:
-        """A type with conditions over numbers behind `with`, applied; it binds some registers of the call."""
+        """Return an applied type with numeric conditions in its `with`, which binds some registers
+        of the call.
+        """
         outside = _outside(call, condition)
         registers = tuple(dict.fromkeys((*binding, *outside)))
         names, local = self._scope(call, outside)
@@ -332,7 +338,9 @@ class RmlTypes:
         return applied(self._declare([names[r] for r in registers], parents, more, hint), registers)
 
     def _asked(self, call: Call, condition: Guard, hint: str) -> str:
-        """A type that matches where the condition holds of an event that matches the call; it binds nothing."""
+        """Return a type that matches events of the call that satisfy the condition; it binds
+        nothing.
+        """
         registers = _outside(call, condition)
         match condition:
             case Operation(Operator.NOT, (inner,)):
@@ -349,7 +357,7 @@ class RmlTypes:
                 return self._derived(call, condition, [condition], hint)
 
     def _refused(self, call: Call, condition: Guard, hint: str, negation: str) -> str:
-        """A type that matches where the condition fails of an event that matches the call."""
+        """Return a type that matches events of the call for which the condition fails."""
         match condition:
             case Operation(Operator.NOT, (inner,)):
                 return self._asked(call, inner, hint)
@@ -366,7 +374,7 @@ class RmlTypes:
             left, right = right, left
         assert isinstance(left, Variable)
         assert isinstance(right, Variable | Literal)
-        if left not in call.arguments:  # two values that earlier events have given
+        if left not in call.arguments:  # two values of earlier events
             same = self._once(("same",), "same", lambda name: f"{name}(value, value) matches {{}};")
             texts: Sequence[str] = [right.name] if isinstance(right, Variable) else _spelled(right)
             parents, more = [applied(same, [left.name, text]) for text in texts], list[str]()
@@ -387,8 +395,9 @@ class RmlTypes:
         *,
         negated: bool = False,
     ) -> str:
-        """A derived type; the negation of one with a `with` goes through the positive one, for `not
-        … with` means something else.
+        """Return a derived type; a negated type with a `with` is derived from the positive one.
+
+        `not … with` has another meaning.
         """
         if negated and conditions:
             parents, conditions = [applied(self._declare(parameters, parents, conditions, hint), parameters)], ()
@@ -403,15 +412,15 @@ class RmlTypes:
             self.lines.append(line(name))
         return self._declared[key]
 
-    # -- the types of the tree --------------------------------------------------------------------------------------
+    # Types of the tree.
 
     def _parents(
         self, call: Call, names: dict[str, str], local: RmlNames, used: Collection[str]
     ) -> tuple[list[str], list[str]]:
-        """The base type applied to the arguments, once for each spelling of a literal, and
-        comparisons for very large integers.
+        """Return the base type applied to arguments, per spelling of literals, and comparisons of
+        large integers.
 
-        A variable that is not `used` elsewhere and stands but once is written `_`.
+        A variable that occurs once and is not `used` is written `_`.
         """
         base, hidden = self._base(call)
         counts = Counter(argument.name for argument in call.arguments if isinstance(argument, Variable))
@@ -478,5 +487,5 @@ def _spelled(literal: Literal) -> tuple[str, ...]:
 
 
 def _outside(call: Call, condition: Guard) -> list[str]:
-    """The registers of a condition that the call does not mention."""
+    """Return the registers of a condition that the call does not mention."""
     return [name for name in variables(condition) if is_register(Variable(name)) and name not in call.registers]

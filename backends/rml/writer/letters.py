@@ -1,9 +1,9 @@
-"""What each occurrence looks for in an event, and which variables have to be remembered from one event to another.
+"""Letters: the event conditions of occurrences, and the variables remembered between events.
 
-A variable is remembered where two occurrences share it or a guard compares it with one of another
-occurrence: a *register* of the RML text keeps its value. Any other variable belongs to one event
-and is called after its *place* there, `0#move` for the first parameter of `move`, so that equal
-observations are equal values.
+A variable is remembered if two occurrences share it, or if a guard compares it with a variable of
+another occurrence. A *register* of the RML text holds its value. Other variables are local to an
+event and named after their *place*, such as `0#move` for the first parameter of `move`, so that
+equal conditions are equal values.
 """
 
 from collections import Counter
@@ -20,11 +20,11 @@ from rvaft.model.nodes import Argument, On
 from rvaft.model.patterns import Anything, Pattern, Variable, substitute, variables
 
 Where: TypeAlias = tuple[str, int]
-"""An event type and the position of a parameter."""
+"""An event type and a parameter position."""
 
 
 def closed(on: On, when: Guard | None) -> tuple[Call, Guard | None]:
-    """An event type applied to arguments, for any values of its variables, and a guard where it speaks of no others."""
+    """Return a call for any values of its variables, with the guard if it uses no other variables."""
     used = set(guard_variables(when))
     if when is None or not used <= set(on.variables):
         return Call(on.event, _template(on, set())), None
@@ -32,7 +32,7 @@ def closed(on: On, when: Guard | None) -> tuple[Call, Guard | None]:
 
 
 def _places(on: On | None) -> Mapping[str, str]:
-    """The first place of each variable."""
+    """Return the first place of each variable."""
     found: dict[str, str] = {}
     for position, argument in enumerate(on.arguments if on else ()):
         if isinstance(argument, Variable):
@@ -41,7 +41,7 @@ def _places(on: On | None) -> Mapping[str, str]:
 
 
 def _template(on: On | None, used: Set[str], remembered: Set[str] = frozenset()) -> tuple[Argument, ...]:
-    """The arguments with places for variables that are not remembered, where their values matter at all."""
+    """Return the arguments, with places for local variables whose values matter."""
     arguments = on.arguments if on else ()
     counts, places = Counter(arguments), _places(on)
 
@@ -54,16 +54,16 @@ def _template(on: On | None, used: Set[str], remembered: Set[str] = frozenset())
 
 
 class RmlLetter(NamedTuple):
-    """What one event has to be for a partial match to go on: it matches the call and fulfils the guards."""
+    """The condition of an occurrence on one event: a call and guards."""
 
     call: Call
     guards: frozenset[Guard] = frozenset()
 
 
 class RmlLetters:
-    """The letters of the events of a property, by position in `prop.events`.
+    """The letters of a property's events, by position in `prop.events`.
 
-    Each is called after the node that first needed it.
+    A letter is named after the first node that needs it.
     """
 
     def __init__(self, prop: Property, types: RmlTypes) -> None:
@@ -93,26 +93,26 @@ class RmlLetters:
         self._texts: dict[RmlLetter, tuple[str, ...]] = {}
 
     def asked(self, index: int) -> list[tuple[Where, str]]:
-        """The remembered variables of an occurrence, with where they stand."""
+        """Return the remembered variables of an occurrence with their parameter positions."""
         on = self._ons[index]
         return [((on.event, i), a.name) for i, a in enumerate(self._templates[index]) if on and is_register(a)]
 
     def loose(self, index: int) -> Pattern:
-        """The pattern of an occurrence for any values."""
+        """Return the pattern of an occurrence with variables replaced by `_`."""
         pattern = self.prop.events[index].pattern
         return substitute(pattern, {name: Anything() for name in variables(pattern)})
 
     def condition(self, guard: Guard, node: str) -> Guard:
-        """When the guard of a node is true; raises `NotExpressible`."""
+        """Return the condition that a node's guard is true; raises `NotExpressible`."""
         try:
             return when_true(guard)
         except Inexpressible as error:
             raise NotExpressible(str(error), nodes=[node]) from None
 
     def letter(self, index: int, registers: Mapping[str, str], conditions: Iterable[Condition]) -> RmlLetter | None:
-        """The letter of an occurrence under some conditions, or None where no event can fulfil it.
+        """Return the letter of an occurrence under conditions, or None if no event can satisfy it.
 
-        `registers` names one for every remembered variable.
+        `registers` maps every remembered variable to its register.
         """
         name, on, template = self.nodes[index], self._ons[index], self._templates[index]
         call = Call(None, (), name)
@@ -132,7 +132,7 @@ class RmlLetters:
         return RmlLetter(call, frozenset(instances))
 
     def texts(self, letter: RmlLetter) -> tuple[str, ...]:
-        """The event types, applied, that an event has to match all at once; the first one binds."""
+        """Return the applied event types that an event must all match; the first one binds."""
         if letter not in self._texts:
             guards = sorted((self._guards[g] for g in letter.guards), key=lambda g: (self._rank[g[0]], repr(g[1])))
             conditions = [(condition, name) for name, found in guards for condition in found]
@@ -140,5 +140,5 @@ class RmlLetters:
         return self._texts[letter]
 
     def all_texts(self, letters: Iterable[RmlLetter]) -> list[Written]:
-        """Those of several letters, each once."""
+        """Return the distinct applied event types of several letters."""
         return [named(text) for text in dict.fromkeys(text for letter in letters for text in self.texts(letter))]

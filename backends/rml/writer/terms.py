@@ -1,13 +1,12 @@
-"""The words of an RML text (names, an injective renaming of those of a tree, literals) and its expressions.
+"""Names, literals and expressions of RML texts.
 
 Event types and variables start with a lower-case ASCII letter, equations with an upper-case one;
-some words are taken. Facts that every writer of RML text has to know, not translation: the reader
-keeps its own account of the language.
+some words are reserved. The renaming of tree names is injective. The reader does not use this
+module.
 
-A number is equal to another of the same value, but the published monitor tells 1 from 1.0: where a
-literal is an integer both spellings are written. Its patterns know neither a sign nor an exponent,
-and no integer beyond 32 bits: such a number stands as an argument or, larger still, is compared in
-a `with`.
+Numbers are equal by value, but the published monitor distinguishes 1 from 1.0; an integer literal
+is therefore written in both spellings. Its patterns allow neither signs nor exponents, nor integers
+beyond 32 bits. Such a number becomes an argument or, if larger, a comparison in a `with`.
 """
 
 import re
@@ -22,9 +21,9 @@ KEYWORDS: Final = frozenset(["not", "matches", "with", "empty", "all", "let", "v
 FUNCTIONS: Final = frozenset(["abs", "sin", "cos", "tan", "min", "max"])
 VALUES: Final = frozenset(["true", "false", "null"])
 TYPES: Final = frozenset(["any", "none"])
-"""Event types that the compiler declares itself; to declare one again widens it."""
+"""Event types that the compiler predefines; redeclaring one adds alternatives."""
 RESERVED: Final = KEYWORDS | FUNCTIONS | VALUES | TYPES
-"""The words that no name may be."""
+"""Words that are not allowed as names."""
 LARGEST: Final = 2**31 - 1
 """The largest integer that the compiler reads."""
 _ESCAPES: Final = str.maketrans({"\\": "\\\\", "'": "\\'", "\n": "\\n", "\t": "\\t", "\r": "\\r"})
@@ -32,13 +31,13 @@ _CHUNK: Final = 10**9
 
 
 class RmlNames:
-    """Gives out names of one kind; no name twice."""
+    """Allocates distinct names of one kind."""
 
     def __init__(self) -> None:
         self._taken = set(RESERVED)
 
     def fresh(self, wanted: str, *, otherwise: str = "e") -> str:
-        """A new name that resembles the wanted one.
+        """Return an unused name similar to the wanted one.
 
         >>> names = RmlNames()
         >>> names.fresh("Valve 1"), names.fresh("valve_1"), names.fresh("all")
@@ -47,7 +46,7 @@ class RmlNames:
         return self.distinct(identifier(wanted, otherwise=otherwise))
 
     def distinct(self, base: str) -> str:
-        """The name itself, or with a number where it is taken."""
+        """Return the name, numbered if it is taken."""
         name, number = base, 2
         while name in self._taken:
             name, number = f"{base}_{number}", number + 1
@@ -56,25 +55,26 @@ class RmlNames:
 
 
 def identifier(text: str, *, otherwise: str = "e") -> str:
-    """A lower-case identifier that resembles the text; different texts may give the same one."""
+    """Return a lower-case identifier similar to the text; it may not be unique."""
     plain = re.sub(r"[^A-Za-z0-9_]+", "_", text).strip("_")
     return plain[0].lower() + plain[1:] if plain and plain[0].isalpha() else f"{otherwise}{plain}"
 
 
 def applied(name: str, arguments: Sequence[str]) -> str:
-    """An event type with its arguments, if it has any."""
+    """Return an event type with its arguments, if any."""
     return f"{name}({', '.join(arguments)})" if arguments else name
 
 
 def quoted(text: str) -> str:
-    """A string or a field name."""
+    """Return a string or field name in quotes."""
     return f"'{text.translate(_ESCAPES)}'"
 
 
 def spellings(value: Scalar) -> tuple[str, ...] | None:
-    """The spellings of a literal that together match exactly the equal values, or None for an integer beyond 32 bits.
+    """Return the spellings that match exactly the values equal to a literal; None for large
+    integers.
 
-    Those of a negative number can be an argument only, not stand in a pattern.
+    Negative numbers are allowed as arguments only.
 
     >>> spellings(2), spellings(0.5), spellings("two"), spellings(2**31)
     (('2', '2.0'), ('0.5',), ("'two'",), None)
@@ -93,12 +93,12 @@ def spellings(value: Scalar) -> tuple[str, ...] | None:
 
 
 def in_patterns(value: Scalar) -> bool:
-    """Whether the literal can stand in a pattern."""
+    """Return whether the literal is allowed in a pattern."""
     return not is_number(value) or (value >= 0 and spellings(value) is not None)  # type: ignore[operator]
 
 
 def in_arithmetic(value: int | float) -> str:
-    """A number in an arithmetic expression; integers stay exact."""
+    """Return a number in an arithmetic expression; integers stay exact."""
     if value < 0:
         return f"(-{in_arithmetic(-value)})"
     if isinstance(value, float):
@@ -111,8 +111,7 @@ def _decimal(value: float) -> str:
     return text if "." in text else f"{text}.0"
 
 
-# -- expressions, built bottom-up: whoever builds a deep one (`depth`) puts it into an equation of
-# its own ---------------
+# Expressions, built bottom-up; a deep expression (`depth`) must go into its own equation.
 
 MAX_DEPTH: Final = 24
 MAX_PARTS: Final = 60
@@ -124,8 +123,7 @@ _TOKEN: Final = re.compile(r"'(?:[^'\\]|\\.)*'|[0-9]+\.[0-9]+|\w+|>>|\\/|/\\|\S"
 class Written:
     """An expression.
 
-    `operator` is what joins its parts, the sign behind its only part, `>>` or `let`; a name has
-    none.
+    `operator` joins the parts, or is a postfix sign, `>>` or `let`; it is empty for a name.
     """
 
     operator: str
@@ -149,17 +147,17 @@ class Written:
 
     @property
     def inner(self) -> str:
-        """The text as a part of another one: in parentheses where it is more than a name."""
+        """The text as a part of another expression, in parentheses unless it is atomic."""
         return str(self) if self.operator in ("", "let", "*", "?") else f"({self})"
 
     @property
     def is_large(self) -> bool:
-        """Whether it is deep or long."""
+        """Whether the expression is deep or long."""
         return self.depth >= MAX_DEPTH or (self.operator == THEN and len(self.parts) >= MAX_PARTS)
 
 
 def named(name: str) -> Written:
-    """An event type applied to arguments, an equation, or `all`, as it is written."""
+    """Return an applied event type, an equation name, or `all` as an expression."""
     return Written("", word=name)
 
 
@@ -169,7 +167,7 @@ NONE: Final = named("none")
 
 
 def join(operator: str, parts: Iterable[Written]) -> Written:
-    """The parts joined, nested joins of the same operator made one; a single part stays as it is.
+    """Return the parts joined; nested joins of the same operator are flattened.
 
     >>> print(join(THEN, [named("a"), join(SHUFFLE, [named("b"), named("c")]), join(THEN, [ANY, ALL])]))
     a (b | c) any all
@@ -178,21 +176,21 @@ def join(operator: str, parts: Iterable[Written]) -> Written:
     for part in parts:
         fits = part.operator == operator and len(part.parts) + len(flat) <= MAX_PARTS
         flat.extend(part.parts if fits else (part,))
-    while len(flat) > MAX_PARTS:  # all four are associative, left preference included
+    while len(flat) > MAX_PARTS:  # all four are associative, including left preference
         flat = [join(operator, flat[start : start + MAX_PARTS]) for start in range(0, len(flat), MAX_PARTS)]
     return flat[0] if len(flat) == 1 else Written(operator, tuple(flat), depth=1 + max(part.depth for part in flat))
 
 
 def then(*parts: Written) -> Written:
-    """One after the other."""
+    """Return the sequence of the parts."""
     return join(THEN, parts)
 
 
 def around(part: Written, operator: str, word: str = "") -> Written:
-    """The part repeated (`*`), optional (`?`), behind a filter (`>>`) or in a block (`let`)."""
+    """Return the part with `*` or `?`, behind a filter (`>>`) or in a block (`let`)."""
     return Written(operator, (part,), word, part.depth + 1)
 
 
 def symbols(text: str) -> int:
-    """The number of tokens of an RML text without comments."""
+    """Return the number of tokens of an RML text without comments."""
     return sum(1 for _ in _TOKEN.finditer(text))

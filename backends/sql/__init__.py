@@ -1,8 +1,7 @@
-"""The `sql` backend: a query on a table of events, whose rows are the detections.
+"""The `sql` backend: a query on a table of events, whose rows are detections.
 
-The text explains itself: a comment says what the table is, which rows there are, and how the time
-was declared. The unit of `limit` is events joined. Python's own SQLite reads it; `sql-duckdb` and
-`sql-postgres` are the same query in other dialects.
+A comment describes the table, the rows and the declared time. The `limit` counts joined events.
+Python's SQLite runs it; `sql-duckdb` and `sql-postgres` are other dialects.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,7 +25,8 @@ __all__ = ["SqlBackend", "SqlDuckdbBackend", "SqlPostgresBackend"]
 
 
 class SqlBackend(Backend):
-    """SQL as SQLite has it: every tree under every semantics, late events too; its runs tell detections alone.
+    """SQL for SQLite: every tree under every semantics, including late events; reports detections
+    only.
 
     >>> from rvaft import loads
     >>> specification = SqlBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED)
@@ -52,31 +52,31 @@ class SqlBackend(Backend):
     default_limit: ClassVar[int] = 2_000
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """The query; raises `TooLarge` beyond `limit` events that are joined, `NotExpressible` for
-        a constant that no table can hold.
+        """Return the query; raises `TooLarge` beyond `limit` joined events, and `NotExpressible`
+        for constants that tables cannot hold.
         """
         return SpecificationText(*SqlQuery(prop, semantics, DIALECTS[self.dialect], limit).text())
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
-        """A monitor that runs a query, whoever wrote it; raises `LanguageError`."""
+        """Return a monitor for any query; raises `LanguageError`."""
         asked = query(text, self.dialect)
         return DetectionMonitor(asked.first_detections, asked.left_open)
 
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
-        """By `duckdb`: a monitor that runs a query in that dialect; raises `LanguageError`, and `ToolMissing`."""
+        """Return a monitor that runs a query in `duckdb`; raises `LanguageError` and `ToolMissing`."""
         if tool not in self.tools:
             return super().read_with(tool, text, atoms=atoms)
         asked = query(text, tool)
         return DetectionMonitor(asked.first_detections, asked.left_open)
 
     def matches(self, text: str, traces: Sequence[Sequence[Json]]) -> Sequence[frozenset[Match]] | None:
-        """All matches in each trace, where the text says that its rows are these."""
+        """Return all matches per trace, or None if the rows of the query are not all matches."""
         asked = query(text, self.dialect)
         return asked.matches(traces) if asked.every else None
 
     @classmethod
     def dialect_backend(cls, dialect: str) -> str:
-        """The name of the backend that writes a dialect."""
+        """Return the name of the backend for a dialect; raises `OptionError`."""
         if dialect not in DIALECTS:
             raise OptionError(f"unknown dialect {dialect or '(empty)'}; known: {', '.join(DIALECTS)}")
         if dialect != cls.dialect and cls.form_of is not None:
@@ -85,7 +85,7 @@ class SqlBackend(Backend):
 
 
 class SqlDuckdbBackend(SqlBackend):
-    """SQL as DuckDB has it."""
+    """SQL for DuckDB."""
 
     name: ClassVar[str] = "sql-duckdb"
     dialect: ClassVar[str] = "duckdb"
@@ -95,7 +95,7 @@ class SqlDuckdbBackend(SqlBackend):
 
 
 class SqlPostgresBackend(SqlBackend):
-    """SQL as PostgreSQL has it; only emitted."""
+    """SQL for PostgreSQL, without a reader."""
 
     name: ClassVar[str] = "sql-postgres"
     dialect: ClassVar[str] = "postgres"
@@ -104,5 +104,5 @@ class SqlPostgresBackend(SqlBackend):
     tools: ClassVar[tuple[str, ...]] = ()
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
-        """Raises `OptionError`: nothing here runs a query of PostgreSQL."""
+        """Raise `OptionError`: there is no reader for PostgreSQL."""
         return Backend.read(self, text, atoms=atoms)

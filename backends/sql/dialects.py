@@ -1,9 +1,8 @@
-"""The dialects of SQL: a table of what each says in its own way, as forms to fill in.
+"""The SQL dialects as templates.
 
-A value stands at a path of an event, and is asked for what it is and for its facets: a whole number
-of 64 bits, another number, a text, a truth; each is NULL where it is something else. What a program
-keeps in silence as another number than the event has is not left to it: a result beyond 64 bits is
-an error when the query runs.
+A value is at a path of an event. It has a type and facets: a 64-bit integer, another number, a
+string, a Boolean; a facet is NULL for other types. Conversions that would silently change a number
+are avoided: a result beyond 64 bits is a runtime error.
 """
 
 import re
@@ -16,9 +15,9 @@ from typing import Final, TypeAlias
 from rvaft.errors import NotExpressible
 
 Path = tuple[str | int, ...]
-"""The fields, and places in lists, that lead to a value."""
+"""The path to a value: field names and list indices."""
 Form: TypeAlias = Callable[..., str]
-"""An expression, made of others."""
+"""A function of expressions to an expression."""
 
 _PLAIN: Final = re.compile(r'[^"\\\x00-\x1f]*')
 _HALF: Final = re.compile("[\0\ud800-\udfff]")
@@ -27,13 +26,15 @@ _CONTROL: Final = re.compile("([\x01-\x1f\x7f-\x9f\u2028\u2029])")
 
 @cache
 def _capitals() -> tuple[str, str]:
-    """The characters that are one other in lower case, and those."""
+    """Return the characters with one lower-case character, and those lower-case characters."""
     every = [(c, small) for c in map(chr, range(sys.maxunicode + 1)) if (small := c.lower()) != c and len(small) == 1]
     return "".join(c for c, _ in every), "".join(small for _, small in every)
 
 
 def quoted(text: str, character: str = "chr") -> str:
-    """A text as a literal on one line; raises `NotExpressible` for what no table can hold."""
+    """Return a string literal on one line; raises `NotExpressible` for characters that tables
+    cannot hold.
+    """
     if _HALF.search(text):
         reason = f"{text!a} has a character that no text in a table can have"
         raise NotExpressible(reason)
@@ -45,14 +46,14 @@ def quoted(text: str, character: str = "chr") -> str:
 
 @dataclass(frozen=True)
 class Dialect:
-    """One dialect. `values` are forms of the way to a value.
+    """One dialect.
 
-    Its `kind` (NULL where there is none), a scalar as the program has it (`raw`), `json`, the
-    `length` of a list.
-
-    `types` say of kind and raw value whether it is of a type, `facets` make of the raw value what
-    it is not yet, `key` of kind, raw value and JSON what is equal for equal values alone; a text
-    that `looks` like a value of another type needs to be told from it.
+    - `values`: templates over a path: `kind` (NULL if missing), `raw` scalar, `json`, `length` of a
+      list.
+    - `types`: tests of kind and raw value.
+    - `facets`: conversions of raw values.
+    - `keys`: an expression that is equal exactly for equal values.
+    - `looks`: strings whose raw form resembles another type.
 
     >>> DIALECTS["sqlite"].kind("event", ("user", 0)), DIALECTS["duckdb"].kind("event", ("user", 0))
     ("json_type(event, '$.user[0]')", "json_type(event, '/user/0')")
@@ -69,101 +70,101 @@ class Dialect:
     whole: str
     real: str
     literal: Form
-    """A number of Python, and its type."""
+    """A Python number with its SQL type."""
     checked: Form
-    """The result of whole numbers, an error where it has more than 64 bits."""
+    """An integer result; an error beyond 64 bits."""
     finite: Form
-    """The result of numbers, NULL where it is not finite; PostgreSQL stops there with an error."""
+    """A number, or NULL if it is not finite; PostgreSQL raises an error instead."""
     integral: Form
-    """A number with decimals as a whole number, NULL where it is none, an error where it has more than 64 bits."""
+    """A double as an integer; NULL if it has a fraction, an error beyond 64 bits."""
     fractional: Form
-    """A number with decimals, NULL where it is a whole number."""
+    """A double; NULL if it is integral."""
     part: str
-    """What a column of a part is called, of its type, the depth of the comparison and the number of the part."""
+    """The column name of a part, from type, depth of the comparison and number of the part."""
     with_parts: Callable[[int, "Parts", str], str]
-    """A truth value over named parts of it, each of which may use those before; they run only where it is looked at."""
+    """A condition over named parts, evaluated lazily; a part may use earlier ones."""
     compare: Form
-    """A whole number, a sign, another number: exactly."""
+    """An exact comparison of an integer with a double."""
     least_of: str
     greatest: str
     numbers: Mapping[str, str]
-    """The number that a text writes, where it is of that kind."""
+    """The number that a string denotes, if it has that kind."""
     ordered: Form
-    """A text, a sign, a text: by their code points."""
+    """A comparison of strings by code points."""
     startswith: Form
     endswith: Form
     contains: Form
     globbed: str
     signs: Mapping[str, str]
-    """What is written for some characters of a glob."""
+    """Replacements for characters of a glob."""
     lowered: str
-    """A text, the capitals, and what these are in lower case: each character for itself."""
+    """A string, the capitals, and their lower-case characters: lower case per character."""
 
     def text(self, value: str) -> str:
-        """A text as a literal."""
+        """Return a string literal."""
         return quoted(value, self.character)
 
     def value(self, what: str, event: str, path: Path) -> str:
-        """What is asked of a value."""
+        """Return a template of `values` for a value."""
         return self.values[what].format(*self.way(event, path))
 
     def kind(self, event: str, path: Path) -> str:
-        """What type a value has, NULL where there is none."""
+        """Return the type of a value, NULL if it is missing."""
         return self.value("kind", event, path)
 
     def is_a(self, kind: str, event: str, path: Path) -> str:
-        """Whether a value is of a type."""
+        """Return the test that a value has a type."""
         return self.types[kind].format(self.kind(event, path), self.value("raw", event, path))
 
     def facet(self, kind: str, event: str, path: Path) -> str:
-        """A value where it is of a type, else NULL."""
+        """Return a facet of a value."""
         said = self.facets.get(kind, "{0}").format(self.value("raw", event, path))
         return f"CASE WHEN {self.is_a(kind, event, path)} THEN {said} END"
 
     def is_text(self, value: str, event: str, path: Path) -> str:
-        """Whether a value is this text."""
+        """Return the test that a value is this string."""
         same = f"{self.value('raw', event, path)} = {self.text(value)}"
         return f"{self.is_a('text', event, path)} AND {same}" if self.looks.match(value) else same
 
     def key(self, event: str, path: Path) -> str:
-        """What is equal for equal values, and for no others."""
+        """Return an expression that is equal exactly for equal values."""
         return self.keys.format(*(self.value(what, event, path) for what in ("kind", "raw", "json")))
 
     def cast(self, value: str, to: str) -> str:
-        """A value as another type."""
+        """Return a cast."""
         return f"CAST({value} AS {to})"
 
     def number(self, value: float) -> str:
-        """A number as a literal."""
+        """Return a number literal."""
         return self.literal(repr(value), self.whole if isinstance(value, int) else self.real)
 
     def least(self, word: str, values: Sequence[str]) -> str:
-        """The least or the greatest of whole numbers, NULL where one of them is."""
+        """Return the least or greatest integer, NULL if one is NULL."""
         nulls = " OR ".join(f"{value} IS NULL" for value in values)
         said = f"{self.least_of if word == 'least' else self.greatest}({', '.join(values)})"
         return values[0] if len(values) == 1 else f"CASE WHEN {nulls} THEN NULL ELSE {said} END"
 
     def read_number(self, text: str, kind: str) -> str:
-        """The number that a text writes, where it is of that kind."""
+        """Return the number that a string denotes, if it has that kind."""
         return self.numbers[kind].format(text)
 
     def like(self, text: str, glob: str) -> str:
-        """Whether a glob matches the whole of a text."""
+        """Return the test that a glob matches a whole string."""
         return self.globbed.format(text, self.text("".join(self.signs.get(sign, sign) for sign in glob)))
 
     def lower(self, text: str) -> str:
-        """A text in lower case, each character for itself."""
+        """Return a string in lower case, per character."""
         return self.lowered.format(text, *map(self.text, _capitals()))
 
 
 def _named(**types: str) -> dict[str, str]:
-    """The types that have one name."""
+    """Return tests for types with one name."""
     return {what: f"{{0}} = '{name}'" for what, name in types.items()}
 
 
 @lru_cache(maxsize=256)
 def _sqlite_way(event: str, path: Path) -> tuple[str, str]:
-    """A field whose name a path of SQLite cannot have is looked for among all."""
+    """Field names that SQLite paths do not support are searched with `json_each`."""
     steps = "$"
     for place, step in enumerate(path):
         if isinstance(step, str) and not _PLAIN.fullmatch(step):
@@ -184,11 +185,11 @@ def _pointer(event: str, path: Path) -> tuple[str, str]:
 
 
 Parts: TypeAlias = Sequence[Mapping[str, str]]
-"""The columns of each part of a comparison, by their types."""
+"""The columns of each part of a comparison, by type."""
 
 
 def _subquery(depth: int, parts: Parts, truth: str) -> str:
-    """Each part as a table with the columns of those before it."""
+    """Return the condition with each part as a table over the previous ones."""
     tables, before = list[str](), ""
     for number, columns in enumerate(parts, 1):
         said = ", ".join(f"{expression} AS {kind}_{depth}_{number}" for kind, expression in columns.items())
@@ -199,7 +200,7 @@ def _subquery(depth: int, parts: Parts, truth: str) -> str:
 
 
 def _lambdas(depth: int, parts: Parts, truth: str) -> str:
-    """Each part as a step that adds columns to a structure: DuckDB would run a subquery for every event."""
+    """Return the condition with parts in a structure; DuckDB would run a subquery per event."""
     found = ""
     for number, columns in enumerate(parts, 1):
         said = ", ".join(f"{kind}_{number} := {expression}" for kind, expression in columns.items())
@@ -272,7 +273,7 @@ _SQLITE: Final = Dialect(
     contains="instr({0}, {1}) > 0".format,
     globbed="{0} GLOB {1}",
     signs={"[": "[[]"},
-    lowered=(  # SQLite's own knows those of ASCII
+    lowered=(  # SQLite's lower() is limited to ASCII
         "(SELECT CASE WHEN x GLOB '*[^' || char(1) || '-' || char(127) || ']*' THEN (WITH RECURSIVE w(n, "
         "t) AS (SELECT 1 AS n, '' AS t "
         "UNION ALL SELECT n + 1, t || CASE WHEN instr({1}, substr(x, n, 1)) > 0 THEN substr({2}, "
@@ -335,7 +336,7 @@ _DUCKDB: Final = Dialect(
     contains="strpos({0}, {1}) > 0".format,
     globbed="{0} LIKE {1} ESCAPE '\\'",
     signs={"*": "%", "?": "_", "%": r"\%", "_": r"\_", "\\": r"\\"},
-    lowered="translate(replace({0}, 'İ', 'i' || chr(775)), {1}, {2})",  # DuckDB's own makes `İ` an `i`
+    lowered="translate(replace({0}, 'İ', 'i' || chr(775)), {1}, {2})",  # DuckDB's lower() maps `İ` to `i`
 )
 
 _POSTGRES: Final = replace(
@@ -351,11 +352,11 @@ _POSTGRES: Final = replace(
     },
     types={
         **_named(text="string", truth="boolean", null="null", object="object", list="array"),
-        "whole": "{0} = 'number' AND {1} ~ '^-?[0-9]+$'",  # its digits say which of the two it is
+        "whole": "{0} = 'number' AND {1} ~ '^-?[0-9]+$'",  # the digits distinguish integers from doubles
         "real": "{0} = 'number' AND {1} !~ '^-?[0-9]+$'",
     },
     facets={"whole": "CAST({0} AS bigint)", "real": "CAST({0} AS double precision)", "truth": "{0} = 'true'"},
-    keys=(  # numbers within lists and objects are decimals
+    keys=(  # numbers in lists and objects are decimals
         "CASE WHEN {0} = 'number' AND {1} ~ '^-?[0-9]+$' THEN to_jsonb({1}::bigint) WHEN {0} = 'number' THEN "
         "CASE WHEN {1}::float8 = floor({1}::float8) AND abs({1}::float8) < 9e18 THEN to_jsonb({1}::float8::bigint) "
         "ELSE to_jsonb({1}::float8) END ELSE ({2})::jsonb END"
@@ -374,4 +375,4 @@ _POSTGRES: Final = replace(
 )
 
 DIALECTS: Final = {one.name: one for one in (_SQLITE, _DUCKDB, _POSTGRES)}
-"""Those there are, by name."""
+"""The dialects by name."""

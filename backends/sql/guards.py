@@ -1,11 +1,8 @@
-"""The guards of a tree as conditions of SQL, with NULL for undefined.
+"""Guards as SQL conditions, with NULL for undefined.
 
-`and` and `or` of SQL look at both sides, those of guards from the left: so they become CASE. A
-value is a `SqlTerm`, a column for each type that it may have; which one it has is known when the
-query runs.
-
-A number is its mathematical value: before it is calculated with, a double with an integral value becomes that integer.
-In a comparison each part that is calculated stands once, with a name.
+Guards evaluate `and` and `or` from the left, so they become CASE. A value is a `SqlTerm`, with an
+expression per possible type; its type is known at runtime. Before arithmetic, a double with an
+integral value becomes an integer. Calculated parts of a comparison are named and evaluated once.
 """
 
 import re
@@ -21,22 +18,22 @@ from rvaft.model.patterns import Literal, Variable
 _NULL: Final = "NULL"
 _SIGNS: Final = {Operator.EQ: "=", Operator.NE: "<>", Operator.NEGATE: "-"}
 FACETS: Final = ("whole", "real", "text", "truth", "null", "key")
-"""What a variable is asked for."""
+"""The facets of a variable."""
 _EXACT: Final = 2**53
 _FROM_TERMS: Final = COMPARISONS | {Operator.IN, Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS}
-"""What makes a truth value of others."""
+"""Operators that yield Booleans from other types."""
 _SIMPLE: Final = re.compile(r"[\w.]+|\(-[\w.]+\)")
-"""A name, or a number, which needs no name."""
+"""A name or number, which needs no further name."""
 MAX_NAMED: Final = 100
-"""Parts with names in a comparison."""
+"""The maximum number of named parts in a comparison."""
 
 
 @dataclass(frozen=True, slots=True)
 class SqlTerm:
-    """A value as expressions, of which at most one is not NULL; None where it never has that type.
+    """A value as one expression per type, at most one of them not NULL; None for impossible types.
 
-    `total` says that it is defined whatever the event; `constant` is a number that it always is,
-    and a variable has a `key`, which equal values share.
+    `total`: defined for all events. `constant`: its constant numeric value. `key`: of a variable,
+    equal exactly for equal values.
     """
 
     whole: str | None = None
@@ -50,13 +47,13 @@ class SqlTerm:
 
     @classmethod
     def of(cls, facets: Mapping[str, str]) -> "SqlTerm":
-        """A variable with these columns."""
+        """Return a variable with these columns."""
         whole, real, text, truth, null, key = map(facets.__getitem__, FACETS)
         return cls(whole, real, text, truth, null, total=True, key=key)
 
     @property
     def fraction(self) -> bool:
-        """Whether it is a constant that is no whole number."""
+        """Whether the term is a constant with a fraction."""
         return self.whole is None and self.constant is not None
 
 
@@ -66,19 +63,19 @@ class Guards:
     def __init__(self, dialect: Dialect) -> None:
         self.dialect = dialect
         self._named: list[list[dict[str, str]]] = []
-        """The named parts of the comparisons that are being written."""
+        """The named parts of the comparisons under construction."""
 
     def variable(self, event: str, path: Path) -> SqlTerm:
-        """What stands at a path of an event."""
+        """Return the term for a path of an event."""
         return SqlTerm.of(self.facets(event, path))
 
     def facets(self, event: str, path: Path) -> dict[str, str]:
-        """What stands at a path of an event, by the names of the columns of a `SqlTerm`."""
+        """Return the facets at a path of an event, by field of `SqlTerm`."""
         facets = {kind: self.dialect.facet(kind, event, path) for kind in FACETS[:4]}
         return {**facets, "null": self.dialect.is_a("null", event, path), "key": self.dialect.key(event, path)}
 
     def literal(self, value: object) -> SqlTerm:
-        """A constant; raises `NotExpressible` for a number of more than 64 bits."""
+        """Return a constant; raises `NotExpressible` for integers beyond 64 bits."""
         match value:
             case bool():
                 return SqlTerm(truth="true" if value else "false", total=True)
@@ -99,17 +96,17 @@ class Guards:
                 return SqlTerm(null="true", total=True)
 
     def condition(self, guard: Guard, binding: Mapping[str, SqlTerm]) -> str:
-        """What is true where the guard holds."""
+        """Return the SQL condition of a guard."""
         return self.term(guard, binding).truth or _NULL
 
     def term(self, guard: Guard, binding: Mapping[str, SqlTerm]) -> SqlTerm:
-        """The value of a guard, or of a part of it."""
+        """Return the value of a guard or of a subexpression."""
         match guard:
             case Literal(constant):
                 return self.literal(constant)
             case Variable(name):
                 return binding[name]
-            case Operation() if not variables(guard):  # some programs would calculate it before they run, and stop
+            case Operation() if not variables(guard):  # some programs evaluate constants early, and stop on errors
                 constant = value(guard, {})
                 return SqlTerm() if constant is UNDEFINED else self.literal(constant)
             case Operation(Operator.LIKE, (text, Literal(str() as glob))):
@@ -124,14 +121,14 @@ class Guards:
                 return self._applied(operator, [self.term(operand, binding) for operand in operands])
 
     def _once(self, term: SqlTerm) -> SqlTerm:
-        """The term with names for its numbers and its text, where the dialect has them; whole numbers need none."""
+        """Return the term with names for long expressions, if the dialect supports them."""
         kinds = {"whole": term.whole, "real": term.real, "text": term.text}
         long = {kind: said for kind, said in kinds.items() if said is not None and not _SIMPLE.fullmatch(said)}
         if not (long and self._named and (term.real or term.text)):
             return term
         named = self._named[-1]
         if len(named) > MAX_NAMED:
-            reason = f"a comparison calculates in more than {MAX_NAMED} steps"
+            reason = f"a comparison has more than {MAX_NAMED} steps of calculation"
             raise NotExpressible(reason)
         if long not in named:
             named.append(long)
@@ -149,7 +146,7 @@ class Guards:
         match operator:
             case Operator.AND | Operator.OR:
                 both, found = operator is Operator.AND, terms[-1].truth or _NULL
-                if terms[-1].truth is None:  # what is no truth is undefined
+                if terms[-1].truth is None:  # a value of another type is undefined
                     found = "CAST(NULL AS BOOLEAN)"
                 for one in reversed(terms[:-1]):
                     ways = (
@@ -191,7 +188,7 @@ class Guards:
                 raise NotExpressible(f"SQL has no {operator.value}")
 
     def compared(self, left: SqlTerm, sign: str, right: SqlTerm, *, texts: bool = True) -> str | None:
-        """Two numbers or two texts compared; NULL for anything else."""
+        """Return the comparison of two numbers or two strings; NULL for other types."""
         found = self._numbers(left, sign, right)
         if texts and left.text and right.text:
             found.append(self.dialect.ordered(left.text, sign, right.text))
@@ -202,7 +199,7 @@ class Guards:
         found = [f"{a} {sign} {b}" for a, b in ((left.whole, right.whole), (left.real, right.real)) if a and b]
         for whole, other, word in ((left, right, sign), (right, left, mirrored)):
             if whole.whole and other.real:
-                simple = whole.constant is not None or other.constant is not None  # no rounding passes such a number
+                simple = whole.constant is not None or other.constant is not None  # rounding cannot cross such a number
                 cast = self._double(SqlTerm(whole.whole, constant=whole.constant))
                 found.append(
                     f"{cast} {word} {other.real}" if simple else self.dialect.compare(whole.whole, word, other.real)
@@ -210,7 +207,7 @@ class Guards:
         return found
 
     def equal(self, left: SqlTerm, right: SqlTerm) -> str:
-        """Whether two values are equal, deeply; NULL where one is undefined."""
+        """Return deep equality of two values; NULL if one is undefined."""
         if left.key and right.key:
             return f"({left.key} = {right.key})"
         parts = self._numbers(left, "=", right)
@@ -233,19 +230,19 @@ class Guards:
         return f"({' OR '.join(f'{one} IS NOT NULL' for one in facets)})" if facets else "false"
 
     def _calculated(self, sign: str, left: SqlTerm, right: SqlTerm, *, real: str = "") -> SqlTerm:
-        """Whole numbers with whole numbers exactly, unless they are divided; all else as numbers with decimals."""
+        """Return arithmetic: exact on integers except for division, otherwise on doubles."""
         dialect = self.dialect
         if sign == "/":
             a, b = (self._double(self._once(one), exact=True) for one in (left, right))
             return self._once(SqlTerm(real=dialect.finite(f"{a} / nullif({b}, 0)") if a and b else None))
-        if not (left.fraction or right.fraction):  # beside one of these all is rounded
+        if not (left.fraction or right.fraction):  # beside a fraction, all operands are rounded
             left, right = self._mathematical(left), self._mathematical(right)
         both = left.whole is not None and right.whole is not None
         whole = dialect.checked(f"{left.whole} {sign} {right.whole}") if both else None
         a, b = self._double(left), self._double(right)
         if a is None or b is None or not (left.real or right.real):
             return self._once(SqlTerm(whole))
-        if both and not (left.real and right.real):  # the other one is whole, always
+        if both and not (left.real and right.real):  # the other operand is always an integer
             a, b = left.real or a, right.real or b
         found = real or dialect.finite(f"{a} {sign} {b}")
         if both and left.real and right.real:
@@ -253,7 +250,9 @@ class Guards:
         return self._once(SqlTerm(whole, found))
 
     def _mathematical(self, term: SqlTerm) -> SqlTerm:
-        """A number to calculate with: a double with an integral value as that integer, an error beyond 64 bits."""
+        """Return a number for arithmetic: an integral double as an integer, an error beyond 64
+        bits.
+        """
         if term.real is None:
             return term
         if term.total and term.key is None:  # a literal
@@ -264,11 +263,11 @@ class Guards:
         return self._once(SqlTerm(whole, self.dialect.fractional(term.real)))
 
     def _double(self, term: SqlTerm, *, exact: bool = False) -> str | None:
-        """A number as one with decimals; `exact` is an error where a whole number is not one exactly."""
+        """Return a number as a double; `exact` raises a runtime error for inexact integers."""
         whole = term.whole
         if whole is not None and exact and term.constant is None:
             if term.total and term.key is None:  # a literal
-                reason = f"a quotient of {whole}, which is an integer beyond 2**53"
+                reason = f"it divides {whole}, an integer beyond 2**53"
                 raise NotExpressible(reason)
             too_large = self.dialect.checked(f"{whole} * 1024")  # an error beyond 2^53
             whole = f"CASE WHEN {too_large} IS NOT NULL THEN {whole} END"
@@ -277,7 +276,7 @@ class Guards:
         return _first(term.real, whole and self.dialect.cast(whole, self.dialect.real))
 
     def _extreme(self, operator: Operator, terms: list[SqlTerm]) -> SqlTerm:
-        """The least or the greatest, the first of those that are equal."""
+        """Return the minimum or maximum, the first among equals."""
         if all(term.whole and not (term.real or term.text) for term in terms):
             word = "least" if operator is Operator.MIN else "greatest"
             return SqlTerm(self.dialect.least(word, [term.whole or "" for term in terms]))
@@ -296,5 +295,5 @@ class Guards:
 
 
 def _first(one: str | None, other: str | None) -> str | None:
-    """Whichever is not NULL."""
+    """Return the expression that is not NULL."""
     return f"coalesce({one}, {other})" if one and other else one or other

@@ -1,8 +1,8 @@
-"""A query that runs: traces become rows of the table `events`, and its rows are the detections.
+"""A reader for SQL: traces become rows of the table `events`, and result rows are detections.
 
-A query has a column `detected`, the number of the event with which a match is complete, and, if it
-tells traces apart, a column `trace`; one that does not is asked once for each trace. The header of
-a text that was written here says where events have their times.
+The column `detected` of a query is the number of the event that completes a match. A query with a
+column `trace` runs once for many traces, otherwise once per trace. The header of a text written by
+rvaft defines the time of events.
 """
 
 import atexit
@@ -31,9 +31,9 @@ _LARGEST: Final = 2**62
 _ONE_AT_A_TIME: Final = Lock()
 """Queries share a table."""
 BITS: Final = 64
-"""Of so many bits are the whole numbers of a column."""
+"""Bits of integer columns."""
 KEPT: Final = 2_000
-"""So many answers a query remembers: a monitor asks for each beginning of a trace."""
+"""The size of a query's cache: a monitor runs it for each prefix of a trace."""
 
 
 class SqliteTable:
@@ -43,16 +43,16 @@ class SqliteTable:
         self.errors: tuple[type[Exception], ...] = (sqlite3.Error, sqlite3.Warning)
         self.connection = sqlite3.connect(":memory:", check_same_thread=False, isolation_level=None)
         self.connection.execute(_TABLE.format("TEXT", "INTEGER"))
-        self.connection.execute("PRAGMA temp_store = MEMORY")  # tables of a few rows, made anew for each query
-        self.connection.set_progress_handler(lambda: 0, 100_000)  # so that a time that is up is noticed
+        self.connection.execute("PRAGMA temp_store = MEMORY")  # small temporary tables per query
+        self.connection.set_progress_handler(lambda: 0, 100_000)  # check for timeouts
 
     def load(self, rows: Sequence[tuple[Any, ...]]) -> None:
-        """Make these the rows of the table."""
+        """Replace the rows of the table."""
         self.connection.execute("DELETE FROM events")
         self.connection.executemany("INSERT INTO events VALUES (?, ?, ?, ?)", rows)
 
     def ask(self, query: str) -> tuple[list[str], list[tuple[Any, ...]]]:
-        """The names of the columns and the rows of a query."""
+        """Return column names and rows of a query."""
         try:
             found = self.connection.execute(query)
             return [column[0] for column in found.description or ()], found.fetchall()
@@ -73,11 +73,11 @@ class DuckDb:
 
     @staticmethod
     def installed() -> Any:
-        """The package; raises `ToolMissing`."""
+        """Return the package; raises `ToolMissing`."""
         return installed("duckdb", "DuckDB", "pip install '.[duckdb]' in a checkout of rvaft")
 
     def load(self, rows: Sequence[tuple[Any, ...]]) -> None:
-        """Make these the rows of the table."""
+        """Replace the rows of the table."""
         self.connection.execute("DELETE FROM events")
         columns = [[row[place] for row in rows] for place in range(4)]
         types = ("BIGINT[]", "BIGINT[]", "VARCHAR[]", "BIGINT[]")
@@ -85,7 +85,7 @@ class DuckDb:
         self.connection.execute(f"INSERT INTO events SELECT {unnested}", columns)
 
     def ask(self, query: str) -> tuple[list[str], list[tuple[Any, ...]]]:
-        """The names of the columns and the rows of a query."""
+        """Return column names and rows of a query."""
         if len(self.installed().extract_statements(query)) > 1:
             message = "more than one statement"
             raise self.errors[0](message)
@@ -98,12 +98,12 @@ _PROGRAMS: Final[Mapping[str, Callable[[], SqliteTable | DuckDb]]] = {"sqlite": 
 
 @cache
 def _running(program: str, process: int) -> SqliteTable | DuckDb:  # noqa: ARG001 (a connection is of one process)
-    """The program, with one table for all queries."""
+    """Return the program, with one table for all queries."""
     return _PROGRAMS[program]()
 
 
 class Query:
-    """A text with the program that runs it; raises `LanguageError` for what is no query on the table `events`."""
+    """A query with the program that runs it; raises `LanguageError` for other texts."""
 
     def __init__(self, text: str, program: str) -> None:
         self._program = program
@@ -111,12 +111,12 @@ class Query:
         self.time = _declared(text)
         self.body = re.sub(r"(?:\s|;|^\s*--[^\n]*$)*\Z", "", text, flags=re.MULTILINE)
         self.many = True
-        """Whether the query tells traces apart."""
+        """Whether the query has a column `trace`."""
         self._known: dict[str, int | None] = {}
         if not self.body:
-            raise LanguageError("there is no query")
+            raise LanguageError("the text has no query")
         if re.search("[\\ud800-\\udfff]", text):
-            raise LanguageError("the query has half of a surrogate pair, which is no text")
+            raise LanguageError("the query contains half of a surrogate pair")
         errors = _running(program, os.getpid()).errors
         try:
             try:
@@ -134,9 +134,9 @@ class Query:
     def _ask(
         self, traces: Iterable[tuple[int, Sequence[Json]]], select: str = "", group: str = ""
     ) -> tuple[list[str], list[tuple[Any, ...]]]:
-        """What the query, or one of its rows, says of numbered traces.
+        """Return columns and rows of the query, or of a selection from it, on numbered traces.
 
-        The first detections, where nothing else is asked.
+        The default selection is the first detections.
         """
         program, trace = _running(self._program, os.getpid()), "trace" if self.many else "0 AS trace"
         select, group = (select, group) if select else (f"SELECT {trace}, min(detected)", "GROUP BY 1")
@@ -145,7 +145,7 @@ class Query:
             return program.ask(f"{select} FROM (\n{self.body}\n) AS found {group}")
 
     def _rows(self, traces: Sequence[Sequence[Json]], select: str = "") -> Iterator[tuple[int, Any]]:
-        """The number of a trace and a value, for each row."""
+        """Yield the number of the trace and a value for each row."""
         numbered = [*enumerate(traces)]
         try:
             if self.many:
@@ -157,7 +157,7 @@ class Query:
             raise ToolFailed("the query", reason=" ".join(str(error).split())) from None
 
     def first_detections(self, traces: Sequence[Sequence[Json]]) -> list[int | None]:
-        """For each trace the least number in `detected`."""
+        """Return the minimum of `detected` per trace, or None."""
         names = [json.dumps(trace) for trace in traces]
         new = {name: trace for name, trace in zip(names, traces, strict=True) if name not in self._known}
         if len(self._known) + len(new) > KEPT:
@@ -166,12 +166,12 @@ class Query:
         found = dict(self._rows([*new.values()]))
         for detected in found.values():
             if detected is not None and not isinstance(detected, int):
-                raise ToolFailed("the query", reason=f"`detected` is {detected!r}, which is no number of an event")
+                raise ToolFailed("the query", reason=f"`detected` is {detected!r}, not the number of an event")
         self._known.update((name, found.get(number)) for number, name in enumerate(new))
         return [self._known[name] for name in names]
 
     def matches(self, traces: Sequence[Sequence[Json]]) -> list[frozenset[Match]]:
-        """For each trace all its matches, of a query that tells traces apart."""
+        """Return all matches per trace, for a query with a column `trace`."""
         found: list[set[Match]] = [set() for _ in traces]
         for number, nodes in self._rows(traces, "SELECT trace, nodes"):
             found[number].add(
@@ -184,14 +184,12 @@ class Query:
         return [*map(frozenset, found)]
 
     def left_open(self, trace: Sequence[Json]) -> str:
-        """Why a table does not keep an event, or its time, or the query cannot calculate with its
-        numbers, if that is so.
-        """
+        """Return why a table cannot hold a trace or the query overflows on it, or an empty string."""
         try:
             _ = [*self._loaded(0, trace)]
         except TraceError as error:
             return error.message
-        if has_larger([*trace], BITS // 2, doubles=True):  # whose product has more bits than a column
+        if has_larger([*trace], BITS // 2, doubles=True):  # products may exceed a column
             try:
                 self.first_detections([trace])
             except ToolFailed:
@@ -202,25 +200,27 @@ class Query:
         for position, event in enumerate(trace, 1):
             time = None if self.time is None else self.time.read(event)
             if time is not None and abs(time) >= _LARGEST:
-                raise TraceError("a time of more than 62 bits of nanoseconds, which no column holds", line=position)
+                raise TraceError("a time of more than 62 bits of nanoseconds does not fit in a column", line=position)
             yield number, position, _written(event, position), time
 
 
 def _written(event: Json, position: int) -> str:
-    """An event as JSON that SQL programs read alike; raises `TraceError` for what they do not keep as it is."""
+    """Return an event as JSON that SQL programs read alike; raises `TraceError` if they would
+    change it.
+    """
     try:
         text = _JSON(event)
     except ValueError:
-        raise TraceError("a number that is not finite, which JSON does not have", line=position) from None
+        raise TraceError("a number that is not finite is not JSON", line=position) from None
     if "\\u0000" in text and _NULL.search(text):
-        raise TraceError("a text with the character NUL, at which SQL programs end it", line=position)
+        raise TraceError("a string with the character NUL, which SQL programs cut off", line=position)
     if re.search(r"\d{19}", text) and has_larger(event, BITS):
         raise TraceError("an integer of more than 64 bits, which SQL programs round", line=position)
     return _HALF.sub(lambda half: f"\\u{ord(half[0]):04x}", text)
 
 
 def _declared(text: str) -> EventTime | None:
-    """Where events have their times, as the header of a text says it."""
+    """Return the time declared in the header of a text."""
     found = _TIME.search(text)
     if found is None:
         return None
@@ -228,14 +228,14 @@ def _declared(text: str) -> EventTime | None:
         return EventTime(tuple(json.loads(found[1])), TimeFormat(found[2]))
     except ValueError:
         raise LanguageError(
-            "the header names no field and format of times", line=text.count("\n", 0, found.start()) + 1
+            "the header has an invalid field or format of times", line=text.count("\n", 0, found.start()) + 1
         ) from None
 
 
 @lru_cache(maxsize=64)
 def query(text: str, program: str) -> Query:
-    """A text made ready, once for all who ask it."""
+    """Return the compiled query of a text (cached)."""
     return Query(text, program)
 
 
-atexit.register(_running.cache_clear)  # DuckDB complains of connections that outlive it
+atexit.register(_running.cache_clear)  # close connections before DuckDB is unloaded

@@ -1,14 +1,13 @@
-"""From a tree to a query.
+"""Properties to SQL queries.
 
-A scenario is a join, an occurrence an alias, precedence `<`, another event `<>`, a guard a
-condition.
+A scenario is a join, an occurrence an alias, precedence `<`, distinctness `<>`, and a guard a
+condition. Under `strict` and `projected`, relevant events are numbered, and a match has the first
+numbers. Under `consecutive`, each event is joined with all possible starts of its match.
 
-Under `strict` and `projected` the events that count have places, and a match has the first of them;
-under `consecutive` each event stands with all the places at which a match with it may start. Under
-`scattered` the query says every match, unless nothing but order ties events together, or a leaf
-counts its events: then it looks for the least position of each event after those before it, for
-each value of the variables and each start of a window that tie events, and only events that a guard
-compares, or that could serve each other's node, are tried one by one.
+Under `scattered` the query returns every match, with two exceptions: only order relates the events,
+or a leaf has many counted events. It then finds the least position of each event after its
+predecessors, per value of shared variables and start of a window. Only events that a guard compares
+or that match each other's node are tried individually.
 """
 
 import json
@@ -37,14 +36,14 @@ from rvaft.support.bits import bits
 
 _TOKEN: Final = re.compile(r"'(?:[^']|'')*'|[\w.]+|->>|[<>]=?|<>|\|\||\S")
 _LENGTH: Final = 400
-"""So many characters may a text have for each event that is joined."""
+"""Characters of text per joined event of the limit."""
 TABLES: Final = 60
-"""The most events of a scenario: SQLite joins 64 tables."""
+"""The maximum number of events of a scenario: SQLite joins 64 tables."""
 
 
 @dataclass(frozen=True)
 class QueriedScenario:
-    """A scenario: what is `before` each event, which come in that order, and the guards that ask for variables."""
+    """A scenario: the predecessors of each event, in topological order, and guards with variables."""
 
     branch: int
     before: Mapping[Event, frozenset[Event]]
@@ -60,20 +59,21 @@ class QueriedScenario:
         return found
 
     def near(self, event: Event) -> list[Event]:
-        """The events just before one."""
+        """Return the direct predecessors of an event."""
         before = self.before[event]
         return [other for other in self.before if other in before and not any(other in self.before[c] for c in before)]
 
     @cached_property
     def apart(self) -> list[tuple[Event, Event]]:
-        """The events without an order of which one can match the patterns of both."""
+        """Unordered pairs of events that one event can match."""
         pairs = ((a, b) for a, b in combinations(self.before, 2) if a not in self.before[b] and b not in self.before[a])
         return [(a, b) for a, b in pairs if compatible(a.pattern, b.pattern)]
 
     @cached_property
     def homes(self) -> list[tuple[Guard, Event | None]]:
-        """Each guard with the occurrence whose event has all that it asks for, if there is one; of
-        equal values the earliest counts, 1 or 1.0.
+        """Each guard with the occurrence that binds all its variables, if any.
+
+        Among equal values the earliest counts (1 or 1.0).
         """
         found: list[tuple[Guard, Event | None]] = []
         for guard in self.guards:
@@ -86,12 +86,12 @@ class QueriedScenario:
 
     @cached_property
     def times(self) -> dict[str, Event]:
-        """The variables that are times of events, with the event of each."""
+        """The variables of times, each with its event."""
         return {time: event for event in self.before if (time := untimed(event.pattern)[1]) is not None}
 
     @cached_property
     def windows(self) -> dict[Guard, tuple[frozenset[Event], int]]:
-        """The guards that are windows, with the occurrences below each and how long it is."""
+        """The window guards, each with its occurrences and duration."""
         return {guard: found for guard, home in self.homes if home is None and (found := self._window(guard))}
 
     def _window(self, guard: Guard) -> tuple[frozenset[Event], int] | None:
@@ -106,8 +106,8 @@ class QueriedScenario:
 
     @cached_property
     def tried(self) -> frozenset[Event]:
-        """The occurrences whose events are tried one by one, whatever the query looks for: where a
-        guard compares them, or they are apart.
+        """The occurrences that are tried individually: those compared by guards, and those in
+        `apart`.
         """
         guards = (guard for guard, home in self.homes if home is None and guard not in self.windows)
         compared = (name for guard in guards for one in variables(guard) for name in self.binders.get(one, ()))
@@ -115,24 +115,24 @@ class QueriedScenario:
 
     @cached_property
     def starts(self) -> dict[str, tuple[frozenset[Event], int]]:
-        """The windows that have events which are not tried one by one, each with the column of its start."""
+        """The windows with events that are not tried individually, by the column of their start."""
         windows = (window for window in dict.fromkeys(self.windows.values()) if window[0] - self.tried)
         return {f"s{number}": window for number, window in enumerate(windows, 1)}
 
     @property
     def loose(self) -> bool:
-        """Whether nothing but order ties the events together."""
+        """Whether only order relates the events."""
         return not self.tried and not self.windows and all(len(names) == 1 for names in self.binders.values())
 
     @property
     def counts(self) -> bool:
-        """Whether three events of one kind or more follow each other, so that every match would be very many."""
+        """Whether three or more events have one pattern, so that listing all matches is infeasible."""
         patterns = (untimed(event.pattern)[0] for event in self.before if event not in self.tried)
         return any(number > 2 for number in Counter(patterns).values())
 
 
 def _scenarios(prop: Property, limit: int, *, minimal: bool) -> tuple[QueriedScenario, ...]:
-    """The scenarios of a property; raises `TooLarge` beyond `limit` events that are joined."""
+    """Return the scenarios of a property; raises `TooLarge` beyond `limit` joined events."""
     found, joined = list[QueriedScenario](), 0
     for scenario in scenarios(prop, minimal=minimal, limit=limit):
         joined += max(len(scenario.events), 1)
@@ -150,7 +150,7 @@ def _scenarios(prop: Property, limit: int, *, minimal: bool) -> tuple[QueriedSce
 
 
 def _branch(prop: Property, kept: Kept) -> int:
-    """The number of the branch of a scenario."""
+    """Return the branch number of a scenario."""
     if prop.branch is not None:
         return prop.branch
     gates = [part for part in kept if isinstance(part, One) and part.source is not None]
@@ -161,10 +161,7 @@ def _branch(prop: Property, kept: Kept) -> int:
 
 @dataclass(frozen=True)
 class QueriedRow:
-    """The rows of an occurrence.
-
-    Their table, and the columns that other tables may have, too, as this one calls them.
-    """
+    """The table of an occurrence, and its columns that other tables share, by shared name."""
 
     table: str
     shared: Mapping[str, str]
@@ -173,20 +170,19 @@ class QueriedRow:
 class SqlQuery:
     """One translation.
 
-    Raises `TooLarge` beyond `limit` events that are joined, `TreeError` without a feasible
-    scenario.
+    Raises `TooLarge` beyond `limit` joined events, `TreeError` without a feasible scenario.
     """
 
     def __init__(self, prop: Property, semantics: Semantics, dialect: Dialect, limit: int) -> None:
         self.prop, self.semantics, self.dialect, self.limit = prop, semantics, dialect, limit
         self.guards = Guards(dialect)
         self.tables: dict[str, str] = {}
-        """For each query the name of the table that it makes."""
+        """Table names by query."""
         self.late = None if prop.time is None else prop.time.late
         self.timed = any(untimed(event.pattern)[1] is not None for event in prop.events)
         self.scenarios = _scenarios(prop, limit, minimal=True) if semantics is Semantics.SCATTERED else ()
         self.first = all(one.loose for one in self.scenarios) or any(one.counts for one in self.scenarios)
-        """Whether first matches are looked for, and not all."""
+        """Whether the query finds first matches only."""
         if not (self.first and self.scenarios):
             self.first, self.scenarios = False, _scenarios(prop, limit, minimal=False)
         if not self.scenarios:
@@ -198,7 +194,7 @@ class SqlQuery:
         ]
 
     def text(self) -> tuple[str, Metrics]:
-        """The text and its sizes."""
+        """Return the text and its metrics."""
         places = self._places()
         selects = [self._select(one, places) for one in self.scenarios]
         tables = ",\n".join(f"  {name} AS MATERIALIZED (\n    {query}\n  )" for query, name in self.tables.items())
@@ -226,7 +222,7 @@ class SqlQuery:
             lines.append(f"time {json.dumps(time.field)} as {time.format}{'' if late is None else f' late {late} ns'}")
         return "".join(f"-- {line}\n" for line in lines)
 
-    # tables
+    # Tables.
 
     def _table(self, query: str, letter: str) -> str:
         if query not in self.tables:
@@ -235,7 +231,7 @@ class SqlQuery:
         return self.tables[query]
 
     def _places(self) -> str:
-        """The table of the events that count, with their places in each trace where the semantics asks for these."""
+        """Return the table of relevant events, numbered per trace unless `scattered`."""
         source, late = "events", ""
         if self.late is not None:
             before = "PARTITION BY trace ORDER BY pos ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING"
@@ -254,7 +250,7 @@ class SqlQuery:
         return self._table(f"SELECT trace, pos, event, time{late}, {place} FROM {source}{where}", "place_")
 
     def _leaf(self, one: QueriedScenario, name: Event, places: str, wanted: Set[str]) -> str:
-        """The table of the rows that an event of a scenario can be, with these columns of its variables."""
+        """Return the table of candidate rows for an event, with these columns of its variables."""
         pattern = name.pattern
         where = [self._condition(pattern, [guard for guard, home in one.homes if home == name])]
         columns = ["trace", "pos"]
@@ -280,7 +276,7 @@ class SqlQuery:
         return f"v{self.variables.index(variable) + 1}"
 
     def _condition(self, pattern: Pattern, guards: Iterable[Guard]) -> str:
-        """What is true of the events that match a pattern under guards."""
+        """Return the condition that an event matches a pattern under guards."""
         dialect, asked, places = self.dialect, list[str](), dict[str, Path]()
         todo: list[tuple[Path, Pattern]] = [((), pattern)]
         while todo:
@@ -313,7 +309,7 @@ class SqlQuery:
     def _term(self, path: Path) -> SqlTerm:
         return SqlTerm(whole="time") if path == (TIME,) else self.guards.variable("event", path)
 
-    # the query of a scenario
+    # The query of a scenario.
 
     def _select(self, one: QueriedScenario, places: str) -> str:
         alias = {name: f"e{number}" for number, name in enumerate(one.before, 1)}
@@ -327,7 +323,9 @@ class SqlQuery:
             columns = [f"{alias[name]}.{self._column(variable)}" for name in names]
             where += [f"{column}_key = {columns[0]}_key" for column in columns[1:]]
             facets = {kind: f"{columns[0]}_{kind}" for kind in FACETS}
-            if any(names[0] not in one.before[name] for name in names[1:]):  # that of the earliest event: 1, or 1.0
+            if any(
+                names[0] not in one.before[name] for name in names[1:]
+            ):  # use the value of the earliest event: 1 or 1.0
                 earliest = f"{alias[names[0]]}.pos"
                 for name, column in zip(names[1:], columns[1:], strict=True):
                     sooner = f"CASE WHEN {alias[name]}.pos < {earliest} THEN"
@@ -351,7 +349,7 @@ class SqlQuery:
         sources = [f"{rows[name].table} AS {row}" for name, row in alias.items()]
         first, *others = alias.values()
         joins = [f"{row}.trace = {first}.trace" for row in others]
-        if self.first:  # of the events with the least positions what variables are
+        if self.first:  # join the events at the least positions for the values of variables
             with_values = {name: row for name, row in alias.items() if name not in one.tried and f"{row}.v" in values}
             sources += [f"{tables[name]} AS x{row[1:]}" for name, row in with_values.items()]
             joins += [
@@ -376,20 +374,20 @@ class SqlQuery:
         return f"SELECT {distinct}{what}\nFROM {', '.join(sources)}" + (f"\nWHERE {condition}" if condition else "")
 
     def _numbers(self, said: Sequence[str]) -> str:
-        """A number, or a JSON list of several."""
+        """Return a number, or a JSON list of several."""
         if len(said) == 1:
             return said[0]
         comma = f" || {self.dialect.text(', ')} || "
         return f"{self.dialect.text('[')} || {comma.join(said)} || {self.dialect.text(']')}"
 
     def _order(self, one: QueriedScenario, alias: Mapping[Event, str]) -> Iterator[str]:
-        """Which positions, or places, the occurrences may have."""
+        """Yield the conditions on positions or places of occurrences."""
         first, *others = alias.values()
         position, size = "pos", len(alias)
         if self.semantics is Semantics.CONSECUTIVE:
             yield from (f"{row}.start = {first}.start" for row in others)
         least, most = dict.fromkeys(alias, 0), dict.fromkeys(alias, 0)
-        if self.semantics is not Semantics.SCATTERED:  # so many come before and after
+        if self.semantics is not Semantics.SCATTERED:  # bounds from the numbers of predecessors and successors
             position, origin = "place", int(self.semantics is not Semantics.CONSECUTIVE)
             for name, row in alias.items():
                 least[name] = origin + len(one.before[name])
@@ -402,7 +400,7 @@ class SqlQuery:
                 yield from (f"{alias[other]}.{position} < {row}.{position}" for other in near)
         yield from (f"{alias[a]}.{position} <> {alias[b]}.{position}" for a, b in one.apart)
 
-    # the first events for all that ties the events of a scenario together
+    # First events per value of shared variables.
 
     def _firsts(
         self,
@@ -411,8 +409,8 @@ class SqlQuery:
         alias: Mapping[Event, str],
         wanted: Mapping[str, Set[str]],
     ) -> dict[Event, QueriedRow]:
-        """For each occurrence its events, or where they are not tried one by one those at the least
-        position after what comes before it.
+        """Return for each occurrence its rows: all if tried individually, else those at the least
+        positions.
         """
         keys = {name: [key for key in sorted(wanted[row]) if key.endswith("_key")] for name, row in alias.items()}
         found: dict[Event, QueriedRow] = {}
@@ -447,7 +445,9 @@ class SqlQuery:
     def _start(
         self, column: str, members: Sequence[Event], tables: Mapping[Event, str], keys: Mapping[Event, Sequence[str]]
     ) -> QueriedRow:
-        """When a window may start: the times of the events below it, with the values that all of them share."""
+        """Return the possible starts of a window: the times of its events, with their common
+        values.
+        """
         every = [key for key in keys[members[0]] if all(key in keys[name] for name in members)]
         columns = ", ".join(["trace", *every, "time AS start"])
         selects = dict.fromkeys(f"SELECT {columns} FROM {tables[name]}" for name in members)
@@ -457,14 +457,14 @@ class SqlQuery:
 
     @staticmethod
     def _same(known: dict[str, str], row: str, has: QueriedRow) -> list[str]:
-        """That a row has in the columns that it shares what is known of them; of others it is known from now on."""
+        """Return equalities with known shared columns; other columns become known."""
         said = {column: f"{row}.{own}" for column, own in has.shared.items()}
         return [f"{one} = {known[column]}" for column, one in said.items() if known.setdefault(column, one) != one]
 
     def _shared(
         self, one: QueriedScenario, alias: Mapping[Event, str], rows: Mapping[Event, QueriedRow]
     ) -> Iterator[str]:
-        """That the rows of occurrences have the same in the columns that they share, and are in its windows."""
+        """Yield equalities of shared columns and the window conditions."""
         known: dict[str, str] = {}
         for name, row in alias.items():
             yield from self._same(known, row, rows[name])
@@ -473,7 +473,7 @@ class SqlQuery:
                 yield f"{alias[name]}.time - {known[column]} BETWEEN 0 AND {self.guards.literal(length).whole}"
 
     def _object(self, items: Iterable[tuple[str, str]]) -> str:
-        """A JSON object of what expressions give."""
+        """Return a JSON object of expressions."""
         said = [
             f"{self.dialect.text(('{' if not number else ', ') + json.dumps(name) + ': ')} || {value}"
             for number, (name, value) in enumerate(items)
@@ -482,7 +482,7 @@ class SqlQuery:
 
 
 def _paths(pattern: Pattern) -> dict[str, Path]:
-    """Where each variable of a pattern stands first."""
+    """Return the first path of each variable of a pattern."""
     found: dict[str, Path] = {}
     todo: list[tuple[Path, Pattern]] = [((), pattern)]
     while todo:

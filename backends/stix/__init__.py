@@ -1,8 +1,7 @@
-"""The `stix` backend: STIX 2.1 patterns, as threat intelligence is shared and security products run it.
+"""The `stix` backend: STIX 2.1 patterns for threat intelligence.
 
-An event of a log is an object `x-rvaft` in an observation, its fields the properties of the object;
-or, by a mapping that the user gives, an object of another type. The unit of `limit` is observation
-expressions. Reading a text needs stix2-matcher, translating does not.
+An event is an object `x-rvaft` in an observation, with fields as properties; a user mapping can
+select other objects. The `limit` counts observation expressions. Only reading needs stix2-matcher.
 """
 
 import json
@@ -41,7 +40,7 @@ __all__ = ["StixBackend"]
 
 
 class StixBackend(Backend):
-    """STIX patterns: trees under `scattered` whose events share no variables.
+    """STIX patterns: trees under `scattered` without variables over several events.
 
     >>> from rvaft import loads
     >>> print(StixBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text)
@@ -79,8 +78,7 @@ class StixBackend(Backend):
         self._header = header or StixHeader()
 
     def mapped(self, mapping: Mapping[str, Any]) -> "StixBackend":
-        """The same for events whose fields are properties of other objects: of each event type the
-        path of each field that it asks for.
+        """Return the backend for a mapping from event types and fields to object paths.
 
         >>> from rvaft import loads
         >>> stix = StixBackend().mapped({"a": {"event": "user-account:account_login"}})
@@ -90,10 +88,10 @@ class StixBackend(Backend):
         return StixBackend(StixHeader.mapped(mapping))
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
-        """The pattern.
+        """Return the pattern.
 
-        `TooLarge` beyond `limit` observation expressions, `OptionError` for a mapping that lacks a
-        type or a field.
+        Raises `TooLarge` beyond `limit` observation expressions, and `OptionError` if the mapping
+        lacks a type or a field.
         """
         windows = any(isinstance(part, Within) for part in prop.parts)
         header = replace(self._header, time=prop.time if windows else None)
@@ -101,8 +99,8 @@ class StixBackend(Backend):
         return SpecificationText(text, Metrics(symbols))
 
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:
-        """A bundle of observed data; raises what `translate` does under `scattered`, and
-        `TraceError` where times do not increase.
+        """Return a bundle of observed data; raises as `translate` does, and `TraceError` if times
+        do not increase.
         """
         header = StixHeader.of(self.translate(tree, Semantics.SCATTERED).text)
         objects = [*chain.from_iterable(header.observations(trace))]
@@ -110,10 +108,11 @@ class StixBackend(Backend):
         return f"{json.dumps(bundle, ensure_ascii=False, indent=1)}\n"
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
-        """A monitor that asks stix2-matcher, whoever wrote the pattern; raises `LanguageError` and `ToolMissing`.
+        """Return a monitor for any pattern, run by stix2-matcher; raises `LanguageError` and
+        `ToolMissing`.
 
-        The events stand 1 s apart, or, where the pattern begins with a header that says so, at
-        their own times, which then have to increase.
+        Events are 1 s apart, unless the header of the pattern defines their times, which must
+        increase.
         """
         self.require()
         return StixMonitor(text)

@@ -1,7 +1,4 @@
-"""What a pattern asks of one observation.
-
-The comparisons that an event pattern and the guards on its values come to.
-"""
+"""Comparison expressions for one observation, from an event pattern and guards on its values."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -16,13 +13,13 @@ from rvaft.model.values import Json, has_surrogate
 
 _WORD: Final = re.compile(r"[a-z_][a-z0-9_]*", re.ASCII)
 _MADE: Final = re.compile(r"[^\0-\x7f]|[;K`]")
-"""Signs that Unicode's form NFC makes of others, or may."""
+"""Characters that Unicode normalisation (NFC) may change or produce."""
 _OPEN: Final = re.compile(r"[A-PR-Za-pr-z<=>]\Z")
-"""What it joins with a mark behind it."""
+"""Characters that NFC may combine with a following mark."""
 
 
 class StixConditions(FieldConditions):
-    """The comparison expressions of STIX; `path_of` writes an object path."""
+    """The comparison expressions of STIX; `path_of` returns an object path."""
 
     always, never = f"{EVENT}:type = '{EVENT}'", f"{EVENT}:type != '{EVENT}'"
     conjunction, disjunction = " AND ", " OR "
@@ -41,15 +38,15 @@ class StixConditions(FieldConditions):
         self._path_of = path_of
 
     def path(self, way: FieldPath) -> str:
-        """An object path."""
+        """Return an object path."""
         return self._path_of(tuple(map(str, way)))
 
     def literal(self, value: Json) -> str:
-        """A constant of STIX."""
+        """Return a constant of STIX."""
         return literal(value)
 
     def function(self, operator: Operator, path: str, text: str, *, wanted: bool) -> str:
-        """What a function of texts says of a property."""
+        """Return the test of a string function on a property."""
         match operator:
             case Operator.LIKE if re.fullmatch(r"[^*?]*\*+", text):
                 return self.function(Operator.STARTSWITH, path, text.rstrip("*"), wanted=wanted)
@@ -69,7 +66,7 @@ class StixConditions(FieldConditions):
                 raise self.lacks(Lack.TEXT_FUNCTION)
 
     def _matched(self, path: str, pieces: Sequence[str], *, wanted: bool) -> str:
-        """That a text has these pieces one after the other, the first and the last at its ends."""
+        """Return the test that a string consists of these pieces, with any text between them."""
         if any(map(_MADE.search, pieces)) or any(map(_OPEN.search, pieces[:-1])):
             raise self.lacks(Lack.TEXT_FUNCTION)
         first, *inner, last = map(re.escape, pieces)
@@ -80,12 +77,12 @@ class StixConditions(FieldConditions):
 
 
 def step(name: str) -> str:
-    """A step of an object path; raises `NotExpressible`."""
+    """Return a step of an object path; raises `NotExpressible`."""
     return name if _WORD.fullmatch(name) and name not in ("true", "false") else literal(name)
 
 
 def literal(value: Json) -> str:
-    """A constant as a pattern writes it; raises `NotExpressible`."""
+    """Return a constant; raises `NotExpressible`."""
     match value:
         case bool():
             return "true" if value else "false"

@@ -1,8 +1,7 @@
-"""How events become observed data: the names of properties, the times, and the header that a pattern begins with.
+"""Events as observed data: property names, times, and the header of a pattern.
 
-`type` and `id`, and names that end in `_ref`, `_refs`, `_hex` or `_bin`, have a meaning of their
-own in STIX. A field that is called so, or would be taken for such a field, gets one more underscore
-at the end.
+STIX reserves `type`, `id` and names that end in `_ref`, `_refs`, `_hex` or `_bin`. A field with
+such a name, or such a name with underscores, gets one more underscore.
 """
 
 import json
@@ -20,9 +19,9 @@ from rvaft.model.expressions import time_text
 from rvaft.model.values import Json, at
 
 EVENT: Final = "x-rvaft"
-"""The type of the object that an event is unless a mapping says otherwise."""
+"""The object type of events without a mapping."""
 Way: TypeAlias = tuple[str, ...]
-"""The names of fields from the outside in."""
+"""Field names, outermost first."""
 
 _MEANT: Final = re.compile(r"(type|id|.*(_refs?|_hex|_bin))_*", re.DOTALL)
 _PATH: Final = re.compile(r"[a-z][a-z0-9-]*:[a-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
@@ -32,7 +31,7 @@ _LAST: Final = 6_000 * 365 * 86_400 * 1_000_000
 
 
 def property_of(name: str) -> str:
-    """The property that a field of an event is.
+    """Return the property name for a field of an event.
 
     >>> property_of("user"), property_of("type"), property_of("type_"), property_of("pid_hex")
     ('user', 'type_', 'type__', 'pid_hex_')
@@ -42,9 +41,9 @@ def property_of(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class StixHeader:
-    """What a pattern says of its observations: where events have their time, and of each object path the field.
+    """The header of a pattern: the time of events, and the field of each object path.
 
-    `types` has of each event type the object path of each field; it is known only where a user gives a mapping.
+    `types` maps event types and fields to object paths; it is set only for a user mapping.
     """
 
     time: EventTime | None = None
@@ -53,7 +52,7 @@ class StixHeader:
 
     @classmethod
     def mapped(cls, mapping: Mapping[str, Any]) -> "StixHeader":
-        """What a mapping of a user says; raises `OptionError`."""
+        """Return the header for a user mapping; raises `OptionError`."""
         if not mapping:
             raise OptionError("the mapping is empty, so it lacks every event type")
         types = {name: dict(_fields(below, ())) for name, below in mapping.items()}
@@ -66,15 +65,17 @@ class StixHeader:
             if len({path.partition(":")[0] for path in paths.values()}) > 1:
                 raise OptionError(f"the mapping of {name} has objects of two types, and an event is one object")
         if inside := [path for path in objects for other in objects if path.startswith(f"{other}.")]:
-            raise OptionError(f"the mapping has {inside[0]} inside of what is a field itself")
+            raise OptionError(f"the mapping has {inside[0]} inside another mapped field")
         return cls(None, objects, types)
 
     def path(self, kind: str, way: Way) -> str:
-        """The object path of a field of an event type; raises `OptionError` where the mapping lacks it."""
+        """Return the object path of a field of an event type; raises `OptionError` if it is
+        missing.
+        """
         if kind not in self.types:
-            raise OptionError(f"the mapping lacks the event type {kind}: say which property each of its fields is")
+            raise OptionError(f"the mapping lacks the event type {kind}: map each of its fields to a property")
         if way not in self.types[kind]:
-            raise OptionError(f"the mapping of {kind} lacks the field {'.'.join(way)}: say which property it is")
+            raise OptionError(f"the mapping of {kind} lacks the field {'.'.join(way)}: map it to a property")
         return self.types[kind][way]
 
     def __str__(self) -> str:
@@ -85,7 +86,7 @@ class StixHeader:
 
     @classmethod
     def of(cls, text: str) -> "StixHeader":
-        """The header that a text begins with, if any; raises `LanguageError`."""
+        """Return the header of a text, if any; raises `LanguageError`."""
         found = _HEADER.match(text)
         try:
             said = json.loads(found[1]) if found else {}
@@ -93,10 +94,10 @@ class StixHeader:
             return cls(parse_time(said["time"]) if "time" in said else None, objects)
         except (ValueError, AttributeError, TypeError) as error:
             reason = error.message if isinstance(error, LanguageError) else str(error)
-            raise LanguageError(f"the comment at the beginning cannot be read: {reason}", file="<stix>") from None
+            raise LanguageError(f"invalid header comment: {reason}", file="<stix>") from None
 
     def _times(self, trace: Sequence[Json]) -> list[int]:
-        """When the events are observed, in microseconds, up to the first that is not later than those before."""
+        """Return the event times in microseconds, up to the first that does not increase."""
         found = [-1]
         for number, event in enumerate(trace):
             time = number * 1_000_000_000 if self.time is None else self.time.read(event)
@@ -106,18 +107,20 @@ class StixHeader:
         return found[1:]
 
     def left_open(self, trace: Sequence[Json]) -> str:
-        """Why STIX says nothing of a trace, if that is so."""
-        return "STIX orders by times, which have to increase" if len(self._times(trace)) < len(trace) else ""
+        """Return why the trace has no verdict, or an empty string."""
+        return (
+            "STIX orders events by time, and the times do not increase" if len(self._times(trace)) < len(trace) else ""
+        )
 
     def observations(self, trace: Sequence[Json]) -> list[list[Json]]:
-        """Of each event its observed data, with the objects that this refers to.
+        """Return for each event its observed data and the objects that it refers to.
 
-        Raises `TraceError` where times do not increase.
+        Raises `TraceError` if times do not increase.
         """
         if self.left_open(trace):
             reason = (
-                "observations are in the order of their times: each event needs one, of whole "
-                "microseconds, later than those before"
+                "observations are ordered by time: each event needs a time in whole "
+                "microseconds that is later than all earlier times"
             )
             raise TraceError(reason, line=None)
         found: list[list[Json]] = []
@@ -131,7 +134,7 @@ class StixHeader:
         return found
 
     def _objects(self, event: Json) -> list[dict[str, Any]]:
-        """The objects of an observation."""
+        """Return the objects of an observation."""
         if not self.objects:
             return [{**_properties(event), "type": EVENT}]
         found: dict[str, dict[str, Any]] = {}
@@ -146,7 +149,7 @@ class StixHeader:
 
 
 def _fields(below: Any, above: Way) -> Iterator[tuple[Way, str]]:
-    """The fields of an event type with their object paths."""
+    """Yield the fields of an event type with their object paths."""
     if not isinstance(below, Mapping):
         yield above, _checked(below)
     else:
@@ -156,15 +159,15 @@ def _fields(below: Any, above: Way) -> Iterator[tuple[Way, str]]:
 
 def _checked(path: Any) -> str:
     if not isinstance(path, str) or not _PATH.fullmatch(path):
-        raise OptionError(f"{path!r} is no object path such as user-account:account_login")
+        raise OptionError(f"{path!r} is not an object path such as user-account:account_login")
     if odd := [step for step in re.split("[:.]", path)[1:] if property_of(step) != step]:
-        reason = "which STIX gives a meaning of its own: map the field to another property"
+        reason = "which STIX reserves: map the field to another property"
         raise OptionError(f"{path} has {odd[0]}, {reason}")
     return path
 
 
 def _properties(value: Json) -> Any:
-    """A value with its fields named as properties are."""
+    """Return a value with property names for its fields."""
     if isinstance(value, Mapping):
         return {property_of(name): _properties(inner) for name, inner in value.items()}
     return [_properties(inner) for inner in value] if isinstance(value, list) else value

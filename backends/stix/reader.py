@@ -1,4 +1,4 @@
-"""Running a pattern: events become observed data, and stix2-matcher says which of them a pattern matches."""
+"""A monitor for patterns: events become observed data, and stix2-matcher matches them."""
 
 import json
 import re
@@ -16,12 +16,12 @@ from rvaft.monitors import DetectionMonitor
 
 _WHERE: Final = re.compile(r"(\d+):(\d+): (.*)", re.DOTALL)
 _MATCHES: Final = 500
-"""How many matches in a trace are looked at before it is made shorter."""
+"""The number of matches examined before the trace is shortened."""
 
 
 class StixMonitor(DetectionMonitor):
-    """A pattern on a trace; raises `LanguageError`, `ToolMissing`, and `TooLarge` where it is too
-    deep for stix2-matcher.
+    """A monitor for a pattern; raises `LanguageError`, `ToolMissing`, and `TooLarge` for deep
+    patterns.
     """
 
     def __init__(self, text: str) -> None:
@@ -33,14 +33,14 @@ class StixMonitor(DetectionMonitor):
 
 @lru_cache(maxsize=32)
 class _StixProgram:
-    """A pattern that is compiled, and what it said of some traces; monitors of one text share it."""
+    """A compiled pattern with a cache of results; shared by monitors of one text."""
 
     def __init__(self, text: str) -> None:
         self.header = StixHeader.of(text)
         self.known = lru_cache(5_000)(self.first)
         self._matcher, exceptions = (installed(name, "stix2-matcher", "pip install '.[stix]'") for name in _MODULES)
         self._steps: list[Any] = []
-        skip = lambda _: None  # noqa: E731 -- what is of no interest of a parse tree
+        skip = lambda _: None  # noqa: E731 -- unused callbacks
         try:
             pattern = self._matcher.Pattern(text, "2.1")
             pattern.walk(SimpleNamespace(enterEveryRule=skip, visitTerminal=skip, exitEveryRule=self._steps.append))
@@ -49,15 +49,15 @@ class _StixProgram:
             found = _WHERE.match(str(error))
             line, column, message = (int(found[1]), int(found[2]), found[3]) if found else (1, 0, str(error))
             start = sum(map(len, text.splitlines(keepends=True)[: line - 1])) + column
-            reason = f"no STIX pattern: {' '.join(message.split())}"
+            reason = f"not a STIX pattern: {' '.join(message.split())}"
             raise error_at(reason, text, min(start, len(text)), "<stix>") from None
         except RecursionError:
-            raise TooLarge("expressions in each other for the parser of stix2-matcher", limit=250) from None
-        except Exception as error:  # noqa: BLE001 -- literals are looked into by the matcher, in many ways
-            raise LanguageError(f"no STIX pattern: {' '.join(str(error).split())}", file="<stix>") from None
+            raise TooLarge("nested expressions for the parser of stix2-matcher", limit=250) from None
+        except Exception as error:  # noqa: BLE001 -- the matcher raises many types of errors on literals
+            raise LanguageError(f"not a STIX pattern: {' '.join(str(error).split())}", file="<stix>") from None
 
     def _matches(self, observed: Sequence[Sequence[Json]]) -> list[int]:
-        """Of some matches the number of observations up to the last that each needs; of all, if these are few."""
+        """Return for some matches (all, if few) the number of observations up to the last one."""
         bundle = {"type": "bundle", "id": "bundle--0", "objects": [*chain.from_iterable(observed)]}
         listener = self._matcher.MatchListener([bundle], stix_version="2.1")
         for step in self._steps:
@@ -66,9 +66,9 @@ class _StixProgram:
         return [1 + max(one for one in match if one is not None) for match in some]
 
     def first(self, written: str) -> int | None:
-        """The number of the event with which the pattern first matches.
+        """Return the number of the first event at which the pattern matches, or None.
 
-        Raises `TraceError` where its language leaves that open.
+        Raises `TraceError` if the trace is left open.
         """
         observed, found = self.header.observations(json.loads(written)), None
         try:
@@ -77,7 +77,7 @@ class _StixProgram:
                 observed = observed[: found - 1 if len(ends) == _MATCHES else 0]
         except RvaftError:
             raise
-        except Exception as error:  # noqa: BLE001 -- some tests of some values stop the matcher, in many ways
+        except Exception as error:  # noqa: BLE001 -- the matcher raises many types of errors on values
             raise ToolFailed("stix2-matcher", reason=" ".join(str(error).split())) from None
         return found
 

@@ -1,4 +1,4 @@
-"""From a tree to a pattern: AND, OR and FOLLOWEDBY demand distinct observations, as matches of a tree do."""
+"""Properties to patterns: AND, OR and FOLLOWEDBY require distinct observations, as matches do."""
 
 import re
 from collections.abc import Iterable
@@ -18,7 +18,7 @@ from rvaft.model.patterns import Literal, ObjectPattern
 _SECOND: Final = 1_000_000_000
 _LONGEST: Final = 1_000 * 366 * 86_400 * _SECOND
 _EXACT: Final = 1_000_000_000 * _SECOND
-"""The longest window with a fraction of a second that the matcher does not round."""
+"""The longest window with fractional seconds that the matcher does not round."""
 _NEVER: Final = f"[{EVENT}:type != '{EVENT}']"
 """A pattern that no events match."""
 _TOKEN: Final = re.compile(r"'(?:[^'\\]|\\.)*'|[\w.:-]+|\S", re.DOTALL)
@@ -40,7 +40,7 @@ class StixPattern:
         self._nest = Nesting(prop, self._inseparable, limit=limit, unit=unit).nest()
 
     def text(self) -> tuple[str, int]:
-        """The pattern with its header, and how many symbols it has without."""
+        """Return the pattern with its header, and its number of symbols without the header."""
         pattern = self._written(self._nest)
         return f"{self._header}{pattern}", len(_TOKEN.findall(pattern))
 
@@ -54,7 +54,7 @@ class StixPattern:
         self._refuse(f"no pattern compares what two observations have, as {what}", nodes)
 
     def _written(self, nest: Nest, *, inside: bool = False) -> str:
-        """A nest as a pattern, or as an operand of another; equal observations are counted."""
+        """Return a nest as a pattern, or as an operand; equal observations are counted."""
         if nest == NEVER:
             return _NEVER
         if nest.op is PartKind.EVENT:

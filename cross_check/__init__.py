@@ -1,4 +1,4 @@
-"""Do these specifications say the same thing? Differential runs over traces.
+"""Comparison of specifications by proofs and differential tests over traces.
 
 >>> import rvaft
 >>> from cross_check import cross_check

@@ -1,4 +1,4 @@
-"""Random trees to compare, reproducible from a seed."""
+"""Trees to compare: a fixed catalogue, and random trees from a seed."""
 
 import gc
 from collections.abc import Generator, Iterable, Iterator
@@ -22,16 +22,14 @@ from rvaft.model.tree import RVAFT
 from rvaft.rules import require_valid
 from rvaft.support.processes import Killed, in_processes
 
-# The trees of the run without arguments, built here so that an installed package has them.
-#
-# Every gate with one to four children and every threshold, each without and with an event of its
-# own under both causalities; every ordered pair of gates nested once, and an order or a choice
-# three gates deep; a node shared under each gate, also where a choice adds an order; two children
-# with the same event, or that begin with the same event; one monitor per branch and per kind; a
-# vote with more orders than can be written out; a guard in every place where one can be; and
-# literals that only their type tells apart.
+# The catalogue of a run without arguments, in code so that installed packages contain it.
+# It has every gate with one to four children and every threshold, with and without an event under
+# both causalities; every ordered pair of gates, and three nested gates; a shared node under each
+# gate, also where a choice adds an order; children with equal events or equal first events;
+# monitors of branches and kinds; a vote with many orders; a guard in every place; and literals that
+# differ only in type.
 
-"""Enough to notice every fault that the tests plant in translations and readers, and no more."""
+"""Sufficient to find every fault that the tests plant in translations and readers."""
 
 EVENTS: Final = """
 event seen(what) = { event: what };
@@ -52,7 +50,7 @@ GUARDS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A tree with a name, and the part of it to compare, if not all."""
+    """A named tree, and the branch or kind to compare, if not all."""
 
     name: str
     tree: RVAFT
@@ -61,18 +59,18 @@ class Entry:
 
 
 def gates(children: int) -> Iterator[str]:
-    """Every gate that can have so many children as it is written, a vote with every threshold."""
+    """Yield every gate for this number of children; a vote with every threshold."""
     for gate in Gate:
         yield from (f"{k}of{children}" for k in range(1, children + 1)) if gate.counts else [str(gate)]
 
 
 def _above(gate: Gate, children: str, further: str) -> tuple[str, str]:
-    """A gate as it is written, and its children; a vote is for two, one of whom is a further child."""
+    """Return a gate and its children; a vote gets a further child."""
     return ("2of3", f"{children} {further}") if gate.counts else (gate, children)
 
 
 def catalogue() -> Iterator[Entry]:
-    """All trees of the run without arguments: early those that are small and tell most."""
+    """Yield the trees of a run without arguments, small and decisive ones first."""
     yield from _single(1, 2)
     yield from starmap(_entry, _WRITTEN.items())
     tree = loads("r or p q; p sand a b; q sand a t; t or c d; c fault; d attack;")
@@ -84,7 +82,7 @@ def catalogue() -> Iterator[Entry]:
         yield _entry(f"{gate}, two children with one event", f'r {gate} a b c; a on seen("e"); b on seen("e");')
     for gate in gates(2):
         text = f'r {gate} p q; p sand a b; q sand c d; a on seen("e"); c on seen("e");'
-        yield _entry(f"{gate}, two children that begin alike", text)  # who decides at that event decides too early
+        yield _entry(f"{gate}, two children that begin alike", text)  # deciding at the common event is too early
     for gate in gates(2):  # the `or` leaves an ordered gate a feasible scenario
         yield _entry(f"{gate} over a shared node", f"r {gate} p q; p or a s; q sand b s;")
     for gate in ("and", "2of3"):
@@ -96,7 +94,7 @@ def catalogue() -> Iterator[Entry]:
     for (name, guard), gate in product(GUARDS.items(), ("sand", "and")):
         yield _entry(f"{gate}, a guard with {name}", f"r {gate} a b; a on at(P, S); b on at(Q, T) when {guard};")
     yield from starmap(_entry, (_WRITTEN_LATE | _IN_PRACTICE).items())
-    yield from _single(3, 4)  # these take long: at the end no process waits for another
+    yield from _single(3, 4)  # slow trees, before small ones, so that all processes stay busy
     for outer, inner in product(Gate, repeat=2):
         above, upper = _above(outer, "a g" if outer.counts else "g a", "d")
         below, lower = _above(inner, "b c", "e")
@@ -111,7 +109,7 @@ _WRITTEN: Final = {
         f"{gate}, a variable bound twice": f"r {gate} a b; a on seen(V); b on read(V) when V >= 0 and V <= 1;"
         for gate in ("sand", "sand_rl", "and")
     },
-    # the values of variables are never all tried, so what follows is tested, not proved
+    # variables prevent a proof, so these are tested
     "literals of several types": """
         r or p q; p sand a b c d; a on read(1); b on read(1.0); c on read("1"); d on read(true);
         q sand v w; v on at(P, S); w on at(P, T);
@@ -120,7 +118,7 @@ _WRITTEN: Final = {
 _WRITTEN_LATE: Final = {
     "a guard on a gate": "r sand a b c when T > S + 2; a on at(P, S); b on at(Q, T);",
     "guards on choices": "r sand a o; a on at(P, S); o or p q; p and h c; q and l d; h when S >= 3; l when S < 3;",
-    # more orders than anybody writes out one by one
+    # too many orders to list
     "2of4 over a sequence": "r sand v z; v 2of4 ab c d e; ab sand a b;",
 }
 
@@ -172,11 +170,11 @@ _IN_PRACTICE: Final = {
     "guards with abs, min and max": "r sand a b; a on read(V) when abs(V) > V; b on at(P, S) when max(S, 1) > min(3, "
     "S);",
 }
-"""What real logs need. Where times matter, and where several values or texts do, it is tested."""
+"""Constructs for real logs; trees with times or several values are tested, not proved."""
 
 
 def parts_of_language(tree: RVAFT) -> Iterator[str]:
-    """What of the parts that not every language has is in a tree, by its word."""
+    """Yield the constructs of a tree that not every language has."""
     nodes = [*tree.top_down()]
     asked = [part.operator for node in nodes for part in guard_walk(node.when) if isinstance(part, Operation)]
     found = {
@@ -191,7 +189,7 @@ def parts_of_language(tree: RVAFT) -> Iterator[str]:
 
 
 def _entry(name: str, text: str) -> Entry:
-    """An entry for a tree as it is written; events that it does not mention are left out."""
+    """Return an entry for a tree, with the event declarations that it uses."""
     used = "".join(f"{line}\n" for line in EVENTS.splitlines() if f" {line[6:].partition('(')[0]}(" in text)
     return Entry(name, loads(used + text))
 
@@ -203,36 +201,35 @@ def _single(*counts: int) -> Iterator[Entry]:
             name = gate if "of" in gate else f"{gate}/{count}"
             yield _entry(name, f"r {gate} {leaves};")
             for causality in Causality:
-                # below another gate: what comes before and after the gate's own event has to show
+                # below another gate, so that predecessors and successors of the gate's event matter
                 text = f'causality {causality}; toplevel t; t sand r z; r {gate} {leaves} on seen("r");'
                 yield _entry(f"{name} with its own event, {causality}", text)
 
 
 MAX_NODES: Final = 9
 _PARTS: Final = 0.2
-"""How often one branch of a tree is compared instead of the whole."""
+"""The probability that one branch is compared instead of the whole tree."""
 
 
 def campaign(number: int, seed: int, max_nodes: int = MAX_NODES) -> Iterator[Entry]:
-    """So many trees of every shape; the i-th depends on the seed, the size and i alone."""
+    """Yield random trees; the i-th depends only on the seed, the size and i."""
     for index in range(1, number + 1):
         random = Random(f"{seed} {max_nodes} {index}")  # noqa: S311 (no secret)
         tree, branch = random_tree(random, Shape(max_nodes=max_nodes)), None
         if random.random() < _PARTS:
             drawn = random.randint(1, sum(1 for _ in branches(tree)))
-            with suppress(TreeError):  # a branch that cannot be monitored by itself
+            with suppress(TreeError):  # some branches cannot be monitored separately
                 require_valid(restrict(tree, branch=drawn))
                 branch = drawn
         yield Entry(f"random {index} of seed {seed}", tree, branch)
 
 
-# -- many comparisons, one after the other or in several processes, always reported in the order
-# they were given --------
+# Many comparisons, sequential or in processes, reported in the given order.
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One comparison to make: of what, by whom, how hard."""
+    """One comparison."""
 
     tree: RVAFT
     job: Job
@@ -240,7 +237,7 @@ class Task:
     effort: Effort
 
     def run(self) -> list[Result]:
-        """Compare; a tree that has no such part is a result too."""
+        """Return the results; errors of the tree are results too."""
         try:
             return Comparison(self.tree, self.job, self.effort).run(self.roster.candidates(self.tree, self.job))
         except Exception as error:  # noqa: BLE001 (whatever it is, the other comparisons go on)
@@ -248,17 +245,16 @@ class Task:
 
 
 def run(tasks: Iterable[Task], *, jobs: int = 1, together: int = 1) -> Generator[tuple[Task, list[Result]], None, None]:
-    """The results of each comparison, in order; close the iterator to stop early.
+    """Yield the results of each task, in order; close the generator to stop early.
 
-    So many that follow each other are made by one process, `together`: comparisons of one tree
-    share what is known of it.
+    `together` consecutive tasks run in one process: comparisons of one tree share caches.
     """
     if jobs == 1:
         yield from ((task, task.run()) for task in tasks)
         return
-    gc.freeze()  # what was imported: otherwise each process goes through all of it again and again
+    gc.freeze()  # exclude imported objects from collections in each process
     threshold = gc.get_threshold()
-    gc.set_threshold(1_000, 10, 200)  # what lasts is caches, and going through them finds nothing
+    gc.set_threshold(1_000, 10, 200)  # most objects are long-lived caches
     rest = iter(tasks)
     batches = iter(lambda: [*islice(rest, together)], [])
     try:
@@ -267,6 +263,6 @@ def run(tasks: Iterable[Task], *, jobs: int = 1, together: int = 1) -> Generator
                 for number, task in enumerate(some):
                     killed = Result(task.job, "tree", Status.COULD_NOT_RUN, why="a process that compares was killed")
                     yield task, [killed] if isinstance(found, Killed) else found[number]
-    finally:  # whoever called collects as before
+    finally:  # restore the caller's settings
         gc.set_threshold(*threshold)
         gc.unfreeze()

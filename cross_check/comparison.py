@@ -1,9 +1,8 @@
-"""One comparison: a tree, or a part of it, under one semantics, between everybody who takes part.
+"""The comparison of participants on one tree (or a branch or kind) under one semantics.
 
-What can be proved is proved, on all traces; then everybody, proved or not, also runs the same
-traces, and the verdict after every prefix is compared with that of the first participant: the
-reference, or where that is absent the next one. Where neither detects anything in any trace, equal
-verdicts say nothing: that is vacuous, and no agreement.
+Agreement is proved on all traces if possible. All participants also run the same test traces. The
+verdict after every prefix is compared with that of the baseline: the reference or, without it, the
+next participant. Agreement without any detection is vacuous.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -57,9 +56,9 @@ T = TypeVar("T")
 Enlist: TypeAlias = Callable[[], Enlisted]
 
 MATCHED: Final = 8
-"""Of so many traces of a comparison with a detection all matches are compared, at the most."""
+"""The maximum number of traces per comparison of which all matches are compared."""
 TRIED: Final = 2_000
-"""So many events are tried for the matches of one of them."""
+"""The maximum number of events tried to find the matches of a trace."""
 PATIENCE: Final = 60.0
 """Seconds for all traces of one comparison."""
 
@@ -68,14 +67,15 @@ PATIENCE: Final = 60.0
 class Roster:
     """The participants of every comparison.
 
-    `backends` names backends; None is all faithful ones, unless there are texts to hold `against`
-    the tree, which are then compared with the reference alone. `rml_monitor` is a checkout of the
-    published RML monitor, to take part as `rml-published`, and with `mona` MONA takes part as
-    `ltlf-mona`. `monpoly` is the program MonPoly, to take part with its verified kernel as
-    `mfotl-monpoly` and `mfotl-verimon`; `r2u2` is a build of R2U2 in its checkout, to take part as
-    `mtl-r2u2`; with `flink` Apache Flink takes part as `match-recognize-flink`. `patience` bounds
-    the seconds of a program of others, `limit` the size of a translation in the unit of the
-    backend.
+    - `backends`: names; None means all faithful backends, or none with `against`.
+    - `against`: specifications compared with the reference only.
+    - `rml_monitor`: a checkout of the published RML monitor (`rml-published`).
+    - `mona`: run `ltlf-mona`.
+    - `monpoly`: the program for `mfotl-monpoly` and `mfotl-verimon`.
+    - `r2u2`: a build of R2U2 in its checkout (`mtl-r2u2`).
+    - `flink`: run `match-recognize-flink`.
+    - `patience`: seconds for an external program.
+    - `limit`: the size of translations, in the unit of the backend.
     """
 
     backends: tuple[str, ...] | None = None
@@ -89,7 +89,7 @@ class Roster:
     limit: int | None = None
 
     def candidates(self, tree: RVAFT, job: Job) -> Iterator[tuple[str, Enlist]]:
-        """The name of each participant, every name once, and what makes it; the reference first."""
+        """Yield a unique name and a factory for each participant; the reference first."""
         taken: set[str] = set()
         for name, enlist in self._candidates(tree, job):
             names = chain([name], (f"{name} ({number})" for number in count(2)))
@@ -131,14 +131,12 @@ def cross_check(
     name: str = "tree",
     effort: Effort | None = None,
 ) -> list[Result]:
-    """Compare the reference, the engine and backends on a tree or a part of it, under these
-    semantics or, without any, under all.
+    """Compare the reference, the engine and backends on a tree under some semantics (default: all).
 
-    `backends` names some, else all faithful ones take part; `against` has specifications to hold
-    against the tree instead, each as `[LANG:]FILE`. One result says how it ended for one
-    participant under one semantics; `name` is what the tree is called there. Raises `OptionError`
-    and `LanguageError` for `against`, `TreeError` for a tree that breaks a rule or has no such
-    part.
+    `backends` restricts the backends (default: all faithful ones). `against` lists specifications
+    `[LANG:]FILE` to compare with the tree instead. `name` names the tree in results. Returns one
+    result per participant and semantics. Raises `OptionError` and `LanguageError` for `against`,
+    `TreeError` for an invalid tree or part.
 
     >>> import rvaft
     >>> [result.text for result in cross_check(rvaft.loads("top and a b;"), "projected", backends=["ltlf"])]
@@ -155,7 +153,7 @@ def cross_check(
 
 @dataclass(slots=True)
 class _Row:
-    """What is known of one participant so far."""
+    """The state of one participant."""
 
     name: str
     patience: float | None
@@ -173,19 +171,19 @@ class _Row:
     matched: int = 0
     match: str = ""
     detected: bool = False
-    """Whether this participant, or the one it is compared with, detected something in a trace that both were asked."""
+    """Whether this participant or the baseline detected in a common trace."""
 
     def end(self, status: Status, why: str = "") -> None:
-        """Nothing more is asked of it, for that reason."""
+        """Exclude the participant from further steps."""
         self.status, self.why = status, why
 
     def fail(self, error: Exception) -> None:
-        """It stopped with an error, that of somebody else perhaps."""
+        """Record an error of the participant or of a tool."""
         known = raised(error)
         self.end(Status.of(known), reason(known))
 
     def attempt(self, step: Callable[[], T], seconds: float | None) -> T | None:
-        """What a step of it comes to, or None where it fails or takes too long."""
+        """Return the result of a step, or None on an error or timeout."""
         try:
             with within(seconds):
                 return step()
@@ -196,12 +194,14 @@ class _Row:
         return None
 
     def verdicts_of(self, trace: Trace) -> tuple[Verdict, ...]:
-        """What it says after every prefix."""
+        """Return the verdict after every prefix."""
         assert self.participant is not None
         return self.participant.answers([trace])[0]
 
     def answers(self, traces: Sequence[Trace]) -> Sequence[Answer] | None:
-        """What it says of every trace, or None where it fails; a program of others counts its seconds itself."""
+        """Return the answer for every trace, or None on an error; external programs have their own
+        timeout.
+        """
         if self.outside is not None:
             return self.attempt(partial(self.outside.answers, traces), None)
         assert self.participant is not None
@@ -211,17 +211,17 @@ class _Row:
 
     @property
     def detections_only(self) -> bool:
-        """Whether it tells detections alone."""
+        """Whether the participant reports only detections."""
         one = self.participant or self.outside
         return one is not None and tells_detections_only(one)
 
     def leaves_open(self, trace: Trace) -> str:
-        """Why its language tells nothing of a trace, if that is so."""
+        """Return why the participant has no verdict for a trace, or an empty string."""
         left_open = None if self.participant is None else self.participant.left_open
         return "" if left_open is None else left_open(trace)
 
     def judge(self, asked: Sequence[tuple[Trace, Answer]], answers: Sequence[Answer]) -> None:
-        """Look at what it says of the traces; where a program is known to deviate, that is only counted."""
+        """Compare the answers; known deviations of an external program are only counted."""
         for (trace, wanted), answer in zip(asked, answers, strict=True):
             if answer.verdicts != wanted.verdicts and answer.deviations and not answer.expired:
                 self.masks.update(dict.fromkeys(answer.deviations))
@@ -238,7 +238,7 @@ class _Row:
         return None
 
     def compare(self, trace: Trace, wanted: Sequence[Verdict], got: Sequence[Verdict]) -> None:
-        """The shortest trace on which it says something else is kept."""
+        """Compare two sequences of verdicts; keep the shortest differing trace."""
         if self.detections_only:
             wanted = detections(wanted)
         for length, (one, other) in enumerate(zip(wanted, got, strict=True), 1):
@@ -250,12 +250,12 @@ class _Row:
 
     @property
     def tells_matches(self) -> bool:
-        """Whether all its matches can be compared: it knows them, and no verdict differs."""
+        """Whether all matches can be compared: the participant lists them, and no verdict differs."""
         every = None if self.participant is None or self.difference is not None else self.participant.matches
         return every is not None and self.attempt(partial(every, ()), self.patience) is not None
 
     def compare_matches(self, known: Sequence[tuple[Trace, frozenset[Match]]]) -> None:
-        """All matches of traces; of those that differ the first one that is missing or too many is kept."""
+        """Compare all matches of traces; keep the first missing or additional match."""
         assert self.participant is not None
         assert self.participant.matches is not None
         traces = [trace for trace, _ in known]
@@ -269,7 +269,7 @@ class _Row:
                 return
 
     def shorten(self, baseline: "_Row") -> None:
-        """Leave out the events of a difference that it does not need."""
+        """Remove events from the differing trace that the disagreement does not need."""
         position = 0
         with suppress(Exception, Expired), within(self.patience):
             while self.difference is not None and position < len(trace := self.difference[0]):
@@ -280,7 +280,7 @@ class _Row:
 
 @dataclass(slots=True)
 class Comparison:
-    """One comparison, in steps; `run` takes them all."""
+    """One comparison, in steps; `run` executes them all."""
 
     tree: RVAFT
     job: Job
@@ -288,7 +288,9 @@ class Comparison:
     rows: list[_Row] = field(default_factory=list)
 
     def run(self, candidates: Iterable[tuple[str, Enlist]]) -> list[Result]:
-        """Compare; `candidates` are named before they are made, since making one can take too long."""
+        """Return the results; `candidates` have names before creation, because creation may time
+        out.
+        """
         for name, enlist in candidates:
             started = perf_counter()
             row = _Row(name, self.effort.seconds)
@@ -296,7 +298,7 @@ class Comparison:
                 case Absent(error):
                     row.fail(error)
                 case Outside() as outside:
-                    row.outside, row.why = outside, "its states are not known"
+                    row.outside, row.why = outside, "its states are unknown"
                     if outside.detections_only:
                         row.why = DETECTIONS_ONLY
                 case participant:
@@ -318,8 +320,8 @@ class Comparison:
 
     @property
     def _present(self) -> list[_Row]:
-        """Those that can be compared; the others are compared with the first, which tells more than
-        detections if any does.
+        """Participants that can be compared, those with full verdicts first; the first is the
+        baseline.
         """
         able = [row for row in self.rows if row.participant is not None and row.status in (None, Status.PROVED)]
         return sorted(able, key=lambda row: row.detections_only)
@@ -329,12 +331,12 @@ class Comparison:
         return [row for row in self.rows if row.outside is not None and row.status is None]
 
     def _prove(self) -> None:
-        """Prove what can be proved; the rest gets the reason why it is only tested."""
+        """Prove what is provable; other participants get the reason why they are only tested."""
         present = self._present
-        gaps = ["no proof was asked for"] * len(present)
+        gaps = ["proofs are switched off"] * len(present)
         if self.effort.states:
             known = [row.participant.observed for row in present if row.participant is not None]
-            unknown = "what it observes is not known"
+            unknown = "its observed patterns are unknown"
             try:
                 with within(self.effort.seconds):
                     every = letters_of((one for one in known if one is not None), proof=True).gap == ""
@@ -351,7 +353,7 @@ class Comparison:
             if self.effort.states and row.participant is not None and row.participant.timed:
                 row.why = TIMES
                 continue
-            row.why = gap or gaps[0]  # whatever the others are, there is nothing to prove where the first has a gap
+            row.why = gap or gaps[0]  # a gap of the baseline concerns all
         able = [row for row in present if not row.why]
         if len(able) > 1:
             self._explore(able)
@@ -383,7 +385,7 @@ class Comparison:
                 row.why = f"{able[0].name} failed" if 0 in found.failed else f"state limit {self.effort.states} reached"
 
     def _test(self) -> bool:
-        """Run the traces; False where the one that the others are compared with fails."""
+        """Run the test traces; return False if the baseline fails."""
         baseline, *others = self._present
         rest = [*others, *self._outside]
         unproved = any(row.status is None for row in rest)
@@ -410,19 +412,18 @@ class Comparison:
                 answers = row.answers([trace for trace, _ in asked])
                 if answers is not None:
                     row.judge(asked, answers)
-                if baseline.name == REFERENCE and row.tells_matches:  # there are not too many scenarios to try
+                if baseline.name == REFERENCE and row.tells_matches:  # the reference could enumerate the scenarios
                     row.compare_matches(self._matches(asked))
                 if row.participant is not None:
                     row.shorten(baseline)
             elif row.status is None:
-                row.end(Status.COULD_NOT_RUN, "there was no trace to try")
+                row.end(Status.COULD_NOT_RUN, "there is no trace to test")
             row.status = row.status or Status.TESTED
         return True
 
     def _told(self, row: _Row, baseline: _Row, asked: list[tuple[Trace, Answer]]) -> list[tuple[Trace, Answer]]:
-        """The traces of which the language of a participant tells something, others at times that increase.
-
-        What is left is counted.
+        """Return the traces with verdicts in the language; others get increasing times, or are
+        counted as masked.
         """
         told = [one for one in asked if not row.leaves_open(one[0])]
         if len(told) < len(asked):
@@ -435,7 +436,7 @@ class Comparison:
         return told
 
     def _matches(self, asked: Iterable[tuple[Trace, Answer]]) -> list[tuple[Trace, frozenset[Match]]]:
-        """All matches of some traces that are detections, where these are few."""
+        """Return all matches of some detecting traces, if these are few."""
         found: dict[str, tuple[Trace, frozenset[Match]]] = {}
         detecting = (trace for trace, answer in asked if Verdict.TRUE in (answer.verdicts or ()))
         scenarios = chosen_scenarios(self.tree, self.job.branch, self.job.kind)
@@ -448,7 +449,7 @@ class Comparison:
     def _result(self, row: _Row, baseline: _Row | None) -> Result:
         source = row.participant or row.outside
         if row.status is None:
-            row.end(Status.COULD_NOT_RUN, "there is nobody to compare it with")
+            row.end(Status.COULD_NOT_RUN, "there is no other participant")
         assert row.status is not None
         difference = None
         if row.difference is not None and baseline is not None:

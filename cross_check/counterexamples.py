@@ -1,8 +1,8 @@
-"""Counterexamples: a disagreement made small, kept in a folder that can be read, sent, and run again.
+"""Counterexamples: shrunk disagreements, saved in folders that can be replayed.
 
 `FOLDER/NAME` holds `tree.rvaft`, `trace.jsonl`, `case.json` (semantics, part of the tree, verdicts)
-and the specifications as they were. A case is in its folder completely or not at all: it is written
-beside it, read back, and renamed.
+and the specifications. Saving is atomic: a case is written beside its folder, read back, and
+renamed.
 """
 
 import json
@@ -57,7 +57,7 @@ _LONGEST_MESSAGE: Final = 200
 
 
 class CaseError(RvaftError, ValueError):
-    """A case cannot be read, written or made; `file` says where."""
+    """A case cannot be read, written or created; `file` is its place."""
 
     def __init__(self, message: str, *, file: str) -> None:
         self.message = message
@@ -66,16 +66,14 @@ class CaseError(RvaftError, ValueError):
 
 
 class SpecificationFile(msgspec.Struct, forbid_unknown_fields=True):
-    """Where the text of a participant is, in the folder of the case and under a name that is the
-    same on every system.
-    """
+    """The file of a specification in the folder of the case, with a portable name."""
 
     language: str
     file: Annotated[str, msgspec.Meta(pattern=r"^[a-z0-9_-][a-z0-9._-]*\Z")]
 
 
 class CaseRecord(msgspec.Struct, forbid_unknown_fields=True):
-    """What `case.json` says; all but `semantics` and `verdicts` may be left out."""
+    """The content of `case.json`; only `semantics` and `verdicts` are required."""
 
     semantics: Semantics
     verdicts: dict[str, Verdicts]
@@ -86,12 +84,11 @@ class CaseRecord(msgspec.Struct, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A tree, or a part of it, and a trace, under one semantics.
+    """A tree (or a branch or kind of it) and a trace under one semantics.
 
-    `verdicts` gives for each participant by name its verdict after every event of the trace,
-    `specifications` the language and the text of those that have one, for people to read. Raises
-    `CaseError` for a participant with more or fewer verdicts than events, and for a restricted
-    tree: a case has the whole tree, and says which part.
+    `verdicts` holds for each participant the verdict after every event, `specifications` language
+    and text of participants that have one. Raises `CaseError` for a wrong number of verdicts and
+    for a restricted tree: a case has the whole tree, with `branch` or `kind`.
     """
 
     name: str
@@ -115,21 +112,20 @@ class Case:
 def case_name(
     tree: RVAFT, trace: Iterable[Json], semantics: Semantics, *, branch: int | None = None, kind: Kind | None = None
 ) -> str:
-    """A short name that stays the same for the same tree, trace and question: `and-projected-3f2a`."""
+    """Return a short name that depends only on the content: `and-projected-3f2a`."""
     parts = [dumps(tree), json.dumps(list(trace), sort_keys=True), str(semantics), str(branch), str(kind)]
     digest = blake2b("\n".join(parts).encode(), digest_size=2).hexdigest()
     return f"{tree.nodes[tree.root].gate or 'leaf'}-{semantics}-{digest}"
 
 
-# -- writing ----------------------------------------------------------------------------------------------------
+# Writing.
 
 
 def save(case: Case, folder: StrPath) -> Path:
-    """Write a case into a folder of its own, named after it, and return that.
+    """Write a case into its own folder, and return the folder.
 
-    A folder that holds this very case already is returned as it is; where another case has the
-    name, a number follows it. Raises `CaseError` where the folder cannot be written, or the case
-    would not read back as it is.
+    An existing folder with the same case is returned unchanged; another case with the name gets a
+    number. Raises `CaseError` if the folder cannot be written or the case does not read back equal.
     """
     home, stem = Path(folder), _slug(case.name)
     temporary = home / f".{stem}.{token_hex(4)}"
@@ -152,7 +148,7 @@ def save(case: Case, folder: StrPath) -> Path:
 
 
 def _files(case: Case) -> dict[str, bytes]:
-    """The files of a case by name."""
+    """Return the files of a case by name."""
     texts = {TREE: dumps(case.tree), CASE: ""}
     texts[TRACE] = "".join(json.dumps(event, ensure_ascii=False) + "\n" for event in case.trace)
     specifications: dict[str, Json] = {}
@@ -169,7 +165,7 @@ def _files(case: Case) -> dict[str, bytes]:
 
 
 def _slug(text: str) -> str:
-    """A text as a part of a file name that is good on every system."""
+    """Return a text as a portable part of a file name."""
     plain = re.sub(r"[^a-z0-9_]+", "-", text.lower()).strip("-")
     return plain[:_LONGEST_NAME].strip("-") or "case"
 
@@ -186,7 +182,7 @@ def _check_reads_back(case: Case, temporary: Path) -> None:
 
 
 def _settled(temporary: Path, wanted: Path, files: Mapping[str, bytes]) -> Path:
-    """Give the folder its name, one that no other case has; whoever comes second to a name sees the first complete."""
+    """Rename the folder to an unused name; concurrent writers see complete cases only."""
     for number in count(1):
         place = wanted if number == 1 else wanted.with_name(f"{wanted.name}-{number}")
         if not os.path.lexists(place):
@@ -201,14 +197,14 @@ def _settled(temporary: Path, wanted: Path, files: Mapping[str, bytes]) -> Path:
     raise AssertionError("there is always a further number")
 
 
-# -- reading ----------------------------------------------------------------------------------------------------
+# Reading.
 
 
 def load(path: StrPath) -> Case:
-    """The case in a folder; its name is that of the folder.
+    """Return the case in a folder, named after the folder.
 
-    Raises `CaseError` for what is no case, `LanguageError` and `TreeError` for its tree, and
-    `TraceError` for its trace.
+    Raises `CaseError` for other folders, `LanguageError` and `TreeError` for its tree, `TraceError`
+    for its trace.
     """
     folder = Path(path)
     if not folder.is_dir():
@@ -217,7 +213,7 @@ def load(path: StrPath) -> Case:
     try:
         record = _record(_text(file), str(file))
         file = folder / TREE
-        _text(file)  # it has to be here; what it imports may be elsewhere
+        _text(file)  # the tree file is required; its imports may be elsewhere
         tree = load_tree(file)
         file = folder / TRACE
         trace = tuple(read(file))
@@ -262,9 +258,10 @@ def _reason(error: Exception) -> str:
 
 
 def case_folders(folder: StrPath) -> tuple[Path, ...]:
-    """The folders of cases: this one if it holds a case itself, else all in it but hidden ones, by name.
+    """Return the folders of cases: this folder if it is a case, else its visible subfolders by
+    name.
 
-    Raises `CaseError` where there is none.
+    Raises `CaseError` if there are none.
     """
     home = Path(folder)
     if any(os.path.lexists(home / name) for name in (CASE, TREE, TRACE)):
@@ -278,13 +275,13 @@ def case_folders(folder: StrPath) -> tuple[Path, ...]:
     return tuple(inner)
 
 
-# -- a disagreement made small and kept ---------------------------------------------------------------------------
+# Shrinking.
 
 
 def shrunk(task: Task, result: Result) -> Case:
-    """The smallest case found in which this participant and the one it was compared with still differ.
+    """Return the smallest case found in which the participant and its baseline still disagree.
 
-    A text that was given beside the tree does not follow when the tree changes; then only the trace is reduced.
+    With handwritten specifications only the trace is reduced, because they do not follow the tree.
     """
     assert result.difference is not None
     job, roster = task.job, task.roster
@@ -313,17 +310,17 @@ def shrunk(task: Task, result: Result) -> Case:
 
 
 def _verdicts(enlisted: Mapping[str, Enlisted], trace: Sequence[Json]) -> dict[str, Verdicts]:
-    """What each of them says after every prefix; those that cannot say anything are left out."""
+    """Return the verdicts of each participant after every prefix, without participants that fail."""
     asked = ((name, verdicts_of(one, trace)) for name, one in enlisted.items())
     return {name: said for name, said in asked if isinstance(said, tuple)}
 
 
-# -- saved cases run again ----------------------------------------------------------------------------------------
+# Replaying.
 
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """What one participant of a case says now; `before` is what it said when the case was saved, if it did."""
+    """The verdicts of a participant now, and `before`, when the case was saved, if known."""
 
     result: Result
     before: Verdicts | None
@@ -331,9 +328,9 @@ class Replay:
 
 
 def replay(case: Case, roster: Roster) -> Iterator[Replay]:
-    """What the participants say on the trace of a case.
+    """Yield the verdicts of participants on the trace of a case.
 
-    Those of the roster, and those that took part when it was saved.
+    Participants are those of the roster and those saved with the case.
     """
     known = all_backends()
     named = tuple(name for name in case.verdicts if name in known)

@@ -1,6 +1,4 @@
-"""Participants that judge whole traces by texts that nothing here reads: MonPoly with its verified
-kernel VeriMon, R2U2, and Apache Flink.
-"""
+"""Participants that run texts in external tools: MonPoly with VeriMon, R2U2, and Apache Flink."""
 
 import subprocess
 from collections.abc import Callable, Sequence
@@ -25,16 +23,14 @@ VERIMON: Final = "mfotl-verimon"
 R2U2: Final = "mtl-r2u2"
 FLINK: Final = "match-recognize-flink"
 FLINK_LIMIT: Final = 200
-"""So many events of all orders a text may have for Flink, which takes minutes over more."""
+"""The maximum number of events of a text for Flink, which takes minutes beyond it."""
 
 Traces: TypeAlias = Sequence[Sequence[Json]]
 
 
 @absent_on_error
 def monpoly_of(part: RVAFT, semantics: Semantics, program: Path, name: str, *, timeout: float) -> Outside:
-    """MonPoly, or VeriMon, with the MFOTL text of a tree; absent where that cannot be said, or the
-    path is no program.
-    """
+    """Return MonPoly or VeriMon with the MFOTL text of a tree, or the error as `Absent`."""
     made = backend("mfotl").translate(part, semantics)
     ask = partial(monpoly.first_detections, program, made.text, verified=name == VERIMON, timeout=timeout)
     return _judge(name, made, MfotlHeader.read(made.text).left_open, ask)
@@ -42,9 +38,7 @@ def monpoly_of(part: RVAFT, semantics: Semantics, program: Path, name: str, *, t
 
 @absent_on_error
 def r2u2_of(part: RVAFT, semantics: Semantics, program: Path, *, timeout: float) -> Outside:
-    """R2U2 with the bounded formula of a tree; absent where that cannot be said, or the path is no
-    program with its compiler.
-    """
+    """Return R2U2 with the bounded formula of a tree, or the error as `Absent`."""
     made = backend("mtl-r2u2").translate(part, semantics)
     ask = partial(r2u2.first_detections, program, made.text, timeout=timeout)
     return _judge(R2U2, made, lambda _: "", ask)
@@ -52,9 +46,7 @@ def r2u2_of(part: RVAFT, semantics: Semantics, program: Path, *, timeout: float)
 
 @absent_on_error
 def flink_of(part: RVAFT, semantics: Semantics) -> Outside:
-    """Apache Flink with the MATCH_RECOGNIZE text of a tree; absent where that cannot be said, or
-    PyFlink is not installed.
-    """
+    """Return Apache Flink with the MATCH_RECOGNIZE text of a tree, or the error as `Absent`."""
     flink.tables()
     made = backend("match-recognize").translate(part, semantics, limit=FLINK_LIMIT)
     return _judge(
@@ -68,7 +60,7 @@ def flink_of(part: RVAFT, semantics: Semantics) -> Outside:
 def _judge(
     name: str, made: Specification, left_open: LeftOpen, ask: Callable[[Traces], Sequence[int | None]]
 ) -> Outside:
-    """Who says where the text first detects something; traces of which it tells nothing are masked."""
+    """Return a participant that reports first detections; traces without a verdict are masked."""
 
     def answers(traces: Traces) -> list[Answer]:
         whys = [left_open(trace) for trace in traces]

@@ -1,4 +1,4 @@
-"""`rvaft cross-check`: whether the specifications of a tree say the same thing."""
+"""`rvaft cross-check`: compare the specifications of trees."""
 
 import os
 import sys
@@ -35,14 +35,14 @@ _FORMATS: Final[dict[str, Callable[[Iterable[Result], str], str]]] = {
     "markdown": reports.markdown_text,
 }
 _SHOWN: Final = 20
-"""Disagreements of which the trace is printed."""
+"""The maximum number of disagreements printed with traces."""
 SMALL_TEXT: Final = 5_000
 """The limit of translations in a random campaign."""
 
 
 @contextmanager
 def progress(total: int) -> Iterator[Callable[[], None]]:
-    """A progress bar on a terminal, and nothing elsewhere; to be called where one more is done."""
+    """Show a progress bar on terminals; the yielded function advances it."""
     shown = (TextColumn("comparing"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*shown, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("", total=total)
@@ -51,19 +51,21 @@ def progress(total: int) -> Iterator[Callable[[], None]]:
 
 @dataclass(slots=True)
 class Reports:
-    """Collects results and prints what differs; `every` says whether each is listed in the end or only counted."""
+    """Collects results and prints disagreements; `every` lists all results, else only counts are
+    printed.
+    """
 
     files: dict[str, str]
     every: bool
     failures: Failures = field(default_factory=Failures)
     results: list[Result] = field(default_factory=list)
     parts: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """For each tree, by its title, the parts of the language that not every language has."""
+    """For each tree, by title, its constructs that not every language has."""
 
     def compare(
         self, running: Generator[tuple[Task, list[Result]], None, None], count: int, *, bogus: str | None, stop: bool
     ) -> None:
-        """Take the results of so many comparisons, and report at the end.
+        """Collect the results of `count` comparisons and print the report.
 
         An interrupt ends the program after the report.
         """
@@ -104,7 +106,7 @@ class Reports:
             raise Stopped(INTERRUPTED)
 
     def replay(self, folder: str, roster: Roster) -> None:
-        """Run saved cases again, one table each."""
+        """Replay saved cases, with a table for each."""
         for case in self.failures.collect(load_case, case_folders(folder)):
             click.echo(visible(f"{case.name}: {case.semantics}"))
             rows = [("PARTICIPANT", "BEFORE", "NOW", "RESULT")]
@@ -115,7 +117,7 @@ class Reports:
         self.write("")
 
     def write(self, note: str) -> None:
-        """Write the files, all that can be written; raises `OSError` for the first that cannot."""
+        """Write the report files; raises the first `OSError` after trying all."""
         failed: OSError | None = None
         for form, path in self.files.items():
             try:
@@ -135,52 +137,54 @@ def _symbols(verdicts: tuple[Verdict, ...] | None) -> str:
 
 
 def _report_options(function: Callable[..., int]) -> Callable[..., int]:
-    """`--json FILE` and the others; the files are written at the end, also of an interrupted run."""
+    """Add `--json FILE` and the other report options."""
     for form in reversed(_FORMATS):
         function = click.option(f"--{form}", metavar="FILE", help=f"Write the results as {form}.")(function)
     return function
 
 
 _TRACES: Final = (
-    f"Random traces.  [default: {ONE_TREE.traces}; with --against {AGAINST.traces}, with --random {RANDOM.traces}, "
-    f"without TREE {CATALOGUE.traces}]"
+    f"Number of random traces.  [default: {ONE_TREE.traces}; with --against {AGAINST.traces}, "
+    f"with --random {RANDOM.traces}, without TREE {CATALOGUE.traces}]"
 )
-_STATES: Final = f"Of a proof.  [default: {ONE_TREE.states}; with --random {RANDOM.states}]"
+_STATES: Final = f"State limit of a proof.  [default: {ONE_TREE.states}; with --random {RANDOM.states}]"
 _SEMANTICS: Final = "Default: all; with --against, what each tree states, or projected."
-_PUBLISHED: Final = "Also run RML by the published monitor, of which DIR is a checkout."
+_PUBLISHED: Final = "Also run RML in the published monitor; DIR is a checkout of it."
 
 
 @click.command("cross-check")
 @click.argument("trees", nargs=-1, metavar="[TREE]...")
-@click.option("--against", multiple=True, metavar="[LANG:]FILE", help="A specification to hold against each TREE.")
-@click.option("--backends", metavar="A,B", help="These backends instead of all faithful ones.")
+@click.option("--against", multiple=True, metavar="[LANG:]FILE", help="Compare this specification with each TREE.")
+@click.option("--backends", metavar="A,B", help="Compare these backends instead of all faithful ones.")
 @click.option("--semantics", callback=options.some(Semantics), metavar="S,...|all", help=_SEMANTICS)
 @options.reading_options
 @options.part_options
 @options.number("--random", text="Compare N random trees.")
-@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="The seed of everything random.")
-@options.number("--max-nodes", least=2, default=MAX_NODES, metavar="M", text="Of random trees.")
+@click.option(
+    "--seed", type=int, default=0, show_default=True, metavar="S", help="The seed of random trees and traces."
+)
+@options.number("--max-nodes", least=2, default=MAX_NODES, metavar="M", text="Maximum number of nodes of random trees.")
 @options.number("--traces", least=0, text=_TRACES)
-@options.number("--length", metavar="L", text="Of traces.  [default: enough for a detection]")
+@options.number("--length", metavar="L", text="Maximum length of traces.  [default: enough for a detection]")
 @options.number("--states", least=0, text=_STATES)
-@options.number("--limit", text="Of translations, in the language's own unit.")
-@options.number("--jobs", text="Processes.  [default: one per processor]")
-@options.timeout_option("For each step of a case.")
+@options.number("--limit", text="Limit of translations, in the unit of the backend.")
+@options.number("--jobs", text="Number of processes.  [default: one per processor]")
+@options.timeout_option("Seconds for each step of a comparison.")
 @click.option("--stop-on-error", is_flag=True, help="Stop after the first comparison with a disagreement.")
 @click.option("--save-bogus", metavar="DIR", help="Shrink each disagreement and save it as a case below DIR.")
 @click.option("--replay", metavar="DIR", help="Run saved cases again.")
 @click.option("--rml-monitor", metavar="DIR", help=_PUBLISHED)
 @click.option(
-    "--monpoly", metavar="PROGRAM", help="Also run MFOTL by this build of MonPoly, and by its verified kernel."
+    "--monpoly", metavar="PROGRAM", help="Also run MFOTL in this build of MonPoly and in its verified kernel."
 )
-@click.option("--r2u2", metavar="PROGRAM", help="Also run past MTL with bounds by this build of R2U2, in its checkout.")
-@click.option("--flink", is_flag=True, help="Also run MATCH_RECOGNIZE by Apache Flink, where it is installed.")
-@click.option("--mona", is_flag=True, help="Also run LTLf by MONA (small trees without variables).")
+@click.option("--r2u2", metavar="PROGRAM", help="Also run past MTL in this build of R2U2, in its checkout.")
+@click.option("--flink", is_flag=True, help="Also run MATCH_RECOGNIZE in Apache Flink, which must be installed.")
+@click.option("--mona", is_flag=True, help="Also run LTLf in MONA (small trees without variables).")
 @_report_options
-@click.option("--fail-on-not-expressible", is_flag=True, help="Exit with 2 where a language cannot say a tree.")
-@click.option("--fail-on-too-large", is_flag=True, help="Exit with 2 where something was larger than a limit.")
-@click.option("--fail-on-vacuous", is_flag=True, help="Exit with 2 where nothing was detected in any trace.")
-@click.option("--fail-on-timeout", is_flag=True, help="Exit with 2 where the time was too short.")
+@click.option("--fail-on-not-expressible", is_flag=True, help="Exit with 2 if a language cannot express a tree.")
+@click.option("--fail-on-too-large", is_flag=True, help="Exit with 2 if a limit was exceeded.")
+@click.option("--fail-on-vacuous", is_flag=True, help="Exit with 2 if a comparison has no detection.")
+@click.option("--fail-on-timeout", is_flag=True, help="Exit with 2 after a timeout.")
 def cross_check_command(
     *,
     trees: tuple[str, ...],
@@ -188,17 +192,18 @@ def cross_check_command(
     random: int | None,
     **given: Any,
 ) -> int:
-    """Compare the reference, the engine and all faithful backends: on each TREE, or without one on every gate.
+    """Compare the reference, the engine and all faithful backends: on each TREE, or on a catalogue
+    of trees.
 
-    Proves agreement on all traces where it can, tests it otherwise, and says which. Verdicts among
-    which is no detection are vacuous and count as no agreement. The exit status is 1 when some
-    differ, 2 when something could not be read or run, or nothing was compared.
+    Agreement is proved on all traces if possible, otherwise tested; the output states which. A
+    comparison without any detection is vacuous and no agreement. The exit status is 1 for
+    disagreements, 2 if something could not be read or run, or nothing was compared.
     """
     cases, limit, semantics, timeout = (given[name] for name in ("replay", "limit", "semantics", "timeout"))
     part = {name: given[name] for name in ("branch", "kind")}
     narrow = any(one is not None for one in part.values())
     options.exclusive(random=random, replay=cases)
-    # What follows the first FILE of --against is a specification too, where its name says so.
+    # Specifications after the first FILE of --against are recognised by their names.
     texts = [tree for tree in trees if is_specification(tree)] if against else []
     trees = tuple(dict.fromkeys(tree for tree in trees if tree not in texts))
     files = {form: given[form] for form in _FORMATS if given[form] is not None}
@@ -242,7 +247,7 @@ def cross_check_command(
     else:
         entries = found = list(catalogue())
         count, effort = len(found), CATALOGUE
-    if against and not roster.against:  # nothing that could be read is left to compare
+    if against and not roster.against:  # no readable specification is left
         entries, count = [], 0
     chosen_effort = {name: given[name] for name in ("traces", "states", "length") if given[name] is not None}
     effort = replace(effort, seed=str(given["seed"]), seconds=timeout, **chosen_effort)
@@ -250,7 +255,7 @@ def cross_check_command(
     pairs = ((e, s) for e in entries for s in chosen or [resolve_semantics(e.tree)])
     tasks = (Task(e.tree, Job(e.name, s, e.branch, e.kind), roster, effort) for e, s in pairs)
     every = len(chosen) or 1
-    jobs = given["jobs"] or (1 if roster.flink else os.cpu_count() or 1)  # Flink takes long to start
+    jobs = given["jobs"] or (1 if roster.flink else os.cpu_count() or 1)  # Flink starts slowly
     running = run(tasks, jobs=jobs, together=1 if trees else every)
     collected.compare(running, count * every, bogus=given["save_bogus"], stop=given["stop_on_error"])
     fails = (Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT, Status.VACUOUS)
@@ -260,5 +265,5 @@ def cross_check_command(
 
 def _entry(path: str, branch: int | None, kind: Kind | None) -> Entry:
     tree = options.load_tree(path)
-    narrowed(tree, branch, kind)  # refuses what breaks a rule, and a part that is not there
+    narrowed(tree, branch, kind)  # raises for invalid trees and parts
     return Entry(click.format_filename(path), tree, branch, kind)

@@ -21,15 +21,15 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.support.files import deliver, telling, write_whole
 
 DEFAULT_NUMBER: Final = 5
-"""How many traces go into a folder; standard output takes one."""
+"""The number of traces for a folder; standard output takes one."""
 RANDOM_LENGTH: Final = 10
-"""The most events of a random trace, unless `--length` says otherwise."""
+"""The default maximum length of a random trace."""
 _REDRAWS: Final = 20
-"""How often to draw again so that a trace is none of those before; some trees have only one."""
+"""The number of attempts to draw a new trace; some trees have only one."""
 
 
 class LogForm(StrEnum):
-    """What logs are written as."""
+    """Formats of logs."""
 
     JSONL = "jsonl"
     SIGMA = "sigma"
@@ -41,15 +41,13 @@ class LogForm(StrEnum):
 @options.tree_argument
 @click.option("--detect", is_flag=True, help="Traces whose last event detects the tree (the default).")
 @click.option("--near-miss", is_flag=True, help="Traces that do not detect the tree, one edit away from one that does.")
-@click.option("--random", "chance", is_flag=True, help="Random events that have to do with the tree.")
-@options.number("-n", "wanted", text="How many; default: 5 with -o, else 1.")
+@click.option("--random", "chance", is_flag=True, help="Random events with fields and values of the tree.")
+@options.number("-n", "wanted", text="Number of traces; default: 5 with -o, else 1.")
 @options.semantics_option
-@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Another seed gives other traces.")
-@options.number("--length", metavar="L", text="At most L events in a trace.")
+@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Seed of the random generator.")
+@options.number("--length", metavar="L", text="Maximum length of a trace.")
 @options.part_options
-@options.choice(
-    "--format", "form", words=LogForm, default=LogForm.JSONL, text="As logs that programs of a language take."
-)
+@options.choice("--format", "form", words=LogForm, default=LogForm.JSONL, text="Log format of a language.")
 @options.mapping_option
 @click.option("-o", "--output", metavar="DIR", help="Write DIR/detect-1.jsonl and so on instead of to standard output.")
 def traces_command(
@@ -63,10 +61,10 @@ def traces_command(
     output: str | None,
     **given: Any,
 ) -> int:
-    """Write example logs for a tree: N traces, as JSON Lines unless --format names another form,
-    one to standard output or each to a file of a folder.
+    """Write example logs for a tree: N traces as JSON Lines, or in the language named by --format.
 
-    The same options give the same traces. A folder that is not there is made; files of the same names are replaced.
+    One trace goes to standard output, several to files of a folder, which is created if necessary;
+    files of the same names are replaced. The same options give the same traces.
     """
     options.exclusive(**{"detect": given["detect"], "near-miss": near_miss, "random": chance})
     folder = None if output in (None, "-") else Path(output or "")
@@ -75,9 +73,9 @@ def traces_command(
     part, manner = narrowed(options.load_tree(tree), given["branch"], given["kind"]), replace(PLAIN, longest=length)
     meaning = resolve_semantics(part, given["semantics"])
     options.refuse(form is LogForm.JSONL and mapping is not None, "--mapping is for --format stix")
-    if form is not LogForm.JSONL:  # programs of these languages skip events
+    if form is not LogForm.JSONL:  # these languages express only `scattered`
         other = given["semantics"] not in (None, Semantics.SCATTERED)
-        options.refuse(other, f"--format {form} is about the semantics scattered, which is what {form} can say")
+        options.refuse(other, f"--format {form} requires the semantics scattered, the only one of {form}")
         meaning = Semantics.SCATTERED
     name = "near-miss" if near_miss else "random" if chance else "detect"
 
@@ -95,7 +93,7 @@ def traces_command(
         return (language if mapping is None else language.mapped(mapping)).log(part, events)
 
     def make(random: Random) -> list[Json] | None:
-        """A trace, or None where its times do not increase in a log that needs this."""
+        """Return a trace, or None if its times do not increase as the format requires."""
         events = drawn(random)
         if form is LogForm.JSONL or part.time is None:
             return events
@@ -106,7 +104,7 @@ def traces_command(
         return moved if detected == (not near_miss, False) else None
 
     texts: list[str] = []
-    for place in range(1, wanted + 1):  # each of a seed of its own: asking for more does not change the first ones
+    for place in range(1, wanted + 1):  # one seed per trace: a larger N keeps the first traces
         random = Random(f"{given['seed']} {name} {place}")  # noqa: S311 (no secret)
         text = ""
         for _ in range(_REDRAWS):
@@ -120,7 +118,7 @@ def traces_command(
             if events and text not in texts:
                 break
         if not text and form is not LogForm.JSONL:
-            why = "no trace found whose times increase by microseconds; try another --seed"
+            why = "no trace found with increasing times in whole microseconds; try another --seed"
             raise click.ClickException(f"{click.format_filename(tree)}: {why}")
         texts.append(text)
     if folder is None:

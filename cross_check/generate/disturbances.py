@@ -1,4 +1,4 @@
-"""Traces with something wrong in them: what happens to logs, and what tells implementations apart."""
+"""Disturbed traces: edits that occur in logs or distinguish implementations."""
 
 from collections.abc import Callable, Sequence
 from enum import StrEnum
@@ -16,11 +16,11 @@ from rvaft.model.verdict import Semantics, Verdict
 _EXACT: Final = 2**53
 _CARELESS: Final = 0.3
 _WAYS: Final = 12
-"""How often to look for another time, or another way to write one."""
+"""The number of attempts to find another time, or another spelling of a time."""
 
 
 class Disturbance(StrEnum):
-    """The ways in which one edit disturbs a trace."""
+    """The kinds of edits."""
 
     EXTRA = "an extra event"
     MISSING = "a missing event"
@@ -40,18 +40,18 @@ class Disturbance(StrEnum):
 
 
 OF_TIMES: Final = (Disturbance.TIME, Disturbance.BACK, Disturbance.UNREADABLE, Disturbance.SPELLING)
-"""Those that need a tree that says where times stand."""
+"""Edits that need a tree with times."""
 
 
 def kinds_for(tree: RVAFT) -> list[Disturbance]:
-    """The kinds of edits that traces of a tree can have."""
+    """Return the kinds of edits for traces of a tree."""
     return [kind for kind in Disturbance if tree.time is not None or kind not in OF_TIMES]
 
 
 def disturbed(random: Random, trace: list[Json], tree: RVAFT, values: Sequence[Json] = ()) -> list[Json]:
-    """The trace after one edit or a few; the trace itself stays as it is.
+    """Return the trace after one to three edits; the original is unchanged.
 
-    `values` are worth trying beside those of the tree.
+    `values` are candidates beside those of the tree.
     """
     for _ in range(random.choice((1, 1, 1, 2, 2, 3))):
         known = kinds_for(tree)
@@ -64,8 +64,8 @@ def disturbed(random: Random, trace: list[Json], tree: RVAFT, values: Sequence[J
 def disturbed_by(
     kind: Disturbance, random: Random, trace: list[Json], tree: RVAFT, values: Sequence[Json] = ()
 ) -> list[Json] | None:
-    """The trace after one edit of a kind, different from what it was, or None where there is
-    nothing to edit in that way.
+    """Return the trace after one edit, different from the original, or None if the edit is
+    impossible.
     """
     index = random.randrange(len(trace)) if trace else 0
     match kind:
@@ -102,8 +102,7 @@ def disturbed_by(
                 owner = owner[step]
             return put(trace, tuple(above), {name: value for name, value in owner.items() if name != field})
         case Disturbance.OTHER | Disturbance.THROUGHOUT:
-            # what ties events together breaks at one place; what a condition says of all of them is
-            # broken in all of them
+            # one place breaks a join, all places break a condition
             if not (scalars := _scalars(trace)):
                 return None
             path, old = random.choice(scalars)
@@ -121,7 +120,7 @@ def disturbed_by(
 def _another_time(
     kind: Disturbance, random: Random, trace: list[Json], tree: RVAFT, times: Sequence[int | None]
 ) -> list[Json] | None:
-    """The trace with another time of one event, or the same in other signs; at a bound what follows may move along."""
+    """Return the trace with a changed time or spelling of one event; later events may shift along."""
     assert tree.time is not None
     index = random.choice([index for index, time in enumerate(times) if time is not None])
     own = times[index] or 0
@@ -158,9 +157,7 @@ def _swapped(random: Random, trace: list[Json]) -> list[Json] | None:
 
 
 def _bound(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:
-    """Bounds of a field are the constants it is compared with, the numbers there, and the sums of
-    both (`T2 >= T1 + 10`).
-    """
+    """Return an edit at a bound: constants compared with a field, its numbers, and sums of both."""
     fields = EventFields(tree)
 
     def near(path: Path, old: Json) -> list[Json]:
@@ -176,7 +173,7 @@ def _bound(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:
 
 
 def _edited(random: Random, trace: list[Json], instead: Callable[[Path, Json], Sequence[Json]]) -> list[Json] | None:
-    """The trace with another value at one place, one of those that the value there may become."""
+    """Return the trace with a replaced value at one place, or None."""
     edits = [(path, new) for path, old in _inside(trace) if (new := instead(path, old))]
     if not edits:
         return None
@@ -185,7 +182,7 @@ def _edited(random: Random, trace: list[Json], instead: Callable[[Path, Json], S
 
 
 def _look_alikes(value: Json) -> list[Json]:
-    """What a careless comparison takes for the same value."""
+    """Return values that a careless comparison confuses with this value."""
     if isinstance(value, bool):
         return [int(value), str(value)]
     if is_number(value):
@@ -194,18 +191,18 @@ def _look_alikes(value: Json) -> list[Json]:
 
 
 def _other_number(_: Path, value: Json) -> list[Json]:
-    """1.0 for 1, and 1 for 1.0."""
+    """Return 1.0 for 1, and 1 for 1.0."""
     if not is_number(value) or abs(value) >= _EXACT or value != int(value):
         return []
     return [float(value) if isinstance(value, int) else int(value)]
 
 
 def with_constant(random: Random, trace: list[Json], constants: Sequence[Json]) -> list[Json] | None:
-    """The trace with a constant of some guard, or a value next to it, in place of a value of its
-    kind, or None without any.
+    """Return the trace with a guard's constant, or a value next to it, at one value of its kind; or
+    None.
 
-    The rest stays, so that one condition is met or broken while the others hold. Now and then a
-    value becomes one that looks like it.
+    The rest is unchanged, so that one condition is met or broken while others hold. Sometimes a
+    value becomes a similar one.
     """
     scalars = _scalars(trace)
     alike = [(path, twin) for path, value in scalars for twin in _look_alikes(value)]
@@ -222,7 +219,9 @@ def with_constant(random: Random, trace: list[Json], constants: Sequence[Json]) 
 def _exchanged(
     random: Random, trace: list[Json], path: Path, old: Json, values: Sequence[Json], *, everywhere: bool
 ) -> list[Json] | None:
-    """The trace with one of the values of the same kind at a place, and wherever else the old one stands."""
+    """Return the trace with another value of the same kind at a place, or wherever the old value
+    occurs.
+    """
     others = [value for value in values if _kind(value) is _kind(old) and not equal(value, old)]
     if not others:
         return None
@@ -243,7 +242,9 @@ def _kind(value: Json) -> type:
 
 
 def _inside(trace: list[Json]) -> list[tuple[Path, Json]]:
-    """All values inside the events with their places, in order; an event itself is none."""
+    """Return all values inside the events with their places, in order, without the events
+    themselves.
+    """
     return [(path, value) for path, value in places(trace) if len(path) > 1]
 
 
@@ -251,8 +252,7 @@ def _scalars(trace: list[Json]) -> list[tuple[Path, Json]]:
     return [(path, value) for path, value in _inside(trace) if not isinstance(value, (dict, list))]
 
 
-# -- random traces that are one edit away from a detection
-# --------------------------------------------------------------
+# Traces one edit away from a detection.
 
 _TRIES: Final = 3
 _EVERYDAY: Final = (
@@ -264,11 +264,11 @@ _EVERYDAY: Final = (
     Disturbance.TIME,
     Disturbance.UNREADABLE,
 )
-"""What happens to logs that people believe."""
+"""Edits that occur in real logs."""
 
 
 class NearMiss(NamedTuple):
-    """A trace in which the tree is not detected, the detecting one it came from, and the edit that lies between."""
+    """A trace without a detection, the detecting trace that it came from, and the edit."""
 
     trace: list[Json]
     detecting: list[Json]
@@ -278,9 +278,7 @@ class NearMiss(NamedTuple):
 def near_miss(
     random: Random, tree: RVAFT, semantics: Semantics = Semantics.PROJECTED, manner: Manner = WILD
 ) -> NearMiss:
-    """A near miss; raises `NoTraceFound` where no detecting trace is found, and what the monitor
-    raises (`TooLarge`).
-    """
+    """Return a near miss; raises `NoTraceFound`, and errors of the monitor (`TooLarge`)."""
     detected = detecting(random, tree, semantics, manner)
     kinds = [kind for kind in kinds_for(tree) if kind in _EVERYDAY or not manner.believable]
     for kind in random.sample(kinds, len(kinds)):
@@ -294,5 +292,5 @@ def near_miss(
                 edited = grown(random, tree, LogValues(random, tree).in_time(edited))
             if Verdict.TRUE not in Engine(tree, semantics).run(edited):
                 return NearMiss(edited, detected, kind)
-    # The tree is detected at the last event and not before.
+    # Without its last event, the detecting trace detects nothing.
     return NearMiss(detected[:-1], detected, Disturbance.MISSING)

@@ -1,4 +1,4 @@
-"""Hypothesis strategies for trees and traces (needs the extra `testing`)."""
+"""Hypothesis strategies for trees and traces (requires the extra `testing`)."""
 
 from collections.abc import Callable
 from random import Random
@@ -19,56 +19,56 @@ ANY: Final = Shape()
 
 
 def randoms() -> st.SearchStrategy[Random]:
-    """Sources of randomness by their seed: what is made with them takes one number, however large it gets."""
+    """Return random generators by seed, so that an example is one number."""
     return st.integers(min_value=0, max_value=2**32 - 1).map(Random)
 
 
 def trees(shape: Shape = ANY) -> st.SearchStrategy[RVAFT]:
-    """Valid random trees of a shape."""
+    """Return valid random trees of a shape."""
     return randoms().map(lambda random: random_tree(random, shape))
 
 
 def traces(tree: RVAFT, *, max_length: int = 8) -> st.SearchStrategy[list[Json]]:
-    """Traces that have to do with a tree."""
+    """Return traces for a tree."""
     return randoms().map(lambda random: random_trace(random, tree, max_length=max_length))
 
 
 @st.composite
 def trees_with_traces(draw: st.DrawFn, shape: Shape = ANY, max_length: int = 8) -> tuple[RVAFT, list[Json]]:
-    """A tree and a trace for it."""
+    """Return a tree and a trace for it."""
     tree = draw(trees(shape))
     return tree, draw(traces(tree, max_length=max_length))
 
 
 def semantics() -> st.SearchStrategy[Semantics]:
-    """The four semantics."""
+    """Return the four semantics."""
     return st.sampled_from(Semantics)
 
 
 def detecting_traces(tree: RVAFT, semantics: Semantics = Semantics.PROJECTED) -> st.SearchStrategy[list[Json]]:
-    """Traces at the last event of which a valid tree is detected."""
+    """Return traces whose last event detects a valid tree."""
     return _found(lambda random: detecting(random, tree, semantics))
 
 
 def disturbed_traces(tree: RVAFT, semantics: Semantics = Semantics.PROJECTED) -> st.SearchStrategy[list[Json]]:
-    """Detecting traces after one edit or a few; the tree may be detected in them all the same."""
+    """Return detecting traces after edits; the tree may still be detected."""
     return _found(lambda random: disturbed(random, detecting(random, tree, semantics), tree))
 
 
 def near_misses(tree: RVAFT, semantics: Semantics = Semantics.PROJECTED) -> st.SearchStrategy[NearMiss]:
-    """Traces in which a valid tree is not detected, one edit away from one in which it is."""
+    """Return traces without detection, one edit away from a detecting one."""
     return _found(lambda random: near_miss(random, tree, semantics))
 
 
 @st.composite
 def trees_with_guided_traces(draw: st.DrawFn, shape: Shape = ANY) -> tuple[RVAFT, Semantics, list[Json]]:
-    """A valid tree, a semantics, and a trace that is led through the tree under it, disturbed or not."""
+    """Return a valid tree, a semantics, and a detecting or disturbed trace."""
     tree, chosen = draw(trees(shape)), draw(semantics())
     return tree, chosen, draw(st.one_of(detecting_traces(tree, chosen), disturbed_traces(tree, chosen)))
 
 
 def _found(make: Callable[[Random], T]) -> st.SearchStrategy[T]:
-    """What is made with a source of randomness; where no trace is found, the example is passed over."""
+    """Return what `make` creates; examples without a trace are rejected."""
 
     def made(random: Random) -> T:
         try:

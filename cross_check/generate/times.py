@@ -1,9 +1,8 @@
-"""Times of events: how an instant is written, which instants meet the conditions of a scenario, and
-those at and next to a bound.
+"""Event times for generated traces: formats, schedules that satisfy a scenario, and bounds.
 
-Conditions on time are bounds of differences (`time[a] - time[b] <= c`). What is open in one, as
-with which event a part ends, is chosen at random; instants that keep all bounds are found by
-lowering, as Bellman and Ford do, and then moved about between their neighbours.
+Conditions on time are difference bounds (`time[a] - time[b] <= c`). Open choices, such as the last
+event of a part, are random. Instants that satisfy all bounds are found by Bellman-Ford relaxation,
+and then moved within their slack.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -39,24 +38,23 @@ from rvaft.model.values import Json
 SECOND: Final = UNITS["s"]
 MICROSECOND: Final = UNITS["us"]
 TODAY: Final = 1_760_000_000 * SECOND
-"""When believable logs begin."""
+"""The start of believable logs."""
 _STEPS: Final = 9
 _UNDEFINED: Final = 0.06
-"""How often an event has no time that can be read, where its time does not matter."""
+"""The probability of an unreadable time, if the time does not matter."""
 _FIRST, _LAST = -20_000_000_000 * SECOND, 200_000_000_000 * SECOND  # years of four digits
 _PAIRS: Final = 30
-"""So many events of a window are compared pair by pair; of more the times grow."""
+"""The maximum number of window events that are compared in pairs; beyond it, times increase."""
 
 Bound: TypeAlias = tuple[int, int, int]
-"""Two events by number and the most that the first may be after the second, in nanoseconds."""
+"""Two events by number, and the maximum of their difference in nanoseconds."""
 
 
-# -- the field with the time
-# --------------------------------------------------------------------------------------------
+# The field of the time.
 
 
 def with_time(event: Json, field: Sequence[str], value: Json) -> Json | None:
-    """The event with this value in its field, or None where something else is in the way.
+    """Return the event with this value in its field, or None if another value is in the way.
 
     >>> with_time({"event": "a"}, ("header", "stamp"), 3)
     {'event': 'a', 'header': {'stamp': 3}}
@@ -68,7 +66,7 @@ def with_time(event: Json, field: Sequence[str], value: Json) -> Json | None:
 
 
 def without_time(event: Json, field: Sequence[str]) -> Json:
-    """The event without that field."""
+    """Return the event without the field."""
     if not isinstance(event, dict) or field[0] not in event:
         return event
     if len(field) == 1:
@@ -77,8 +75,8 @@ def without_time(event: Json, field: Sequence[str]) -> Json:
 
 
 def standing(pattern: Pattern, field: Sequence[str]) -> Pattern | None:
-    """What a pattern has where the time stands; None where it says nothing of it, the pattern
-    itself where it is no object.
+    """Return the part of a pattern at the time field, or None; the pattern itself if it is not an
+    object.
     """
     if not field or not isinstance(pattern, ObjectPattern):
         return pattern
@@ -87,8 +85,7 @@ def standing(pattern: Pattern, field: Sequence[str]) -> Pattern | None:
 
 
 def written(random: Random, form: TimeFormat, instant: int, *, plain: bool) -> Json:
-    """An instant in a format; where it need not be plain, in one of all the ways that mean it. None
-    where no calendar has it.
+    """Return an instant in a format, in any spelling unless `plain`; None outside of the calendar.
 
     >>> formats = TimeFormat.ISO8601, TimeFormat.SECONDS
     >>> tuple(written(Random(0), form, 1_500_000_000, plain=True) for form in formats)
@@ -101,14 +98,14 @@ def written(random: Random, form: TimeFormat, instant: int, *, plain: bool) -> J
 
 
 def _ways(random: Random, form: TimeFormat, instant: int) -> Iterator[Json]:
-    """The plain way first."""
+    """Yield the spellings of an instant, the plain one first."""
     match form:
         case TimeFormat.ISO8601:
             yield _iso(instant)
             far = f"{random.choice('+-')}{random.randrange(24):02}:{random.randrange(60):02}"
             for offset in (far, "+02", "-0330", ""):
                 yield _iso(instant, offset, random.choice("Tt "), random.choice(".,"))
-            if instant % 2 == 0:  # half a nanosecond more rounds to this even one
+            if instant % 2 == 0:  # a further half nanosecond rounds to this even value
                 yield f"{_iso(instant - instant % SECOND)[:-1]}.{instant % SECOND:09}5"
             if instant % (60 * SECOND) < SECOND:
                 before = _iso(instant - SECOND)
@@ -129,7 +126,7 @@ def _ways(random: Random, form: TimeFormat, instant: int) -> Iterator[Json]:
             if Decimal(repr(float(text))) == exact:
                 yield float(text)
             yield text
-            if instant % 2 == 0 and instant > 0:  # half a nanosecond more rounds to this even one
+            if instant % 2 == 0 and instant > 0:  # a further half nanosecond rounds to this even value
                 yield f"{long}5"
             yield f"{text}e0" if random.random() < 0.5 else f"{exact:e}".replace("e", random.choice("eE"))
 
@@ -156,15 +153,14 @@ _UNREADABLE_TIMES: Final[Mapping[TimeFormat, Sequence[Json]]] = {
         *(1, "1"),
     ),
 }
-"""What nobody can read as a time."""
+"""Unreadable times."""
 
 
-# -- the conditions of a scenario
-# -----------------------------------------------------------------------------------------
+# Conditions of a scenario.
 
 
 def durations(tree: RVAFT) -> list[int]:
-    """The durations at which a verdict can change, in nanoseconds, 0 first."""
+    """Return the durations at which a verdict can change, in nanoseconds, 0 first."""
     nodes = [*tree.top_down()]
     guards = [node.when for node in nodes if time_points(node.when)]
     found = [part.value for guard in guards for part in walk(guard) if isinstance(part, Literal)]
@@ -173,10 +169,10 @@ def durations(tree: RVAFT) -> list[int]:
 
 
 class Schedule:
-    """The times of the events of one scenario, and the values that variables get from them.
+    """The times of one scenario's events, and the variables bound to them.
 
-    `order` has the node of each event. A variable that stands where the time does, and that a guard
-    uses, keeps its value; other variables there follow the time.
+    `order` holds the node of each event. A variable at the time field keeps its value if a guard
+    uses it; other variables there follow the time.
     """
 
     def __init__(
@@ -191,13 +187,13 @@ class Schedule:
         self._windows = [part for part in kept if isinstance(part, Within)]
         asking: list[Part] = [*timed, *self._windows]
         self.asking = [*map(node_of, asking)] or [*order]
-        """The nodes that have a condition on time, or all."""
+        """The nodes with a condition on time, or all nodes."""
         asked = {name for node in tree.top_down() for name in variables(node.when)}
         stands = [standing(tree.pattern(name) or Anything(), tree.time.field) for name in order]
         self.free = [part is None or isinstance(part, Anything) for part in stands]
-        """For each event whether its pattern leaves its time open."""
+        """Whether the pattern of each event leaves the time open."""
         self._following: dict[str, list[int]] = {}
-        """The variables that follow the time, with their events."""
+        """Variables that follow the time, with their events."""
         self._fixed: dict[int, int | None] = {}
         for number, part in enumerate(stands):
             if isinstance(part, Variable) and (part.name not in asked or part.name not in binding):
@@ -207,8 +203,8 @@ class Schedule:
                 self._fixed[number] = tree.time.read(with_time({}, tree.time.field, value))
 
     def times(self) -> list[int | None] | None:
-        """A time for each event, or None where the conditions were not met; some are undefined
-        where that does no harm.
+        """Return a time per event, or None if the conditions are not met; irrelevant times may be
+        undefined.
         """
         bounds = [*self._bounds()]
         for first, *others in self._following.values():
@@ -222,7 +218,7 @@ class Schedule:
             lost = not self.plain and number not in needed and free and self.random.random() < _UNDEFINED
             if lost or self._fixed.get(number, 0) is None:
                 times[number] = None
-        points: dict[str, Guard] = {}  # an undefined one is a value that is not finite
+        points: dict[str, Guard] = {}  # a value that is not finite represents an undefined time
         for point in chain.from_iterable(map(time_points, self._guards)):
             every = [times[event] for event in self._events(point)]
             known = [time for time in every if time is not None]
@@ -231,7 +227,7 @@ class Schedule:
         return times if all(holds(substitute(guard, points), self.binding) for guard in self._guards) else None
 
     def bound(self, times: Sequence[int | None]) -> Binding:
-        """The values of the variables, those that follow the time among them."""
+        """Return the values of the variables, including those that follow the time."""
         assert self.tree.time is not None
         found = dict(self.binding)
         for name, (first, *_) in self._following.items():
@@ -240,7 +236,7 @@ class Schedule:
         return found
 
     def _bounds(self) -> Iterator[Bound]:
-        """Bounds under which all conditions hold that are on time alone; where there is a choice, some."""
+        """Yield bounds that imply all conditions on time alone; choices are random."""
         for guard in self._guards:
             yield from self._demanded(guard, truth=True)
         for window in self._windows:
@@ -256,20 +252,20 @@ class Schedule:
             yield from ((a, b, most) for a, b in pairs)
 
     def _events(self, point: TimePoint) -> list[int]:
-        """The events that a time point is about."""
+        """Return the events of a time point."""
         if point.point == "at":
             return [number for number, name in enumerate(self.order) if name == point.node]
         whole = self.prop.wholes.get(Source(point.node, point.number))
         return [] if whole is None else self._below(whole)
 
     def _below(self, whole: Part) -> list[int]:
-        """The events of a part."""
+        """Return the events of a part."""
         below = reachable(whole, lambda part: self.kept.get(part, ()))
         names = {node_of(part) for part in below if isinstance(part, Event | Times)}
         return [number for number, name in enumerate(self.order) if name in names]
 
     def _demanded(self, guard: Guard, *, truth: bool) -> Iterator[Bound]:
-        """Bounds under which a guard is true, or false; what is not on time alone is left to chance."""
+        """Yield bounds that make a guard true or false; other conditions are left to chance."""
         match guard:
             case Operation(Operator.NOT, (inner,)):
                 yield from self._demanded(inner, truth=not truth)
@@ -296,10 +292,9 @@ class Schedule:
         return events[likely] if self.random.random() < 0.7 else self.random.choice(events)
 
     def _instants(self, bounds: Sequence[Bound]) -> list[int] | None:
-        """Instants that keep these bounds, or None where there are none.
+        """Return instants that satisfy the bounds, or None.
 
-        Plain ones grow if they can, by some seconds each unless a bound wants it otherwise; others
-        are often at a bound, or next to it.
+        Plain instants increase by some seconds if possible; others are often at or next to a bound.
         """
         random, plain, count = self.random, self.plain, len(self.order)
         fixed = {number: time for number, time in self._fixed.items() if time is not None}
@@ -325,7 +320,7 @@ class Schedule:
         return None
 
     def _move(self, times: list[int], bounds: Sequence[Bound]) -> None:
-        """Move some events to where a bound holds just so, or almost."""
+        """Move some events to or next to a bound."""
         for event in range(len(self.order)):
             if self._fixed.get(event) is not None or self.random.random() < 0.5:
                 continue
@@ -339,7 +334,7 @@ class Schedule:
 
 
 def _lowered(times: list[int], bounds: Sequence[Bound]) -> list[int] | None:
-    """The times lowered until they keep all bounds; the last one, which stands for 0, stays."""
+    """Return the times lowered until they satisfy all bounds; the last one represents 0 and stays."""
     for _ in times:
         changed = False
         for a, b, most in bounds:
@@ -350,17 +345,18 @@ def _lowered(times: list[int], bounds: Sequence[Bound]) -> list[int] | None:
     return None
 
 
-# -- times for a whole trace
-# --------------------------------------------------------------------------------------------
+# Times of a whole trace.
 
 
 def steps_of(tree: RVAFT) -> list[int]:
-    """Steps between events at which a verdict can change, and next to these."""
+    """Return steps at which a verdict can change, and adjacent ones."""
     return [step for duration in durations(tree) for step in (duration, duration + 1, duration - 1)]
 
 
 def timed(random: Random, tree: RVAFT, event: Json, instant: int | None, *, plain: bool) -> Json:
-    """The event at an instant, or without a time that can be read; as it is where its field cannot have one."""
+    """Return the event at an instant or with an unreadable time; unchanged if its field cannot hold
+    one.
+    """
     assert tree.time is not None
     value: Json = None
     if instant is not None:
@@ -373,8 +369,8 @@ def timed(random: Random, tree: RVAFT, event: Json, instant: int | None, *, plai
 
 
 def walked(random: Random, tree: RVAFT, trace: Iterable[Json], *, plain: bool = False) -> list[Json]:
-    """The events at times some steps apart, at which a verdict can change; a few go back and,
-    unless `plain`, a few have none.
+    """Return the events with times at critical distances; some decrease and, unless `plain`, some
+    are missing.
     """
     if tree.time is None:
         return [*trace]
@@ -387,9 +383,9 @@ def walked(random: Random, tree: RVAFT, trace: Iterable[Json], *, plain: bool = 
 
 
 def in_order(tree: RVAFT, trace: Iterable[Json]) -> list[Json]:
-    """The events at times near to theirs that increase, in whole microseconds.
+    """Return the events with increasing times near the original ones, in whole microseconds.
 
-    What was a nanosecond off a bound is a microsecond off it.
+    A nanosecond beside a bound becomes a microsecond beside it.
     """
     if tree.time is None:
         return [*trace]
@@ -408,8 +404,9 @@ def in_order(tree: RVAFT, trace: Iterable[Json]) -> list[Json]:
 
 
 def apart(tree: RVAFT, trace: Sequence[Json]) -> list[Json] | None:
-    """The events with those of one moment a microsecond after each other; None where an event has
-    no time of whole microseconds, or one before the last.
+    """Return the events with equal times separated by a microsecond, or None.
+
+    None: an event has no time in whole microseconds, or times decrease.
     """
     if tree.time is None:
         return [*trace]
@@ -426,7 +423,7 @@ def apart(tree: RVAFT, trace: Sequence[Json]) -> list[Json] | None:
 
 
 def in_between(random: Random, tree: RVAFT, trace: Sequence[Json], at: int, event: Json, *, plain: bool) -> Json:
-    """An event that comes in at a place, at a time between those around it: it makes none of them late."""
+    """Return an event with a time between its neighbours, so that no event becomes late."""
     if tree.time is None:
         return event
     before, after = (
@@ -443,7 +440,7 @@ def in_between(random: Random, tree: RVAFT, trace: Sequence[Json], at: int, even
 
 
 def grown(random: Random, tree: RVAFT, trace: Sequence[Json]) -> list[Json]:
-    """The trace with no time before an earlier one."""
+    """Return the trace with decreasing times replaced by the latest time."""
     found: list[Json] = []
     latest: int | None = None
     for event in trace:

@@ -1,6 +1,6 @@
-"""Random traces: events that have to do with a tree, and traces in which it is detected.
+"""Random traces for a tree: events over its patterns, and detecting traces.
 
-The latter are an order of a random scenario, values that fit, and some noise where it does no harm.
+A detecting trace is an order of a random scenario, with matching values and harmless noise.
 """
 
 from collections.abc import Hashable, Mapping, Sequence
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 
 def random_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
-    """One event: usually a fit of some pattern, sometimes of two at once, disturbed, or irrelevant."""
+    """Return an event: mostly one that matches a pattern, sometimes two, disturbed, or irrelevant."""
     patterns = [entry.pattern for entry in tree.alphabet]
     dice = random.random()
     if dice < 0.05:
@@ -66,9 +66,9 @@ def random_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
 
 
 def random_trace(random: Random, tree: RVAFT, *, max_length: int = 8, plain: bool = False) -> list[Json]:
-    """A trace of up to that many events over a handful of values, so that values repeat.
+    """Return a trace of up to `max_length` events over a few values, so that values repeat.
 
-    `plain` times are read everywhere.
+    With `plain`, all times are readable.
     """
     everything = interesting_values(tree)
     values = [random.choice(everything) for _ in range(3)]
@@ -77,13 +77,13 @@ def random_trace(random: Random, tree: RVAFT, *, max_length: int = 8, plain: boo
 
 
 def some_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
-    """An event that fits a random runtime event of the tree."""
+    """Return an event that matches a random runtime event of the tree."""
     event = fitting(random, random.choice(tree.alphabet).pattern, values)
     return event if isinstance(event, dict) else {"event": event}
 
 
 def noise(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json | None:
-    """An event that is not relevant to the tree, or None where none was met."""
+    """Return an irrelevant event, or None if none was found."""
     for _ in range(10):
         event: Json = {"event": random.choice(LOGGED), "value": random.choice(values)}
         if random.random() < 0.3:
@@ -95,45 +95,43 @@ def noise(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json | None:
 
 
 def is_relevant(tree: RVAFT, event: Json) -> bool:
-    """Whether the event fits a runtime event of the tree, whatever its guard says, and is not ignored."""
+    """Return whether the event matches a runtime event, without its guard, and is not ignored."""
     return any(match(entry.pattern, event, {}) is not None for entry in tree.alphabet) and not is_ignored(tree, event)
 
 
 def is_ignored(tree: RVAFT, event: Json) -> bool:
-    """Whether an `ignore` declaration takes the event."""
+    """Return whether an `ignore` declaration matches the event."""
     return any(answers((Observed(tree.instantiate(ignore.on), ignore.when) for ignore in tree.ignores), event))
 
 
-# Random scenarios of a tree (semantics, section 2), drawn from the root down without enumerating them.
-#
-# What turns out to be impossible is banned for the draws that follow, so that the choices above it
-# are made differently: a node (its guard cannot hold) or a tree edge (it takes part in a cycle of
-# the precedence). Every feasible scenario can be drawn as long as nothing is banned.
+# Random scenarios of a tree (semantics, section 2), drawn top-down without enumeration.
+# Impossible choices are banned for later draws: a node whose guard cannot hold, or a tree edge on a
+# cycle of the precedence. Without bans, every feasible scenario can be drawn.
 
 Ban: TypeAlias = str | Edge
-"""A node, or a tree edge, that no scenario drawn may have."""
+"""A node or tree edge that drawn scenarios must not contain."""
 
 _MORE_THAN_NEEDED: Final = 0.3
-"""How often a choice of at least K keeps more than K children."""
+"""The probability that a choice of at least K keeps more than K children."""
 _TRIED: Final = 20
-"""How many bans to try for one that leaves a scenario."""
+"""The number of bans tried to find one that leaves a scenario."""
 _SCHEDULES: Final = 6
-"""How often to draw times for the events of a scenario, with other ways to meet its conditions."""
+"""The number of draws of times for a scenario."""
 _ENDS: Final = 8
-"""How often to draw with which events the parts under `pand` gates end."""
+"""The number of draws of last events under `pand`."""
 _REMEMBERED: Final = 10_000
-"""The most points in the precedences of scenarios that may be drawn again."""
+"""The maximum number of points in cached precedences."""
 
 
 @dataclass
 class Cyclic(Exception):
-    """Some event has to come before itself; `edges` are the tree edges of one cycle."""
+    """An event precedes itself; `edges` are the tree edges of one cycle."""
 
     edges: list[Edge]
 
 
 class Scenarios:
-    """The scenarios of a tree that have nothing banned."""
+    """The scenarios of a tree without banned nodes and edges."""
 
     def __init__(self, tree: RVAFT) -> None:
         self.prop = property_of(tree)
@@ -144,11 +142,10 @@ class Scenarios:
         self._precedences: dict[Hashable, nx.DiGraph] = {}
 
     def draw(self, random: Random, *, lean: bool = False) -> Kept | None:
-        """The kept parts of one scenario, or None where each has something banned.
+        """Return the kept parts of a random scenario, or None if all are banned.
 
-        `lean` makes the choices with the fewest events.
-
-        The precedence of the scenario may be cyclic; of its conditions only those without variables hold for sure.
+        `lean` prefers choices with the fewest events. The precedence may be cyclic; only conditions
+        without variables are known to hold.
         """
         least = self._least() if self.bans else self._fewest
         if self.prop.root not in least:
@@ -163,9 +160,7 @@ class Scenarios:
         return {part: kept[part] for part in reversed(self.prop.parts) if part in kept}
 
     def ban(self, random: Random, bans: Sequence[Ban]) -> None:
-        """Ban one of these, such that scenarios are left; where there is none such, start afresh
-        with nothing banned.
-        """
+        """Ban one of these such that scenarios remain; otherwise clear all bans."""
         for ban in random.sample(bans, min(len(bans), _TRIED)):
             if ban not in self.bans:
                 self.bans.add(ban)
@@ -175,10 +170,10 @@ class Scenarios:
         self.bans.clear()
 
     def order(self, random: Random, kept: Kept) -> list[str]:
-        """The node of each event of a scenario, in a random order; raises `Cyclic` where no order keeps the precedence.
+        """Return the node of each event in a random order; raises `Cyclic` if there is none.
 
-        Every order that keeps the precedence can come out. A leaf with `times N` comes N times. The
-        event with which a part under `pand` ends is drawn.
+        Every order that respects the precedence can occur. A leaf with `times N` occurs N times.
+        The last event of a part under `pand` is drawn.
         """
         ordered = [part for part in kept if isinstance(part, EndInOrder)]
         for _ in range(_ENDS):
@@ -217,16 +212,16 @@ class Scenarios:
         return tuple(inner for inner in part.parts if inner in chosen)
 
     def _least(self) -> dict[Part, Fewest]:
-        """For each part that a scenario can have the fewest events."""
+        """Return the fewest events of each possible part."""
         banned = self._never | {part for part in self.prop.parts if node_of(part) in self.bans}
         edges = {ban for ban in self.bans if not isinstance(ban, str)}
         return fewest_events(self.prop.parts, without=banned, without_edges=edges)
 
 
 def _drawn_order(random: Random, graph: "nx.DiGraph") -> list[Event | Times]:
-    """The events of a precedence in an order that keeps it, each as often as it counts.
+    """Return the events of a precedence in a random linear extension, with repetitions.
 
-    Points of the precedence that are no event are passed at once, so that every order can come out.
+    Points that are not events are passed at once, so that every order can occur.
     """
     waits: dict[Point, int] = dict(graph.in_degree())
     ready: list[Point] = []
@@ -260,9 +255,7 @@ def _drawn_order(random: Random, graph: "nx.DiGraph") -> list[Event | Times]:
 
 
 def _end_in_order(random: Random, kept: Kept, ordered: Part, graph: "nx.DiGraph") -> None:
-    """Draw the event with which each part in an order of ends ends, after its other events and
-    before the end of the next part.
-    """
+    """Draw the last event of each part in an order of ends, and add it to the precedence."""
     before: Part | None = None
     for inner in kept[ordered]:
         events = [part for part in reachable(inner, kept.__getitem__) if isinstance(part, Event | Times)]
@@ -275,25 +268,25 @@ def _end_in_order(random: Random, kept: Kept, ordered: Part, graph: "nx.DiGraph"
         before = last
 
 
-# -- traces that are led through a scenario
-# -----------------------------------------------------------------------------
+# Traces guided by a scenario.
 
 _NOISE: Final = 3
-"""The most events of noise in one trace."""
+"""The maximum number of noise events in a trace."""
 _COUNTED: Final = 1_000
-"""How often a leaf may be counted: what the monitor keeps for each of its events grows with it."""
+"""The maximum `times` of a leaf: the monitor's memory grows with it."""
 _BUILDS: Final = 40
-"""How many events to build for an occurrence so that one is not ignored; after the first quarter from all values."""
+"""The number of attempts to build an event that is not ignored; after a quarter, all values are
+used.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Manner:
-    """What the events look like, beside what the tree demands (probabilities between 0 and 1), and how hard to look.
+    """The style of generated events (probabilities), and the effort.
 
-    A `believable` trace has times that grow and values that their fields suggest; otherwise free
-    values are taken from those that make a difference to the tree, of all types. An `overlapping`
-    event also has the fields of another runtime event of the tree. `longest` bounds the events of a
-    trace, `attempts` the scenarios that are drawn.
+    A `believable` trace has increasing times and typical values per field; otherwise free values
+    are those that affect the tree, of all types. An `overlapping` event has also the fields of
+    another runtime event. `longest` bounds the events of a trace, `attempts` the scenarios drawn.
     """
 
     believable: bool = False
@@ -304,16 +297,15 @@ class Manner:
 
 
 WILD: Final = Manner(overlapping=0.1)
-"""For tests: whatever might go wrong."""
+"""For tests: values that may cause failures."""
 
 PLAIN: Final = Manner(believable=True)
-"""For people: what a log might hold."""
+"""For readers: values of a typical log."""
 
 
 class NoTraceFound(RvaftError, LookupError):
-    """No detecting trace was found; `nodes` are those whose guards or events stood in the way.
-
-    There may be one all the same.
+    """No detecting trace was found, although one may exist; `nodes` have the failing guards or
+    events.
     """
 
     def __init__(self, why: str, *, attempts: int, nodes: Sequence[str] = ()) -> None:
@@ -326,10 +318,10 @@ class NoTraceFound(RvaftError, LookupError):
 def detecting(
     random: Random, tree: RVAFT, semantics: Semantics = Semantics.PROJECTED, manner: Manner = WILD
 ) -> list[Json]:
-    """A trace after which, and not before, the monitor says ⊤.
+    """Return a trace with ⊤ at its last event and not before.
 
-    The tree keeps the rules of `rvaft check`. Raises `NoTraceFound`, and `TooLarge` as the monitor
-    does and for leaves counted too often.
+    The tree must be valid. Raises `NoTraceFound`, and `TooLarge` for leaves counted too often or as
+    the monitor does.
     """
     if max((node.times for node in tree.top_down()), default=1) > _COUNTED:
         raise TooLarge("times of a counted leaf in example traces", limit=_COUNTED)
@@ -339,7 +331,8 @@ def detecting(
         for position, event in enumerate(trace, 1):
             if monitor.step(event) is Verdict.TRUE:
                 return trace[:position]
-    # The trace is a match by its construction: passing it over would hide what a cross-check looks for.
+    # The trace contains a match by construction. Skipping it would hide a fault from the
+    # cross-check.
     raise AssertionError(f"the monitor does not detect {tree.root} under {semantics} in {trace}")
 
 
@@ -350,10 +343,10 @@ def guided(
     manner: Manner = WILD,
     scenarios: Scenarios | None = None,
 ) -> list[Json]:
-    """A trace that holds a match of a random scenario, by its construction alone: no monitor is asked.
+    """Return a trace that contains a match of a random scenario by construction, without a monitor.
 
-    It may be detected before its end, where a part of it is a match too. `scenarios` are those of
-    the tree, where several traces are wanted. Raises `NoTraceFound`.
+    It may be detected before its end. `scenarios` can be shared between calls. Raises
+    `NoTraceFound`.
     """
     scenarios = scenarios or Scenarios(tree)
     making = _Making(random, tree, scenarios.prop, Semantics(semantics), manner)
@@ -384,7 +377,7 @@ def guided(
 
 
 class _Making:
-    """Events for the occurrences of one scenario after the other, for one tree under one semantics."""
+    """Builds events for scenarios of one tree under one semantics."""
 
     def __init__(self, random: Random, tree: RVAFT, prop: Property, semantics: Semantics, manner: Manner) -> None:
         self.random = random
@@ -397,11 +390,11 @@ class _Making:
         self.look = LogValues(random, tree) if manner.believable else None
 
     def trace(self, kept: Kept, order: list[str]) -> list[Json]:
-        """An event for each occurrence, in this order; raises `Unmet`."""
+        """Return an event per occurrence, in order; raises `Unmet`."""
         events: dict[str, Json] = {}
 
         def passes(name: str, binding: Binding) -> bool:
-            """Whether some event for an occurrence is not ignored; it is noted."""
+            """Return whether an event of the occurrence is not ignored; stores the event."""
             for build in range(_BUILDS):
                 event = self._event(patterns[name], binding, self.values if build < _BUILDS // 4 else self.others)
                 if not is_ignored(self.tree, event):
@@ -424,7 +417,7 @@ class _Making:
         return [events[name] if name in events else self._event(patterns[name], binding, self.values) for name in order]
 
     def _timed(self, schedule: Schedule) -> list[Json]:
-        """The events at times that meet all conditions; raises `Unmet`."""
+        """Return the events at times that satisfy all conditions; raises `Unmet`."""
         tree, plain = self.tree, self.look is not None
         for _ in range(_SCHEDULES):
             if (times := schedule.times()) is None:
@@ -443,7 +436,7 @@ class _Making:
         names = list(dict.fromkeys(name for pattern in patterns for name in rigid_variables(pattern)))
         if self.look is None:
             return ValueSearch(self.random, lambda _: self.values, self.others).meeting(demands, names)
-        for growth in self.look.growing(patterns):  # times some steps apart, times that do not run backwards, any times
+        for growth in self.look.growing(patterns):  # increasing times with steps, then non-decreasing times, then any
             try:
                 search = ValueSearch(self.random, self.look.values, self.others, near=False)
                 return search.meeting([*demands, *growth], names)
@@ -460,7 +453,7 @@ class _Making:
         return event
 
     def noisy(self, trace: list[Json]) -> list[Json]:
-        """The trace with events in between that take nothing from it; under `strict` there are none."""
+        """Return the trace with harmless noise events; `strict` allows none."""
         result = list(trace)
         if self.semantics is not Semantics.STRICT and self.random.random() < self.manner.noise:
             longest = self.manner.longest
@@ -484,7 +477,7 @@ class _Making:
 
 
 def _objection(nodes: Sequence[str], refusing: Sequence[Demand]) -> str:
-    """Why a scenario has no events: what the demands of these nodes were that refused."""
+    """Return why a scenario has no events: the failed demands of these nodes."""
     asked = {(demand.node, demand.guard is not None) for demand in refusing}
     guarded, dropped = ([name for name in nodes if (name, guards) in asked] for guards in (True, False))
     said = []

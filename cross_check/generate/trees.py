@@ -1,9 +1,9 @@
-"""Random trees of every shape, reproducible from a seed.
+"""Random trees, reproducible from a seed.
 
-Shapes: all gates, shared nodes, events on gates, overlapping patterns, both causalities, variables,
-guards on events, gates and choices (wrong types among their values), `ignore`, kinds, topics. Then
-some get times, windows, conditions on time, counted leaves, `pand`, functions of texts and numbers,
-and a semantics of their own. Every tree that comes out keeps the rules of `rvaft check`.
+They cover all gates, shared nodes, events on gates, overlapping patterns, both causalities,
+variables, guards with values of wrong types, `ignore`, kinds and topics. Some also get times,
+windows, conditions on time, counted leaves, `pand`, functions, and a semantics. Every tree is
+valid.
 """
 
 from collections.abc import Sequence
@@ -44,7 +44,7 @@ COMPARISONS: Final = (*map(Operator, ("==", "!=", "<", "<=", ">", ">=")),)
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """What the trees may have; probabilities between 0 and 1."""
+    """The probabilities of constructs, and sizes."""
 
     max_nodes: int = 9
     max_children: int = 4
@@ -57,24 +57,24 @@ class Shape:
     kinds: float = 0.2
     topics: float = 0.2
     times: float = 0.25
-    """That a tree has times, with windows and other conditions on them, and now and then `late`."""
+    """The tree has times, with windows and other conditions on them, sometimes `late`."""
     counted: float = 0.06
-    """That a leaf is counted."""
+    """A leaf is counted."""
     pand: float = 0.2
-    """That a `sand` or an `and` becomes a `pand`."""
+    """A `sand` or `and` becomes a `pand`."""
     functions: float = 0.3
-    """That a guard on variables gets a condition with a function."""
+    """A guard on variables gets a function."""
 
 
 PLAIN: Final = Shape(**{part.name: 0 for part in fields(Shape) if isinstance(part.default, float)})
-"""Trees over default events only, without sharing."""
+"""Trees over default events, without sharing."""
 
 VARIABLE_FREE: Final = Shape(variables=0, times=0)
-"""Everything but variables and times; guards are constant."""
+"""Everything except variables and times; guards are constant."""
 
 
 def random_tree(random: Random, shape: Shape = Shape(), *, attempts: int = 200) -> RVAFT:
-    """A valid random tree; the more attempts fail, the simpler the next one is."""
+    """Return a valid random tree; each failed attempt reduces guards."""
     for attempt in range(attempts):
         guards = shape.guards * (1 - attempt / attempts)
         with suppress(TreeError):
@@ -85,7 +85,7 @@ def random_tree(random: Random, shape: Shape = Shape(), *, attempts: int = 200) 
 
 
 class _Growth:
-    """One attempt."""
+    """One attempt to build a tree."""
 
     def __init__(self, random: Random, shape: Shape, guards: float) -> None:
         self.random = random
@@ -96,7 +96,9 @@ class _Growth:
         self.waiting: list[str] = []
 
     def tree(self) -> RVAFT:
-        """Grow from the root; a child is a new node or, under `sharing`, one that still waits to be grown."""
+        """Return a tree grown from the root; a child is new or, with `sharing`, a node that is not
+        yet grown.
+        """
         size = self.random.randint(2, self.shape.max_nodes)
         self.count = 1
         self.waiting = ["n0"]
@@ -111,7 +113,7 @@ class _Growth:
         return RVAFT("n0", self.nodes, events, ignores=ignores, topics=self._topics(), causality=causality)
 
     def _topics(self) -> list[Topic]:
-        """Some topics, drawn apart: since nothing depends on them, what is drawn afterwards must not either."""
+        """Return some topics, drawn separately so that later draws do not depend on them."""
         apart = _apart(self.random)
         return apart.sample(TOPICS, apart.randint(1, len(TOPICS))) if apart.random() < self.shape.topics else []
 
@@ -182,24 +184,23 @@ class _Growth:
         return Ignore(on, self._comparison(names) if self.random.random() < 0.8 else None)
 
 
-# -- what real logs need, drawn apart from the tree that it is added to
-# ---------------------------------------------------
+# Additions for real logs, drawn separately from the tree.
 
 _DURATIONS: Final = (0, 1, 1_000_000, 1_000_000_000, 2_000_000_000, 5_000_000_000, 90_000_000_000)
 _FIELDS: Final = (("t",), ("t",), ("header", "stamp"), ("x",), ("@timestamp",))
 _SIMPLER: Final = 6
-"""How often to draw additions, fewer each time, before a tree stays as it was."""
+"""The number of attempts to add constructs, fewer constructs each time."""
 
 
 def _apart(random: Random) -> Random:
-    """A source of randomness that starts like this one and leaves it as it is."""
+    """Return a generator in the same state as this one, which is unchanged."""
     apart = Random()  # noqa: S311 (no secret)
     apart.setstate(random.getstate())
     return apart
 
 
 def _in_practice(random: Random, tree: RVAFT, shape: Shape) -> RVAFT:
-    """The tree with times, windows, counted leaves, `pand` and functions, as far as the rules let it have them."""
+    """Return the tree with times, windows, counted leaves, `pand` and functions, if it stays valid."""
     apart = _apart(random)
     for attempt in range(_SIMPLER):
         with suppress(TreeError):
@@ -210,7 +211,7 @@ def _in_practice(random: Random, tree: RVAFT, shape: Shape) -> RVAFT:
 
 
 class _Additions:
-    """One attempt; `share` of what the shape may have."""
+    """One attempt; `share` scales the probabilities."""
 
     def __init__(self, random: Random, tree: RVAFT, shape: Shape, share: float) -> None:
         self.random = random
@@ -223,7 +224,7 @@ class _Additions:
         return self.random.random() < probability * self.share
 
     def tree(self) -> RVAFT:
-        """The tree with all that was drawn."""
+        """Return the tree with the additions."""
         r, old = self.random, self.old
         nodes = [self._node(node) for node in old.nodes.values()]
         if not self.timed and nodes == [*old.nodes.values()]:
@@ -253,7 +254,7 @@ class _Additions:
         return replace(node, **changes)
 
     def _condition(self) -> Guard:
-        """A comparison of two time points, mostly of nodes with events."""
+        """Return a comparison of two time points, mostly of nodes with events."""
         r, nodes = self.random, self.old.nodes
         left, right = (
             TimePoint.of(r.choice(("at", "at", "start", "end") if nodes[name].has_event else ("start", "end")), name)

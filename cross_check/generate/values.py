@@ -1,11 +1,8 @@
-"""Random values.
+"""Random values: those that affect a tree, those that satisfy guards, and typical log values.
 
-Those that make a difference to a tree, those under which guards hold, and those that a log might
-hold.
-
-Candidates for a variable are what its comparisons are about, solved for it as far as the other
-sides have values (`T2 >= T1 + 10` with T1 = 3 gives 12, 13 and 14), and a handful of values of the
-tree. Finding none proves nothing.
+Candidates for a variable come from its comparisons, solved for it if the other sides have values,
+and from values of the tree. For example, `T2 >= T1 + 10` with T1 = 3 yields 12, 13 and 14. The
+search is incomplete.
 """
 
 import math
@@ -30,7 +27,7 @@ from rvaft.model.values import Json, is_number
 
 T = TypeVar("T")
 Path: TypeAlias = tuple[str | int, ...]
-"""The fields and list indices that lead to a value."""
+"""The field names and list indices of a value."""
 
 COMMON: Final[tuple[Json, ...]] = (
     *(0, 1, 1.0, 2, 3, 1.5, -1, "a", "b", "", True, False, None),
@@ -40,7 +37,7 @@ COMMON: Final[tuple[Json, ...]] = (
 
 @lru_cache(maxsize=1)
 def interesting_values(tree: RVAFT) -> tuple[Json, ...]:
-    """Values that make a difference to a tree: its literals, values next to the constants of its guards, all types."""
+    """Return values that affect a tree: literals, neighbours of guard constants, and all types."""
     parts: list[Pattern | Guard] = []
     for node in tree.top_down():
         pattern = tree.pattern(node.name)
@@ -55,7 +52,7 @@ def interesting_values(tree: RVAFT) -> tuple[Json, ...]:
 
 
 def _texts_for(part: Operation) -> Iterator[Json]:
-    """Texts for which a function of texts says yes, and some for which it almost does."""
+    """Yield strings for which a string function is true or nearly true."""
     for text in (one.value for operand in part.operands for one in guard_walk(operand) if isinstance(one, Literal)):
         match part.operator, text:
             case Operator.STARTSWITH | Operator.ENDSWITH | Operator.CONTAINS, str():
@@ -74,14 +71,12 @@ def _texts_for(part: Operation) -> Iterator[Json]:
 
 
 def operations(guard: Guard | None) -> Iterator[Operation]:
-    """The operations in a guard."""
+    """Return the operations in a guard."""
     return (part for part in guard_walk(guard) if isinstance(part, Operation))
 
 
 def built(pattern: Pattern, binding: Binding, free: Callable[[str], Json]) -> Json:
-    """A value that matches the pattern with these values for its variables, and what is `free`, by
-    its field, for all else.
-    """
+    """Return a value that matches the pattern under a binding; `free` supplies the rest by field."""
     chosen = dict(binding)
 
     def build(part: Pattern, field: str) -> Json:
@@ -101,12 +96,12 @@ def built(pattern: Pattern, binding: Binding, free: Callable[[str], Json]) -> Js
 
 
 def fitting(random: Random, pattern: Pattern, values: Sequence[Json], binding: Binding | None = None) -> Json:
-    """A value that matches the pattern with these values for its variables, random ones for those without."""
+    """Return a value that matches the pattern under a binding, otherwise random."""
     return built(pattern, binding or {}, lambda _: random.choice(values))
 
 
 def around(bound: Json) -> list[Json]:
-    """A value and those next to it, as far as every JSON reader takes them: no integer beyond a double, no infinity."""
+    """Return a value and its neighbours, within the finite doubles."""
     if is_number(bound):
         near = [bound - 1, bound, bound + 1]
         if isinstance(bound, float):
@@ -117,12 +112,11 @@ def around(bound: Json) -> list[Json]:
     return [bound]
 
 
-# -- places in events, and the fields they belong to
-# --------------------------------------------------------------------
+# Paths in events, and their fields.
 
 
 def places(whole: Json) -> list[tuple[Path, Json]]:
-    """All values inside a value with their paths, in order."""
+    """Return all values inside a value with their paths, in order."""
     found: list[tuple[Path, Json]] = []
     todo: list[tuple[Path, Json]] = [((), whole)]
     while todo:
@@ -134,7 +128,7 @@ def places(whole: Json) -> list[tuple[Path, Json]]:
 
 
 def put(whole: T, path: Path, new: Json) -> T:
-    """The value with another one at a place; only what leads there is copied."""
+    """Return the value with a replacement at a path; only the path is copied."""
     owners: list[Json] = [whole]
     for step in path[:-1]:
         owners.append(owners[-1][step])
@@ -146,12 +140,12 @@ def put(whole: T, path: Path, new: Json) -> T:
 
 
 def field_at(path: Path) -> str:
-    """The field that a value stands in, also within a list."""
+    """Return the field of a value, also within a list."""
     return next((step for step in reversed(path) if isinstance(step, str)), "event")
 
 
 def leaves(pattern: Pattern, field: str = "event") -> Iterator[tuple[str, Pattern]]:
-    """The parts of a pattern that have no parts, each with the field it stands in."""
+    """Yield the leaves of a pattern with their fields."""
     match pattern:
         case ObjectPattern(fields):
             for name, inner in fields:
@@ -164,11 +158,11 @@ def leaves(pattern: Pattern, field: str = "event") -> Iterator[tuple[str, Patter
 
 
 class EventFields:
-    """The fields of a tree's events: where variables stand, which literals there are, and what guards compare."""
+    """The fields of a tree's events: variables, literals and comparisons."""
 
     def __init__(self, tree: RVAFT) -> None:
         self.of: dict[str, str] = {}
-        """The field in which a variable stands."""
+        """The field of each variable."""
         self.literals: dict[str, list[Json]] = defaultdict(list)
         for field, leaf in (pair for entry in tree.alphabet for pair in leaves(entry.pattern)):
             if isinstance(leaf, Literal):
@@ -179,8 +173,8 @@ class EventFields:
         self.operations = [part for guard in guards for part in operations(guard)]
 
     def bounds(self, path: Path, trace: Sequence[Json]) -> tuple[list[Json], list[Json]]:
-        """The numbers that a value there is compared with: constants, and those in a trace in
-        fields of the same comparisons.
+        """Return the numbers compared with a value: constants, and values of compared fields in a
+        trace.
         """
         field = field_at(path)
         constants, fields = list(self.literals[field]), {field}
@@ -193,17 +187,16 @@ class EventFields:
         return [one for one in constants if is_number(one)], numbers
 
 
-# -- values under which some demands are met: the guards of a scenario, and that no event be ignored
-# ---------------------
+# Values that satisfy demands: guards of a scenario, and events that are not ignored.
 
 TRIES: Final = 200
-"""How many values to try for variables that hang together, and 20 more for each of them, before giving up."""
+"""The number of values tried for connected variables; 20 more per variable."""
 _ANY_ORDER: Final = 0.3
 
 
 @dataclass(frozen=True, slots=True)
 class Demand:
-    """Something that a node asks of the values of some variables."""
+    """A condition of a node on some variables."""
 
     node: str
     needs: tuple[str, ...]
@@ -213,20 +206,20 @@ class Demand:
 
 @dataclass
 class Unmet(Exception):
-    """No values were found; `refusing` are the last demands that refused."""
+    """No values were found; `refusing` are the last failed demands."""
 
     refusing: Sequence[Demand]
 
 
 def guard_demands(node: str, guard: Guard | None) -> list[Demand]:
-    """That a guard holds: a conjunction does when all its parts do, each of which can be looked at on its own."""
+    """Return one demand per conjunct of a guard."""
     return [Demand(node, guard_variables(part), partial(holds, part), part) for part in conjuncts(guard)]
 
 
 class ValueSearch:
-    """The search for values; `some`, by variable, are tried rather than `others`.
+    """A search for values; `some(variable)` is tried before `others`.
 
-    Without `near`, strings next to those of guards are tried last, and variables get their values in their order.
+    Without `near`, neighbours of strings come last, and variables are assigned in order.
     """
 
     def __init__(
@@ -239,7 +232,7 @@ class ValueSearch:
         self._touching: dict[str, list[Demand]] = {}
 
     def meeting(self, demands: Sequence[Demand], names: Iterable[str]) -> dict[str, Json]:
-        """Values for these variables and those of the demands; raises `Unmet`."""
+        """Return values for these variables and those of the demands; raises `Unmet`."""
         refused = [demand for demand in demands if not demand.needs and not demand.test({})]
         if refused:
             raise Unmet(refused)
@@ -255,8 +248,8 @@ class ValueSearch:
         found: dict[str, Json] = {}
         place = {name: index for index, name in enumerate(graph)}
         for component in nx.connected_components(graph):
-            # Mostly in the order in which the trace binds them, so that times grow; what is hard
-            # from there may be easy from elsewhere.
+            # Mostly in binding order, so that times increase; another start may succeed where this
+            # fails.
             start = min(component, key=place.__getitem__)
             if self.near and self.random.random() < _ANY_ORDER:
                 start = self.random.choice(sorted(component))
@@ -264,7 +257,7 @@ class ValueSearch:
         return found
 
     def _solve(self, order: list[str]) -> dict[str, Json]:
-        """Depth first, and back to the last variable that has to do with a failure."""
+        """Return values by depth-first search with conflict-directed backjumping."""
         rank = {name: index for index, name in enumerate(order)}
         due = {name: [d for d in self._touching[name] if max(d.needs, key=rank.__getitem__) == name] for name in order}
         binding: dict[str, Json] = {}
@@ -302,7 +295,7 @@ class ValueSearch:
         return binding
 
     def _candidates(self, name: str, binding: Binding) -> Iterator[Json]:
-        """Values to try for a variable: the promising ones in random order, then all others."""
+        """Yield candidates for a variable: promising ones in random order, then all others."""
         guards = [demand.guard for demand in self._touching[name] if demand.guard is not None]
         known = [bound for guard in guards for bound in bounds(guard, name, binding)]
         close = [value for bound in known for value in around(bound)]
@@ -314,11 +307,9 @@ class ValueSearch:
         yield from self.random.sample(self.others, len(self.others))
 
 
-# -- what a log might hold: times that grow, and for every field a value that its name suggests,
-# where the tree leaves it open ---
-#
-# A field holds times where it is called so, or where guards look at differences of its values.
-# Times that guards leave open are filled in last, between those of the events before and after.
+# Typical log values: increasing times, and values suggested by field names.
+# A field holds times if its name says so, or if guards use differences of its values. Open times
+# are filled in last, between those of neighbouring events.
 
 TIMES: Final = frozenset(
     {"t", "time", "times", "timestamp", "ts", "clock", "date", "datetime", "stamp", "when", "at_time", "epoch"}
@@ -335,13 +326,13 @@ NAMES: Final[Mapping[str, Sequence[str]]] = {
 }
 LOGGED: Final = ("heartbeat", "status", "log")
 STEPS: Final = 9
-"""The most seconds between two events whose times the tree leaves open."""
+"""The maximum number of seconds between events with open times."""
 LATER: Final = object()
-"""Stands for a time that is filled in when the whole trace is there."""
+"""A placeholder for a time that is filled in when the trace is complete."""
 
 
 class LogValues:
-    """What the fields of a tree's events look like."""
+    """Typical values for the fields of a tree's events."""
 
     def __init__(self, random: Random, tree: RVAFT) -> None:
         self.random = random
@@ -359,9 +350,8 @@ class LogValues:
                 self._numeric |= names
 
     def growing(self, patterns: Sequence[Pattern]) -> Iterator[list[Demand]]:
-        """Demands that the times of these events, one after the other, grow.
-
-        By some seconds each, or at least do not fall.
+        """Yield demands that the times of these events increase by seconds, or at least do not
+        decrease.
         """
         times: dict[str, dict[str, None]] = defaultdict(dict)
         for field, leaf in (pair for pattern in patterns for pair in leaves(pattern)):
@@ -378,7 +368,7 @@ class LogValues:
             yield found
 
     def values(self, variable: str) -> Sequence[Json]:
-        """What a variable may be, by the field it stands in."""
+        """Return candidates for a variable, by its field."""
         return self._of(self._fields.of.get(variable, variable.lower()))
 
     def _of(self, field: str) -> Sequence[Json]:
@@ -395,18 +385,18 @@ class LogValues:
         return [*known, *(f"{name}-{number}" for number in range(1, 5))]
 
     def event(self, pattern: Pattern, binding: Binding) -> Json:
-        """An event that matches, with these values for its variables; open times are left for later."""
+        """Return an event that matches under a binding; open times are placeholders."""
         return built(
             pattern, binding, lambda field: LATER if field in self._times else self.random.choice(self._of(field))
         )
 
     def noise(self) -> Json:
-        """An event of a system that is up."""
+        """Return a typical irrelevant event."""
         times = {field: LATER for field in sorted(self._times) if field.lower() in TIMES}
         return {"event": self.random.choice(LOGGED), **times}
 
     def timed(self, trace: list[Json]) -> list[Json]:
-        """The trace with a time wherever one was left for later, not before those known, and not after."""
+        """Return the trace with placeholders replaced by times between their neighbours."""
         for field in sorted(self._times):
             stands = [[(path, one) for path, one in places(event) if field_at(path) == field] for event in trace]
             known = [[one for _, one in some if is_number(one)] for some in stands]
@@ -428,7 +418,7 @@ class LogValues:
         return trace
 
     def in_time(self, trace: list[Json]) -> list[Json]:
-        """The trace with no time before an earlier one, wherever events have changed places."""
+        """Return the trace with non-decreasing times."""
         for field in sorted(self._times):
             latest = -math.inf
             for path, one in places(trace):

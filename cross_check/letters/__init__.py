@@ -1,10 +1,9 @@
-"""Letters: one event for every combination of answers that an event can give to some questions.
+"""Letters: one event per combination of answers to some questions (patterns with guards).
 
-Why none is missing: the patterns that an event matches are those that their least event matches
-(`unification`), and all sets of patterns of this kind are enumerated (`closed_sets`). For guards,
-the equalities that they ask about are patterns of their own; then, for each set, values are chosen
-that show every combination of truths of the guards (`regions`). A letter is never invented: its
-answers are those that its event gives.
+Completeness: the patterns that an event matches are those that their least event matches
+(`unification`), and all such sets are enumerated (`closed_sets`). Equalities in guards become
+patterns. For each set, values are chosen that show every combination of truth values of the guards
+(`regions`). The answers of a letter are always those of its event.
 """
 
 import math
@@ -28,20 +27,22 @@ Answers: TypeAlias = tuple[bool, ...]
 
 VARIABLES: Final = "variables may tie events together"
 TIMES: Final = "times tie events together"
-UNBOUND: Final = "a guard has a variable that its pattern does not have"
+UNBOUND: Final = "a guard has a variable that is not in its pattern"
 
 _SETS: Final = 8
-"""So many closed sets for each letter allowed: the patterns added for guards tell more apart than the questions do."""
+"""Closed sets per letter of the limit: patterns added for guards distinguish more than the
+questions.
+"""
 _SAMPLED: Final = 256
 
 
 @dataclass(frozen=True, slots=True)
 class Letters:
-    """Events, `{}` first: whatever it matches, every event matches.
+    """Events, starting with `{}`: whatever it matches, every event matches.
 
-    `gap` is empty where every event there is gives the same answers as one of these; otherwise it
-    says why that is not known. `twins` has, for each event, the number of one before it that gives
-    the same answers with other values, or its own.
+    `gap` is empty if every event has the answers of one of these; otherwise it is the reason why
+    this is unknown. `twins` holds for each event the index of an earlier event with the same
+    answers and other values, or its own index.
     """
 
     events: tuple[Json, ...]
@@ -50,7 +51,7 @@ class Letters:
 
 
 def letters(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
-    """The letters of some questions; raises `TooLarge` for more than `limit` of them.
+    """Return the letters of some questions; raises `TooLarge` beyond `limit`.
 
     >>> from rvaft.language.parser import parse_guard, parse_pattern
     >>> letters([Observed(parse_pattern("{v: V}"), parse_guard("V > 3")).untied()]).events
@@ -68,13 +69,13 @@ def letters(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
 
 
 def with_twins(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
-    """The letters as if no variable tied events together, with a twin behind each in which whatever
-    value can be another one is.
+    """Return the letters without joins, each followed by a twin in which every replaceable value
+    differs.
 
-    The values of a class are those that every guard judges alike; literals of patterns are alone.
-    Whoever asks nothing but these questions cannot tell a trace from one in which the values of a
-    class have changed places. So if after every trace two values of a class lead to one state, that
-    state is the same under every such change, and all values of the class lead to it.
+    A class contains the values with equal truth in every guard; literals of patterns are
+    singletons. Participants that use only these questions cannot distinguish traces in which the
+    values of a class are permuted. If after every trace two values of a class lead to one state,
+    all values of the class lead to it.
     """
     questions = tuple(dict.fromkeys(observed))
     if not any(map(ties, questions)):
@@ -91,10 +92,10 @@ def with_twins(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
         return [holds(guard, dict.fromkeys(guard_variables(guard), value)) for guard in guards]
 
     def others(event: Json) -> dict[object, Json]:
-        """For each value in an event another one of its class, by key, where the class has one."""
+        """Return for each value in an event another value of its class, if any."""
         fixed = set(map(key, literals))
         used = fixed | set(map(key, _scalars(event)))
-        # of every class that has two values, two are among these and those of the event
+        # these values and those of the event include two of each class with two values
         tried = [near for constant in (*constants, *_scalars(event), "", 0) for near in _near(constant)]
         found: dict[object, Json] = {}
         for value in _scalars(event):
@@ -110,18 +111,18 @@ def with_twins(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
 
 
 def answers(questions: Iterable[Observed], event: Json) -> Answers:
-    """The answers of an event to questions that share no variables with other events."""
+    """Return the answers of an event to questions without shared variables."""
     return tuple(question.fits(event) for question in questions)
 
 
 def ties(question: Observed) -> bool:
-    """Whether a variable of the question belongs to other events too."""
+    """Return whether a variable of the question is shared with other events."""
     names = (*variables(question.pattern), *guard_variables(question.when))
     return not all(name.startswith("_") for name in names)
 
 
 def _complete(questions: Iterable[Observed], limit: int) -> tuple[tuple[Json, ...], str]:
-    """Letters that leave nothing out, or else why some may be missing."""
+    """Return complete letters, or the reason why some may be missing."""
     patterns: dict[Pattern, None] = {}
     guarded: list[Guarded] = []
     kept: list[Observed] = []
@@ -151,7 +152,7 @@ def _complete(questions: Iterable[Observed], limit: int) -> tuple[tuple[Json, ..
 
 
 def _near(value: Json) -> Iterator[Json]:
-    """A value and the next ones of its kind."""
+    """Yield a value and its neighbours of the same kind."""
     yield value
     if isinstance(value, str):
         yield from (value + "'", value + "\0", value + "\0\0")
@@ -177,10 +178,9 @@ def _exchanged(event: Json, by: dict[object, Json]) -> Json:
 
 
 def _samples(questions: Sequence[Observed]) -> Iterator[Json]:
-    """Events that match one question or two at once, whose variables tie several events together;
-    nothing is complete here.
+    """Yield events that match one or two questions with shared variables; incomplete.
 
-    Each round gives the variables other values: constants of guards with their neighbours, and some more.
+    Each round uses other values: constants of guards with their neighbours, and some more.
     """
     tried: list[Scalar] = [1, 2, "a"]
     for guard in (question.when for question in questions if question.when is not None):
@@ -191,7 +191,7 @@ def _samples(questions: Sequence[Observed]) -> Iterator[Json]:
     values = list({key(one): one for one in tried}.values())
     names = list(dict.fromkeys(name for question in questions for name in variables(question.pattern)))
     fresh = Fresh((question.pattern for question in questions), apart=False)
-    for rounds in (0, 1):  # all variables alike, then different
+    for rounds in (0, 1):  # equal values for all variables, then different ones
         for first in range(len(values)):
             by: dict[str, Pattern] = {
                 name: Literal(values[(first + rounds * number) % len(values)]) for number, name in enumerate(names)

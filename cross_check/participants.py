@@ -1,4 +1,4 @@
-"""Who takes part in a comparison: the reference, the engine, and the text of each backend run by its own reader."""
+"""Participants of a comparison: the reference, the engine, and backends with their readers."""
 
 import sys
 from collections import Counter
@@ -42,19 +42,21 @@ T = TypeVar("T")
 
 
 AllMatches: TypeAlias = Callable[[Sequence[Sequence[Json]]], Sequence[frozenset[Match]] | None]
-"""All matches in each trace, or None where only some are known."""
+"""Return all matches per trace, or None if only some are known."""
 
 
 @dataclass(frozen=True, slots=True)
 class Participant:
-    """Somebody who gives verdicts; `start` makes a fresh monitor.
+    """A source of verdicts; `start` returns a new monitor.
 
-    `observed` is all that it asks of events but their times, None where nobody knows; `timed` says
-    that it asks for these, too. With `json_alone` it is not asked about numbers that are not
-    finite. With `first_detections` it tells detections alone, of whole traces, and says with
-    `left_open` why its language tells nothing of one. `matches` gives all matches in each trace, or
-    None where it knows only some. `specification` is there for a text, `tree` for the meaning of
-    another tree than the one that is compared.
+    - `observed`: the patterns that it depends on, apart from times; None if unknown.
+    - `timed`: it depends on times.
+    - `json_alone`: it does not get non-finite numbers.
+    - `first_detections`: it reports only detections, on whole traces; `left_open` gives the reason
+      if a trace has no verdict.
+    - `matches`: returns all matches per trace, or None.
+    - `specification`: its text, if any.
+    - `tree`: another tree that it monitors.
     """
 
     name: str
@@ -69,25 +71,24 @@ class Participant:
     matches: AllMatches | None = None
 
     def answers(self, traces: Sequence[Sequence[Json]]) -> list[tuple[Verdict, ...]]:
-        """What it says after every prefix of each trace."""
+        """Return the verdict after every prefix of each trace."""
         if self.first_detections is None:
             return [tuple(self.start().run(trace)) for trace in traces]
         return [*map(detected, traces, self.first_detections(traces))]
 
     @property
     def ties(self) -> bool:
-        """Whether a variable may tie events together in what it asks."""
+        """Whether its patterns share variables between events."""
         return any(map(ties, self.observed or ()))
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What somebody says of one trace.
+    """The result of a participant on one trace.
 
-    `verdicts` has one verdict for each event; it is None where a program of others could not run,
-    which `error` then explains, or where the time was too short (`expired`). `deviations` names the
-    known deviations of the program that can show on this trace: where there are any and it says
-    something else, that says nothing about the text.
+    `verdicts` has one verdict per event, or is None if an external program failed (`error`) or
+    timed out (`expired`). `deviations` names known deviations of the program that may occur on the
+    trace; a disagreement then proves nothing about the text.
     """
 
     verdicts: tuple[Verdict, ...] | None = None
@@ -98,7 +99,7 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Outside:
-    """A program of others, which answers many whole traces at once; `answers` raises what `Absent` can hold."""
+    """An external program for many whole traces; `answers` raises the errors that `Absent` holds."""
 
     name: str
     answers: Callable[[Sequence[Sequence[Json]]], Sequence[Answer]]
@@ -108,13 +109,13 @@ class Outside:
 
 @dataclass(frozen=True, slots=True)
 class Absent:
-    """Somebody who cannot take part, and why; never counted as agreement."""
+    """A participant that cannot take part, with the reason; never counted as agreement."""
 
     error: RvaftError
 
     @property
     def status(self) -> Status:
-        """In two words what the matter is."""
+        """The status for the error."""
         return Status.of(self.error)
 
 
@@ -122,7 +123,7 @@ Enlisted: TypeAlias = Participant | Outside | Absent
 
 
 def absent_on_error(enlist: Callable[P, T]) -> Callable[P, T | Absent]:
-    """The function, which returns an `Absent` instead of raising an `RvaftError`."""
+    """Return the function with `RvaftError` converted to an `Absent` result."""
 
     @wraps(enlist)
     def enlisted(*args: P.args, **options: P.kwargs) -> T | Absent:
@@ -135,8 +136,8 @@ def absent_on_error(enlist: Callable[P, T]) -> Callable[P, T | Absent]:
 
 
 def faithful_backends() -> tuple[str, ...]:
-    """The backends whose texts should mean the tree, each in one form, and that somebody here reads."""
-    found = {name: loaded(name) for name in all_backends()}  # who cannot be loaded is absent, and said to be
+    """Return the faithful backends with a reader, one form of each language."""
+    found = {name: loaded(name) for name in all_backends()}  # backends that cannot be loaded are reported as absent
     faithful = [
         name for name, one in found.items() if one is None or (one.faithful and one.readable and not one.form_of)
     ]
@@ -145,9 +146,7 @@ def faithful_backends() -> tuple[str, ...]:
 
 
 def missing_extras() -> dict[str, ToolMissing]:
-    """The backends that take part where they are named alone, as what runs their texts is an extra
-    that is not installed.
-    """
+    """Return the backends that take part only if named, because their extra is not installed."""
     found: dict[str, ToolMissing] = {}
     for name in all_backends():
         try:
@@ -159,22 +158,23 @@ def missing_extras() -> dict[str, ToolMissing]:
 
 
 def loaded(name: str) -> Backend | None:
-    """The backend, or None where it is installed and cannot be loaded."""
+    """Return the backend, or None if it cannot be loaded."""
     with suppress(ToolFailed):
         return backend(name)
     return None
 
 
 def times_matter(tree: RVAFT) -> bool:
-    """Whether a verdict can depend on the times of events: then they tie events together."""
+    """Return whether verdicts can depend on event times."""
     return tree.time is not None and (tree.time.late is not None or property_of(tree).timed)
 
 
 def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
-    """What the meaning of a tree asks of events but their times: its runtime events, its alphabet, and what it ignores.
+    """Return the patterns that a tree's verdicts depend on: runtime events, alphabet and ignored
+    events.
 
-    A variable that only one runtime event has ties nothing, if that is not counted and every guard
-    that looks at the variable looks at that event alone.
+    A variable of a single, uncounted runtime event is local if all guards on it concern only that
+    event.
     """
     patterns = [(name, pattern) for name in tree.occurrences if (pattern := tree.pattern(name)) is not None]
     often = ((pattern, min(2, tree.nodes[name].times)) for name, pattern in patterns)
@@ -189,8 +189,8 @@ def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
         about = {name: guards.get(name, []) for name in names if uses[name] == 1}
         own = [name for name, some in about.items() if all(set(guard_variables(g)) <= set(names) for g in some)]
         found += [Observed(pattern, guard).untied(own) for guard in (None, *chain(*(about[name] for name in own)))]
-        # What a shared variable may be is also asked of each event that binds it: a value that some
-        # guard refuses is forgotten.
+        # Each event that binds a shared variable is also tested against its guards: the engine
+        # drops values that a guard rejects.
         shared = chain(*(guards.get(name, []) for name in names if name not in own))
         found += [Observed(pattern, guard).untied() for guard in shared]
     found += [Observed(entry.pattern, entry.when).untied() for entry in tree.alphabet]
@@ -199,17 +199,17 @@ def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
 
 
 def literals(question: Observed) -> Iterator[Json]:
-    """The constants in a question."""
+    """Return the constants of a question."""
     parts = (*walk(question.pattern), *guard_walk(question.when))
     return (part.value for part in parts if isinstance(part, Literal))
 
 
-# -- the participants -----------------------------------------------------------------------------------------------
+# The participants.
 
 
 @absent_on_error
 def engine_of(part: RVAFT, semantics: Semantics) -> Participant:
-    """The monitor that people run."""
+    """Return the engine."""
     return Participant(ENGINE, Engine(part, semantics).fork, observed=observed_by(part), timed=times_matter(part))
 
 
@@ -217,7 +217,7 @@ def engine_of(part: RVAFT, semantics: Semantics) -> Participant:
 def reference_of(
     tree: RVAFT, semantics: Semantics, *, name: str = REFERENCE, branch: int | None = None, kind: Kind | None = None
 ) -> Participant:
-    """The definition at work; absent where there are too many scenarios to try them all."""
+    """Return the reference, or `Absent` if there are too many scenarios to enumerate."""
     scenarios = most_scenarios(build(tree))
     if scenarios > LIMIT:
         raise TooLarge(f"about {scenarios:.0e} scenarios to try one by one", limit=LIMIT)
@@ -230,13 +230,13 @@ def reference_of(
 def translated(
     name: str, part: RVAFT, semantics: Semantics, *, limit: int | None = None, tool: str | None = None
 ) -> Participant:
-    """The text of one backend, run by its own reader, or by a tool of others.
+    """Return a backend's text, run by its reader or by an external tool.
 
-    `limit` is that of the translation, None the backend's own.
+    `limit` bounds the translation; None is the default of the backend.
     """
     language = backend(name)
     if not language.readable:
-        raise OptionError(f"{name} is only emitted: nothing here runs its texts, so there is nothing to compare")
+        raise OptionError(f"{name} has no reader, so its texts cannot be compared")
     specification = language.translate(part, semantics, limit=limit)
     first = specification.monitor() if tool is None else language.read_with(tool, specification.text)
     called = name if tool is None else f"{name}-{tool}"
@@ -251,7 +251,7 @@ def _of_whole_traces(monitor: Monitor) -> tuple[FirstDetections | None, LeftOpen
 
 
 def tells_detections_only(one: Enlisted) -> bool:
-    """Whether somebody tells detections alone, and no ⊥."""
+    """Return whether a participant reports detections only, never ⊥."""
     match one:
         case Participant(first_detections=first):
             return first is not None
@@ -262,18 +262,18 @@ def tells_detections_only(one: Enlisted) -> bool:
 
 
 def detected(trace: Sequence[Json], first: int | None) -> tuple[Verdict, ...]:
-    """The verdict after every prefix of a trace of which this event, if any, is the first detection."""
+    """Return the verdict after every prefix of a trace with this first detection, if any."""
     reached = (first is not None and number >= first for number in range(1, len(trace) + 1))
     return tuple(Verdict.TRUE if one else Verdict.UNKNOWN for one in reached)
 
 
 def detections(verdicts: Sequence[Verdict]) -> tuple[Verdict, ...]:
-    """The verdicts as they are told by somebody who tells detections alone."""
+    """Return the verdicts with ⊥ replaced by ?, for comparison with detections."""
     return tuple(Verdict.UNKNOWN if verdict is Verdict.FALSE else verdict for verdict in verdicts)
 
 
 def verdicts_of(participant: Enlisted, trace: Sequence[Json]) -> tuple[Verdict, ...] | RvaftError:
-    """What one participant says after every prefix, or why it says nothing."""
+    """Return the verdict after every prefix, or the error."""
     try:
         match participant:
             case Absent(error):
@@ -287,25 +287,24 @@ def verdicts_of(participant: Enlisted, trace: Sequence[Json]) -> tuple[Verdict, 
         return error
 
 
-# -- specifications written by hand, or by another tool, to be held against a tree
-# --------------------------------------
+# Specifications written by hand or by other tools.
 
 TREE: Final = "rvaft"
-"""The language of trees, beside those of the backends."""
+"""The language of trees, beside those of backends."""
 
 
 @dataclass(frozen=True, slots=True)
 class Handwritten:
-    """The text of a file and the name of what reads it: a backend, or `rvaft` for another tree."""
+    """A text, and the backend that reads it, or `rvaft` for another tree."""
 
     path: str
     language: str
     text: str
 
     def enlist(self, tree: RVAFT, semantics: Semantics) -> Participant | Absent:
-        """The participant that this text makes.
+        """Return the participant for this text.
 
-        An atom that the text does not define is the event of the tree's node.
+        An atom that the text does not define is the event of the node of that name.
         """
         if self.language == TREE:
             other = loads(self.text)
@@ -322,23 +321,23 @@ class Handwritten:
 
 
 class _NodeEvents(dict[str, Pattern]):
-    """The events of a tree's nodes; an atom of another name is an error and not the default event."""
+    """The events of a tree's nodes; an unknown name is an error instead of a default event."""
 
     path = ""
 
     def get(self, name: str, default: Any = None) -> Any:  # noqa: ARG002 (as in every mapping)
         if name not in self:
-            reason = f"the atom {name} is no node with a runtime event, and the text does not say which event it is"
+            reason = f"the atom {name} is not defined in the text, and no node with a runtime event has this name"
             raise LanguageError(reason, file=self.path)
         return self[name]
 
 
 def handwritten(named: str) -> Handwritten:
-    """What `[LANG:]FILE` names; the language follows the suffix where it is not given, and the file
-    `-` is standard input.
+    """Return the specification `[LANG:]FILE`; the language defaults to the suffix, and `-` is
+    standard input.
 
-    Raises `OSError` where the file cannot be read, `OptionError` where nobody can tell its
-    language, `LanguageError` where it is no text in that language.
+    Raises `OSError` for unreadable files, `OptionError` for an unknown language, `LanguageError`
+    for invalid texts.
     """
     language, path = _split(named)
     data = sys.stdin.buffer.read() if path == "-" else Path(path).read_bytes()
@@ -348,10 +347,10 @@ def handwritten(named: str) -> Handwritten:
     except UnicodeDecodeError as error:
         raise LanguageError(f"not UTF-8 (byte {error.start + 1})", file=file) from None
     shown = file.encode(errors="surrogateescape").decode(errors="replace")
-    if language == TREE:  # with what it imports
+    if language == TREE:  # with its imports
         return Handwritten(shown, language, dumps(loads(text, file)))
     try:
-        backend(language).read(text)  # so that what is wrong with it is said before anything runs
+        backend(language).read(text)  # report errors before the comparison
     except LanguageError as error:
         error.file = shown
         raise
@@ -359,12 +358,12 @@ def handwritten(named: str) -> Handwritten:
 
 
 def is_specification(path: str) -> bool:
-    """Whether the name of a file says that it is a specification and no tree."""
+    """Return whether a file name has the suffix of a specification."""
     return _language(Path(path).suffix.removeprefix(".")) not in (None, TREE)
 
 
 def _split(named: str) -> tuple[str, str]:
-    """The name of what reads a file, and its path."""
+    """Return the language and the path."""
     known = ", ".join((TREE, *all_backends()))
     before, colon, path = named.partition(":")
     if colon and path and (language := _language(before)) is not None:
@@ -374,10 +373,10 @@ def _split(named: str) -> tuple[str, str]:
     suffix = Path(named).suffix
     if (language := _language(suffix.removeprefix("."))) is not None:
         return language, named
-    reason = f"the suffix {suffix} tells no language" if suffix else "without a suffix nobody can tell its language"
+    reason = f"the suffix {suffix} belongs to no language" if suffix else "the file has no suffix to select a language"
     raise OptionError(f"{named}: {reason}; write LANG:{Path(named).name} with LANG one of {known}")
 
 
 def _language(word: str) -> str | None:
-    """The name of what reads a language: its own, or that of the backend whose language or suffix the word is."""
+    """Return the reader for a name of a language, backend or suffix, or None."""
     return word.lower() if word.lower() in (TREE, *all_backends()) else speaking(word)

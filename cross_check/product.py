@@ -1,13 +1,13 @@
-"""Proof of agreement: the product of the participants' states, explored breadth-first over all letters.
+"""Proof of agreement: breadth-first exploration of the product of the participants' states over all
+letters.
 
-Every monitor has a `state` whose equality means equal futures, and two events that are the same
-letter are the same to all. So if no reachable combination of states holds two different verdicts,
-no trace does; and where one does, the first that is met gives a shortest trace on which they
-differ.
+Equal monitor states imply equal futures, and events of one letter are indistinguishable. If no
+reachable combination of states has two different verdicts, no trace distinguishes the participants;
+otherwise the first one found gives a shortest distinguishing trace.
 
-Where a participant may tie values of several events together, a letter is two events, with
-different values: a participant that is in the same state after either, wherever it is, has
-forgotten which value it was, and whatever other value it had been would be forgotten as well.
+If a participant may join values of several events, a letter is a pair of events with different
+values. A participant that always reaches the same state after both has forgotten the value, and
+would forget any other.
 """
 
 from collections.abc import Hashable, Sequence
@@ -19,16 +19,18 @@ from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
 
 GONE = -1
-"""Stands for the state of a participant that is compared no more."""
+"""The state of an excluded participant."""
 
 
 class _Machine:
-    """The reachable states of one participant, numbered as they are met; every step is taken once."""
+    """The reachable states of one participant, numbered in discovery order; each step is computed
+    once.
+    """
 
     def __init__(self, participant: Participant, letters: Sequence[Json]) -> None:
         self.ties = participant.ties
         self.asked = [not participant.json_alone or is_finite(letter) for letter in letters]
-        """Of which letters it is asked."""
+        """Whether each letter is given to the participant."""
         self.verdicts: list[Verdict] = []
         self._letters = letters
         self._numbers: dict[Hashable, int] = {}
@@ -36,7 +38,7 @@ class _Machine:
         self._steps: list[list[int | None]] = []
 
     def step(self, state: int, letter: int) -> int:
-        """The number of the state after one more event."""
+        """Return the state after an event."""
         after = self._steps[state][letter]
         if after is None:
             monitor = self._monitors[state].fork()
@@ -45,7 +47,7 @@ class _Machine:
         return after
 
     def number(self, monitor: Monitor) -> int:
-        """The number of the state that a monitor is in."""
+        """Return the number of a monitor's state."""
         state = (monitor.verdict, monitor.state)
         number = self._numbers.setdefault(state, len(self._monitors))
         if number == len(self._monitors):
@@ -56,25 +58,26 @@ class _Machine:
 
 
 class Exploration:
-    """What the product has shown, each participant against the first one.
+    """The result of the product, for each participant against the first one.
 
-    `verdicts` counts the prefixes compared for each.
-
-    `differ` gives a shortest distinguishing trace by the place of the participant, `failed` what a
-    monitor raised, `tied` who remembers values. `detected` has the participants that detect
-    something. `complete` says that no combination of states was left out; then the others agree on
-    all traces over the letters.
+    - `verdicts`: the number of compared prefixes.
+    - `differ`: a shortest distinguishing trace by participant.
+    - `failed`: errors of monitors.
+    - `tied`: participants that remember values.
+    - `detected`: participants that detected something.
+    - `complete`: no combination of states was skipped, so the others agree on all traces over the
+      letters.
     """
 
     def __init__(self, participants: Sequence[Participant], letters: Letters, *, limit: int) -> None:
-        """Explore until everything is seen, or `limit` combinations."""
+        """Explore all combinations, or `limit` of them."""
         self.verdicts = 0
         self.differ: dict[int, tuple[Json, ...]] = {}
         self.failed: dict[int, Exception] = {}
         self.tied: set[int] = set()
         self._letters = letters
         self._machines = [_Machine(participant, letters.events) for participant in participants]
-        self._came = [(GONE, GONE)]  # for each combination the one before it, and the letter between
+        self._came = [(GONE, GONE)]  # for each combination, its predecessor and the letter
         start = self._start(participants)
         agenda, known = [start], {start}
         self.complete = start[0] != GONE
@@ -83,7 +86,7 @@ class Exploration:
                 self.complete = False
                 break
             if states[0] == GONE or all(state == GONE for state in states[1:]):
-                continue  # nobody is left to compare
+                continue  # no participants are left to compare
             for letter in range(len(letters.events)):
                 after = self._after(position, states, letter)
                 if after not in known:
@@ -124,7 +127,7 @@ class Exploration:
         return self._agreeing(found, position, letter)
 
     def _agreeing(self, states: list[int], position: int, letter: int) -> tuple[int, ...]:
-        """The states after a letter, without those whose verdict is not that of the first."""
+        """Return the states after a letter, excluding those with another verdict than the first."""
         if states[0] != GONE:
             expected = self._machines[0].verdicts[states[0]]
             for number, state in enumerate(states):

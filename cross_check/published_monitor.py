@@ -1,9 +1,8 @@
-"""The published monitor of RML as a participant, `rml-published`, of which a path names a checkout.
+"""The published RML monitor as the participant `rml-published`, run from a checkout.
 
-It runs many traces in one process, from a checkout. Its own `monitor.pl` is not used: it drops into
-Prolog's toplevel at an exception and then exits with status 0, as if the trace had been accepted.
-`driver.pl` beside this module calls the monitor's transition predicate itself and catches every
-exception.
+One process runs many traces. The monitor's `monitor.pl` is not used: after an exception it enters
+Prolog's toplevel and exits with status 0, as if the trace were accepted. `driver.pl` in this folder
+calls the transition predicate and catches every exception.
 """
 
 import json
@@ -35,20 +34,18 @@ _ERROR_LENGTH: Final = 300
 
 @absent_on_error
 def published_of(part: RVAFT, semantics: Semantics, monitor: Path, *, timeout: float) -> Outside:
-    """The published monitor with the RML text of a tree; absent where that cannot be said, or the
-    folder is no checkout.
-    """
+    """Return the published monitor with the RML text of a tree, or the error as `Absent`."""
     _swipl(monitor)
     specification = backend("rml").translate(part, semantics)
     return Outside(NAME, lambda traces: run(specification.text, traces, monitor, timeout=timeout), specification)
 
 
 def run(text: str, traces: Sequence[Sequence[Json]], monitor: Path, *, timeout: float) -> list[Answer]:
-    """One result for each trace, for an RML text, which the checkout `monitor` gets as Prolog.
+    """Return one result per trace for an RML text, which the monitor gets as Prolog.
 
-    `timeout` is in seconds and for all traces together; those that are not reached have an error.
-    Raises `LanguageError` for what is no RML, `ToolMissing` without SWI-Prolog or where the folder
-    is no checkout, `ToolFailed` where the text cannot be loaded.
+    `timeout` is in seconds for all traces together; traces not reached get an error. Raises
+    `LanguageError` for other texts, `ToolMissing` without SWI-Prolog or a checkout, and
+    `ToolFailed` if the text cannot be loaded.
     """
     deviations = [backend("rml").masked(text, trace) for trace in traces]
     lines, ending, expired = _answers(prolog(text), traces, monitor, timeout)
@@ -67,12 +64,12 @@ def _answer(line: str) -> dict[str, Any]:
     try:
         found: dict[str, Any] = json.loads(line)
     except ValueError:
-        return {"error": f"it does not answer in JSON: {line}"}
+        return {"error": f"its output is not JSON: {line}"}
     return found
 
 
 def _answers(text: str, traces: Sequence[Sequence[Json]], monitor: Path, timeout: float) -> tuple[list[str], str, bool]:
-    """The complete lines that came out, why there are no more, and whether the time was too short."""
+    """Return the complete output lines, the reason for their end, and whether there was a timeout."""
     swipl = _swipl(monitor)
     expired = False
     with tempfile.TemporaryDirectory(prefix="rvaft-") as folder, as_file(files(__package__) / "driver.pl") as script:
@@ -100,9 +97,9 @@ def _answers(text: str, traces: Sequence[Sequence[Json]], monitor: Path, timeout
 
 
 def _swipl(monitor: Path) -> str:
-    """The program, once it is clear that there is something for it to run."""
+    """Return the path of SWI-Prolog; raises `ToolMissing`."""
     if not (monitor / _SEMANTICS).is_file():
-        remedy = f"{monitor} is no checkout of it (it has no {_SEMANTICS}); {_CHECKOUT}"
+        remedy = f"{monitor} is not a checkout of it (it has no {_SEMANTICS}); {_CHECKOUT}"
         raise ToolMissing("the published RML monitor", remedy=remedy)
     swipl = shutil.which("swipl")
     if swipl is None:
@@ -111,5 +108,5 @@ def _swipl(monitor: Path) -> str:
 
 
 def _short(message: str) -> str:
-    """One line, not too long."""
+    """Return the message on one line, truncated."""
     return cut(" ".join(message.split()), _ERROR_LENGTH)

@@ -1,6 +1,6 @@
-"""What a comparison says of each participant, and the same for people, spreadsheets and continuous integration.
+"""Results of comparisons, with output for terminals, spreadsheets and continuous integration.
 
-Its words are never blurred: proved is not tested, and neither is absence, nor traces in which nothing was detected.
+The statuses proved, tested, vacuous and not compared are always kept apart.
 """
 
 import csv
@@ -23,17 +23,17 @@ from rvaft.support.terminal import columns, visible
 
 
 class Status(StrEnum):
-    """How it ended for one participant."""
+    """The result for one participant."""
 
     BASELINE = "baseline"
-    """The others are compared with it."""
+    """The participant that others are compared with."""
     PROVED = "proved"
-    """It agrees with the first participant on all traces."""
+    """Agrees with the baseline on all traces."""
     TESTED = "tested"
-    """It agrees on the traces that were tried."""
+    """Agrees on the traces that were tried."""
     DIFFERS = "differs"
     VACUOUS = "vacuous"
-    """All verdicts were equal, but neither participant detected anything: this is no evidence of agreement."""
+    """All verdicts were equal, but nothing was detected: no evidence of agreement."""
     NOT_EXPRESSIBLE = "not expressible"
     TOO_LARGE = "too large"
     TIMEOUT = "timeout"
@@ -42,7 +42,7 @@ class Status(StrEnum):
 
     @classmethod
     def of(cls, error: RvaftError) -> "Status":
-        """What an error comes to for the one whom it kept from taking part; never agreement."""
+        """Return the status for an error that excludes a participant; never agreement."""
         match error:
             case NotExpressible():
                 return cls.NOT_EXPRESSIBLE
@@ -55,19 +55,19 @@ class Status(StrEnum):
 
     @property
     def agrees(self) -> bool:
-        """Whether verdicts were compared, detections among them, and all were equal."""
+        """Whether verdicts with detections were compared and equal."""
         return self in (Status.PROVED, Status.TESTED)
 
 
 def raised(error: Exception) -> RvaftError:
-    """What somebody raised, as an error of this project."""
+    """Return an exception as an error of this project."""
     if isinstance(error, RvaftError):
         return error
     return RvaftError(" ".join(f"{type(error).__name__}: {error}".split()))
 
 
 def reason(error: BaseException) -> str:
-    """Why, beside a status that says the rest."""
+    """Return the reason to show beside a status."""
     match error:
         case NotExpressible():
             return " ".join(error.reason.split())
@@ -80,21 +80,23 @@ def reason(error: BaseException) -> str:
 _RAN: Final = (Status.BASELINE, Status.PROVED, Status.TESTED, Status.DIFFERS)
 _SKIPPED: Final = (Status.VACUOUS, Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)
 _REASONS: Final = 2
-"""So many reasons are told for each participant, those that come most."""
+"""The number of reasons shown per participant, most frequent first."""
 _FAILURES: Final = 20
-"""So many ways in which participants could not run are told."""
+"""The number of failures shown."""
 _JUNIT: Final = {**dict.fromkeys(_RAN, ""), Status.DIFFERS: "failure", **dict.fromkeys(_SKIPPED, "skipped")}
 
 
 DETECTIONS_ONLY: Final = "detections only"
-"""What is said of who tells no ⊥: the event of the first detection of a trace is all that was compared."""
+"""The note for participants without ⊥: only the first detection of a trace was compared."""
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """A trace on which a participant and the first one give different verdicts, and what each says after every prefix.
+    """A trace on which a participant and the baseline disagree, with their verdicts after every
+    prefix.
 
-    Where the verdicts are the same and the matches are not, `match` is the first one that is missing or too many.
+    If the verdicts are equal and the matches differ, `match` is the first missing or additional
+    match.
     """
 
     trace: tuple[Json, ...]
@@ -106,7 +108,7 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """What is compared: a tree or a part of it under one semantics. `name` says which tree in reports."""
+    """A tree, or a part of it, under one semantics; `name` names the tree in reports."""
 
     name: str
     semantics: Semantics
@@ -125,11 +127,13 @@ class Job:
 class Result:
     """One participant in one comparison.
 
-    `seconds` is the time of the translation and the first reading, `verdicts` how many were
-    compared, `symbols` and `states` the sizes of its text. `why` explains what is neither proved
-    nor tested, or why it is only tested. `masked` counts traces on which it differs as its tool is
-    known to, `masks` says in which ways. On `matched` traces all matches were compared, too. With
-    `detections_only` a ⊥ was compared with nothing.
+    - `seconds`: time of translation and first reading.
+    - `verdicts`: the number of compared verdicts.
+    - `symbols`, `states`: sizes of the text.
+    - `why`: the reason if the participant is not proved.
+    - `masked`, `masks`: traces with known deviations of the tool, and these deviations.
+    - `matched`: traces on which all matches were compared.
+    - `detections_only`: ⊥ was not compared.
     """
 
     job: Job
@@ -176,16 +180,17 @@ class Result:
 
     @property
     def ending(self) -> str:
-        """How it ended, whatever the verdicts were: `ok` for everybody who gave verdicts to the end."""
+        """`ok` if the participant gave verdicts to the end, else its status."""
         return "ok" if self.status in _RAN else str(self.status)
 
 
 def exit_status(results: Iterable[Result], *, failing: Collection[Status] = (), vacuous: bool = False) -> int:
-    """0 where all that ran agree, 1 where some differ, 2 where something could not run or nothing was compared; 2 wins.
+    """Return 0 if all agree, 1 for disagreements, 2 if something could not run or nothing was
+    compared.
 
-    `failing` has further statuses that count as what could not run. Where all results of a
-    comparison are vacuous, nothing was compared. With `vacuous` this is allowed for single
-    comparisons, such as those of random trees, but not for all of them.
+    2 takes precedence. `failing` lists further statuses that count as failures. A comparison with
+    only vacuous results compared nothing. `vacuous` allows this for single comparisons, such as
+    random trees, but not for all.
     """
     every = list(results)
     failed = {Status.COULD_NOT_RUN, Status.TOOL_MISSING, *failing}
@@ -198,9 +203,9 @@ def exit_status(results: Iterable[Result], *, failing: Collection[Status] = (), 
 
 
 class ComparisonTotals:
-    """Counts over all results; `unable` are those that are neither proved nor tested, and do not differ.
+    """Counts over all results; `unable` are those without a comparison.
 
-    Verdicts count where a detection was among those that were compared: a comparison that is vacuous has none.
+    Verdicts count in comparisons with a detection; vacuous comparisons have none.
     """
 
     def __init__(self, results: Iterable[Result]) -> None:
@@ -224,7 +229,9 @@ class ComparisonTotals:
 
     @property
     def table(self) -> list[list[str]]:
-        """How often what: a line for each participant, a column for each semantics, in the order they came."""
+        """Counts of statuses: a row per participant, a column per semantics, in order of
+        appearance.
+        """
         semantics = list(dict.fromkeys(one for _, one in self.statuses))
         lines = [["participant", *semantics]]
         for participant in dict.fromkeys(participant for participant, _ in self.statuses):
@@ -234,7 +241,7 @@ class ComparisonTotals:
 
     @property
     def headline(self) -> str:
-        """All in one line."""
+        """The summary line."""
         seldom = {"masked trace": self.masked, "vacuous result": self.vacuous}
         counted = self.counts | {what: number for what, number in seldom.items() if number}
         said = ", ".join(f"{number:,} {_plural(what, number)}" for what, number in counted.items())
@@ -247,7 +254,7 @@ class ComparisonTotals:
 
 
 def _called(results: Iterable[Result]) -> dict[str, str]:
-    """Each participant, and what tables that count its results call it."""
+    """Return each participant with its name in tables."""
     found: dict[str, str] = {}
     for result in results:
         if result.detections_only or result.participant not in found:
@@ -259,11 +266,11 @@ def _plural(what: str, number: int) -> str:
     return what if number == 1 else f"{what}s"
 
 
-# -- for a terminal -------------------------------------------------------------------------------------------------
+# Terminal output.
 
 
 def result_lines(results: Iterable[Result]) -> list[str]:
-    """One line per participant and comparison."""
+    """Return one line per participant and comparison."""
     rows = [["TREE", "SEMANTICS", "PARTICIPANT", "SECONDS", "SYMBOLS", "STATES", "RESULT"]]
     for result in results:
         sizes = ("" if size is None else str(size) for size in (result.symbols, result.states))
@@ -273,14 +280,14 @@ def result_lines(results: Iterable[Result]) -> list[str]:
 
 
 def summary_lines(totals: ComparisonTotals) -> list[str]:
-    """One line per participant, with how often what under each semantics."""
+    """Return one line per participant, with counts per semantics."""
     head, *lines = totals.table
     return columns([[cell.upper() for cell in head], *lines])
 
 
 def part_lines(results: Iterable[Result], parts: Mapping[str, Collection[str]]) -> list[str]:
-    """One line per participant, with how often what on the trees with each part of the language
-    that some tree has (`parts`, by their titles).
+    """Return one line per participant, with counts on trees with each construct (`parts`, by tree
+    title).
     """
     every = list(results)
     names = _called(every)
@@ -294,9 +301,7 @@ def part_lines(results: Iterable[Result], parts: Mapping[str, Collection[str]]) 
 
 
 def unable_lines(results: Iterable[Result]) -> list[str]:
-    """What was not compared: for each participant the chief reasons why its language or a limit is
-    in the way, and each failure.
-    """
+    """Return what was not compared: the main reasons per participant, and each failure."""
     skipped: dict[tuple[str, Status], list[Result]] = {}
     failed: dict[tuple[str, str], list[Result]] = {}
     for result in results:
@@ -325,7 +330,7 @@ def _counted(counts: Mapping[Status, int]) -> str:
 
 
 def difference_lines(result: Result) -> list[str]:
-    """The trace on which a participant differs, with both verdicts after every event."""
+    """Return the differing trace, with both verdicts after every event."""
     found = result.difference
     if found is None:
         return []
@@ -336,12 +341,13 @@ def difference_lines(result: Result) -> list[str]:
     return [*lines, found.match] if found.match else lines
 
 
-# -- files: each form takes the results and a note, which is what else there is to say
-# -----------------------------------
+# Files: each format gets the results and a note.
 
 
 def csv_text(results: Iterable[Result], note: str = "") -> str:  # noqa: ARG001 (a table has no room for it)
-    """One row per participant and comparison; the columns are those of Spot's `ltlcross` where they mean the same."""
+    """Return one row per participant and comparison; columns are named as in Spot's `ltlcross` if
+    possible.
+    """
     stream = io.StringIO()
     names = ("tree", "semantics", "participant", "exit_status", "seconds", "symbols", "states", "verdicts", "result")
     writer = csv.DictWriter(stream, names, extrasaction="ignore", lineterminator="\n")
@@ -352,7 +358,7 @@ def csv_text(results: Iterable[Result], note: str = "") -> str:  # noqa: ARG001 
 
 
 def json_text(results: Iterable[Result], note: str = "") -> str:
-    """The totals and every result, with the traces that show differences."""
+    """Return the totals and every result, with differing traces."""
     every = list(results)
     totals = ComparisonTotals(every)
     counts = {**{f"{what}s": number for what, number in totals.counts.items()}, "disagreements": len(totals.differing)}
@@ -378,15 +384,15 @@ def _object(result: Result) -> dict[str, Json]:
 
 
 def _difference(found: Difference) -> dict[str, Json]:
-    """A difference of verdicts, or of matches, with which match it is."""
+    """Return a difference of verdicts or matches."""
     return {name: value for name, value in asdict(found).items() if name != "match" or value}
 
 
 def junit_text(results: Iterable[Result], note: str = "") -> str:
-    """For continuous integration, as tests: one suite per tree and semantics, one test case per participant.
+    """Return JUnit XML: one suite per tree and semantics, one test case per participant.
 
-    A disagreement is a failure, what could not run an error, and what is vacuous, what a language
-    cannot say and what is too large is skipped.
+    A disagreement is a failure, a participant that could not run an error; vacuous, inexpressible
+    and too large cases are skipped.
     """
     root = ET.Element("testsuites", name=f"rvaft cross-check{f': {note}' if note else ''}")
     for job, group in groupby(results, key=lambda result: result.job):
@@ -407,12 +413,12 @@ def junit_text(results: Iterable[Result], note: str = "") -> str:
 
 
 def _printable(text: str) -> str:
-    """The text without the control characters that XML cannot hold."""
+    """Return the text without control characters that XML cannot hold."""
     return "".join(c if c in "\t\n" or (c.isprintable() or ord(c) > 0x9F) else "\ufffd" for c in text)
 
 
 def markdown_text(results: Iterable[Result], note: str = "") -> str:
-    """The totals as a table, then each disagreement with its trace, then what could not be compared."""
+    """Return a table of totals, each disagreement with its trace, and what could not be compared."""
     totals = ComparisonTotals(results)
     lines = ["## rvaft cross-check", "", f"{'; '.join(filter(None, [totals.headline, note]))}.", ""]
     if not totals.statuses:
@@ -432,7 +438,7 @@ def _named(result: Result) -> str:
 
 
 def _cell(text: str) -> str:
-    """The text in one line and without meaning in Markdown or HTML."""
+    """Return the text on one line, escaped for Markdown and HTML."""
     plain = " ".join(text.split())
     for sign in "\\|`*_<>[]":
         plain = plain.replace(sign, f"\\{sign}")

@@ -1,14 +1,12 @@
-"""Shrinking: a tree and a trace on which somebody disagrees, made as small as they get together.
+"""Shrinking of a tree and a trace on which participants disagree.
 
-Greedy, to a fixpoint: of the candidates that the reductions offer, in a fixed order, the first that
-still disagrees is taken, and the reductions are asked again, until none of their candidates
-disagrees. Only a smaller pair is ever taken, by a measure of natural numbers compared from the left
-(`_Pair.measure`), so this ends, and the same input gives the same result. The idea is delta
-debugging: A. Zeller, R. Hildebrandt, Simplifying and Isolating Failure-Inducing Input, IEEE TSE
-28(2), 2002.
+The search is greedy: it takes the first candidate of the reductions that still disagrees, and
+repeats until none does. Candidates must be smaller by `_Pair.measure`, a lexicographic measure, so
+the search terminates, and it is deterministic. It is a form of delta debugging: A. Zeller, R.
+Hildebrandt, Simplifying and Isolating Failure-Inducing Input, IEEE TSE 28(2), 2002.
 
-A reduction changes one part of the tree. What served a node whose runtime event it changed may have
-to change as well, so every smaller tree comes with several traces (`_followed`).
+A reduction changes one part of the tree. Events of a changed runtime event may have to change too,
+so every smaller tree has several candidate traces (`_followed`).
 """
 
 import json
@@ -42,33 +40,31 @@ from rvaft.model.values import Json, Scalar
 from rvaft.rules import require_valid
 
 DEFAULT_STEPS: Final = 2_000
-"""How often a tree and a trace are tried."""
+"""The default number of attempts."""
 PLAIN: Final[tuple[Scalar, ...]] = (0, 1, "")
-"""The literals that need no simplification, simplest first."""
+"""Literals that need no simplification, simplest first."""
 _SIMPLEST: Final = sorted(Gate, key=lambda gate: gate.ordered)
-"""The gates, simplest first."""
+"""Gates, simplest first."""
 
 
 class NotReproduced(RvaftError, ValueError):
-    """There is nothing to shrink: the tree and the trace that were given do not show a disagreement."""
+    """The tree and trace to shrink show no disagreement."""
 
 
 class _OutOfSteps(Exception):
-    """The disagreement was asked for as often as it may be."""
+    """The allowed number of attempts is used up."""
 
 
 def shrink(
     tree: RVAFT, trace: Iterable[Json], disagrees: Callable[[RVAFT, list[Json]], bool], *, steps: int = DEFAULT_STEPS
 ) -> tuple[RVAFT, list[Json]]:
-    """A smallest tree and trace on which `disagrees` is still true, no single reduction of which is left to make.
+    """Return a smallest tree and trace on which `disagrees` holds; no single reduction remains.
 
-    `disagrees` is asked at most `steps` times, the first time about the input, and only about trees
-    that keep the rules; where it raises an `RvaftError`, that is no disagreement. When the steps
-    are used up, the smallest pair so far is the result.
-
-    Raises `NotReproduced` where the input itself does not disagree, `TreeError` where it breaks a
-    rule, and `OptionError` for a restricted tree (shrink the whole, and restrict it in `disagrees`)
-    or fewer than one step.
+    `disagrees` is called at most `steps` times, first on the input, and only on valid trees; an
+    `RvaftError` counts as no disagreement. Without remaining steps, the smallest pair so far is
+    returned. Raises `NotReproduced` if the input does not disagree, `TreeError` if it is invalid,
+    and `OptionError` for a restricted tree (restrict it in `disagrees` instead) or less than one
+    step.
 
     >>> from rvaft import dumps, loads
     >>> tree = loads("top and a b s; s sand c d;")
@@ -80,9 +76,9 @@ def shrink(
     <BLANKLINE>
     """
     if steps < 1:
-        raise OptionError(f"shrinking takes one step at least, not {steps}")
+        raise OptionError(f"shrinking needs at least one step, not {steps}")
     if tree.restricted:
-        raise OptionError("a part of a tree cannot be shrunk: shrink the whole tree, and take the part in each step")
+        raise OptionError("a restricted tree cannot be shrunk: shrink the whole tree, and restrict it in each step")
     require_valid(tree)
     pair, left, tried = _Pair.of(tree, trace), steps, set[bytes]()
 
@@ -107,7 +103,7 @@ def shrink(
         return taken
 
     if not holds(pair):
-        raise NotReproduced("there is no disagreement on this tree and trace, so there is nothing to shrink")
+        raise NotReproduced("this tree and trace show no disagreement to shrink")
     before = None
     try:
         while before is not pair:
@@ -115,7 +111,7 @@ def shrink(
             for reduction in _REDUCTIONS:
                 failed, candidates = 0, reduction(pair)
                 while (candidate := next(candidates, None)) is not None:
-                    if takes(candidate):  # go on where it was: what failed before will mostly fail again
+                    if takes(candidate):  # continue at the same place: earlier candidates mostly fail again
                         candidates = islice(reduction(pair), failed, None)
                     else:
                         failed += 1
@@ -126,11 +122,11 @@ def shrink(
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """A tree taken apart, and a trace.
+    """A decomposed tree, and a trace.
 
-    `patterns` are the runtime events that nodes have of their own, with their arguments filled in.
-    Those that the tree was given with keep their event types (`calls`, by what is called), for
-    others there are new ones. Until a part changes, the tree is the `whole` one.
+    `patterns` are the nodes' own runtime events with arguments filled in. Original patterns keep
+    their event types (`calls`, by pattern); others get new ones. `whole` is the tree until a part
+    changes.
     """
 
     root: str
@@ -144,7 +140,7 @@ class _Pair:
 
     @classmethod
     def of(cls, tree: RVAFT, trace: Iterable[Json]) -> "_Pair":
-        """Take a whole tree apart."""
+        """Return a decomposed tree."""
         calls = [node.on for node in tree.nodes.values()] + [ignore.on for ignore in tree.ignores]
         return cls(
             tree.root,
@@ -158,14 +154,14 @@ class _Pair:
         )
 
     def pattern(self, name: str) -> Pattern | None:
-        """The runtime event of a node, its own or the default one, if it has any."""
+        """Return the runtime event of a node, its own or the default one, or None."""
         if name in self.nodes and name not in self.patterns and self.nodes[name].has_event:
             return ObjectPattern((("event", Literal(name)),))
         return self.patterns.get(name)
 
     @cached_property
     def tree(self) -> RVAFT:
-        """The tree; raises `TreeError` where the parts make none."""
+        """The tree; raises `TreeError` if the parts form no tree."""
         if self.whole is not None:
             return self.whole
         used: dict[str, EventType] = {}
@@ -182,18 +178,18 @@ class _Pair:
 
     @property
     def time(self) -> EventTime | None:
-        """Where events have their time."""
+        """The time declaration."""
         found: EventTime | None = self.stated["time"]
         return found
 
     def stating(self, **stated: Any) -> "_Pair":
-        """With another causality, time or semantics."""
+        """Return the pair with another causality, time or semantics."""
         return replace(self, stated={**self.stated, **stated}, whole=None)
 
     def _called(self, pattern: Pattern, used: Mapping[str, EventType]) -> tuple[On, EventType]:
-        """A pattern as a call of an event type: one of those used that is like it, or a new one.
+        """Return a pattern as a call of a similar used event type, or of a new one.
 
-        Its variables become parameters; a local one is a parameter that stands more than once, called with `_`.
+        Variables become parameters; a local variable that occurs repeatedly is called with `_`.
         """
         names = variables(pattern)
         parameters = tuple(f"p{number}" if len(names) > 1 else "p" for number, _ in enumerate(names, 1))
@@ -207,11 +203,10 @@ class _Pair:
 
     @cached_property
     def measure(self) -> tuple[int, ...]:
-        """How large the pair is, most important first.
+        """The size of the pair, most important first.
 
-        Nodes, and two more for every parent of a node beyond its first; events; parts of the tree
-        (gates by how much they ask for, thresholds, runtime events, guards, patterns, annotations);
-        the text of the trace.
+        Nodes, plus two per additional parent of a node; events; parts of the tree (gates,
+        thresholds, runtime events, guards, patterns, annotations); the text of the trace.
         """
         nodes = self.nodes.values()
         parents = Counter(child for node in nodes for child in node.children)
@@ -234,7 +229,7 @@ class _Pair:
 
     @cached_property
     def key(self) -> bytes:
-        """Equal for pairs that are written the same way (so 1 and 1.0 differ)."""
+        """Equal for pairs with the same text (1 and 1.0 differ)."""
         parts = (self.root, self.nodes, self.patterns, self.ignores, self.stated, self.trace)
         return blake2b(repr(parts).encode("utf-8", "backslashreplace"), digest_size=16).digest()
 
@@ -246,7 +241,7 @@ class _Pair:
     def having(
         self, *nodes: Node, root: str | None = None, patterns: Mapping[str, Pattern | None] | None = None
     ) -> "_Pair":
-        """With these nodes in place of those of the same name, and another root, without what that does not reach."""
+        """Return the pair with replaced nodes and another root, without unreachable nodes."""
         every = {**self.nodes, **{node.name: node for node in nodes}}
         reached = set(reachable(root or self.root, lambda name: every[name].children))
         own = {**self.patterns, **(patterns or {})}
@@ -259,23 +254,22 @@ class _Pair:
         )
 
     def with_events_at(self, index: int, *events: Json) -> "_Pair":
-        """With these events in place of one of the trace."""
+        """Return the pair with one event of the trace replaced."""
         return replace(self, trace=_spliced(self.trace, index, *events))
 
 
 def _spliced(items: Sequence[Any], index: int, *new: Any) -> tuple[Any, ...]:
-    """The items with others in place of one."""
+    """Return the items with one replaced."""
     return (*items[:index], *new, *items[index + 1 :])
 
 
-# -- patterns, guards and events have parts, and so on inwards
-# ----------------------------------------------------------
+# Nested parts of patterns, guards and events.
 
 _WEIGHTS: Final = {Anything: 1, Literal: 2, Variable: 3}
 
 
 def _opened(whole: Any) -> tuple[list[tuple[Any, Any]], Callable[[Iterable[tuple[Any, Any]]], Any]]:
-    """The parts of a pattern, a guard or an event by name or number, and what makes such a thing of parts."""
+    """Return the parts of a pattern, guard or event, and a function that rebuilds it."""
     match whole:
         case dict():
             return list(whole.items()), dict
@@ -292,12 +286,12 @@ def _opened(whole: Any) -> tuple[list[tuple[Any, Any]], Callable[[Iterable[tuple
 
 
 def _length(duration: int | None) -> int:
-    """How long a duration is, more or less; without one nothing."""
+    """Return a logarithmic size of a duration, 0 for None."""
     return 0 if duration is None else 2 + duration.bit_length()
 
 
 def _size(term: Any) -> int:
-    """Fields, items and operands count too, so a term is larger than any part of it."""
+    """Return the size; fields, items and operands count, so a term is larger than its parts."""
     parts, _ = _opened(term)
     if isinstance(term, Duration) and isinstance(term.value, int):
         return _length(term.value)
@@ -305,7 +299,7 @@ def _size(term: Any) -> int:
 
 
 def _smaller(whole: Any, simpler: Callable[[Any], Iterable[Any]]) -> Iterator[Any]:
-    """Without one of its parts, if it can be, or with a simpler one in its place; here or further in."""
+    """Yield terms without one part or with a simpler part, at any depth."""
     parts, made = _opened(whole)
     shrinks = not isinstance(whole, Operation) or (whole.operator in JUNCTIONS and len(parts) > 2)
     for index, (name, part) in enumerate(parts):
@@ -320,9 +314,7 @@ def _smaller_patterns(pattern: Pattern) -> Iterator[Pattern]:
 
 
 def _smaller_guards(guard: Guard | None) -> Iterator[Guard | None]:
-    """No guard, `true` or `false`, an operand for an operation, a conjunction or disjunction
-    without one operand, half a duration.
-    """
+    """Yield smaller guards: none, `true`, `false`, an operand, fewer operands, half a duration."""
 
     def simpler(part: Guard) -> list[Guard]:
         match part:
@@ -332,9 +324,11 @@ def _smaller_guards(guard: Guard | None) -> Iterator[Guard | None]:
                 return []
             case Operation(operator, operands) if operator in ARITHMETIC and any(
                 isinstance(one, TimePoint) for one in operands
-            ):  # the difference of two points is compared with a duration, a point with a point
+            ):  # compare a difference of points with a duration, and a point with a point
                 return [operands[0]] if isinstance(operands[1], Duration) else []
-            case Operation(operator) if operator in COMPARISONS and time_points(part):  # a time alone is no condition
+            case Operation(operator) if operator in COMPARISONS and time_points(
+                part
+            ):  # a time alone is not a condition
                 return [Literal(True), Literal(False)]
         return [Literal(True), Literal(False), *(part.operands if isinstance(part, Operation) else ())]
 
@@ -342,7 +336,7 @@ def _smaller_guards(guard: Guard | None) -> Iterator[Guard | None]:
 
 
 def _fitted(pattern: Pattern, binding: Mapping[str, Json], value: Json) -> Json:
-    """A value that matches the pattern, as much as possible the given one."""
+    """Return a value that matches the pattern and resembles the given one."""
     match pattern:
         case Literal(constant):
             return constant
@@ -358,19 +352,16 @@ def _fitted(pattern: Pattern, binding: Mapping[str, Json], value: Json) -> Json:
             return [_fitted(item, binding, inner) for item, inner in zip(items, known, strict=False)]
 
 
-# -- reductions: candidates to go on with, in a fixed order; those that are not smaller, or no
-# trees, are not tried -------
+# Reductions: candidates in a fixed order; those that are not smaller or not trees are not tried.
 
 Reduction: TypeAlias = Callable[[_Pair], Iterator[_Pair]]
 
 
 def _followed(before: _Pair, after: _Pair) -> Iterator[_Pair]:
-    """A smaller tree with the trace as it is, and with events that follow what has become of the
-    runtime events they matched.
+    """Yield a smaller tree with the same trace, and with events adapted to changed runtime events.
 
-    What matched a runtime event that is gone leaves, what matched one that is another now is
-    changed to match it: all of it, then one by one; where a node has a runtime event only now, any
-    event may become that.
+    Events of a removed runtime event are removed, events of a changed one are changed: all of them,
+    then one by one. If a node gains a runtime event, any event may become it.
     """
     yield after
     single: list[tuple[int, tuple[Json, ...]]] = []
@@ -390,7 +381,9 @@ def _followed(before: _Pair, after: _Pair) -> Iterator[_Pair]:
 
 
 def _shorter_trace(pair: _Pair) -> Iterator[_Pair]:
-    """Without a run of events: half of them, then shorter and shorter runs down to single events, the last first."""
+    """Yield the trace without runs of events: halves, then shorter runs down to single events, last
+    first.
+    """
     size = length = len(pair.trace)
     while size:
         for end in range(length, 0, -size):
@@ -399,8 +392,8 @@ def _shorter_trace(pair: _Pair) -> Iterator[_Pair]:
 
 
 def _fewer_nodes(pair: _Pair) -> Iterator[_Pair]:
-    """Another root, a child in its gate's place, a leaf for a gate, a gate without one of its
-    children (with K, and with one less).
+    """Yield another root, a child instead of its gate, a leaf instead of a gate, and a gate without
+    one child.
     """
     for name in pair.order:
         yield from _followed(pair, pair.having(root=name))
@@ -420,13 +413,13 @@ def _fewer_nodes(pair: _Pair) -> Iterator[_Pair]:
 
 
 def _instead(parent: Node, name: str, *children: str) -> Node:
-    """The parent with these children for one of its children, each once."""
+    """Return the parent with one child replaced."""
     kept = tuple(dict.fromkeys(_spliced(parent.children, parent.children.index(name), *children)))
     return replace(parent, children=kept, threshold=parent.threshold and min(parent.threshold, len(kept)))
 
 
 def _fewer_notes(pair: _Pair) -> Iterator[_Pair]:
-    """No label, attributes and kind, at all or at one node; causality and semantics as they are by default."""
+    """Yield trees without labels, attributes and kinds, with default causality and semantics."""
     bare = [replace(node, kind=None, label=None, attributes=()) for node in pair.nodes.values()]
     yield pair.having(*bare)
     yield from map(pair.having, bare)
@@ -435,7 +428,7 @@ def _fewer_notes(pair: _Pair) -> Iterator[_Pair]:
 
 
 def _smaller_terms(pair: _Pair) -> Iterator[_Pair]:
-    """No guard or a smaller one, no runtime event or a smaller one; the same of what is ignored, or none of that."""
+    """Yield trees with smaller or no guards, runtime events and `ignore` declarations."""
     for name in pair.order:
         node, pattern = pair.nodes[name], pair.patterns.get(name)
         for guard in _smaller_guards(node.when):
@@ -451,7 +444,7 @@ def _smaller_terms(pair: _Pair) -> Iterator[_Pair]:
 
 
 def _simpler_nodes(pair: _Pair) -> Iterator[_Pair]:
-    """A simpler gate for a gate, a smaller K, fewer events of a counted leaf, no window or one of half its length."""
+    """Yield trees with simpler gates, smaller K and `times`, and shorter or no windows."""
     for name in pair.order:
         node = pair.nodes[name]
         simpler: list[dict[str, Any]] = []
@@ -468,7 +461,7 @@ def _shorter(duration: int | None) -> list[int | None]:
 
 
 def _simpler_times(pair: _Pair) -> Iterator[_Pair]:
-    """No times at all, no `late` or less; times that start at 0, in seconds in the field `t`."""
+    """Yield trees without times or `late`, and with times from 0 in seconds in the field `t`."""
     old = pair.time
     if old is None:
         return
@@ -483,7 +476,7 @@ def _simpler_times(pair: _Pair) -> Iterator[_Pair]:
 
 
 def _retimed(event: Json, old: EventTime, new: EventTime, begin: int) -> Json:
-    """The event with its time elsewhere, counted from another beginning."""
+    """Return the event with its time in another format and field, from another origin."""
     instant = old.read(event)
     if instant is None:
         return event
@@ -492,7 +485,7 @@ def _retimed(event: Json, old: EventTime, new: EventTime, begin: int) -> Json:
 
 
 def _smaller_events(pair: _Pair) -> Iterator[_Pair]:
-    """An event without a field or item, or with a simpler value."""
+    """Yield traces with an event without a field or item, or with a simpler value."""
     for index, event in enumerate(pair.trace):
         for smaller in _smaller(event, lambda _: PLAIN):
             yield pair.with_events_at(index, smaller)
@@ -507,4 +500,4 @@ _REDUCTIONS: Final[tuple[Reduction, ...]] = (
     _simpler_times,
     _smaller_events,
 )
-"""All of them, those first that take most away."""
+"""All reductions, the most effective first."""

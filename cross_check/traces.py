@@ -1,6 +1,4 @@
-"""The traces of a comparison: words over the letters, and random traces that are led through a
-scenario and then disturbed.
-"""
+"""The traces of a comparison: words over the letters, and random traces, guided and disturbed."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -28,21 +26,23 @@ from rvaft.model.values import Json
 Trace: TypeAlias = Sequence[Json]
 
 SHORTEST: Final = 8
-"""Traces are at least so long, unless a length is asked for."""
+"""The minimum of the default length of traces."""
 LONGEST: Final = 500
-"""And at most so long."""
+"""The maximum of the default length of traces."""
 _UNDEFINED: Final = 16
-"""One in so many traces has a number that is not finite."""
+"""One of this many traces contains a non-finite number."""
 
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How hard to look.
+    """The effort of a comparison.
 
-    `states` bounds the combinations of states of a proof (0: prove nothing), `words` the events in
-    the enumerated traces, `traces` is the number of random ones, `length` their greatest length
-    (None: enough for a detection); with `recheck` what is proved runs them too. `seconds` bounds
-    each translation, each proof and each participant's run of the traces.
+    - `states`: the limit of a proof (0: no proof).
+    - `words`: the limit of events in enumerated traces.
+    - `traces`: the number of random traces.
+    - `length`: their maximum length (None: enough for a detection).
+    - `recheck`: run the traces also for proved participants.
+    - `seconds`: the time limit of each translation, proof and test run.
     """
 
     states: int = 20_000
@@ -55,21 +55,21 @@ class Effort:
 
 
 ONE_TREE: Final = Effort(traces=200)
-"""For a tree that somebody names."""
+"""For trees given by the user."""
 AGAINST: Final = Effort(traces=1_000)
-"""For a specification that somebody wrote: finding one condition that was forgotten takes many traces."""
+"""For specifications by users: finding one missing condition takes many traces."""
 CATALOGUE: Final = Effort(words=100, traces=16, recheck=False)
-"""For each of the trees of every gate, which are small."""
+"""For each small tree of the catalogue."""
 RANDOM: Final = Effort(states=300, words=0)
-"""For each of many random trees, which say more than one that is looked at long."""
+"""For each of many random trees; more trees find more than more traces."""
 
 
 def trials(
     part: RVAFT, job: Job, effort: Effort, participants: Sequence[Participant], *, words: bool
 ) -> Iterator[Trace]:
-    """What to try on the part of a tree that is compared; the same for the same seed.
+    """Yield the test traces of a tree, the same for the same seed.
 
-    All words up to some length over the letters, if they are wanted, and random traces.
+    All words up to some length over the letters, with `words`, and random traces.
     """
     prop = property_of(part)
     longest = effort.length or max(SHORTEST, min(fewest_events(prop.parts)[prop.root].events + 2, LONGEST))
@@ -100,13 +100,13 @@ def trials(
 
 
 def _undefined(random: Random, trace: Sequence[Json]) -> Trace:
-    """The trace with a number that is not finite somewhere in it."""
+    """Return the trace with a non-finite number in it."""
     inside = [path for path, value in places(list(trace)) if len(path) > 1 and not isinstance(value, (dict, list))]
     return put(list(trace), random.choice(inside), math.nan) if inside else trace
 
 
 def _words(participants: Iterable[Participant], events: int, longest: int) -> Iterator[Trace]:
-    """All sequences of letters, shorter before longer, as long as there are not too many events in them."""
+    """Yield all words over the letters by length, within the limit of events."""
     try:
         alphabet = letters_of(participant.observed or () for participant in participants).events
     except TooLarge:
@@ -119,9 +119,9 @@ def _words(participants: Iterable[Participant], events: int, longest: int) -> It
 
 
 def letters_of(observed: Iterable[Iterable[Observed]], *, proof: bool = False) -> Letters:
-    """The letters of several participants together, as far as there are any; raises `TooLarge`.
+    """Return the letters of several participants; raises `TooLarge`.
 
-    For a proof each comes with its twin, where a variable may tie events together.
+    With `proof`, letters have twins if variables are shared between events.
     """
     return _remembered(frozenset(chain.from_iterable(observed)), proof=proof)
 

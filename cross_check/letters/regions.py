@@ -1,4 +1,4 @@
-"""Values to try where guards look: some from every region in which no guard changes its mind."""
+"""Values for guards: some from every region in which no guard changes its truth value."""
 
 import math
 import struct
@@ -29,29 +29,28 @@ from rvaft.model.guards import (
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, substitute
 from rvaft.model.values import Json, Scalar, is_number, key
 
-# What a guard asks of values: constants at which its truth can change, and values that are compared with each other.
-#
-# Between neighbouring constants an atomic comparison of one variable with a constant does not
-# change, for numbers and for strings. Where the variable is calculated with (`X / 2 < 1`), every
-# step is monotone, rounding and overflow included, so the places where the comparison changes are
-# found by bisection, once among the integers and once among the doubles.
+# The constants at which a guard's truth value can change, and the values that it compares.
+# Between neighbouring constants, a comparison of a variable with a constant is invariant, for
+# numbers and strings. If the variable occurs in arithmetic (`X / 2 < 1`), every step is monotone,
+# including rounding and overflow. Bisection then finds the changes, once among integers and once
+# among doubles.
 
-SEVERAL: Final = "a guard calculates with several values"
-BEYOND: Final = "a guard calculates in a way that has no known bounds"
+SEVERAL: Final = "a guard has arithmetic over several values"
+BEYOND: Final = "a guard has an operation without known bounds"
 
 _MODERATE: Final = 2**64
 _EXACT: Final = 2**53
 _SMALL: Final = 4
-"""A product with such a whole number is monotone without bounds."""
+"""The largest integer whose products are monotone without bounds."""
 _BITS: Final = 64
 _DOUBLE_BITS: Final = 1024 + _BITS
-"""From two to this power on all integers are alike, but for as many bits more as steps with
-moderate constants can take back.
+"""All integers from two to this power on are equivalent, apart from the bits that steps with
+moderate constants can remove.
 """
 
 
 class Asked:
-    """What a guard asks of its variables; `gap` says why that is not all."""
+    """The constants and comparisons of a guard; `gap` is the reason if they are incomplete."""
 
     def __init__(self, guard: Guard) -> None:
         self.constants: dict[str, dict[Literal, None]] = {}
@@ -63,7 +62,7 @@ class Asked:
         self._condition(guard)
 
     def _constant(self, name: str, *given: Scalar) -> None:
-        """Values of a variable at which something may change."""
+        """Add values of a variable at which the guard may change."""
         self.constants.setdefault(name, {}).update(dict.fromkeys(map(Literal, given)))
 
     def _condition(self, guard: Guard) -> None:
@@ -75,7 +74,7 @@ class Asked:
                     self._condition(operand)
             case Operation(operator, operands) if operator in COMPARISONS:
                 left, right = map(_folded, operands)
-                if left is not None and right is not None:  # else it is undefined whatever the variables are
+                if left is not None and right is not None:  # otherwise the comparison is always undefined
                     self.ordered |= operator in ORDERINGS
                     self.equated |= operator not in ORDERINGS
                     self._comparison(left, right)
@@ -103,7 +102,7 @@ class Asked:
                 operators = [side.operator for side in (left, right) if isinstance(side, Operation)]
                 if any(operator in NUMERIC for operator in operators):
                     self._calculation(left, right)
-                if any(operator not in NUMERIC for operator in operators):  # the other side is a truth value then
+                if any(operator not in NUMERIC for operator in operators):  # the other side is then a Boolean
                     self._condition(left)
                     self._condition(right)
 
@@ -132,17 +131,14 @@ class Asked:
 
 
 def _behind(text: str) -> Iterator[str]:
-    """The first text after all that begin with this one, if there is one.
-
-    Those that do are what lies between the two.
-    """
+    """Yield the first string after all strings with this prefix, if any."""
     rest = text.rstrip(chr(sys.maxunicode))
     if rest:
         yield rest[:-1] + chr(ord(rest[-1]) + 1)
 
 
 def _examples(guard: Guard) -> Iterator[str]:
-    """Texts worth trying where a guard asks for more of a text than where it stands in the order."""
+    """Yield example strings for string functions other than prefixes."""
     for literal in (part.value for part in walk(guard) if isinstance(part, Literal)):
         if isinstance(literal, str):
             plain = literal.replace("*", "").replace("?", "x")
@@ -152,7 +148,7 @@ def _examples(guard: Guard) -> Iterator[str]:
 
 
 def _folded(guard: Guard) -> Guard | None:
-    """An operand without variables as its value; None where that is undefined."""
+    """Return a constant operand as its value, or None if it is undefined."""
     if isinstance(guard, Operation) and not variables(guard):
         constant = value(guard, {})
         return None if constant is UNDEFINED else Literal(constant)
@@ -160,11 +156,11 @@ def _folded(guard: Guard) -> Guard | None:
 
 
 def _is_monotone(guard: Guard, limit: Scalar) -> bool:
-    """Whether a chain of steps leads from one variable here, each with a constant of moderate size.
+    """Return whether the guard is a chain of steps on one variable, each with a moderate constant.
 
-    Whole numbers are exact, others are rounded. So a sum with a whole constant is monotone if that
-    is at most 2**53, and a product with one where results are less than 2**54; beyond that it does
-    not matter if `limit` is at most 2**53.
+    Integers are exact, other numbers are rounded. A sum with an integer is monotone if the integer
+    is at most 2**53. A product with an integer is monotone if its results are less than 2**54;
+    beyond, it does not matter if `limit` is at most 2**53.
     """
     reach = abs(limit) if isinstance(limit, (int, float)) else 0
     while isinstance(guard, Operation):
@@ -175,7 +171,7 @@ def _is_monotone(guard: Guard, limit: Scalar) -> bool:
             return False
         if guard.operator is Operator.DIV and isinstance(operands[0], Literal):
             return False
-        if guard.operator is Operator.ABS and not isinstance(others[0], Variable):  # on either half of the line alone
+        if guard.operator is Operator.ABS and not isinstance(others[0], Variable):  # monotone on each half-line only
             return False
         sizes = [abs(one) for one in constants if isinstance(one, (int, float)) and one]
         if not all(1 / _MODERATE <= size <= _MODERATE for size in sizes):
@@ -200,7 +196,7 @@ def _is_monotone(guard: Guard, limit: Scalar) -> bool:
 
 
 def _double(rank: int) -> float:
-    """The doubles in their order, 0 at rank 0."""
+    """Return the double of this rank in numeric order; rank 0 is 0."""
     magnitude: float = struct.unpack("<d", struct.pack("<Q", abs(rank)))[0]
     return magnitude if rank >= 0 else -magnitude
 
@@ -209,7 +205,9 @@ _LAST_DOUBLE: Final[int] = struct.unpack("<Q", struct.pack("<d", 1.7976931348623
 
 
 def _changes(side: Callable[[Scalar], str], at: Callable[[int], Scalar], last: int) -> list[Scalar]:
-    """The values before and after every change; on either half of the line, what has been left does not come again."""
+    """Return the values before and after every change; on each half-line, a left state does not
+    recur.
+    """
     found: list[Scalar] = []
     known = {rank: side(at(rank)) for rank in (-last, 0, last)}
     todo = [(-last, 0), (0, last)]
@@ -226,7 +224,7 @@ def _changes(side: Callable[[Scalar], str], at: Callable[[int], Scalar], last: i
     return found
 
 
-# -- regions --------------------------------------------------------------------------------------------------------
+# Regions.
 
 T = TypeVar("T")
 Number: TypeAlias = int | float
@@ -238,10 +236,10 @@ _READABLE: Final = 8
 def regions(
     constants: Iterable[Scalar], avoid: Iterable[Scalar], many: int, *, calculated: bool
 ) -> list[tuple[Json, ...]]:
-    """`many` values from every region between the constants, none of them among those to avoid.
+    """Return `many` values from every region between constants, avoiding some values.
 
-    With `calculated`, integers and doubles of equal value are told apart. A region with fewer
-    values is there with all that it has.
+    With `calculated`, integers and equal doubles are distinguished. A smaller region is returned
+    whole.
     """
     points = {key(one): one for one in constants}.values()
     numbers = sorted(one for one in points if isinstance(one, (int, float)) and is_number(one))
@@ -256,7 +254,7 @@ def regions(
 
 
 def _taken(values: Iterator[Json], many: int, avoided: set[Hashable]) -> tuple[Json, ...]:
-    """So many different values; the avoided ones only where there are too few others."""
+    """Return this many distinct values; avoided ones only if there are too few others."""
     free: dict[Hashable, Json] = {}
     spare: dict[Hashable, Json] = {}
     for one in values:
@@ -267,7 +265,7 @@ def _taken(values: Iterator[Json], many: int, avoided: set[Hashable]) -> tuple[J
 
 
 def _integers(low: Number | None, high: Number | None) -> Iterator[int]:
-    """The integers strictly between two numbers (None: no bound)."""
+    """Return the integers strictly between two numbers (None: no bound)."""
     if low is None:
         return count() if high is None else count(math.ceil(high) - 1, -1)
     first = math.floor(low) + 1
@@ -275,7 +273,7 @@ def _integers(low: Number | None, high: Number | None) -> Iterator[int]:
 
 
 def _doubles(low: Number | None, high: Number | None) -> Iterator[float]:
-    """The doubles strictly between two numbers, some round ones first."""
+    """Yield the doubles strictly between two numbers, some round ones first."""
     if low is not None and high is not None:
         below, above = _at_most(low), -_at_most(-high)
         middles = (below / _PARTS * (_PARTS - part) + above / _PARTS * part for part in range(1, _PARTS))
@@ -288,7 +286,7 @@ def _doubles(low: Number | None, high: Number | None) -> Iterator[float]:
 
 
 def _at_most(number: Number) -> float:
-    """The last double that is not above a number."""
+    """Return the largest double that is at most a number."""
     try:
         near = float(number)
     except OverflowError:
@@ -297,7 +295,7 @@ def _at_most(number: Number) -> float:
 
 
 def _strings(low: str | None, high: str | None) -> Iterator[str]:
-    """The strings strictly between two (None: no bound), readable ones first."""
+    """Yield the strings strictly between two strings (None: no bound), readable ones first."""
     if low is None:
         yield ""
     low = low or ""
@@ -309,24 +307,22 @@ def _strings(low: str | None, high: str | None) -> Iterator[str]:
         yield low + "\0" * number
 
 
-# Values for the variables of guards: one choice for every combination of truths that the guards can have.
-#
-# The places are those of a closed set that also has the equalities which the guards ask about
-# (`refined`). So two values that a guard compares are equal exactly when they are one place, and
-# the value of a free place is no constant of its guards. What is left to choose is the region
-# between constants and, where values are compared with each other, their order: a different value
-# from each region for every place shows every case. Places in no common guard are chosen
-# independently; they take different values, so that no choice makes equal what the closed set
-# leaves apart. Where a region has too few values for that and a pattern asks for equality, all
-# choices are tried together.
+# Values for guard variables: one choice per possible combination of truth values.
+# The places are those of a closed set that includes the equalities in guards (`refined`). Two
+# compared values are therefore equal exactly if they share a place, and the value of a free place
+# is no constant of its guards. The remaining choice is the region between constants and, for
+# compared values, their order. A different value from each region for every place shows every case.
+# Places without a common guard are independent; they get different values, so that no choice
+# equates places of different classes. If a region has too few values for that and a pattern
+# requires equality, all choices are tried together.
 
 TRIED: Final = 200_000
-"""The most choices of values that are tried."""
+"""The maximum number of tried choices."""
 
 
 def plain(pattern: Pattern) -> Pattern:
-    """The pattern with `_` for variables that demand nothing, and the others numbered: equal
-    demands are equal patterns.
+    """Return the pattern with unconstrained variables as `_`, and numbered others, so that
+    equivalent patterns are equal.
     """
     uses = [part.name for _, part in _parts(pattern, Variable)]
     by: dict[str, Pattern] = {name: Anything() for name in uses}
@@ -337,14 +333,14 @@ def plain(pattern: Pattern) -> Pattern:
 
 @dataclass(frozen=True, slots=True)
 class Guarded:
-    """A pattern with a guard on its variables, and what the guard asks."""
+    """A pattern with a guard on its variables, and the guard's constants."""
 
     pattern: Pattern
     guard: Guard
     asked: Asked
 
     def refined(self) -> Iterator[Pattern]:
-        """The pattern alone, and with each equality that its guard asks about."""
+        """Yield the pattern, and its variants for each equality in the guard."""
         yield plain(self.pattern)
         for name, constants in self.asked.constants.items():
             for constant in constants:
@@ -360,15 +356,15 @@ Placed: TypeAlias = tuple[Guard, Mapping[str, Place]]
 
 @dataclass(frozen=True, slots=True)
 class Container:
-    """In place of the value of an object or a list: as it is, or, with a number that is not finite
-    at the carrier, undefined.
+    """A choice for an object or list: unchanged, or undefined by a non-finite number at the
+    carrier.
     """
 
     carrier: Place | None = None
 
 
 class Choices:
-    """The values to choose from, for all guards together."""
+    """The candidate values for all guards together."""
 
     def __init__(self, guarded: Sequence[Guarded], patterns: Sequence[Pattern], fresh: Fresh) -> None:
         self._guarded = [(one, patterns.index(plain(one.pattern))) for one in guarded]
@@ -378,19 +374,19 @@ class Choices:
         self._many = sum(len(variables(one.guard)) for one in guarded)
         self._tried = 0
         added = {pattern for one in guarded for pattern in one.refined()} - {plain(one.pattern) for one in guarded}
-        # whether a question asks for equality in its pattern
+        # whether a question requires equality in its pattern
         linked = any(True for pattern in patterns if pattern not in added for _ in _parts(pattern, Variable))
         literals = [(path, part.value) for pattern in patterns for path, part in _parts(pattern, Literal)]
         self._literals = {key(one) for _, one in literals}
         self._regions = [tuple(fresh.opaque(number) for number in range(self._many))]
         self._points: tuple[Scalar, ...] = ()
-        # what is not finite equals nothing, itself neither, and is the one value for which `V != 1` is undefined
+        # a non-finite number does not equal itself; only it makes `V != 1` undefined
         self._undefined = [math.nan] if any(one.asked.equated for one in guarded) else []
-        if any(one.asked.ordered for one in guarded):  # else they ask for equality alone
+        if any(one.asked.ordered for one in guarded):  # otherwise guards only test equality
             constants = [one.value for about in guarded for some in about.asked.constants.values() for one in some]
             if any(one.asked.pairs for one in guarded):
-                # a variable is compared with what may be a literal elsewhere: at the same path, or
-                # where patterns link paths
+                # a variable may be compared with a literal of another pattern at the same or a
+                # linked path
                 paths = {path for one in guarded for path, _ in _parts(one.pattern, Variable)}
                 constants += [one for path, one in literals if linked or path in paths]
             self._points = tuple({key(one): one for one in constants}.values())
@@ -399,7 +395,7 @@ class Choices:
         self._crowded = linked and any(len(region) < self._many for region in self._regions)
 
     def events(self, closed: int, event: Json) -> Iterator[Json]:
-        """The events of a closed set, `event` being its least."""
+        """Yield the events of a closed set; `event` is its least event."""
         here = [one for one, at in self._guarded if closed >> at & 1]
         if not here:
             yield event
@@ -424,7 +420,7 @@ class Choices:
             yield values[ROOT]
 
     def _of_groups(self, placed: Sequence[Placed], demands: Demands) -> Iterator[list[Choice]]:
-        """For each group of places the choices."""
+        """Yield the choices for each group of places."""
         known = demands.values({})
         assert known is not None
         slot = 0
@@ -433,8 +429,7 @@ class Choices:
             free = [place for place in group if demands.is_free(place)]
             mine = slice(slot, slot + len(free))
             slot = mine.stop
-            # values of every region, not those of other groups where there are enough; then the
-            # constants between regions
+            # values of every region, if possible not those of other groups, then the constants
             parts = (region if len(region) < self._many else region[mine] for region in self._regions)
             some = [*chain.from_iterable(parts), *self._points, *self._undefined]
             values = {place: some if place in free else self._forms(place, demands, taken) for place in group}
@@ -442,8 +437,8 @@ class Choices:
             yield self._shown(within, known, {place: some for place, some in values.items() if some})
 
     def _shown(self, placed: Sequence[Placed], known: Choice, values: Mapping[Place, Sequence[Json]]) -> list[Choice]:
-        """A choice for each combination of truths, and for each way in which values are equal, also
-        to literals of patterns.
+        """Return a choice per combination of truth values and equalities, including those with
+        literals.
         """
         self._tried += prod(map(len, values.values()))
         if self._tried > TRIED:
@@ -463,7 +458,7 @@ class Choices:
         return list(found.values())
 
     def _forms(self, place: Place, demands: Demands, taken: Collection[Place]) -> list[Json]:
-        """An object or a list, defined and undefined."""
+        """Return an object or list, defined and undefined."""
         if demands.literal(place) is not None:
             return []
         carrier = demands.carrier(place, taken) if self._undefined else None
@@ -471,7 +466,7 @@ class Choices:
 
 
 def _groups(placed: Iterable[Placed], *, together: bool) -> list[list[Place]]:
-    """The places of guards, those together that are in one guard, or in guards with a common place."""
+    """Return the places of guards, grouped by common guards."""
     graph = nx.Graph()
     for _, where in placed:
         nx.add_path(graph, where.values())
@@ -479,7 +474,7 @@ def _groups(placed: Iterable[Placed], *, together: bool) -> list[list[Place]]:
 
 
 def _parts(pattern: Pattern, kind: type[T]) -> Iterator[tuple[tuple[str | int, ...], T]]:
-    """The parts of a kind with their paths."""
+    """Yield the parts of a type with their paths."""
     todo: list[tuple[tuple[str | int, ...], Pattern]] = [((), pattern)]
     while todo:
         path, part = todo.pop()

@@ -1,10 +1,9 @@
-"""The least event that matches some patterns: unification, with fresh values for whatever nothing decides.
+"""The least event that matches some patterns: unification with fresh values for undecided places.
 
-The demands of the patterns are kept as a graph of places. A place has a literal, fields, items, or
-nothing decided yet; places that must hold equal values are one. Every event that matches the
-patterns is an image of the graph: equal places have equal values there. A fresh value equals no
-literal and no other value, and a fresh field keeps objects apart that nothing makes equal, so the
-least event matches only what *every* event matches that matches the patterns.
+The demands of patterns form a graph of places. A place has a literal, fields, items, or is
+undecided; places with equal values are merged. Every event that matches the patterns is an image of
+the graph. Fresh values equal no literal and no other value, and fresh fields keep unrelated objects
+different. The least event therefore matches only patterns that every matching event matches.
 """
 
 import math
@@ -23,7 +22,7 @@ ROOT: Final[Place] = 0
 
 
 class Fresh:
-    """Values that no pattern in sight asks for; with `apart`, objects that are not asked to be equal differ."""
+    """Values that no given pattern contains; with `apart`, unrelated objects differ."""
 
     def __init__(self, patterns: Iterable[Pattern], *, apart: bool) -> None:
         self.apart = apart
@@ -36,16 +35,16 @@ class Fresh:
             self._mark += "~"
 
     def word(self, number: int) -> str:
-        """A string, and the name of a field."""
+        """Return a string, also used as a field name."""
         return f"{self._mark}{number}"
 
     def opaque(self, number: int) -> Json:
-        """A value without order that no pattern of a list or an object matches."""
+        """Return a value without order that no list or object pattern matches."""
         return [self.word(number)] * (self._longest + 1)
 
 
 class Demands:
-    """What an event must have; places are numbers, `ROOT` is the event itself."""
+    """The demands on an event; places are numbers, `ROOT` is the event."""
 
     def __init__(self, fresh: Fresh) -> None:
         self._fresh = fresh
@@ -53,22 +52,22 @@ class Demands:
         self._has: list[Literal | dict[str, Place] | tuple[Place, ...] | None] = [{}]
 
     def place(self, given: Place) -> Place:
-        """The place that stands for all that are equal to the given one."""
+        """Return the representative of a place."""
         while self._same[given] != given:
             given = self._same[given]
         return given
 
     def is_free(self, place: Place) -> bool:
-        """Whether nothing is decided about the value there."""
+        """Return whether the value at a place is undecided."""
         return self._has[self.place(place)] is None
 
     def literal(self, place: Place) -> Literal | None:
-        """The literal that must be there."""
+        """Return the required literal at a place, or None."""
         has = self._has[self.place(place)]
         return has if isinstance(has, Literal) else None
 
     def demand(self, pattern: Pattern) -> dict[str, Place] | None:
-        """Ask for a match of one more pattern; where its variables are, or None where that is impossible."""
+        """Add a pattern; return the places of its variables, or None if it cannot match."""
         where: dict[str, Place] = {}
         todo: list[tuple[Pattern, Place]] = [(pattern, ROOT)]
         while todo:
@@ -125,9 +124,9 @@ class Demands:
         return True
 
     def carrier(self, place: Place, taken: Collection[Place]) -> Place | None:
-        """Where in the object or list there a number that is not finite can be.
+        """Return a place inside an object or list for a non-finite number, or None.
 
-        In an object, or at a free place that is not `taken`.
+        It is an object, or a free place that is not `taken`.
         """
         todo = [self.place(place)]
         while todo:
@@ -139,9 +138,10 @@ class Demands:
         return None
 
     def values(self, chosen: Mapping[Place, Json], undefined: Collection[Place] = ()) -> dict[Place, Json] | None:
-        """The value of every place in the event, `chosen` ones as given; None where one would contain itself.
+        """Return the value of every place, with `chosen` values; None if a value would contain
+        itself.
 
-        Objects at `undefined` places have a field more, with a number that is not finite.
+        Objects at `undefined` places get a further field with a non-finite number.
         """
         built: dict[Place, Json] = dict(chosen)
         opened: set[Place] = set()
@@ -176,23 +176,20 @@ class Demands:
         return built
 
 
-# Which patterns one event can match together: the closed sets, each with its least event.
-#
-# A set of patterns is closed when it has every pattern that its own least event matches, and then
-# the event matches just these. The sets are enumerated without repetition in Ganter's order ("close
-# by one"): a set grows by patterns of increasing number, and a step that brings in an earlier one
-# is left to the place where that was added.
+# Closed sets: the sets of patterns that one event can match, each with its least event.
+# A set is closed if it contains every pattern that its least event matches. Ganter's algorithm
+# (close by one) enumerates them without repetition: a set grows by patterns of increasing number,
+# and a step that adds an earlier pattern is skipped.
 
 
 def closed_sets(patterns: Sequence[Pattern], fresh: Fresh, *, limit: int) -> Iterator[tuple[int, Json]]:
-    """Each closed set of some patterns, a number with one bit for each, and its least event; that of `{}` first.
-
-    Raises `TooLarge` for more than `limit` of them.
+    """Yield each closed set as a bit set with its least event, that of `{}` first; raises
+    `TooLarge`.
     """
 
     def closure(generators: tuple[int, ...], possible: int) -> tuple[int, Json] | None:
-        """Those of the possible patterns that the least event of some matches, and the event; None
-        where there is none.
+        """Return the possible patterns that the generators' least event matches, and the event, or
+        None.
         """
         demands = Demands(fresh)
         values = None
@@ -222,7 +219,7 @@ def closed_sets(patterns: Sequence[Pattern], fresh: Fresh, *, limit: int) -> Ite
 
 
 def _rivals(patterns: Sequence[Pattern]) -> list[int]:
-    """For each pattern those that ask for another literal in the same field: no event matches both."""
+    """Return for each pattern those with another literal in a common field: no event matches both."""
     fields = (pattern.fields if isinstance(pattern, ObjectPattern) else () for pattern in patterns)
     literals = [[field for field in some if isinstance(field[1], Literal)] for some in fields]
     those: dict[object, int] = defaultdict(int)

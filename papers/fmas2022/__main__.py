@@ -1,8 +1,8 @@
-"""`python -m papers.fmas2022`: write every table, formula, listing, figure and finding of the paper anew.
+"""`python -m papers.fmas2022`: regenerate all tables, formulas, listings, figures and findings.
 
-The exit status is 0 when all was written and no finding is contradicted, 1 when one is, 2 when
-something could not be made. A finding of which a command lacks a tool is told, and leaves the
-status as it is.
+The exit status is 0 if everything was written and no finding is contradicted, 1 if a finding is
+contradicted, 2 if something could not be generated. A finding whose command lacks a tool is
+reported and does not change the status.
 """
 
 import sys
@@ -17,8 +17,10 @@ from papers.fmas2022.places import OUT
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Write what is asked for, and say what was written."""
-    parser = ArgumentParser(prog="python -m papers.fmas2022", description="the tables and figures of the paper, anew")
+    """Write the outputs, and list the written files."""
+    parser = ArgumentParser(
+        prog="python -m papers.fmas2022", description="regenerate the tables and figures of the paper"
+    )
     parser.add_argument("--out", type=Path, default=OUT, metavar="FOLDER", help="where to write (default: out/)")
     parser.add_argument("--texts", action="store_true", help="LaTeX and Markdown only: no figures, no measurements")
     options = parser.parse_args(arguments)

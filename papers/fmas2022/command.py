@@ -1,6 +1,4 @@
-"""How the commands of this paper end: what cannot be done is one line on standard error, and a
-reader that has enough is no error.
-"""
+"""Exit statuses of the commands of this paper; an error is one line on standard error."""
 
 import sys
 from collections.abc import Callable
@@ -10,8 +8,8 @@ from rvaft.errors import RvaftError
 
 
 def ended(name: str, run: Callable[[], int | None]) -> int:
-    """The exit status: that of the run, 0 where it has none, or 2 where it cannot be done, 141
-    where nobody reads on, 130 where it was interrupted.
+    """Return the exit status: that of `run` (0 for None), 2 on an error, 141 on a closed pipe, 130
+    on an interrupt.
     """
     try:
         with guarded():

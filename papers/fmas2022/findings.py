@@ -1,8 +1,7 @@
-"""`findings.md`: every finding with its commands and what they print when the page is made.
+"""`findings.md`: every finding with its commands and their current output.
 
-A command that needs a tool that is absent is `not run`, with what to install or set. A finding that
-its commands no longer show is said not to be confirmed, and one of whose commands some were not run
-is said not to be run in full.
+A command without its tool is `not run`, with installation advice. A finding is not confirmed if its
+commands no longer show it, and not run in full if some were not run.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -28,7 +27,7 @@ _SKIPPED: Final = "not run: "
 
 
 class State(StrEnum):
-    """What the commands of a finding came to, those that could be run."""
+    """The state of a finding after running its commands."""
 
     CONFIRMED = "confirmed"
     PARTLY = "not run in full"
@@ -44,18 +43,18 @@ _NOTES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """The page, and for each finding its title there and its state."""
+    """The page, with the title and state of each finding."""
 
     text: str
     states: Sequence[tuple[str, State]]
 
     def having(self, state: State) -> tuple[str, ...]:
-        """The titles of the findings in that state."""
+        """Return the titles of the findings in this state."""
         return tuple(title for title, one in self.states if one is state)
 
 
 def findings(chosen: Iterable[Finding] = FINDINGS) -> Page:
-    """Run all commands, in a scratch folder, and write down what they print; raises `ToolFailed`, `OSError`."""
+    """Run all commands in a temporary folder, and return the page; raises `ToolFailed`, `OSError`."""
     with TemporaryDirectory(prefix="rvaft-") as folder:
         sections = [_section(finding, Path(folder)) for finding in chosen]
     states = [(title, state) for title, state, _ in sections]
@@ -64,7 +63,7 @@ def findings(chosen: Iterable[Finding] = FINDINGS) -> Page:
 
 
 def _summary(states: Sequence[State]) -> str:
-    """How many findings are in which state, and which those are that are not confirmed."""
+    """Return the number of findings in each state, and the unconfirmed ones."""
     words = []
     for state in State:
         numbers = [str(number) for number, one in enumerate(states, 1) if one is state]
@@ -74,9 +73,7 @@ def _summary(states: Sequence[State]) -> str:
 
 
 def _section(finding: Finding, scratch: Path) -> tuple[str, State, str]:
-    """The claim, or what is asked where commands on which it hangs were not run; what they came to;
-    the section below that title.
-    """
+    """Return title, state and section of a finding."""
     shell = _Shell(scratch)
     body, state = "\n".join(shell.blocks(finding.steps)), shell.state
     title = finding.asked or finding.title if state is State.PARTLY else finding.title
@@ -86,7 +83,7 @@ def _section(finding: Finding, scratch: Path) -> tuple[str, State, str]:
 
 @dataclass
 class _Shell:
-    """Runs the commands of one finding, and knows how that went."""
+    """Runs the commands of one finding, and records the state."""
 
     scratch: Path
     confirmed: bool = field(default=True, init=False)
@@ -99,7 +96,7 @@ class _Shell:
         return State.CONFIRMED if self.complete else State.PARTLY
 
     def blocks(self, steps: Iterable[Step]) -> Iterator[str]:
-        """The commands in blocks; a block ends where something is said before the next command."""
+        """Yield the commands in blocks; a step with `before` starts a block."""
         blocks: list[list[Step]] = []
         for step in steps:
             if step.before or not blocks:
@@ -111,9 +108,7 @@ class _Shell:
             yield from ("```sh", *self._shown(block), "```", "")
 
     def _shown(self, steps: list[Step]) -> Iterator[str]:
-        """The commands of a block and what they print; those that cannot run are told why once,
-        below the last of them.
-        """
+        """Yield the commands of a block with their output, or the reason why they cannot run."""
         for missing, group in groupby(steps, lambda step: [need.remedy for need in step.needs if need.missing]):
             for step in group:
                 yield f"$ {step.command}"

@@ -1,6 +1,6 @@
-r"""What was found about the paper, each finding with the commands that show it.
+"""Findings about the paper, each with the commands that show it.
 
-`shows` is what the output of a command must contain for the finding to hold; the generated page says where it does not.
+`shows` is the expected output of a command; the generated page marks findings without it.
 """
 
 from dataclasses import dataclass, replace
@@ -19,24 +19,25 @@ _ACCEPTED: Final = "Execution terminated correctly"
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A command, what its output must contain (without that it must print nothing and succeed), and what it needs.
+    """A command, its expected output, and its requirements.
 
-    A line of the output that begins with `not run: ` says that the command itself had to leave something out.
+    Without `shows` it must print nothing and succeed. An output line that begins with `not run: `
+    reports that the command left something out.
     """
 
     command: str
     shows: str = ""
     needs: tuple[Need, ...] = ()
     before: str = ""
-    """What to know before reading the command, if anything; it asserts nothing, as the command may not be run."""
+    """Introduction to the command; it asserts nothing, because the command may not run."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A claim, what it rests on in words, and the commands.
+    """A claim with explanation and commands.
 
-    Where not all commands can be run, `asked` is the title instead, if the claim hangs on them, and
-    `seen`, which says what they show, is left out.
+    If some commands cannot run, `asked` replaces the title, and `seen`, the description of their
+    result, is left out.
     """
 
     title: str
@@ -47,7 +48,9 @@ class Finding:
 
 
 def _published(tree: str, semantics: str, name: str, *, trace: str = "", words: str = "") -> tuple[Step, ...]:
-    """The published tools reject a trace, from a file or of default events, by the paper's translation of a tree."""
+    """Return steps in which the published tools reject a trace by the paper's translation of a
+    tree.
+    """
     given = trace or f"$OUT/{name}.jsonl"
     commands = [
         f"rvaft emit {tree} --to rml-paper --semantics {semantics} -o $OUT/{name}.rml",

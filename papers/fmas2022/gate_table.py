@@ -1,4 +1,4 @@
-"""The gates of section 3.2, each over three events, in every language."""
+"""The gates of section 3.2, each over three events, in several languages."""
 
 import re
 from collections.abc import Iterator
@@ -30,12 +30,14 @@ _NOTES: Final = (
     "Symbols are those of the property alone; of an automaton those of the body of its text in HOA.",
 )
 _STATES: Final = 3
-"""How many states of an automaton stand in a line."""
+"""States of an automaton per line."""
 _DEFINITION: Final = re.compile(r"^\w+ := .*$", re.MULTILINE)
 
 
 def gate_table(folder: Path) -> str:
-    """Every gate in every language, under `strict`, as LaTeX; `folder` holds one tree for each gate."""
+    """Return every gate in every language under `strict` as LaTeX; `folder` holds one tree per
+    gate.
+    """
     return tex.table(
         r"l>{\raggedright\arraybackslash\frenchspacing\ttfamily\footnotesize}p{.68\linewidth}r",
         ["Language", r"\normalfont\small Property", "Symbols"],
@@ -56,7 +58,9 @@ def _rows(folder: Path, name: str) -> Iterator[str]:
 
 
 def property_lines(made: Specification) -> list[str]:
-    """The property of a text alone: no event types, no header, no comments; of an automaton its transitions."""
+    """Return the property of a text without event types, header and comments; for automata its
+    transitions.
+    """
     match made.language:
         case "rml":
             return made.text[made.text.index("Main =") :].splitlines()

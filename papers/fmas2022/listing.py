@@ -1,6 +1,4 @@
-"""φ₁ to φ₄ and φ of section 4.2, extracted from the tree, as LaTeX; and what the Listing of section
-4.3 says, φ, in RML that compiles.
-"""
+"""φ₁ to φ₄ and φ of section 4.2 as LaTeX, and φ, the Listing of section 4.3, in RML that compiles."""
 
 from typing import Final
 
@@ -15,16 +13,16 @@ _CAPTION: Final = r"$\varphi$ in RML, from the tree: what the Listing of the pap
 
 
 def formulas_tex(tree: RVAFT) -> str:
-    """The formulas of the branches and that of the whole tree, one below the other; what choices share stands once."""
+    """Return the formulas of the branches and of the whole tree, one below the other."""
     return "\n".join([*align_latex([*rvaft.branches(tree), tree]), ""])
 
 
 def listing_rml(tree: RVAFT) -> str:
-    """The specification; under `strict`, as the Listing filters no events."""
+    """Return the specification under `strict`, because the Listing filters no events."""
     return rvaft.translate(tree, "rml", semantics="strict").text
 
 
 def listing_tex(tree: RVAFT) -> str:
-    """The same as LaTeX, with the definition of the language for the package `listings`."""
+    """Return the specification as LaTeX, with its language definition for the package `listings`."""
     made = listing(listing_rml(tree), backend("rml").highlighting)
     return tex.captioned(made, caption=_CAPTION, label="lst:phi")

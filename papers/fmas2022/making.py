@@ -1,6 +1,4 @@
-"""All files of the paper in one go: which there are, in which order the document has them, and what
-could not be made here.
-"""
+"""Generation of all files of the paper: their names, order in the document, and failures."""
 
 import sys
 from collections.abc import Iterator
@@ -32,12 +30,12 @@ PRINTED: Final = (
     ("figure4b", 8.5, "The pruned tree with the names ev1 to ev10 of its nodes (Figure 4b of the paper)."),
     ("overhead", 8.5, "What monitoring costs a mission, measured."),
 )
-"""Name, width in centimetres (at which text has 7 points or more), and caption."""
+"""Name, width in centimetres (text has at least 7 points), and caption."""
 
 
 @dataclass(frozen=True, slots=True)
 class Folder:
-    """The files that were written into it, and what was not and why."""
+    """The written files, and the reasons for missing ones."""
 
     path: Path
     files: list[Path] = field(default_factory=list)
@@ -51,10 +49,11 @@ class Folder:
 
 
 def make(out: Path, *, texts: bool = False) -> tuple[Folder, Page]:
-    """Write everything into a folder, which is made where it is not there; `texts` leaves out figures and measurements.
+    """Write everything into a folder, which is created if necessary; `texts` skips figures and
+    measurements.
 
-    Raises `Disagreement`, `ToolFailed`, and `OSError` where a file cannot be written; what lacks a
-    tool is left out and said.
+    Raises `Disagreement`, `ToolFailed`, and `OSError`; outputs without their tool are left out and
+    reported.
     """
     out.mkdir(parents=True, exist_ok=True)
     folder = Folder(out)
@@ -70,7 +69,9 @@ def make(out: Path, *, texts: bool = False) -> tuple[Folder, Page]:
 
 
 def latex_texts(trees: Path, gates: Path = GATES) -> dict[str, str]:
-    """The tables, formulas and listings by file name, computed from the trees in these folders."""
+    """Return the tables, formulas and listings by file name, computed from the trees in these
+    folders.
+    """
     path = trees / PRUNED.name
     tree = rvaft.load(path)
     return {
@@ -84,13 +85,13 @@ def latex_texts(trees: Path, gates: Path = GATES) -> dict[str, str]:
 
 
 def _say(what: str) -> None:
-    """Tell on standard error what is being made."""
+    """Print progress on standard error."""
     if sys.stderr.isatty():
         sys.stderr.write(f"papers.fmas2022: {what}\n")
 
 
 def _pictures(folder: Folder) -> str:
-    """Figures and measurements; what the measurements say, as a section of the findings."""
+    """Write figures and measurements; return the section on measurements."""
     _say("figures")
     try:
         for name, data in figures(TREES):
@@ -113,7 +114,7 @@ def _pictures(folder: Folder) -> str:
 
 
 def _parts(files: set[str]) -> Iterator[str]:
-    """The lines of the document, for the files that there are."""
+    """Yield the lines of the document for existing files."""
     for name in ("table1", "gates", "formulas", "listing", "table2", "table3"):
         yield rf"\input{{{name}}}"
     for name, width, caption in PRINTED:

@@ -1,16 +1,16 @@
-"""A remote inspection mission, simulated: what the rover's topics carry while it goes from waypoint to waypoint.
+"""A simulated remote inspection mission: the messages on the rover's topics.
 
-The messages have the fields that the published log of the case study has
-(rafaelcaue/rvaft-remote-inspection), with the two that the tree speaks of named as in the paper's
-Tables 2 and 3: a command has a `waypoint`, and `goal` is the waypoint that the planner is sent to,
-its pose being in `target_pose`. The planner's results, to which the tree listens too, are added.
+Messages have the fields of the published log of the case study
+(rafaelcaue/rvaft-remote-inspection). Two fields are named as in Tables 2 and 3 of the paper: a
+command has a `waypoint`, and `goal` is the waypoint sent to the planner, with its pose in
+`target_pose`. Results of the planner are added, because the tree uses them.
 
-The simulation goes from event to event; nothing waits for a clock. The last waypoint is
-contaminated, and what happens there is the mode. The mission ends when the rover arrives where it
-was sent from there: a `scattered` monitor puts events together across any distance, so that it
-would hold the next departure, after decontamination, against the rover as well.
+The simulation is event-driven and does not wait. The last waypoint is contaminated; the mode
+selects what happens there. The mission ends when the rover arrives at its next destination: a
+`scattered` monitor joins events at any distance, and would match the departure after
+decontamination too.
 
-Run as `python -m papers.fmas2022.mission --mode attack | rvaft monitor
+Run `python -m papers.fmas2022.mission --mode attack | rvaft monitor
 trees/remote_inspection/pruned.rvaft --semantics scattered`.
 """
 
@@ -29,9 +29,9 @@ from rvaft.errors import OptionError
 from rvaft.model.values import Json
 
 ENTRANCE: Final = "entrance"
-"""Where the rover starts and is decontaminated; the tree knows it by this name."""
+"""The start and the place of decontamination, as named in the tree."""
 SPEED: Final = 0.5
-"""Metres per second, about what the rover of the published log makes."""
+"""Metres per second, as in the published log."""
 PERIOD: Final = 1.0
 """Seconds between two readings of the radiation sensor."""
 _LATENCY: Final = 0.002
@@ -40,15 +40,16 @@ _SIDE: Final = 20.0
 """Metres of the square hall; the entrance is in the middle of its southern wall."""
 _BACKGROUND: Final = range(4, 11)
 _CONTAMINATED: Final = range(257, 400)
-"""Units of radiation, as the sensor of the case study counts them; from 250 on the tree calls them high."""
+"""Radiation in the units of the case study's sensor; the tree regards 250 and more as high."""
 
 
 class Mode(StrEnum):
-    """What happens at the contaminated waypoint.
+    """The events at the contaminated waypoint.
 
-    `nominal`: the first high reading sends the rover to the entrance. `fault`: the inspection
-    hangs, and the rover is sent on only after more than 10 s. `attack`: an attacker keeps the alarm
-    from the agent, which sends the rover on in time, and alters the goal on its way to the planner.
+    - `nominal`: the first high reading sends the rover to the entrance.
+    - `fault`: the inspection hangs, and the rover continues only after more than 10 s.
+    - `attack`: an attacker hides the alarm from the agent, which sends the rover on in time, and
+      alters the goal on its way to the planner.
     """
 
     NOMINAL = "nominal"
@@ -64,7 +65,7 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """A mission of two waypoints or more (`OptionError`): equal missions have equal events."""
+    """A mission of at least two waypoints (else `OptionError`); equal missions have equal events."""
 
     waypoints: int
     mode: Mode = Mode.NOMINAL
@@ -77,12 +78,12 @@ class Mission:
             )
 
     def events(self) -> Iterator[Event]:
-        """The messages in the order of their times."""
+        """Yield the messages in time order."""
         return _Simulation(self).run()
 
 
 class _Simulation:
-    """The rover, its agent, the planner and the attacker at one moment of a mission; `now` is in seconds."""
+    """The state of rover, agent, planner and attacker; `now` is in seconds."""
 
     def __init__(self, mission: Mission) -> None:
         self.random = Random(mission.seed)  # noqa: S311 (no secret)
@@ -115,10 +116,12 @@ class _Simulation:
                 yield from self._inspect(self.last, self._between(3.0, 4.0))
                 yield from self._travel(0, altered=1 + self.random.randrange(self.last))
 
-    # -- what the rover does -----------------------------------------------------------------------------------------
+    # Actions of the rover.
 
     def _travel(self, target: Place, altered: Place | None = None) -> Iterator[Event]:
-        """The agent's command, the goal as the planner gets it, the way there, and the planner's result."""
+        """Yield the agent's command, the goal for the planner, readings on the way, and the
+        planner's result.
+        """
         yield self._command("move", target)
         yield from self._wait(self._between(0.2, 0.6))
         there = target if altered is None else altered
@@ -134,7 +137,7 @@ class _Simulation:
         yield from self._wait(self._between(0.2, 0.6))
 
     def _inspect(self, number: int, seconds: float) -> Iterator[Event]:
-        """An inspection of that length."""
+        """Yield an inspection of this duration."""
         self.inspecting = number
         yield self._command("inspect", number)
         yield from self._wait(seconds)
@@ -143,14 +146,14 @@ class _Simulation:
         yield from self._wait(self._between(0.5, 1.0))
 
     def _alarmed(self, number: int) -> Iterator[Event]:
-        """An inspection that the first high reading breaks off."""
+        """Yield an inspection that the first high reading interrupts."""
         self.inspecting = number
         yield self._command("inspect", number)
         yield from self._wait(PERIOD)
         self.inspecting = None
 
     def _wait(self, seconds: float) -> Iterator[Event]:
-        """Let time pass; the sensor goes on reading."""
+        """Advance the time; yield sensor readings."""
         end = self.now + seconds
         while (due := self._readings * PERIOD + _LATENCY) <= end:
             self.now = due
@@ -158,7 +161,7 @@ class _Simulation:
             yield self._radiation()
         self.now = end
 
-    # -- what it says ------------------------------------------------------------------------------------------------
+    # Messages.
 
     def _command(self, name: str, place: Place) -> Event:
         return {"topic": "/command", "name": name, "waypoint": place, "time": self._time}
@@ -186,10 +189,8 @@ class _Simulation:
         }
 
     def _radiation(self) -> Event:
-        """A reading.
-
-        The sensor is directed: what a waypoint radiates it counts only where the rover inspects
-        that waypoint.
+        """Return a reading; the directed sensor sees a waypoint's radiation only while the rover
+        inspects it.
         """
         levels = _CONTAMINATED if self.inspecting == self.last else _BACKGROUND
         moved = self.now - self._departure
@@ -225,7 +226,7 @@ def _pose(x: float, y: float) -> Event:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Write the messages of a mission as JSON Lines; 2 where there is no such mission."""
+    """Write the messages of a mission as JSON Lines; return 2 on an error."""
     parser = ArgumentParser(prog="python -m papers.fmas2022.mission", description="a simulated remote inspection")
     parser.add_argument("--waypoints", type=int, default=5, metavar="N", help="how many, 2 or more (default 5)")
     parser.add_argument("--mode", type=Mode, default=Mode.NOMINAL, help=" or ".join(Mode))

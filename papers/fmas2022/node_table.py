@@ -1,4 +1,4 @@
-"""Table 1: the nodes of the tree, their runtime events and the topics on which these come."""
+"""Table 1: the nodes of the tree, their runtime events and topics."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -24,7 +24,7 @@ _NOTES: Final = (
 
 
 def node_table(tree: RVAFT) -> str:
-    """Table 1 as LaTeX; a node without runtime event and guard, such as a bare gate, has no row."""
+    """Return Table 1 as LaTeX; nodes without runtime event and guard have no row."""
     rows = [tex.row(_cells(tree, node)) for node in tree.top_down() if node.has_event or node.when is not None]
     return tex.table(
         "lll",

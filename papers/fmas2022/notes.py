@@ -1,4 +1,4 @@
-"""Why a computed cell differs from the print, in words made from what the monitor knows; and letters for such notes."""
+"""Notes on differences between computed and printed cells, with letters."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,21 +15,21 @@ from rvaft.monitors import Monitor, Pending
 
 @dataclass
 class Notes:
-    """The notes of one table; a text that comes again keeps its letter."""
+    """The notes of one table; equal texts share a letter."""
 
     letters: dict[str, str] = field(default_factory=dict)
 
     def letter(self, text: str) -> str:
-        """The letter of a note."""
+        """Return the letter of a note."""
         return self.letters.setdefault(text, _letter(len(self.letters)))
 
     def lines(self) -> list[str]:
-        """The notes with their letters."""
+        """Return the notes with their letters."""
         return [rf"\textsuperscript{{{letter}}}\,{text}" for text, letter in self.letters.items()]
 
 
 def difference(tree: RVAFT, branch: int | None, events: Sequence[Json], printed: Verdict) -> str:
-    """Why the verdict after these events is not the printed one."""
+    """Return why the verdict after these events differs from the printed one."""
     monitor = rvaft.monitor(tree, branch=branch)
     for event in events:
         monitor.step(event)
@@ -60,7 +60,7 @@ def _waiting(pending: Sequence[Pending], awaits: str) -> str:
 
 
 def _letter(number: int) -> str:
-    """The letters from a to z, then aa and so on."""
+    """Return a to z, then aa and so on."""
     letters = ""
     while True:
         letters = ascii_lowercase[number % 26] + letters

@@ -1,6 +1,6 @@
-"""What monitoring costs a mission: the paper's section 4.5, with what can be measured without its robot.
+"""The overhead of monitoring in a mission: section 4.5 of the paper, without its robot.
 
-Run as `python -m papers.fmas2022.overhead [--quick] [FOLDER]`.
+Run `python -m papers.fmas2022.overhead [--quick] [FOLDER]`.
 """
 
 import sys
@@ -27,7 +27,7 @@ REPETITIONS: Final = 15
 
 @dataclass(frozen=True, slots=True)
 class Overhead:
-    """What was written, what it says in words (Markdown, without a heading), and the numbers."""
+    """The written files, a statement (Markdown without a heading), and the numbers."""
 
     files: tuple[Path, ...]
     statement: str
@@ -35,13 +35,12 @@ class Overhead:
 
 
 def overhead(folder: Path, *, quick: bool = False) -> Overhead:
-    """Measure, and write into a folder, which is made where it is not there: two CSV files, two
-    LaTeX tables, a text, and the figure twice.
+    """Measure, and write two CSV files, two LaTeX tables, a text and a figure in two formats.
 
-    `quick` is for tests: two small missions, twice. Raises `ToolMissing`, and `OSError` where the
-    folder cannot be written.
+    The folder is created if necessary. `quick` runs two small missions twice, for tests. Raises
+    `ToolMissing` and `OSError`.
     """
-    library()  # what is missing is said before anything is measured
+    library()  # report a missing tool before measuring
     folder.mkdir(parents=True, exist_ok=True)
     sizes, times = ((2, 4), 2) if quick else (WAYPOINTS, REPETITIONS)
     watched = rvaft.load(PRUNED)
@@ -61,7 +60,7 @@ def overhead(folder: Path, *, quick: bool = False) -> Overhead:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure, write, and say in words what was found; 2 where that cannot be done."""
+    """Measure, write, and print the statement; return 2 on an error."""
     parser = ArgumentParser(prog="python -m papers.fmas2022.overhead", description="what monitoring costs a mission")
     parser.add_argument("folder", type=Path, nargs="?", default=OUT, metavar="FOLDER", help="default: out/")
     parser.add_argument("--quick", action="store_true", help="two small missions, twice")

@@ -1,4 +1,4 @@
-"""What runs come to: for each number of waypoints and each setup the median and the quartiles over the repetitions."""
+"""Summaries of runs: medians and quartiles per number of waypoints and setup."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -23,9 +23,8 @@ class Cell:
     """A setup on missions of one mode and size.
 
     `made`, `cpu`, `wall` and `dearest` are in seconds, as in `Run`; `dearest_event` and
-    `dearest_on` are those of most repetitions. What is compared with the run without monitors is
-    compared with the one of the same repetition: `extra` is what the monitors add to `cpu`, in
-    seconds, and `ratio` how many times as long the loop takes.
+    `dearest_on` are the most frequent ones. Comparisons are with the run without monitors of the
+    same repetition: `extra` is the additional `cpu` in seconds, and `ratio` the quotient.
     """
 
     mode: Mode
@@ -48,20 +47,18 @@ class Cell:
 
     @property
     def per_event(self) -> Spread:
-        """Microseconds that the monitors add to an event."""
+        """Microseconds that the monitors add per event."""
         return Spread(*(1e6 * seconds / self.events for seconds in self.extra))
 
     @property
     def share(self) -> float:
-        """Of the time that the mission takes the rover, the part that the monitors compute: the
-        median, as a fraction.
-        """
+        """The median of `extra`, as a fraction of the mission time."""
         return self.extra.median / self.mission
 
 
 def cells(runs: Iterable[Run]) -> tuple[Cell, ...]:
-    """A cell for each mode, in it for each number of waypoints, and in that for each setup, in
-    their orders; two repetitions or more.
+    """Return a cell per mode, number of waypoints and setup, in these orders; needs two
+    repetitions.
     """
     every = sorted(runs, key=lambda run: (*_place(run), run.repetition))
     grouped = {place: list(group) for place, group in groupby(every, key=_place)}
@@ -69,7 +66,7 @@ def cells(runs: Iterable[Run]) -> tuple[Cell, ...]:
 
 
 def _place(run: Run) -> tuple[int, int, int]:
-    """Mode, number of waypoints, and setup: that without monitors is the first."""
+    """Return mode, number of waypoints and setup as sort key; the setup without monitors is first."""
     return list(Mode).index(run.mode), run.waypoints, SETUPS.index(run.setup)
 
 
@@ -103,13 +100,13 @@ def _spread(values: Iterable[float]) -> Spread:
 
 
 class Growth(NamedTuple):
-    """What monitors add, as a line through the medians: so many seconds once, and so many for each event."""
+    """A linear fit of the added time: seconds once, and seconds per event."""
 
     once: float
     each: float
 
 
 def growth(cells: Sequence[Cell]) -> Growth:
-    """The line of least squares through the medians of one setup; missions of two sizes or more."""
+    """Return the least-squares line through the medians of one setup; needs two sizes."""
     line = linear_regression([cell.events for cell in cells], [cell.extra.median for cell in cells])
     return Growth(line.intercept, line.slope)

@@ -1,6 +1,4 @@
-"""The overhead figure: what a mission's loop takes with and without monitors, what monitors add to
-an event, and what the dearest costs.
-"""
+"""The overhead figure: CPU time of a mission, time per event, and the slowest event."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -30,10 +28,9 @@ LINES: Final[tuple[Mapping[str, Any], ...]] = tuple(
         ("#56B4E9", ":", "D", "none", 5.5),
     )
 )
-"""What tells the setups apart: colours of Okabe and Ito (Color Universal Design, 2008), and beside
-the colour a line and a marker.
+"""The styles of setups: colours of Okabe and Ito (Color Universal Design, 2008), lines and markers.
 
-Every other marker is open and larger, so that the one below it is seen where two lines coincide.
+Every second marker is open and larger, so that coinciding lines remain visible.
 """
 STYLE: Final[Mapping[str, Any]] = {
     "font.size": 8.0,
@@ -41,7 +38,7 @@ STYLE: Final[Mapping[str, Any]] = {
     "axes.labelsize": 8.0,
     **dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.fontsize"), 7.0),
     "legend.frameon": False,
-    "legend.handlelength": 3.0,  # a dashed line shows its dashes
+    "legend.handlelength": 3.0,  # shows the dashes
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
@@ -92,7 +89,7 @@ def _milliseconds(seconds: Spread) -> Spread:
 
 
 def _spreads(axes: "Axes", cells: Sequence[Cell], value: Callable[[Cell], Spread], line: Mapping[str, Any]) -> None:
-    """Medians of the cells of one setup, joined by a line, with bars from the lower to the upper quartile."""
+    """Plot the medians of one setup with bars between the quartiles."""
     spreads = [value(cell) for cell in cells]
     medians = [one.median for one in spreads]
     bars = [[one.median - one.low for one in spreads], [one.high - one.median for one in spreads]]

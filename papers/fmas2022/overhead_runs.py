@@ -1,4 +1,4 @@
-"""What monitors cost a mission: runs of the simulation with and without them, timed."""
+"""Timed runs of the simulation with and without monitors."""
 
 import gc
 from collections.abc import Iterable, Iterator, Sequence
@@ -15,26 +15,27 @@ from rvaft.monitors import Monitor
 from rvaft.stream.monitor_set import Per, columns
 
 SEMANTICS: Final = Semantics.SCATTERED
-"""A mission is full of events between those of a match: under `strict` and `projected` all is lost
-with the second one.
+"""A mission has many events between those of a match; `strict` and `projected` fail at the second
+event.
 """
 NONE: Final = "none"
 SETUPS: Final = (NONE, Per.TREE.value, Per.KIND.value, Per.BRANCH.value)
-"""No monitor, and the options (a), (c) and (b) of the paper's section 4.3: one for the tree, for
-each kind, for each branch.
+"""No monitor, and the options (a), (c) and (b) of section 4.3 of the paper: one for the tree, per
+kind, per branch.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One mission under one setup: how much it had to say, and what it took, in seconds.
+    """One mission under one setup; times in seconds.
 
-    `mission` is simulated time. `made` is the processor's time to make the monitors, `cpu` and
-    `wall` are that of the mission's loop. `verdicts` has the sign of each monitor's last verdict.
-    `dearest` is the processor's time that the monitors need for the one event that costs them most,
-    in another run through the same mission; `dearest_event` is its number, from 1, and `dearest_on`
-    its topic. `detected` is the number of the event at which the first monitor detects something, 0
-    where none does.
+    - `mission`: simulated time.
+    - `made`: CPU time to create the monitors.
+    - `cpu`, `wall`: times of the mission's loop.
+    - `verdicts`: the last verdict of each monitor.
+    - `dearest`: the CPU time of monitors for the slowest event, measured in another run;
+      `dearest_event` is its number, from 1, and `dearest_on` its topic.
+    - `detected`: the number of the first detecting event, or 0.
     """
 
     mode: Mode
@@ -57,11 +58,10 @@ class Run:
 def runs(
     tree: RVAFT, waypoints: Sequence[int], repetitions: int, *, mode: Mode = Mode.NOMINAL, seed: int = 1
 ) -> Iterator[Run]:
-    """Every setup on missions of so many waypoints, as often as said.
+    """Yield runs of every setup on missions of these sizes, repeated.
 
-    Setups take turns, and each turn another one begins, so that what slows the machine down for a
-    while slows all alike. A round before the first is thrown away. The collector of cyclic garbage
-    rests meanwhile, as in `timeit`.
+    Setups alternate with a rotating start, so that machine slowdowns affect all alike. A first
+    round is discarded. The garbage collector is off, as in `timeit`.
     """
     watched = {setup: _watched(tree, setup) for setup in SETUPS}
     with no_collection():
@@ -76,7 +76,7 @@ def runs(
 
 
 def _watched(tree: RVAFT, setup: str) -> tuple[RVAFT, ...]:
-    """The tree or its parts, one for each monitor."""
+    """Return the tree or its parts, one per monitor."""
     if setup == NONE:
         return ()
     per = Per(setup)
@@ -89,7 +89,7 @@ def _run(mission: Mission, setup: str, repetition: int, trees: Sequence[RVAFT]) 
     made = process_time() - start
     steps, events, last = [one.step for one in monitors], 0, Event()
     wall, cpu = perf_counter(), process_time()
-    for last in mission.events():  # the mission's loop: the simulation says its events, and each monitor reads them
+    for last in mission.events():  # the mission's loop: the simulation yields events, and each monitor reads them
         events += 1
         for step in steps:
             step(last)
@@ -115,7 +115,7 @@ def _monitors(trees: Iterable[RVAFT]) -> list[Monitor]:
 
 
 class _Singly(TypedDict):
-    """The part of a `Run` for which the clock is read at every event, which takes time itself."""
+    """The fields of a `Run` that need the clock at every event, which takes time itself."""
 
     dearest: float
     dearest_event: int
@@ -131,7 +131,7 @@ def _singly(events: Iterable[Event], monitors: Sequence[Monitor]) -> _Singly:
             one.step(message)
         took = process_time_ns() - start
         if monitors and took > dearest:
-            name = message.get("name", "")  # a command has one
+            name = message.get("name", "")  # only commands have a name
             dearest, event, topic = took, number, f"{message['topic']} {name}".rstrip()
         if not detected and any(one.verdict is Verdict.TRUE for one in monitors):
             detected = number

@@ -1,6 +1,4 @@
-"""The overhead in words, computed from the cells: what was measured, what was found, and how that
-compares with the paper.
-"""
+"""The overhead as a text, computed from the cells, and compared with the paper."""
 
 from collections.abc import Iterator, Sequence
 from platform import machine, python_implementation, python_version
@@ -14,7 +12,7 @@ from rvaft.model.verdict import Verdict
 
 
 def statement(cells: Sequence[Cell]) -> str:
-    """Markdown: what was measured, what was found, what the paper reports."""
+    """Return Markdown: the setup, the results, and the paper's results."""
     calm = [cell for cell in cells if cell.mode is Mode.NOMINAL]
     parts = [*_measured(calm), "", *_found(calm), ""]
     for mode in Mode:
@@ -102,7 +100,6 @@ def _setup(cell: Cell) -> str:
 
 
 def _dearest(cells: Sequence[Cell]) -> str:
-    """What the dearest event costs at each size."""
     last = cells[-1]
     costs = listed(f"{1e3 * cell.dearest.median:.2f}" for cell in cells)
     sizes = listed(f"{cell.waypoints}" for cell in cells)

@@ -1,6 +1,4 @@
-"""The overhead as numbers: every run and every cell as CSV; as LaTeX the missions where nothing
-happens, and those where something is detected.
-"""
+"""The overhead as CSV (runs, cells) and LaTeX (nominal missions, missions with a detection)."""
 
 import csv
 from collections.abc import Iterable, Iterator, Sequence
@@ -24,16 +22,16 @@ COLUMNS: Final = (
     "ppm_of_mission",
     *("dearest_ms_q1", "dearest_ms_median", "dearest_ms_q3", "dearest_event", "dearest_on", "detected"),
 )
-"""Milliseconds, microseconds, and millionths of the time that the mission takes the rover."""
+"""Milliseconds, microseconds, and millionths of the mission time."""
 
 
 def runs_csv(runs: Iterable[Run]) -> str:
-    """Every run, in the order in which they were made; times in seconds."""
+    """Return every run in order; times in seconds."""
     return _csv([field.name for field in fields(Run)], map(astuple, runs))
 
 
 def cells_csv(cells: Iterable[Cell]) -> str:
-    """The cells, under `COLUMNS`."""
+    """Return the cells, under `COLUMNS`."""
     return _csv(COLUMNS, map(_row, cells))
 
 
@@ -70,11 +68,11 @@ def _csv(heading: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 _MEASURED: Final = "Medians with their quartiles. Dearest: the one event that costs the monitors most."
-"""What holds for both tables."""
+"""The note of both tables."""
 
 
 def nominal_tex(cells: Iterable[Cell]) -> str:
-    """A table with a row for each setup on each mission in which nothing happens."""
+    """Return a table with a row per setup and nominal mission."""
     return tex.table(
         "rrlrrrr",
         ["Waypoints", "Events", "Monitors", "CPU (ms)", "Ratio", r"$\mu$s/event", "Dearest (ms)"],
@@ -98,7 +96,7 @@ def _rows(cells: Iterable[Cell]) -> Iterator[str]:
 
 
 def detected_tex(cells: Sequence[Cell]) -> str:
-    """A table of the smallest and the largest mission of each mode in which there is something to detect."""
+    """Return a table of the smallest and largest mission of each mode with a detection."""
     sizes = {min(cell.waypoints for cell in cells), max(cell.waypoints for cell in cells)}
     shown = [cell for cell in cells if cell.setup != NONE and cell.waypoints in sizes]
     return tex.table(
@@ -135,7 +133,6 @@ def _monitors(cell: Cell) -> str:
 
 
 def _added(cell: Cell) -> tuple[str, ...]:
-    """How many times as long the loop takes, and what an event and the dearest event cost."""
     dearest = _with_quartiles(_times(1e3, cell.dearest), 2)
     return _with_quartiles(cell.ratio, 1), _with_quartiles(cell.per_event, 1), dearest
 

@@ -1,6 +1,4 @@
-"""Where things are: the trees that everything is computed from, and where what is made goes unless
-another folder is named.
-"""
+"""Paths of the trees and of the default output folder."""
 
 from pathlib import Path
 from typing import Final
@@ -9,6 +7,6 @@ ROOT: Final = Path(__file__).parents[2]
 """The folder of the project, in which commands run."""
 TREES: Final = ROOT / "trees" / "remote_inspection"
 PRUNED: Final = TREES / "pruned.rvaft"
-"""The tree of Figure 4b, with its traces beside it."""
+"""The tree of Figure 4b; its traces are in the same folder."""
 GATES: Final = ROOT / "trees" / "gates"
 OUT: Final = Path(__file__).parent / "out"

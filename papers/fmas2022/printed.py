@@ -1,7 +1,7 @@
-"""What the paper prints in Tables 2 and 3, as far as computed cells are held against it.
+"""The cells of Tables 2 and 3 as printed in the paper.
 
-Every table has four traces. The cells of φ and of the branch with the trace's number run ?, ?, ?,
-and end with one sign; the other cells are empty.
+Each table has four traces. The cells of φ and of the branch with the trace's number are ?, ?, ?,
+and then a final verdict; other cells are empty.
 """
 
 from collections.abc import Mapping
@@ -10,16 +10,16 @@ from typing import Final
 from rvaft.model.verdict import Verdict
 
 LAST: Final[Mapping[int, Verdict]] = {2: Verdict.TRUE, 3: Verdict.FALSE}
-"""Table -> the verdict that each of its traces ends with."""
+"""Table -> final verdict of its traces."""
 
 LEFT_OUT: Final[Mapping[int, int]] = {3: 4, 4: 4}
-"""Trace -> the number of the event that the print leaves out, from 1; without it no branch can be completed."""
+"""Trace -> number of the event missing in print, from 1; without it no branch can be completed."""
 
 TRACES: Final = range(1, 5)
 
 
 def cell(table: int, trace: int, branch: int | None, event: int, length: int) -> Verdict | None:
-    """The printed verdict after an event of a trace of that length, or None where the cell is empty or not there.
+    """Return the printed verdict after an event of a trace, or None for an empty cell.
 
     `branch` is None for φ.
     """

@@ -1,4 +1,4 @@
-"""Commands of the findings, run as they stand in a shell, and what they need that a machine may lack."""
+"""Shell commands of the findings, and the tools that they need."""
 
 import os
 import shutil
@@ -12,13 +12,15 @@ from papers.fmas2022.places import ROOT
 from rvaft.errors import ToolFailed
 
 TIMEOUT: Final = 300.0
-"""Seconds after which a command is given up."""
+"""Seconds until a command is stopped."""
 _FOLDERS: Final = ("RML_COMPILER", "RML_MONITOR", "OUT")
 
 
 @dataclass(frozen=True, slots=True)
 class Need:
-    """A program on the path, or a file below what a variable of the environment names; `remedy` says how to get it."""
+    """A program on the PATH, or a file below the path in an environment variable; `remedy` is
+    advice to get it.
+    """
 
     remedy: str
     program: str = ""
@@ -27,7 +29,7 @@ class Need:
 
     @property
     def missing(self) -> bool:
-        """Whether it is not there."""
+        """Whether it is not available."""
         if self.program:
             return shutil.which(self.program) is None
         named = os.environ.get(self.variable, "")
@@ -53,17 +55,16 @@ MONITOR: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Ran:
-    """What a command wrote, errors included, and how it ended."""
+    """Output of a command, including errors, and its exit status."""
 
     output: str
     status: int
 
 
 def run(command: str, scratch: Path) -> Ran:
-    """Run a command by `sh` in the folder of the project, with $OUT as the folder for what it writes.
+    """Run a command with `sh` in the folder of the project, with $OUT as its output folder.
 
-    Folders in the output that differ from machine to machine are replaced by the variables that
-    name them. Raises `ToolFailed`.
+    Machine-dependent folders in the output are replaced by variables. Raises `ToolFailed`.
     """
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
     environment = {**os.environ, "PATH": path, "OUT": str(scratch), "LC_ALL": "C.UTF-8", "NO_COLOR": "1"}

@@ -1,6 +1,6 @@
-r"""LaTeX by small pieces: what may stand in a text, in typewriter, in mathematics, and one table from its rows.
+r"""LaTeX fragments: text, typewriter, mathematics and tables.
 
-Every file that comes out can be taken by `\input`; `document` puts them together. No TeX is needed to write them.
+Each generated file is an `\input`; `document` combines them. Writing needs no TeX.
 """
 
 from collections.abc import Iterable, Sequence
@@ -11,7 +11,7 @@ from rvaft.model.verdict import Verdict
 
 SIGNS: Final = {Verdict.TRUE: r"\top", Verdict.FALSE: r"\bot", Verdict.UNKNOWN: "?"}
 PACKAGES: Final = ("amsmath", "array", "booktabs", "graphicx", "listings", "textcomp", "xcolor")
-"""What the files need, besides the font encoding T1."""
+"""Required packages, besides the font encoding T1."""
 _HEAD: Final = (
     r"\documentclass{article}",
     r"\usepackage[T1]{fontenc}",
@@ -23,27 +23,27 @@ _HEAD: Final = (
 
 
 def typewriter(text: str) -> str:
-    """A text in typewriter, in which spaces are places where a line may end."""
+    """Return a text in typewriter; lines may break at spaces."""
     return rf"\texttt{{{escaped(text)}}}"
 
 
 def math(text: str) -> str:
-    """A formula within a line."""
+    """Return an inline formula."""
     return f"${text}$"
 
 
 def phi(branch: int | None) -> str:
-    """The sign of a monitor, for mathematics."""
+    """Return the sign of a monitor, for mathematics."""
     return r"\varphi" if branch is None else rf"\varphi_{{{branch}}}"
 
 
 def row(cells: Iterable[str]) -> str:
-    """A line of a table, with its end."""
+    """Return a row of a table."""
     return rf"{' & '.join(cells)} \\"
 
 
 def heading(text: str, width: int) -> str:
-    """A line across that many columns, which starts a group of rows."""
+    """Return a heading across this many columns."""
     return rf"\midrule\multicolumn{{{width}}}{{l}}{{{text}}} \\"
 
 
@@ -57,9 +57,7 @@ def table(
     notes: Sequence[str] = (),
     size: str = r"\small",
 ) -> str:
-    """A floating table; `rows` are lines as `row` and `heading` give them, `notes` are paragraphs
-    below it, `size` is that of its text.
-    """
+    """Return a floating table; `notes` are paragraphs below it, `size` is its font size."""
     below = [r"\par\smallskip\raggedright\footnotesize", *(rf"{note}\par" for note in notes)] if notes else []
     lines = [
         r"\begin{table}[htbp]",
@@ -78,11 +76,11 @@ def table(
 
 
 def captioned(listing: str, *, caption: str, label: str) -> str:
-    """A listing with a caption above it, which it alone has."""
+    """Return a listing with a caption above it."""
     own = rf"\lstset{{caption={{{caption}}}, label={{{label}}}, captionpos=t}}"
     return "\n".join([r"\begingroup", own, listing.rstrip("\n"), r"\endgroup", ""])
 
 
 def document(parts: Iterable[str]) -> str:
-    """A whole document of these lines."""
+    """Return a document of these lines."""
     return "\n".join([*_HEAD, r"\begin{document}", *parts, r"\end{document}", ""])

@@ -1,4 +1,4 @@
-"""An automaton as a list of transitions: for each state which events lead where, read from its text in HOA."""
+"""The transitions of an automaton as a list, read from its HOA text."""
 
 import re
 from collections.abc import Iterator, Mapping, Set
@@ -14,10 +14,11 @@ _DETECTED: Final = "⊤"
 
 
 def transitions(text: str) -> list[str]:
-    """Where each event leads, state by state, as `0: a → 2` and `2: b, c → ⊤`; each event is one proposition.
+    """Return the transitions per state, as `0: a → 2` and `2: b, c → ⊤`; each event is one
+    proposition.
 
-    ⊤ is the state that has detected. What leads to a state from which it cannot be reached is left
-    out, and so is the end of a trace.
+    ⊤ is the detecting state. Transitions to states that cannot reach it, and the end of a trace,
+    are left out.
     """
     names = re.findall(r'"(.*?)"', _NAMES.findall(text)[0])
     alive = names.index(ALIVE)
@@ -25,7 +26,7 @@ def transitions(text: str) -> list[str]:
     detected: set[str] = set()
     for state, body in _STATE.findall(text):
         labels = [(_expanded(label, text), target) for label, target in _EDGE.findall(body)]
-        if any(_holds(label, set()) for label, _ in labels):  # only what has detected may see the end
+        if any(_holds(label, set()) for label, _ in labels):  # only a detecting state may see the end
             detected.add(state)
         edges[state] = {
             name: target
@@ -41,7 +42,7 @@ def transitions(text: str) -> list[str]:
 
 
 def _grouped(leaving: Mapping[str, str], edges: Mapping[str, Mapping[str, str]], detected: Set[str]) -> Iterator[str]:
-    """`b, c → 5` for each target from which there is hope."""
+    """Yield `b, c → 5` for each target that can reach a detection."""
     for target in dict.fromkeys(leaving.values()):
         if not _hopeless(target, edges[target]) or target in detected:
             events = ", ".join(event for event, one in leaving.items() if one == target)
@@ -59,7 +60,9 @@ def _expanded(label: str, text: str) -> str:
 
 
 def _holds(label: str, propositions: Set[int]) -> bool:
-    """Whether a disjunction of conjunctions of literals holds where just these propositions do."""
+    """Return whether a disjunction of conjunctions of literals holds for exactly these
+    propositions.
+    """
     return any(
         all((int(literal.strip(" !")) in propositions) != ("!" in literal) for literal in term.split("&"))
         for term in label.split("|")

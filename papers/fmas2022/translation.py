@@ -1,14 +1,14 @@
-r"""The translation to RML as it was published, never repaired (Cardoso, Ferrando, Fisher, FMAS
-2022, sections 3.2 and 4.2).
+r"""The RML translation as published, without repairs (Cardoso, Ferrando, Fisher, FMAS 2022,
+sections 3.2 and 4.2).
 
-    OR   a \/ b \/ c                         (resolved before: the branches are joined by \/)
-    VOT  (a T_bc) \/ (b T_ac) \/ (c T_ab)    with one equation for each set of children that is left
-    AND  a | b | c
-    SAND a b c, or c b a
+  OR   a \/ b \/ c                         (resolved before: the branches are joined by \/)
+  VOT  (a T_bc) \/ (b T_ac) \/ (c T_ab)    with one equation per set of remaining children
+  AND  a | b | c
+  SAND a b c, or c b a
 
-Events are event types with a pattern, and behind `with` the guards whose last variable the event
-binds. `with` of RML knows numbers only; a comparison with a string, and one of two variables by
-`!=`, become event types of their own that stand beside the event: `(move(newWp) /\ not_move)`.
+An event is an event type with a pattern; its `with` has the guards whose last variable the event
+binds. `with` only supports numbers. A comparison with a string, or `!=` of two variables, becomes
+an event type beside the event: `(move(newWp) /\ not_move)`.
 """
 
 import re
@@ -55,13 +55,11 @@ from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.verdict import Semantics
 
 SYMBOLS: Final = 10
-"""How many symbols of unrolled VOT gates the limit allows for each term it allows: few terms may
-have very many options.
-"""
+"""Symbols of unrolled VOT gates per term of the limit: few terms may have many options."""
 CHARACTERS: Final = 100
-"""How many characters of one term the limit allows for each term."""
+"""Characters of one term per term of the limit."""
 _AROUND: Final = 4
-"""The symbols of an option `(a T_bc) \\/` beside those of its child."""
+r"""The symbols of an option `(a T_bc) \\/` without its child."""
 _UNSAID: Final = "the paper does not say how"
 _AND, _OR = " /\\ ", " \\/ "
 _SIGNS: Final = {op: facts.sign for op, facts in OPERATORS.items()} | {Operator.AND: "&&", Operator.OR: "||"}
@@ -74,19 +72,19 @@ def _refusal(reason: str, semantics: Semantics, node: str) -> NotExpressible:
 
 @dataclass(frozen=True, slots=True)
 class PaperBranch:
-    """A branch of a tree by its number; `choices` has the child that each of its `or` gates keeps."""
+    """A numbered branch of a tree; `choices` holds the child that each `or` gate keeps."""
 
     tree: RVAFT
     number: int
     choices: Mapping[str, str]
 
     def children(self, name: str) -> tuple[str, ...]:
-        """The children of a node that the branch keeps."""
+        """Return the children of a node that the branch keeps."""
         return (self.choices[name],) if name in self.choices else self.tree.nodes[name].children
 
 
 def or_gates(tree: RVAFT) -> list[str]:
-    """The reachable `or` gates, breadth first."""
+    """Return the reachable `or` gates, breadth first."""
     order = dict.fromkeys([tree.root])
     todo = [tree.root]
     for name in todo:
@@ -96,10 +94,10 @@ def or_gates(tree: RVAFT) -> list[str]:
 
 
 def paper_branches(tree: RVAFT) -> Iterator[PaperBranch]:
-    """All branches in the order of their numbers, by the definition.
+    """Yield all branches in the order of their numbers, by the definition.
 
-    A branch is a choice for each `or` gate, where the first gate varies fastest; a gate that it
-    does not reach keeps its first child.
+    A branch is a choice per `or` gate; the first gate varies fastest. An unreachable gate keeps its
+    first child.
     """
     gates, number = or_gates(tree), 0
     for digits in product(*(range(len(tree.nodes[name].children)) for name in reversed(gates))):
@@ -112,7 +110,7 @@ def paper_branches(tree: RVAFT) -> Iterator[PaperBranch]:
 
 
 class PaperTypes:
-    """The event types written so far (`lines`); equal ones are written once."""
+    """The event types so far (`lines`), without duplicates."""
 
     def __init__(self, semantics: Semantics) -> None:
         self.lines: list[str] = []
@@ -122,7 +120,7 @@ class PaperTypes:
         self._names = RmlNames()
 
     def variable(self, name: str) -> str:
-        """A variable of the tree as RML writes it: lower case."""
+        """Return an RML name for a variable: lower case."""
         if name not in self._variables:
             self._variables[name] = self._fresh(name[:1].lower() + name[1:])
         return self._variables[name]
@@ -132,7 +130,7 @@ class PaperTypes:
         return self._names.distinct(base[:1].lower() + base[1:] if base[:1].isalpha() else f"e{base}")
 
     def declare(self, wish: str, parameters: Sequence[str], matches: str) -> str:
-        """An event type with that right-hand side; how it is called in an expression."""
+        """Add an event type with this right-hand side, and return its use."""
         key = applied(" ", parameters) + matches
         if key not in self._known:
             self._known[key] = applied(self._fresh(wish), parameters)
@@ -140,7 +138,7 @@ class PaperTypes:
         return self._known[key]
 
     def event(self, wish: str, pattern: Pattern, guards: Sequence[Guard], node: str) -> str:
-        """One event with the guards that are checked when it comes, as a term."""
+        """Return an event with the guards checked at it, as a term."""
         numeric: list[str] = []
         beside: list[str] = []
         for guard in (part for whole in guards for part in conjuncts(whole)):
@@ -153,14 +151,14 @@ class PaperTypes:
         return f"({_AND.join([main, *beside])})" if beside else main
 
     def asked(self, wish: str, pattern: Pattern, when: Guard | None, node: str, what: str) -> str:
-        """One event for a filter, for any values."""
+        """Return an event for a filter, for any values."""
         term = self.event(wish, pattern, [] if when is None else [when], node)
         if term.startswith("("):
             raise _refusal(what, self._semantics, node)
         return re.sub(r"\w+(?=[,)])", "_", term) if "(" in term else term
 
     def _beside(self, wish: str, pattern: Pattern, guard: Guard, node: str) -> str | None:
-        """A comparison with a string, or an inequality of two variables, as an event type of its own."""
+        """Return a string comparison, or an inequality of variables, as a separate event type."""
         bound = rigid_variables(pattern)
         filled: Pattern
         match guard:
@@ -178,7 +176,7 @@ class PaperTypes:
         return self.declare(f"{'not_' if negated else 'is_'}{wish}", parameters, matches)
 
     def _pattern(self, pattern: Pattern, node: str) -> str:
-        """A pattern; its rigid variables are left as parameters."""
+        """Return a pattern with its rigid variables as parameters."""
         match pattern:
             case Anything():
                 return "_"
@@ -196,7 +194,7 @@ class PaperTypes:
                 return f"[{', '.join(self._pattern(item, node) for item in items)}]"
 
     def _data(self, guard: Guard, node: str) -> str:
-        """A guard over numbers as a data expression, every operation in parentheses."""
+        """Return a numeric guard as a data expression, fully parenthesised."""
         match guard:
             case Variable(name):
                 return self.variable(name)
@@ -214,7 +212,7 @@ class PaperTypes:
 
 
 class PaperTerms:
-    """Writes the terms of branches; `equations` are those of the VOT gates."""
+    """Writes the terms of branches; `equations` are those of VOT gates."""
 
     def __init__(self, limit: int) -> None:
         self.equations: dict[str, str] = {}
@@ -230,7 +228,7 @@ class PaperTerms:
             raise TooLarge(f"symbols of the paper's VOT, {SYMBOLS} allowed for each term", limit=self._limit)
 
     def term(self, branch: PaperBranch, events: Mapping[str, str]) -> str:
-        """The term of a branch, of the events of its nodes; the empty text for one without occurrences."""
+        """Return the term of a branch over the events of its nodes; empty without occurrences."""
         done: dict[str, str] = {}
         for node in branch.tree.bottom_up():
             self._count(1)
@@ -239,7 +237,7 @@ class PaperTerms:
             parts = [events.get(node.name, ""), below]
             in_order = parts if branch.tree.causality is Causality.TOP_DOWN else parts[::-1]
             done[node.name] = term = _sequence(part for part in in_order if part)
-            if len(term) > CHARACTERS * self._limit:  # what is shared is written again and again
+            if len(term) > CHARACTERS * self._limit:  # shared nodes are repeated
                 raise TooLarge(f"characters of the paper's terms, {CHARACTERS} allowed for each", limit=self._limit)
         return done[branch.tree.root]
 
@@ -262,8 +260,8 @@ class PaperTerms:
                 assert_never(node.gate)
 
     def _unrolled(self, parts: list[str], k: int, name: str) -> str:
-        """The hierarchy of terms that counts down from k: an equation for each set of children that
-        is left, larger sets first.
+        """Return the terms that count down from k: an equation per set of remaining children,
+        larger sets first.
         """
         if k == 0:
             return ""
@@ -284,7 +282,9 @@ class PaperTerms:
 
 
 def _sequence(parts: Iterable[str]) -> str:
-    """The parts one after the other; a name before a parenthesis is set apart, since RML would read a call."""
+    """Return a sequence; parentheses separate a name from a following one, which RML would read as
+    a call.
+    """
     written = ""
     for part in parts:
         if written and part.startswith("(") and written[-1] != ")":
@@ -294,10 +294,9 @@ def _sequence(parts: Iterable[str]) -> str:
 
 
 def _folded(branch: PaperBranch) -> dict[str, list[Guard]] | None:
-    """For each occurrence of a branch the guards it checks: those whose last variable, in writing, it binds.
+    """Return for each occurrence the guards that it checks: those whose last variable it binds.
 
-    None where the branch has no feasible scenario: a guard without variables does not hold, or
-    nothing binds a variable of one.
+    None if the branch is infeasible: a constant guard does not hold, or a variable is unbound.
     """
     tree, guards = branch.tree, dict[str, list[Guard]]()
     binder: dict[str, str] = {}
@@ -319,9 +318,9 @@ def _folded(branch: PaperBranch) -> dict[str, list[Guard]] | None:
 
 
 def _reading_order(branch: PaperBranch) -> list[str]:
-    """The nodes of a branch in the order in which its term is written, a shared one where it is written last.
+    """Return the nodes of a branch in the order of its term; a shared node at its last position.
 
-    Found from the end of the term, where what comes first is the last.
+    The order is computed backwards from the end of the term.
     """
     order: dict[str, None] = {}
     todo: list[tuple[str, bool]] = [(branch.tree.root, False)]
@@ -340,8 +339,8 @@ def _reading_order(branch: PaperBranch) -> list[str]:
 
 
 def specification(tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, int, int]:
-    """The whole text, the number of tokens of its equations, and how many these are."""
-    for node in tree.top_down():  # a part that is impossible may have what the check of capabilities does not see
+    """Return the text, the number of tokens of its equations, and the number of equations."""
+    for node in tree.top_down():  # impossible parts may contain constructs that the capability check does not see
         if node.gate is Gate.PAND or node.times > 1 or node.within is not None or time_points(node.when):
             raise _refusal(_UNSAID, semantics, node.name)
     types, writer, terms = PaperTypes(semantics), PaperTerms(limit), list[str]()
@@ -373,7 +372,7 @@ def specification(tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, i
 
 
 def _is_loose(term: str) -> bool:
-    """Whether a union stands outside all parentheses."""
+    """Return whether a union is outside all parentheses."""
     depth = 0
     for index, character in enumerate(term):
         depth += (character == "(") - (character == ")")
@@ -383,7 +382,7 @@ def _is_loose(term: str) -> bool:
 
 
 def _filtered(tree: RVAFT, types: PaperTypes, main: str) -> str:
-    """`relevant >> …`, and around it a filter for each `ignore`."""
+    """Return `relevant >> …`, inside a filter per `ignore`."""
     refused = "a guard that a filter cannot check"
     parents = [types.asked(f"seen_{e.node}", e.pattern, e.when, e.node, refused) for e in tree.alphabet]
     relevant = types.declare("relevant", [], f"matches {' | '.join(dict.fromkeys(parents))}")
@@ -396,13 +395,13 @@ def _filtered(tree: RVAFT, types: PaperTypes, main: str) -> str:
 
 
 class RmlPaperBackend(RmlBackend):
-    """The paper's own translation: gates as printed, VOT unrolled, a union of the branches in their
-    order, `all` behind.
+    """The paper's translation: gates as printed, VOT unrolled, a union of the branches in order,
+    then `all`.
 
-    Not faithful: RML's union commits to its left operand, so a union of branches with a common
-    start misses the later ones, and the unrolled VOT means exactly K and loses interleavings of
-    compound children. `limit` counts the terms written, ten symbols of the unrolled VOT gates and a
-    hundred characters of one term being allowed for each.
+    It is not faithful. RML's union commits to its left operand, so a union of branches with a
+    common start misses the later ones. The unrolled VOT means exactly K and loses interleavings of
+    compound children. `limit` counts terms; each allows ten symbols of unrolled VOT gates and a
+    hundred characters of one term.
     """
 
     name: ClassVar[str] = "rml-paper"
@@ -415,6 +414,6 @@ class RmlPaperBackend(RmlBackend):
     }
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """The text as the paper translates it; raises `NotExpressible` and `TooLarge`."""
+        """Return the text of the paper's translation; raises `NotExpressible` and `TooLarge`."""
         text, symbols, equations = specification(prop.asked or prop.tree, semantics, limit)
         return SpecificationText(text, Metrics(symbols=symbols, states=equations))

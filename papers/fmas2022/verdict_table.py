@@ -1,7 +1,8 @@
-"""The traces of Tables 2 and 3, completed, with the verdicts that every participant gives after every event.
+"""The traces of Tables 2 and 3, completed, with the verdicts of every participant after every
+event.
 
-Run as `python -m papers.fmas2022.verdict_table`; exits 1 if two participants differ anywhere. Who
-cannot take part is told last.
+Run `python -m papers.fmas2022.verdict_table`; it exits with 1 if two participants disagree. Absent
+participants are listed last.
 """
 
 import json
@@ -19,12 +20,12 @@ from rvaft.model.values import Json
 
 
 def _cell(participant: Participant | Outside | Absent, events: list[Json]) -> str:
-    """The verdicts of a participant, or why it gives none."""
+    """Return the verdicts of a participant, or its status."""
     return f"({participant.status})" if isinstance(participant, Absent) else symbols(said(participant, events) or ())
 
 
 def printed() -> int:
-    """Print the table, who agrees, and who did not take part; 1 if two participants differ."""
+    """Print the table, the agreeing and the absent participants; return 1 for a disagreement."""
     enlisted = enlist(rvaft.load(PRUNED))
     names, missing = present(enlisted), absent(enlisted)
     table = Table("trace", "monitor", *names, *missing, title="Verdicts after every event, projected semantics")

@@ -1,4 +1,4 @@
-"""Tables 2 and 3 as LaTeX: every cell computed, what differs from the print marked and explained below the table."""
+"""Tables 2 and 3 as LaTeX: computed cells, with differences from the print marked and explained."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -19,7 +19,9 @@ _ADDED: Final = r"\textsuperscript{+}\,The print leaves this event out. Without 
 
 
 def verdict_tables(tree: RVAFT, folder: Path) -> Mapping[int, str]:
-    """Table 2 and Table 3 by number, from the traces in a folder; raises `Disagreement`, `OSError`."""
+    """Return Table 2 and Table 3 by number, from the traces in a folder; raises `Disagreement`,
+    `OSError`.
+    """
     enlisted = enlist(tree)
     found, checked = list(traces(enlisted, folder)), list(_checked(enlisted))
     return {
@@ -28,7 +30,7 @@ def verdict_tables(tree: RVAFT, folder: Path) -> Mapping[int, str]:
 
 
 def _checked(enlisted: Enlisted) -> Iterator[str]:
-    """Whose the verdicts are, who gives the same, and who could not be asked."""
+    """Yield notes on the source of the verdicts, agreeing and absent participants."""
     others = listed(tex.typewriter(name) for name in present(enlisted) if name != ENGINE)
     yield (
         f"Verdicts are those of the engine under the projected semantics. The same ones, in every cell, give {others}."
@@ -70,7 +72,7 @@ def _rows(tree: RVAFT, trace: Trace, notes: Notes) -> Iterator[str]:
 
 
 def shown(event: Json) -> str:
-    """An event as JSON, what is nested in it left out."""
+    """Return an event as JSON without nested values."""
     assert isinstance(event, dict), "a trace is a list of objects"
     inner = (f"{json.dumps(name)}: {_value(value)}" for name, value in event.items())
     return f"{{{', '.join(inner)}}}"
@@ -81,7 +83,7 @@ def _value(value: Json) -> str:
 
 
 def _word(trace: Trace, signs: Monitors) -> str:
-    """The verdicts after every event of the trace as printed, of the monitors for which there are printed ones."""
+    """Return the verdicts on the trace as printed, for monitors with printed verdicts."""
     words = {
         tex.phi(branch): "".join(tex.SIGNS[verdict] for verdict in trace.as_printed[sign])
         for sign, branch in signs.items()

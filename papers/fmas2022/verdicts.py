@@ -1,7 +1,7 @@
-"""Tables 2 and 3 computed: the verdict of every monitor after every event.
+"""Tables 2 and 3, computed: the verdict of every monitor after every event.
 
-The verdicts are the engine's. The reference and every faithful backend give theirs too; one that
-differs is a `Disagreement`.
+The verdicts are those of the engine. A different verdict of the reference or of a faithful backend
+raises `Disagreement`.
 """
 
 import json
@@ -25,19 +25,19 @@ Monitors = Mapping[str, int | None]
 """Sign of a monitor -> the number of its branch, None for the whole tree."""
 Everybody = Mapping[str, Participant | Outside | Absent]
 Enlisted = Mapping[str, Everybody]
-"""Sign of a monitor -> everybody who can say what it means, by name."""
+"""Sign of a monitor -> participants by name."""
 Verdicts = Mapping[str, tuple[Verdict, ...]]
 """Sign of a monitor -> its verdicts after every event."""
 
 
 class Disagreement(RvaftError):
-    """Two participants give different verdicts: a defect of one of them."""
+    """Two participants give different verdicts; one of them has a fault."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """One trace of a table, completed; `as_printed` has the verdicts without the event that the
-    print leaves out, if it does.
+    """One completed trace of a table; `as_printed` has the verdicts without the event missing in
+    print.
     """
 
     table: int
@@ -47,21 +47,21 @@ class Trace:
     as_printed: Verdicts
 
     def left_out(self, event: int) -> bool:
-        """Whether the print lacks the event with that number, from 1."""
+        """Return whether the event with this number, from 1, is missing in print."""
         return printed.LEFT_OUT.get(self.number) == event
 
     def printed(self, branch: int | None, event: int) -> Verdict | None:
-        """The verdict in the print, if there is one."""
+        """Return the printed verdict, or None."""
         return printed.cell(self.table, self.number, branch, event, len(self.events))
 
 
 def monitors(tree: RVAFT) -> Monitors:
-    """φ for the tree and φ₁, φ₂, … for its branches."""
+    """Return φ for the tree and φ₁, φ₂, … for its branches."""
     return {property_sign(tree): None, **{property_sign(one): one.number for one in branches(tree)}}
 
 
 def enlist(tree: RVAFT) -> Enlisted:
-    """Everybody who can say what the tree and its branches mean, under `projected`, and who tells all verdicts."""
+    """Return the participants with all verdicts for the tree and its branches, under `projected`."""
     telling = tuple(name for name in faithful_backends() if Verdict.FALSE in backend(name).verdicts)
     roster = Roster(telling)
     return {
@@ -71,13 +71,13 @@ def enlist(tree: RVAFT) -> Enlisted:
 
 
 def present(enlisted: Enlisted) -> list[str]:
-    """The names of those who speak for every monitor."""
+    """Return the names of participants available for every monitor."""
     missing = absent(enlisted)
     return list(dict.fromkeys(name for everybody in enlisted.values() for name in everybody if name not in missing))
 
 
 def absent(enlisted: Enlisted) -> Mapping[str, str]:
-    """The names of those who cannot speak for some monitor, and why."""
+    """Return the names of participants that are absent for some monitor, with reasons."""
     return {
         name: str(one.error)
         for everybody in enlisted.values()
@@ -87,13 +87,15 @@ def absent(enlisted: Enlisted) -> Mapping[str, str]:
 
 
 def listed(names: Iterable[str]) -> str:
-    """`a, b and c`."""
+    """Return the names as `a, b and c`."""
     *others, last = names
     return f"{', '.join(others)} and {last}" if others else last
 
 
 def traces(enlisted: Enlisted, folder: Path) -> Iterator[Trace]:
-    """The traces of both tables, from a folder with table2_row1.jsonl and so on; raises `Disagreement`, `OSError`."""
+    """Yield the traces of both tables from files table2_row1.jsonl and so on; raises
+    `Disagreement`, `OSError`.
+    """
     for table in printed.LAST:
         for number in printed.TRACES:
             text = (folder / f"table{table}_row{number}.jsonl").read_text(encoding="utf-8")
@@ -105,17 +107,17 @@ def traces(enlisted: Enlisted, folder: Path) -> Iterator[Trace]:
 
 
 def said(one: Participant | Outside | Absent, events: Sequence[Json]) -> tuple[Verdict, ...] | None:
-    """The verdicts of a participant after every event, or None for one that cannot run here."""
+    """Return the verdicts of a participant after every event, or None if it cannot run."""
     return tuple(one.start().run(events)) if isinstance(one, Participant) else None
 
 
 def symbols(verdicts: Sequence[Verdict]) -> str:
-    """Verdicts as one word: `???⊤`."""
+    """Return verdicts as one word: `???⊤`."""
     return "".join(verdict.symbol for verdict in verdicts)
 
 
 def _agreed(enlisted: Enlisted, events: Sequence[Json]) -> Verdicts:
-    """What all monitors say, each of them by everybody who is there."""
+    """Return the verdicts of all monitors, compared between all participants."""
     found: dict[str, tuple[Verdict, ...]] = {}
     for sign, everybody in enlisted.items():
         words = {name: word for name, one in everybody.items() if (word := said(one, events)) is not None}

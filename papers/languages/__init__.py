@@ -1,3 +1,1 @@
-"""How specification languages compare: sizes, seconds and events per second of the same trees in
-each; what `rvaft compare` runs.
-"""
+"""Comparison of specification languages by size and speed on the same trees, for `rvaft compare`."""

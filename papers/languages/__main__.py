@@ -1,8 +1,8 @@
-"""`python -m papers.languages`: measure everything anew, and write tables, figures and what is seen in them.
+"""`python -m papers.languages`: repeat all measurements, and write tables, figures and the page.
 
-One run takes some minutes; one that was interrupted goes on with `--resume`. The exit status is 0
-when all was written and every finding holds, 1 when one does not, 2 when something could not be
-made, 130 when it was interrupted.
+A run takes minutes; `--resume` continues an interrupted run. The exit status is 0 if everything was
+written and every finding holds, 1 if a finding does not hold, 2 if something could not be
+generated, and 130 after an interrupt.
 """
 
 import io
@@ -23,27 +23,25 @@ from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
 
 STATES: Final = 20_000
-"""The limit of automata: those of the default limit take minutes each."""
+"""The limit of automata: the default limit takes minutes per automaton."""
 GROUPS: Final = (
     ("automaton", "--limit", str(STATES)),
     ("ltlf,rml,rml-paper,sql,stix,sigma,eql,mfotl,mtl,mtl-r2u2,match-recognize",),
 )
-"""Languages that are measured alike, with the options for them."""
+"""Languages measured with common options."""
 LANGUAGES: Final = tuple(name for names, *_ in GROUPS for name in names.split(","))
 TIMEOUT: Final = 60
-"""Seconds for one tree in one language: many times what the slowest needs, so that a slow machine
-gives the same sizes.
-"""
+"""Seconds per tree and language: many times the slowest, so that slow machines get the same sizes."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure and write; the result is the exit status."""
-    parser = ArgumentParser(prog="python -m papers.languages", description="the comparison of languages, anew")
+    """Measure and write; return the exit status."""
+    parser = ArgumentParser(prog="python -m papers.languages", description="repeat the comparison of languages")
     parser.add_argument("--out", type=Path, default=FOLDER, metavar="FOLDER", help="where to write (default: here)")
     parser.add_argument("--max-arity", type=int, default=8, metavar="N", help="gates with 1 to N children (default: 8)")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes at a time (default: 1)")
     parser.add_argument("--texts", action="store_true", help="tables and the note only: no figures")
-    parser.add_argument("--resume", action="store_true", help="go on with what languages.csv has")
+    parser.add_argument("--resume", action="store_true", help="continue from languages.csv")
     options = parser.parse_args(arguments)
     out = Path(options.out).resolve()
     table = out / "languages.csv"
@@ -77,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def in_order(rows: Sequence[Measurement]) -> list[Measurement]:
-    """Trees before gates, and under each semantics the languages as they are named here."""
+    """Return the rows with trees before gates, and languages in the order of `GROUPS`."""
     gates, semantics = [None, *Gate], [*Semantics]
 
     def place(row: Measurement) -> tuple[object, ...]:
@@ -89,7 +87,7 @@ def in_order(rows: Sequence[Measurement]) -> list[Measurement]:
 
 
 def texts(rows: Sequence[Measurement]) -> dict[str, str]:
-    """All that is written from the measurements, by the name of its file; figures apart."""
+    """Return the written texts by file name, without figures."""
     return {
         "README.md": note(rows, STATES),
         "expressible.tex": expressible_tex(*expressible(rows)),

@@ -1,4 +1,4 @@
-"""`rvaft compare`: sizes and speeds of the same trees in every specification language."""
+"""`rvaft compare`: sizes and speeds of the same trees in specification languages."""
 
 from collections.abc import Iterable, Sequence
 from contextlib import closing, suppress
@@ -29,31 +29,31 @@ from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
 from rvaft.support.files import deliver, write_whole
 
-_GATES: Final = "These gates; without a TREE all are compared."
-_MEMORY: Final = "For one tree in one language; needing more is `too large`."
+_GATES: Final = "Compare these gates.  [default: all, without a TREE]"
+_MEMORY: Final = "Memory for one tree in one language; beyond it the result is `too large`."
 _SEMANTICS: Final = "Default: what each tree states, or projected."
-_WIDTH: Final = "Of tables and figures; only with --latex or --plots.  [default: page]"
+_WIDTH: Final = "Width of tables and figures, with --latex or --plots.  [default: page]"
 
 
 @click.command("compare")
 @click.argument("trees", nargs=-1, metavar="[TREE]...")
 @click.option("--gates", callback=options.some(Gate), metavar="and,or,...", help=_GATES)
 @options.reading_options
-@options.number("--max-arity", default=MAX_ARITY, text="Gates with 1 to N children, VOT with every threshold.")
+@options.number("--max-arity", default=MAX_ARITY, text="Compare gates with 1 to N children, VOT with every threshold.")
 @click.option("--semantics", callback=options.some(Semantics), metavar="S,...|all", help=_SEMANTICS)
 @click.option(
-    "--languages", metavar="A,B", help="These backends.  [default: rml-paper and all faithful ones, each in one form]"
+    "--languages", metavar="A,B", help="Compare these backends.  [default: rml-paper and one form of each faithful one]"
 )
-@options.number("--limit", text="Of translations, in the language's own unit.")
-@options.timeout_option("Of the processor, for one tree in one language.", default=Settings().timeout)
+@options.number("--limit", text="Limit of translations, in the unit of the backend.")
+@options.timeout_option("CPU seconds for one tree in one language.", default=Settings().timeout)
 @options.number("--memory", most=2**40, default=Settings().memory, metavar="MB", text=_MEMORY)
-@click.option("--csv", metavar="FILE", help="Keep all measurements in this file while they are made.")
-@click.option("--resume", is_flag=True, help="Go on with what the CSV file has.")
+@click.option("--csv", metavar="FILE", help="Write each measurement to this file as it is made.")
+@click.option("--resume", is_flag=True, help="Continue from the CSV file.")
 @click.option("--latex", metavar="FILE", help="Write the measurements as LaTeX tables.")
 @click.option("--plots", metavar="DIR", help="Write figures, each as PDF and PNG (needs Matplotlib).")
 @options.choice("--width", words=Width, text=_WIDTH)
-@options.number("--jobs", default=1, text="Processes at a time; more than one disturb each other's times.")
-@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Of the events that are run.")
+@options.number("--jobs", default=1, text="Number of processes; more than one disturb each other's times.")
+@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Seed of the events.")
 def compare_command(
     *,
     trees: tuple[str, ...],
@@ -64,14 +64,14 @@ def compare_command(
     width: Width | None,
     **given: Any,
 ) -> int:
-    """Compare specification languages: how large the same TREE is in each, how long it takes to
-    translate, how fast it runs.
+    """Compare specification languages: the size of each TREE in each, and the times of translation
+    and monitoring.
 
-    Without a TREE all gates are compared, each with 1 to N children.
+    Without a TREE, all gates are compared, each with 1 to N children.
     """
-    options.refuse(resume and csv in (None, "-"), "--resume goes on with a file: name it with --csv")
+    options.refuse(resume and csv in (None, "-"), "--resume needs a file: name it with --csv")
     nothing = width is not None and latex is None and plots is None
-    options.refuse(nothing, "--width is that of tables and figures: ask for some with --latex or --plots")
+    options.refuse(nothing, "--width needs --latex or --plots")
     failures = Failures()
     subject = lambda path: Subject(click.format_filename(path), narrowed(options.load_tree(path)))  # noqa: E731
     subjects = list(failures.collect(subject, dict.fromkeys(trees)))
@@ -104,7 +104,7 @@ def compare_command(
             Path(plots).mkdir(parents=True, exist_ok=True)
             Path(plots, name).write_bytes(data)
         if not files:
-            report(click.ClickException("no figures: nothing that was compared has a size or a speed"))
+            report(click.ClickException("no figures: no measurement has a size or a speed"))
             failures.met = True
     if failures.met or any(row.broken for row in rows):
         return FAILED
@@ -114,18 +114,15 @@ def compare_command(
 def _measured(
     cells: Sequence[Cell], settings: Settings, csv: str | None, *, resume: bool, jobs: int
 ) -> list[Measurement]:
-    """The measurements in the order of the cells, fewer where an interrupt came.
+    """Return the measurements in the order of the cells; an interrupt leaves some out.
 
-    Each is in the CSV file as soon as it is known.
-
-    With `resume` nothing is measured that the file answers for, and what nobody asked for stays in
-    it, behind the rest. What is no regular file is only written to at the end. Raises `OSError`,
-    and `LanguageError` for a file with something else than a comparison in it, which nobody wants
-    to lose.
+    Each measurement goes to the CSV file at once. With `resume`, measurements in the file are
+    reused, and others in it are kept at its end. Special files are written only at the end. Raises
+    `OSError`, and `LanguageError` for an existing file with other content.
     """
 
     def data(rows: Iterable[Measurement], *, heading: bool = True) -> bytes:
-        return csv_text(rows, heading=heading).encode(errors="surrogateescape")  # names of files need not be UTF-8
+        return csv_text(rows, heading=heading).encode(errors="surrogateescape")  # file names need not be UTF-8
 
     path = None if csv in (None, "-") else Path(csv or "")
     path = path if path is not None and (path.is_file() or not path.exists()) else None
@@ -134,12 +131,12 @@ def _measured(
         text = path.read_text("utf-8", "surrogateescape") if path.exists() else ""
         found = {row.key: row for row in read_rows(text, str(path))}
         before = found if resume else {}
-        write_whole(path, data(before.values()))  # without a last line that was only begun
+        write_whole(path, data(before.values()))  # removes an incomplete last line
     wanted = {cell: unmeasured(cell, settings) for cell in cells}
     rows = {cell: row for cell, one in wanted.items() if (row := before.get(one.key)) is not None and row.serves(one)}
     missing = [cell for cell in cells if cell not in rows]
     with (
-        suppress(KeyboardInterrupt),  # told by the caller, after all that is known is written
+        suppress(KeyboardInterrupt),  # the caller reports the interrupt after writing
         progress(len(missing)) as advance,
         closing(measured(missing, settings, jobs=jobs)) as running,
     ):
@@ -151,7 +148,7 @@ def _measured(
             advance()
     known = {rows[cell].key: rows[cell] for cell in cells if cell in rows}
     if path is not None:
-        write_whole(path, data((known | before | known).values()))  # in the order of the cells, the others behind
+        write_whole(path, data((known | before | known).values()))  # in the order of the cells, then the others
     elif csv is not None:
         deliver(data(known.values()), csv)
     return list(known.values())

@@ -1,4 +1,4 @@
-"""What is seen in the sizes, each as a formula that every measured cell is held against."""
+"""Statements on sizes, each a formula that is checked against every measured cell."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,28 +13,30 @@ STRICT, PROJECTED, CONSECUTIVE, SCATTERED = Semantics
 SEQUENCES: Final = (Gate.SAND, Gate.SAND_RL, Gate.PAND)
 COUNTS: Final = (Gate.OR, Gate.AND, Gate.VOT)
 SCATTERED_ALONE: Final = ("eql", "mfotl", "mtl", "mtl-r2u2", "sigma", "stix")
-"""Languages that say of events that they are there, and not that there are none between."""
+"""Languages that cannot forbid events between those of a match."""
 
 Formula = Callable[[int, int], int]
-"""A size of a gate over n children that needs k of them; OR has k = 1, all other gates but VOT k = n."""
+"""A size of a gate over n children that needs k of them; OR has k = 1, other gates except VOT k =
+n.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A sentence, and what it says of every cell that it is about; `concerns` picks those."""
+    """A sentence, and its check on the cells that `concerns` selects."""
 
     title: str
     concerns: Callable[[Measurement], bool]
     holds: Callable[[Measurement], bool]
 
     def cells(self, rows: Iterable[Measurement]) -> list[Measurement]:
-        """The rows that it is about."""
+        """Return the rows that the finding concerns."""
         return [row for row in rows if self.concerns(row)]
 
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """What sizes a language has for gates, under some semantics, where n and k are as `where` says."""
+    """The sizes of gates in a language, under some semantics and for n and k that satisfy `where`."""
 
     language: str
     gates: Sequence[Gate]
@@ -45,18 +47,18 @@ class Claim:
     """Whether the sizes are bounds."""
 
     def concerns(self, row: Measurement) -> bool:
-        """Whether it says something of a cell."""
+        """Return whether the claim concerns a cell."""
         named = row.language == self.language and row.gate in self.gates and row.semantics in self.semantics
         return named and row.result is Outcome.OK and self.where(*_gate(row))
 
     def holds(self, row: Measurement) -> bool:
-        """Whether that is true."""
+        """Return whether the cell satisfies the claim."""
         pairs = [(getattr(row, name), formula(*_gate(row))) for name, formula in self.sizes.items()]
         return all(found <= wanted if self.at_most else found == wanted for found, wanted in pairs)
 
 
 def sized(title: str, *claims: Claim) -> Finding:
-    """The finding that all of these claims hold."""
+    """Return the finding that all of these claims hold."""
     return Finding(
         title,
         lambda row: any(claim.concerns(row) for claim in claims),
@@ -65,8 +67,8 @@ def sized(title: str, *claims: Claim) -> Finding:
 
 
 def filtered(claim: Claim) -> tuple[Claim, Claim]:
-    """What holds under `strict`, and the same under `projected`, where RML has four symbols more
-    around the whole: `relevant >> (…)`.
+    """Return the claim under `strict`, and under `projected`, which adds the four symbols of
+    `relevant >> (…)`.
     """
     symbols = claim.sizes["symbols"]
     more: Formula = lambda n, k: symbols(n, k) + 4  # noqa: E731
@@ -74,60 +76,62 @@ def filtered(claim: Claim) -> tuple[Claim, Claim]:
 
 
 def _gate(row: Measurement) -> tuple[int, int]:
-    """The n and k of a cell."""
     n = row.children or 0
     return n, row.threshold or (1 if row.gate is Gate.OR else n)
 
 
 def subsets(n: int, k: int) -> int:
-    """How many sets of fewer than k of n children there are: what has happened before a VOT k/n is detected."""
+    """Return the number of sets of fewer than k of n children: the states before VOT k/n is
+    detected.
+    """
     return sum(comb(n, size) for size in range(k))
 
 
 def sequences(n: int, k: int) -> int:
-    """How many sequences of fewer than k different children there are."""
+    """Return the number of sequences of fewer than k different children."""
     return sum(perm(n, length) for length in range(k))
 
 
 def larger(n: int, k: int, size: Callable[[int], int]) -> int:
-    """The sizes of all sets of k or more children together."""
+    """Return the total size of all sets of at least k children."""
     return sum(comb(n, j) * size(j) for j in range(k, n + 1))
 
 
 def unrolled(n: int, k: int) -> int:
-    """The symbols of the paper's VOT k/n: for each set of fewer than k children an equation with an
-    option for each child that is left.
+    """Return the symbols of the paper's VOT k/n: an equation per set of fewer than k children, with
+    an option per remaining child.
     """
     inner = sum(comb(n, size) * (5 * (n - size) + 2) for size in range(k - 1))
     return inner + comb(n, k - 1) * (4 * (n - k + 1) + 2) + 5
 
 
 def chains(n: int, k: int, chain: Callable[[int], int], *, other: int, more: int = 0, joint: int = 0) -> int:
-    """The symbols of a chain for each order of k - 1 children, with a choice of all others where
-    the first event stands: `other` for each of these, `more` for the choice, `joint` between
-    chains.
+    """Return the symbols of a chain per order of k - 1 children, with a choice of the others at the
+    first event.
+
+    `other` counts per alternative, `more` per choice, `joint` between chains.
     """
     each = chain(k) + other * (n - k) + more * (k < n)
     return perm(n, k - 1) * each + (perm(n, k - 1) - 1) * joint
 
 
 def several(n: int, _k: int) -> bool:
-    """Whether there are two children or more."""
+    """Return whether there are at least two children."""
     return n > 1
 
 
 def between(n: int, k: int) -> bool:
-    """Whether k is neither 1 nor n."""
+    """Return whether k is neither 1 nor n."""
     return 1 < k < n
 
 
 def votes(language: str, formula: Formula, semantics: Sequence[Semantics] = (SCATTERED,)) -> Claim:
-    """A claim on the symbols of AND, and of VOT where one child is not enough."""
+    """Return a claim on the symbols of AND, and of VOT with k > 1."""
     return Claim(language, (Gate.AND, Gate.VOT), semantics, {"symbols": formula}, lambda _, k: k > 1)
 
 
 def in_a_row(language: str, semantics: Semantics, formula: Callable[[int], int], least: int = 2) -> Claim:
-    """A claim on the symbols of SAND, in either direction, and PAND."""
+    """Return a claim on the symbols of SAND, in either direction, and PAND."""
     return Claim(language, SEQUENCES, (semantics,), {"symbols": lambda n, _: formula(n)}, lambda n, _: n >= least)
 
 
@@ -425,7 +429,7 @@ FINDINGS: Final = tuple(finding for some in SECTIONS.values() for finding in som
 
 
 def missed(rows: Sequence[Measurement]) -> list[str]:
-    """The titles of findings that some cell contradicts, or that no cell is about."""
+    """Return the titles of findings that a cell contradicts, or that concern no cell."""
     return [
         finding.title
         for finding in FINDINGS

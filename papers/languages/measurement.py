@@ -1,9 +1,7 @@
-"""What is compared (trees, semantics, languages), and the measurement of sizes, seconds and events per second.
+"""Measurement of sizes, times and speeds of trees in languages.
 
-Everything is measured in processes that are forked for it. Each starts from this one, with
-everything imported, so that no cell gains from what another left in memory; one that takes too long
-or too much is ended, and costs no other. Times are those of the processor: what others do while
-this one waits is not counted.
+Each step runs in a forked process with all imports, so that no cell benefits from another's memory.
+A process beyond its time or memory is ended without affecting others. Times are CPU times.
 """
 
 import gc
@@ -48,32 +46,34 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor
 from rvaft.support.processes import Killed, in_processes
 
-MAX_ARITY: Final = 12  # the most children of a gate, unless more are asked for
-ROUNDS: Final = 3  # how often whatever is timed is done, at most
-PATIENCE: Final = 0.2  # seconds after which it is not done again
-READERS: Final = 4  # how many readers that know nothing run a walk each, at most
-WALKING: Final = 30.0  # seconds for finding the events of a tree; they are the engine's, and no language pays for them
-SLACK: Final = 10  # how much longer than of the processor something may take by the clock, for each process at a time
-GRACE: Final = 5.0  # seconds by the clock that a process may take beside
-SIZES: Final = ("symbols", "subformulas", "states", "edges")  # what is counted of a text
-ONLY_EMITTED: Final = "only emitted: nothing here runs its texts"
-EVENTS: Final = 240  # events of all walks together; the last walk ends with them
-LONGEST: Final = 60  # events after which a walk ends without a verdict
-_FORK: Final = 0.01  # seconds that a reader in a process of its own takes beside reading, about
-_NOISE: Final = 0.1  # how often an event fits nothing
-_DOOMED: Final = 4  # one walk of so many is led to where no hope is left
-_TRIES: Final = 16  # how many events to try for one that leaves hope, or none
+MAX_ARITY: Final = 12  # the default maximum of children
+ROUNDS: Final = 3  # the maximum number of repetitions of a timed step
+PATIENCE: Final = 0.2  # seconds after which a step is not repeated
+READERS: Final = 4  # the maximum number of fresh readers, one per walk
+WALKING: Final = 30.0  # seconds to generate the events of a tree with the engine; not counted for languages
+SLACK: Final = 10  # the ratio of wall time to CPU time that is allowed, per parallel process
+GRACE: Final = 5.0  # additional seconds of wall time per process
+SIZES: Final = ("symbols", "subformulas", "states", "edges")  # sizes of a text
+ONLY_EMITTED: Final = "only emitted: no reader for its texts"
+EVENTS: Final = 240  # events of all walks of a tree
+LONGEST: Final = 60  # the maximum number of events of a walk without a verdict
+_FORK: Final = 0.01  # approximate seconds to fork a reader
+_NOISE: Final = 0.1  # the probability of an irrelevant event
+_DOOMED: Final = 4  # one of this many walks leads to ⊥
+_TRIES: Final = 16  # the number of events tried
 _FOREIGN: Final = "none of the tree's"
 _OTHERS: Final = ("top or all rows some; all and a b; rows sand c d e; some 2of3 f g h;", "top sand a b c;")
-"""Trees that have nothing of what is measured; the second is for a language that cannot say the first."""
+"""Warm-up trees, different from measured ones; the second is for languages that cannot express the
+first.
+"""
 _SCALARS: Final = (str, int, float, bool, type(None))
 
 
 @dataclass(frozen=True)
 class Subject:
-    """A tree with the name that reports call it by.
+    """A tree with its name in reports.
 
-    `gate` and `threshold` are those of a gate over leaves, None for any other tree.
+    `gate` and `threshold` describe a gate over leaves; they are None for other trees.
     """
 
     name: str
@@ -83,13 +83,13 @@ class Subject:
 
     @cached_property
     def digest(self) -> str:
-        """Some digits of a hash of the tree's canonical text, by which the tree is known again."""
+        """The first digits of a hash of the tree's canonical text, which identify the tree."""
         return hashlib.sha256(dumps(self.tree).encode(errors="surrogateescape")).hexdigest()[:12]
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One thing to measure: a tree under a semantics in a language."""
+    """A tree under a semantics in a language."""
 
     subject: Subject
     semantics: Semantics
@@ -97,7 +97,8 @@ class Cell:
 
 
 def gate_subjects(gates: Iterable[Gate] = Gate, max_arity: int = MAX_ARITY) -> Iterator[Subject]:
-    """Each gate over 1 to `max_arity` leaves with default events, no event of two of them; VOT with every threshold.
+    """Yield each gate over 1 to `max_arity` leaves with disjoint default events; VOT with every
+    threshold.
 
     >>> [subject.name for subject in gate_subjects(map(Gate, ["and", "vot"]), 2)]
     ['and 1', 'and 2', 'vot 1/1', 'vot 1/2', 'vot 2/2']
@@ -112,8 +113,8 @@ def gate_subjects(gates: Iterable[Gate] = Gate, max_arity: int = MAX_ARITY) -> I
 
 
 def default_languages() -> tuple[str, ...]:
-    """All backends but those whose texts are another backend's texts in another form; the unfaithful ones come last."""
-    found = {name: loaded(name) for name in all_backends()}  # the rows of who cannot be loaded say why
+    """Return one form of each backend, faithful ones first."""
+    found = {name: loaded(name) for name in all_backends()}  # backends that cannot be loaded get rows with the reason
     languages = [name for name, one in found.items() if one is None or not one.form_of]
     return tuple(sorted(languages, key=lambda name: ((one := found[name]) is None or not one.faithful, name)))
 
@@ -121,16 +122,17 @@ def default_languages() -> tuple[str, ...]:
 def cells_of(
     subjects: Iterable[Subject], semantics: Iterable[Semantics] | None, languages: Iterable[str]
 ) -> tuple[Cell, ...]:
-    """Every tree under every semantics, or with None the one that the tree means, in every language, in this order.
+    """Return every tree under every semantics (None: that of the tree) in every language, in this
+    order.
 
-    Raises `OptionError` for a comparison of nothing, and for two trees that reports would call the same.
+    Raises `OptionError` for an empty comparison, and for two trees with one name.
     """
     parts = product(subjects, (None,) if semantics is None else semantics, languages)
     cells = tuple(Cell(subject, resolve_semantics(subject.tree, one), language) for subject, one, language in parts)
     for name, count in Counter(subject.name for subject in dict.fromkeys(cell.subject for cell in cells)).items():
         if count > 1:
             raise OptionError(
-                f"{count} trees are called {name}: rename a file, or write its path in another way, as ./{name}"
+                f"{count} trees have the name {name}: rename a file, or write its path differently, such as ./{name}"
             )
     if not cells:
         raise OptionError("nothing to compare: name at least one tree or gate, one semantics and one language")
@@ -138,10 +140,7 @@ def cells_of(
 
 
 class Outcome(StrEnum):
-    """How it ended. These words are never blurred.
-
-    What a language cannot say is not what was too much, or took too long.
-    """
+    """The outcome of a step; expressiveness, limits and time are kept apart."""
 
     OK = "ok"
     NOT_EXPRESSIBLE = "not expressible"
@@ -153,11 +152,11 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What a measurement depends on beside its cell.
+    """The settings of a measurement.
 
-    `limit` is that of translations, in the unit of the language (None: the backend's own);
-    `timeout` is in seconds of the processor, for everything that is done in one cell, and `memory`
-    in megabytes (2**20 bytes) for each process of it; `seed` is that of the events.
+    `limit` bounds translations, in the unit of the language (None: the backend's default).
+    `timeout` is in CPU seconds for one cell, `memory` in megabytes (2**20 bytes) per process.
+    `seed` selects the events.
     """
 
     limit: int | None = None
@@ -167,16 +166,16 @@ class Settings:
 
 
 class Measurement(msgspec.Struct, frozen=True):
-    """One cell and what was measured, in the columns of the CSV file, which docs/compare.md explains.
+    """The measurements of one cell, in the columns of the CSV file (see docs/compare.md); None if
+    unknown.
 
-    What is not known is None.
+    - `result`: outcome of the translation; `run`: of reading the text and running events.
+    - `seconds`: median time of a translation.
+    - `again_per_second`: median speed of one reader that runs all `events` again.
+    - `events_per_second`: speed of fresh readers on `first_events`.
+    - `differing`: the number of `walks` with other verdicts than the tree's.
 
-    `result` says how the translation ended, `run` how reading its text and running events did.
-    `seconds` is the median time of a translation; `again_per_second` the median speed of one reader
-    that runs all `events` again, and `events_per_second` that of readers that have met nothing
-    before, over `first_events`; `differing` counts the `walks` that got other verdicts than the
-    tree demands. A language that tells detections alone gets whole traces, and for
-    `again_per_second` all of them in one question.
+    A detections-only language gets whole traces; for `again_per_second` all of them at once.
     """
 
     tree: str
@@ -211,12 +210,12 @@ class Measurement(msgspec.Struct, frozen=True):
 
     @property
     def key(self) -> tuple[object, ...]:
-        """What two measurements share that may stand for each other, but for the time and memory that they may take."""
+        """The identity of a measurement, without time and memory limits."""
         return (self.tree, self.digest, self.semantics, self.language, self.limit, self.seed, self.version)
 
     def serves(self, wanted: "Measurement") -> bool:
-        """Whether this answers for another of the same key: nothing was missing, neither tools nor
-        what the other has more of.
+        """Return whether this record can replace another with the same key: it is complete, and not
+        limited by less time or memory.
         """
         if self.key != wanted.key or self.ended is None or self.broken:
             return False
@@ -227,27 +226,27 @@ class Measurement(msgspec.Struct, frozen=True):
 
     @property
     def broken(self) -> bool:
-        """Whether it says nothing about the language, only about what is installed here."""
+        """Whether the failure concerns only this installation, not the language."""
         return any(end in (Outcome.TOOL_MISSING, Outcome.FAILED) for end in (self.result, self.run))
 
     @property
     def detections_only(self) -> bool:
-        """Whether its text was run by a program that never says ⊥."""
+        """Whether the text was run by a program that never reports ⊥."""
         return self.run_reason.startswith(DETECTIONS_ONLY)
 
     @property
     def only_emitted(self) -> bool:
-        """Whether there is a text that nothing here runs."""
+        """Whether the text has no reader."""
         return self.run_reason == ONLY_EMITTED
 
     @property
     def ended(self) -> Outcome | None:
-        """How the translation ended, or, where it did well, how reading and running its text ended."""
+        """The outcome of the translation or, if it succeeded, of reading and running its text."""
         return self.run if self.result is Outcome.OK else self.result
 
 
 def unmeasured(cell: Cell, settings: Settings) -> Measurement:
-    """The record of a cell before anything is measured."""
+    """Return the record of a cell before measuring."""
     subject = cell.subject
     return Measurement(
         subject.name,
@@ -263,23 +262,24 @@ def unmeasured(cell: Cell, settings: Settings) -> Measurement:
 
 
 class _Unmeasurable(Exception):
-    """The outcome of work that has no result, and why, in one line."""
+    """The outcome of a step without result, and its reason on one line."""
 
 
 def measured(
     cells: Sequence[Cell], settings: Settings, *, jobs: int = 1
 ) -> Generator[tuple[Cell, Measurement], None, None]:
-    """The measurements of cells in their order, each as soon as it is known; close the iterator to stop early.
+    """Yield the measurements in order, each as soon as it is known; close the generator to stop
+    early.
 
-    With more than one of `jobs` processes at a time their times disturb each other.
+    Several `jobs` disturb each other's times.
     """
     for language, semantics in dict.fromkeys((cell.language, cell.semantics) for cell in cells):
-        _warm_up(language, semantics)  # imports all that is needed, and translates the text that every fork begins with
+        _warm_up(language, semantics)  # import all modules, and translate the warm-up text of every fork
     clock = SLACK * jobs * settings.timeout + GRACE
 
     @lru_cache(maxsize=1)
     def trodden(tree: RVAFT, semantics: Semantics) -> tuple[Walk, ...]:
-        """All languages of a tree run the same."""
+        """Return the walks of a tree, equal for all languages."""
         with suppress(_Unmeasurable):
             work = partial(walks, tree, semantics, settings.seed, seconds=WALKING)
             found: tuple[Walk, ...] = _isolated(work, 2 * WALKING, clock, settings)[0]
@@ -300,9 +300,9 @@ def measured(
 
 
 def _end(*_signal: object) -> None:
-    """Told to stop, a process ends its own ones and is gone.
+    """End this process and its children on SIGTERM.
 
-    An exception would be taken for a result, and the pool wait for ever.
+    An exception would count as a result, and the pool would wait forever.
     """
     for process in multiprocessing.active_children():
         process.kill()
@@ -310,7 +310,7 @@ def _end(*_signal: object) -> None:
 
 
 def _measured(cell: Cell, settings: Settings, clock: float, trodden: Sequence["Walk"]) -> Measurement:
-    """Translate, then read and run the text; whatever a backend does of it is part of the record."""
+    """Translate, read and run the text; errors of a backend become part of the record."""
     record, left = unmeasured(cell, settings), settings.timeout
 
     def isolated(work: Callable[[], Any]) -> Any:
@@ -350,25 +350,26 @@ def _measured(cell: Cell, settings: Settings, clock: float, trodden: Sequence["W
 
 
 def _remark(ran: "Run", walks: int) -> str:
-    """What is to be said of a run that ended well; most often nothing."""
+    """Return a remark on a successful run, mostly empty."""
     if not walks:
-        return "no events: the tree is too much for the engine, which is to find them"
+        return "no events: the engine exceeds its limits on the tree"
     open_ones = f", {walks - ran.walks} of {walks} traces are left open" if ran.walks < walks else ""
     return f"{DETECTIONS_ONLY}{open_ones}" if ran.whole else ""
 
 
 def _isolated(work: Callable[[], object], seconds: float, clock: float, settings: Settings) -> tuple[Any, float]:
-    """What the work gives in a process of its own, and the seconds that it used; raises `_Unmeasurable`."""
+    """Return the result of work in its own process and the CPU seconds used; raises
+    `_Unmeasurable`.
+    """
     context = multiprocessing.get_context("fork")
     heard, said = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(work, said, seconds, clock, settings), daemon=True)
-    # Told to stop in the middle of a fork, this process would leave the other one running, or
-    # complain of what the fork has to do.
+    # SIGTERM during a fork would leave the other process running, or cause warnings.
     open_signals = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
     process.start()
     try:
         signal.pthread_sigmask(signal.SIG_SETMASK, open_signals)
-        said.close()  # the process has its own; when that is closed, it has ended
+        said.close()  # the end of the process closes the pipe
         with heard:
             result, used = heard.recv()
     except EOFError:
@@ -388,40 +389,36 @@ def _isolated(work: Callable[[], object], seconds: float, clock: float, settings
 
 
 def _work(work: Callable[[], object], said: Connection, seconds: float, clock: float, settings: Settings) -> None:
-    """Do it within bounds of processor time, time by the clock and memory, and say what came of it.
-
-    In a process of its own.
-    """
+    """Run the work within limits of CPU time, wall time and memory, and send its result."""
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.setitimer(signal.ITIMER_PROF, seconds)
     signal.setitimer(signal.ITIMER_REAL, clock)
     _, most = resource.getrlimit(resource.RLIMIT_AS)
     wanted = settings.memory * 2**20
     resource.setrlimit(resource.RLIMIT_AS, (wanted if most == resource.RLIM_INFINITY else min(wanted, most), most))
-    # what is there from before is never looked at: a collection would copy all of it, in the middle
-    # of a run
+    # a collection of existing objects would copy their pages during a run
     gc.freeze()
     result: object
     try:
         result = work()
     except MemoryError:
-        resource.setrlimit(resource.RLIMIT_AS, (most, most))  # to have room for telling that it was met
+        resource.setrlimit(resource.RLIMIT_AS, (most, most))  # memory to report the failure
         result = _Unmeasurable(Outcome.TOO_LARGE, f"megabytes of memory (limit {settings.memory})")
     except Exception as error:  # noqa: BLE001
         known = raised(error)
         result = _Unmeasurable(Outcome(Status.of(known)), reason(known))
-    if process_time() > seconds:  # the system looks at its clock only now and then
+    if process_time() > seconds:  # the system checks its timer only at intervals
         signal.raise_signal(signal.SIGPROF)
     said.send((result, process_time()))
 
 
 def _warm_up(language: str, semantics: Semantics) -> None:
-    """Read and run another tree, which has all gates but knows nothing of what is measured.
+    """Read and run an unrelated tree with all gates.
 
-    A fork copies each page of memory that it writes to first, and Python writes to whatever it
-    looks at: that is no part of any time.
+    A fork copies each page that it writes, and Python writes to objects that it reads. This cost is
+    not part of any time.
     """
-    with suppress(Exception):  # whatever is wrong with a backend shows in its rows
+    with suppress(Exception):  # errors of a backend appear in its rows
         reader = backend(language).read(_other_text(language, semantics))
         if isinstance(reader, DetectionMonitor):
             reader.first_detections([[{"event": name} for name in "cfadgb"]])
@@ -434,7 +431,7 @@ def _warm_up(language: str, semantics: Semantics) -> None:
 
 @cache
 def _other_text(language: str, semantics: Semantics) -> str:
-    """The text of the first of the other trees that the language can say; empty where it can say none."""
+    """Return the text of the first warm-up tree that the language can express, or an empty string."""
     for tree in map(loads, _OTHERS):
         with suppress(RvaftError):
             return backend(language).translate(tree, semantics).text
@@ -442,10 +439,10 @@ def _other_text(language: str, semantics: Semantics) -> str:
 
 
 def _translated(cell: Cell, limit: int | None) -> tuple[str, Metrics, float]:
-    """The text, its sizes, and the median seconds of a translation."""
+    """Return the text, its sizes, and the median seconds of a translation."""
     times: list[float] = []
     while not times or (len(times) < ROUNDS and sum(times) < PATIENCE):
-        tree = copy(cell.subject.tree)  # a fresh one: nothing that a tree remembers of itself saves time
+        tree = copy(cell.subject.tree)  # a new tree, without caches
         start = thread_time()
         made = backend(cell.language).translate(tree, cell.semantics, limit=limit)
         times.append(thread_time() - start)
@@ -453,9 +450,10 @@ def _translated(cell: Cell, limit: int | None) -> tuple[str, Metrics, float]:
 
 
 class Run(NamedTuple):
-    """What reading a text took, and running so many events in so many walks, of which some got other verdicts.
+    """The times of reading a text and running events, and the numbers of events, walks and
+    differing walks.
 
-    `whole` where a program looks at traces as a whole.
+    `whole`: the program processes whole traces.
     """
 
     reading: float
@@ -467,10 +465,7 @@ class Run(NamedTuple):
 
 
 def _ran(cell: Cell, text: str, trodden: Sequence["Walk"]) -> Run:
-    """Read the text and run the walks, each from the start up to its final verdict.
-
-    What a reader remembers of one helps it in the next.
-    """
+    """Read the text, and run each walk from the start to its final verdict, with one reader."""
     _warm_up(cell.language, cell.semantics)
     start = thread_time()
     reader = backend(cell.language).read(text)
@@ -490,7 +485,7 @@ def _ran(cell: Cell, text: str, trodden: Sequence["Walk"]) -> Run:
             start = thread_time()
             for event in walk.events:
                 got.append(monitor.step(event))
-                if monitor.verdict.final:  # what follows costs nothing and says nothing
+                if monitor.verdict.final:  # later events cost nothing
                     break
             seconds += thread_time() - start
         events += len(got)
@@ -499,8 +494,9 @@ def _ran(cell: Cell, text: str, trodden: Sequence["Walk"]) -> Run:
 
 
 def _ran_again(cell: Cell, text: str, trodden: Sequence["Walk"]) -> tuple[Run, float]:
-    """The first run of all walks by one reader, and the median seconds of the later ones; of whole
-    traces programs remember the answer, so that is the first.
+    """Return the first run of all walks by one reader, and the median seconds of later runs.
+
+    For whole traces the first run counts, because programs cache answers.
     """
     first = _ran(cell, text, trodden)
     if first.whole:
@@ -513,7 +509,7 @@ def _ran_again(cell: Cell, text: str, trodden: Sequence["Walk"]) -> tuple[Run, f
 
 @contextmanager
 def no_collection() -> Iterator[None]:
-    """The collector of cyclic garbage rests meanwhile, as in `timeit`."""
+    """Disable the garbage collector, as `timeit` does."""
     gc.disable()
     try:
         yield
@@ -526,36 +522,35 @@ def _speed(events: int, seconds: float) -> float | None:
 
 
 def _rounded(number: float) -> float:
-    return float(f"{number:.4g}")  # more would only look exact
+    return float(f"{number:.4g}")  # more digits are not significant
 
 
 @dataclass(frozen=True, slots=True)
 class Walk:
-    """A trace that is led through the tree, and the verdict after each of its events."""
+    """A generated trace, and the verdict after each event."""
 
     events: tuple[Json, ...]
     verdicts: tuple[Verdict, ...]
 
     @property
     def detection(self) -> int | None:
-        """The number of the event that is the detection, from 1; None where there is none."""
+        """The number of the detecting event, from 1, or None."""
         return self.verdicts.index(Verdict.TRUE) + 1 if Verdict.TRUE in self.verdicts else None
 
 
 def walks(
     tree: RVAFT, semantics: Semantics, seed: int, *, events: int = EVENTS, seconds: float = math.inf
 ) -> tuple[Walk, ...]:
-    """So many events in traces that each end with a final verdict or when they are long; fewer
-    where the engine gives up or takes longer.
+    """Return traces with this many events, each up to a final verdict or `LONGEST`; fewer if the
+    engine fails or times out.
 
-    A random trace alone would soon be hopeless in most trees, and then no monitor has anything to
-    do. So each event is one that the engine waits for, with values under which hope remains if some
-    are found; one in ten fits nothing, where that does no harm. One walk in four is led on purpose,
-    somewhere on its way, to where no hope is left, if the tree has such a place: a text has to say
-    that, too. Where the tree reads times, events are a second apart.
+    Random traces would soon lead to ⊥ in most trees, where monitors have no work. Each event is
+    therefore one that the engine awaits, with values that avoid ⊥ if possible; one in ten is
+    irrelevant where harmless. One walk in four leads to ⊥ at a random point if possible, because
+    texts must report ⊥ too. For trees with times, events are a second apart.
     """
     until, judge = process_time() + seconds, Engine(tree, semantics)
-    # under consecutive there is always hope: the way is led where the match goes on that was begun
+    # under `consecutive` there is no ⊥: continue the match that was begun
     start = Engine(tree, Semantics.PROJECTED) if semantics is Semantics.CONSECUTIVE else judge
     random = Random(f"{seed} {semantics}")  # noqa: S311 (no secret)
     values = [value for value in interesting_values(tree) if isinstance(value, _SCALARS)]
@@ -571,15 +566,15 @@ def walks(
         return random.sample(tree.occurrences, min(len(tree.occurrences), _TRIES))
 
     def hopeless(monitor: Engine) -> Json | None:
-        """An event that leaves no hope, if one is found: most often one of the tree's own."""
+        """Return an event that leads to ⊥, if one is found: mostly one of the tree."""
         tried = [fitted(node, {}) for node in some_nodes()]
         tried.insert(random.randrange(len(tried) + 1), now({_FOREIGN: 0}))
         return next((event for event in tried if monitor.fork().step(event) is Verdict.FALSE), None)
 
     def candidates(monitor: Engine) -> Iterator[tuple[str, Mapping[str, Json]]]:
-        """Nodes whose events to try, with values that are bound.
+        """Yield nodes whose events to try, with bound values.
 
-        What is waited for is only asked where trying is no cheaper.
+        Pending events are computed only if trying costs as much.
         """
         if semantics is not Semantics.SCATTERED and not tree.variables:  # a wrong guess shows at once
             yield from ((node, {}) for node in some_nodes())
@@ -587,7 +582,7 @@ def walks(
         yield from (random.choice(awaited) for _ in range(_TRIES if awaited else 0))
 
     def hopeful(monitor: Engine) -> Json:
-        """An event that is waited for, and, if one is found, leaves hope."""
+        """Return an awaited event that avoids ⊥, if one is found."""
         event: Json = {}
         for node, variables in candidates(monitor):
             event = fitted(node, variables)
@@ -598,10 +593,10 @@ def walks(
     found: list[Walk] = []
     taken: list[Json] = []
     while events > 0 and process_time() < until:
-        doomed = semantics.ends and len(found) % _DOOMED == _DOOMED - 1  # there hope never ends
+        doomed = semantics.ends and len(found) % _DOOMED == _DOOMED - 1  # `scattered` and `consecutive` have no ⊥
         doom = random.randrange(len(found[-1].events)) if doomed else LONGEST
         monitor, judging, taken, verdicts = start.fork(), judge.fork(), [], list[Verdict]()
-        with suppress(RvaftError):  # more partial matches than the engine follows; what there is will do
+        with suppress(RvaftError):  # too many partial matches for the engine; keep the events so far
             while len(taken) < min(events, LONGEST) and not judging.verdict.final and process_time() < until:
                 event = hopeless(monitor) if len(taken) >= doom else None
                 if event is None:

@@ -1,4 +1,4 @@
-"""The note on what was found, written from the measurements."""
+"""The page of results, generated from the measurements."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -31,15 +31,11 @@ TREES: Final = (
     "apart",
     "late",
 )
-"""What a language may be able to say, from the simple to the demanding: files in `trees/`, whose
-first lines say what it is.
-"""
+"""Trees that need increasing capabilities: files in `trees/`, described by their first lines."""
 SHORT: Final = (2, 3, 4, 6, 8)
 """The numbers of children in the short table; VOT with half of them."""
 FEW: Final = 5
-"""The number of children in the tables of sizes and times: the most that each language says of every
-gate, within its limit.
-"""
+"""The number of children in the tables of sizes and times: the most within every language's limit."""
 
 _HEAD: Final = """\
 # Evaluation: {languages} specification languages
@@ -121,7 +117,7 @@ _LEGEND: Final[Mapping[str, Callable[[Measurement], str]]] = {
 
 
 def note(rows: Sequence[Measurement], limit: int) -> str:
-    """The page, in Markdown."""
+    """Return the page in Markdown."""
     most = max(row.children or 0 for row in rows)
     names = languages(rows)
     counts = [(outcome, sum(row.ended is outcome for row in rows)) for outcome in Outcome]
@@ -145,12 +141,12 @@ def note(rows: Sequence[Measurement], limit: int) -> str:
 
 
 def languages(rows: Sequence[Measurement]) -> list[str]:
-    """The languages, in their order."""
+    """Return the languages in order."""
     return [*dict.fromkeys(row.language for row in rows)]
 
 
 def short(rows: Sequence[Measurement]) -> list[Measurement]:
-    """The rows of the short table."""
+    """Return the rows of the short table."""
     return [row for row in rows if row.children in SHORT and row.threshold in (None, _half(row))]
 
 
@@ -162,13 +158,11 @@ def _lines(lines: Iterator[str]) -> str:
     return "".join(f"{line}\n" for line in lines)
 
 
-# -- which can say what --------------------------------------------------------------------------------------
+# Expressiveness.
 
 
 def expressible(rows: Sequence[Measurement]) -> tuple[list[list[str]], list[str]]:
-    """A table, its heading first, of what each language says of each of the trees; and the reasons
-    to which its numbers refer.
-    """
+    """Return the table of languages and trees, heading first, and the reasons for its numbers."""
     names = languages(rows)
     cells = {(Path(row.tree).stem, row.semantics, row.language): row for row in rows if row.gate is None}
     reasons: dict[str, int] = {}
@@ -195,7 +189,6 @@ def _is_said(row: Measurement) -> bool:
 
 
 def _told(rows: Sequence[Measurement]) -> str:
-    """What a run of the texts of a language tells."""
     if any(row.only_emitted for row in rows):
         return "emitted"
     return "detections only" if any(row.detections_only for row in rows) else "verdicts"
@@ -211,13 +204,13 @@ def _markdown(lines: Sequence[Sequence[str]], reasons: Sequence[str]) -> Iterato
 
 
 def capabilities(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """A table, its heading first, of what the backends of these names list."""
+    """Return the table of capabilities of these backends, heading first."""
     heading, *others = table({name: backend(name).capabilities() for name in names})
     return [("", *heading[1:]), *others]
 
 
 def capabilities_tex(names: Sequence[str]) -> str:
-    r"""The same for LaTeX, to be read by `\input`."""
+    r"""Return the table of capabilities for LaTeX, as an `\input`."""
     heading, *others = ([escaped(cell.replace("`", "")) for cell in line] for line in capabilities(names))
     turned = " & ".join(rf"\rotatebox{{90}}{{{name}}}" for name in heading[1:])
     return "\n".join(
@@ -242,7 +235,7 @@ def capabilities_tex(names: Sequence[str]) -> str:
 
 
 def expressible_tex(cells: Sequence[Sequence[str]], reasons: Sequence[str]) -> str:
-    r"""The same for LaTeX, to be read by `\input`; the reasons stand below the table."""
+    r"""Return the table of expressiveness for LaTeX, as an `\input`, with the reasons below it."""
     heading, *others = ([escaped(cell) for cell in line] for line in cells)
     turned = " & ".join(rf"\rotatebox{{90}}{{{name}}}" for name in heading[1:])
     told = ("emitted", "detections only", "verdicts")
@@ -277,7 +270,7 @@ def expressible_tex(cells: Sequence[Sequence[str]], reasons: Sequence[str]) -> s
     )
 
 
-# -- sizes and times -----------------------------------------------------------------------------------------
+# Sizes and times.
 
 
 def _finding(finding: Finding, rows: Sequence[Measurement]) -> str:
@@ -288,7 +281,9 @@ def _finding(finding: Finding, rows: Sequence[Measurement]) -> str:
 
 
 def _large(rows: Sequence[Measurement]) -> Iterator[str]:
-    """What was too much for a language, or took too long: how many gates, and of each the smallest."""
+    """Yield the gates beyond limits per language and semantics: their number, and the smallest
+    ones.
+    """
     kinds = dict.fromkeys(
         (row.ended, row.language, row.semantics) for row in rows if row.ended in (Outcome.TOO_LARGE, Outcome.TIMEOUT)
     )
@@ -303,7 +298,7 @@ def _large(rows: Sequence[Measurement]) -> Iterator[str]:
 
 
 def _sizes_and_times(rows: Sequence[Measurement]) -> Iterator[str]:
-    """For each measure a table with a row for each gate and a column for each language."""
+    """Yield a table per measure, with a row per gate and a column per language."""
     some = [row for row in rows if row.semantics is Semantics.SCATTERED and row.children == FEW]
     chosen = [row for row in some if row.threshold in (None, _half(row)) and row.language not in unable(some)]
     names = languages(chosen)

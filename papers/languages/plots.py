@@ -1,4 +1,4 @@
-"""Figures as PDF and PNG, for print: one panel per gate or tree, one line per language. Needs Matplotlib."""
+"""Figures as PDF and PNG: one panel per gate or tree, one line per language. Needs Matplotlib."""
 
 import io
 import math
@@ -38,24 +38,25 @@ _STYLES: Final = {
     "sql-postgres": ("#44aa99", "H", "-.", "full", 4.0),
     "": ("#777777", "|", "-", "full", 6.0),
 }
-"""How languages are told apart, in grey and by the colour-blind too; every other marker is open and
-larger, so that the one below shows.
+"""Styles of languages, also distinguishable in grey and for colour-blind readers.
+
+Every second marker is open and larger, so that markers below it remain visible.
 """
 _LETTERS: Final = dict(zip(list(Outcome)[1:], "NLT+*", strict=True))
-"""What stands above a panel for each way to end without a value."""
+"""The letters above a panel for each outcome without a value."""
 _RING: Final[dict[str, Any]] = dict(zip(_LOOK, ("black", "o", "none", "none", 8.0), strict=True))
-"""Drawn around a value of a text that gives other verdicts than the tree."""
+"""A ring around the value of a text with other verdicts than the tree's."""
 _SETTINGS: Final = {
-    "font.family": "DejaVu Sans",  # comes with matplotlib: the same everywhere
+    "font.family": "DejaVu Sans",  # part of matplotlib: the same everywhere
     "axes.titlesize": "medium",
     "axes.linewidth": 0.6,
     "lines.linewidth": 0.9,
     "lines.markeredgewidth": 0.8,
-    "pdf.fonttype": 42,  # outlines that publishers accept; type 3 some do not
+    "pdf.fonttype": 42,  # TrueType outlines; some publishers reject type 3
 }
 _SILENT: Final = {"pdf": dict.fromkeys(("CreationDate", "Producer", "Creator")), "png": {"Software": None}}
-_ROWS: Final = 3  # of panels in one figure
-_LETTER: Final = 8.5  # points from one line of letters to the next
+_ROWS: Final = 3  # rows of panels in one figure
+_LETTER: Final = 8.5  # points between lines of letters
 
 Value = Callable[[Measurement], float | None]
 MEASURES: Final[Mapping[str, tuple[str, Value]]] = {
@@ -71,8 +72,8 @@ MEASURES: Final[Mapping[str, tuple[str, Value]]] = {
 
 
 class Panel(NamedTuple):
-    """The measurements of one panel by their place on the horizontal axis, of which `ticks` names
-    the places that are no numbers.
+    """The measurements of one panel by horizontal position; `ticks` names positions that are not
+    numbers.
     """
 
     title: str
@@ -82,7 +83,7 @@ class Panel(NamedTuple):
 
 
 class Plot(NamedTuple):
-    """The panels of one figure, which share the vertical axis, and what it shows of a measurement."""
+    """The panels of one figure with a shared vertical axis, and the plotted value."""
 
     name: str
     label: str
@@ -95,7 +96,7 @@ class Plot(NamedTuple):
         return [row for panel in self.panels for _, row in panel.points]
 
     def of(self, languages: Collection[str]) -> "Plot":
-        """The same with these languages alone."""
+        """Return the plot for these languages only."""
         panels = [
             panel._replace(points=[(x, row) for x, row in panel.points if row.language in languages])
             for panel in self.panels
@@ -103,14 +104,13 @@ class Plot(NamedTuple):
         return self._replace(panels=panels)
 
     def lost(self, row: Measurement) -> str:
-        """The letter for why there is no value; empty where there is one, and where the language has no such thing."""
+        """Return the letter for a missing value, or an empty string."""
         return "" if self.value(row) is not None or row.ended is None else _LETTERS.get(row.ended, "")
 
 
 def figures(rows: Sequence[Measurement]) -> Iterator[Plot]:
-    """For each measure a figure of the gates under each semantics, and one of all other trees.
-
-    Those without any value are left out.
+    """Yield per measure a figure of the gates per semantics, and one of all other trees, if they
+    have values.
     """
     gates = {
         semantics: list(_gates([row for row in rows if row.gate is not None and row.semantics is semantics]))
@@ -124,8 +124,8 @@ def figures(rows: Sequence[Measurement]) -> Iterator[Plot]:
 
 
 def _gates(rows: Sequence[Measurement]) -> Iterator[Panel]:
-    """A panel per gate over the number of children; one with thresholds has one for half of them,
-    and one for all of the most children.
+    """Yield a panel per gate over the number of children; for VOT one at half, and one over all
+    thresholds.
     """
     for gate in dict.fromkeys(row.gate for row in rows):
         title = str(gate).upper().replace("_RL", ", right to left")
@@ -141,7 +141,7 @@ def _gates(rows: Sequence[Measurement]) -> Iterator[Panel]:
 
 
 def _trees(rows: Sequence[Measurement]) -> Iterator[Panel]:
-    """A panel per tree over the semantics, which the name of its file stands above."""
+    """Yield a panel per tree over the semantics, titled by file name."""
     order = [choice for choice in Semantics if any(row.semantics is choice for row in rows)]
     for tree, digest in dict.fromkeys((row.tree, row.digest) for row in rows):
         points = [(order.index(row.semantics), row) for row in rows if (row.tree, row.digest) == (tree, digest)]
@@ -149,7 +149,7 @@ def _trees(rows: Sequence[Measurement]) -> Iterator[Panel]:
 
 
 def library(otherwise: str = "") -> Any:
-    """Matplotlib; raises `ToolMissing`, which says what to do otherwise."""
+    """Return Matplotlib; raises `ToolMissing` with `otherwise` as an alternative."""
     parts = (".figure", ".font_manager", ".lines", ".ticker", "")
     *_, found = [
         installed(f"matplotlib{part}", "Matplotlib", f"pip install '.[papers]' in a checkout{otherwise}")
@@ -160,10 +160,7 @@ def library(otherwise: str = "") -> Any:
 
 @contextmanager
 def style(**settings: Any) -> Iterator[ModuleType]:
-    """The settings of Matplotlib for what is drawn in here, whatever the user's own are.
-
-    The same picture everywhere; raises `ToolMissing`.
-    """
+    """Apply fixed Matplotlib settings, independent of the user's; raises `ToolMissing`."""
     matplotlib = library()
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
@@ -172,7 +169,7 @@ def style(**settings: Any) -> Iterator[ModuleType]:
 
 
 def saved(drawing: "Figure") -> Iterator[tuple[str, bytes]]:
-    """The figure as a PDF and as a PNG, the same bytes every time."""
+    """Yield the figure as PDF and PNG, with reproducible bytes."""
     for form, silent in _SILENT.items():
         stream = io.BytesIO()
         drawing.savefig(stream, format=form, dpi=300, metadata=silent)
@@ -180,7 +177,7 @@ def saved(drawing: "Figure") -> Iterator[tuple[str, bytes]]:
 
 
 def plots(rows: Sequence[Measurement], width: Width = Width.PAGE) -> Iterator[tuple[str, bytes]]:
-    """Each figure as a PDF and as a PNG, with its file name; none where nothing has a value. Raises `ToolMissing`."""
+    """Yield each figure as PDF and PNG with its file name; raises `ToolMissing`."""
     size, across = (8, 3) if width is Width.PAGE else (7, 2)
     for figure in figures(rows):
         parts = range(0, len(figure.panels), across * _ROWS)
@@ -192,9 +189,7 @@ def plots(rows: Sequence[Measurement], width: Width = Width.PAGE) -> Iterator[tu
 
 
 def _drawn(plot: Plot, width: Width, across: int) -> "Figure":
-    """The figure, under whatever settings Matplotlib has, with a legend of the languages and of
-    what rings and letters mean.
-    """
+    """Return the figure with a legend of languages, rings and letters."""
     matplotlib = library()
     across = min(across, len(plot.panels))
     down = math.ceil(len(plot.panels) / across)
@@ -234,9 +229,8 @@ def _drawn(plot: Plot, width: Width, across: int) -> "Figure":
 
 
 def _draw_panel(axes: "Axes", panel: Panel, plot: Plot, languages: Sequence[str], lost: Sequence[str]) -> None:
-    """A line for each language over numbers, marks side by side over names.
-
-    The languages in `lost` have letters above.
+    """Draw lines over numbers, or marks side by side over names; languages in `lost` have letters
+    above.
     """
     for number, language in enumerate(languages):
         shift = (number - (len(languages) - 1) / 2) * 0.12 if panel.ticks else 0.0
@@ -244,7 +238,7 @@ def _draw_panel(axes: "Axes", panel: Panel, plot: Plot, languages: Sequence[str]
         points = sorted((x, row) for x, row in panel.points if row.language == language)
         known = [
             (x + shift, plot.value(row) or math.nan, row) for x, row in points
-        ]  # a line ends where a value is missing
+        ]  # missing values interrupt the line
         axes.plot([x for x, _, _ in known], [y for _, y, _ in known], **look)
         axes.plot([x for x, _, row in known if row.differing], [y for _, y, row in known if row.differing], **_RING)
         for x, row in points:
@@ -264,15 +258,14 @@ def _draw_panel(axes: "Axes", panel: Panel, plot: Plot, languages: Sequence[str]
 
 
 def _look(language: str) -> dict[str, Any]:
-    """Colour, marker and line of a language.
-
-    The same in every figure, whoever else is compared; of all that are not known here the same.
+    """Return colour, marker and line of a language, the same in every figure; unknown languages
+    share one.
     """
     return dict(zip(_LOOK, _STYLES.get(language, _STYLES[""]), strict=True))
 
 
 def _drawable(text: str) -> str:
-    """The start of the text, with what the font does not have written as escapes."""
+    """Return the start of the text, with characters missing in the font escaped."""
     fonts = library().font_manager
     known = fonts.get_font(fonts.findfont("DejaVu Sans")).get_charmap()
     return cut("".join(c if ord(c) in known else c.encode("unicode_escape").decode() for c in visible(text)), 28)

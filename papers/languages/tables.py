@@ -1,4 +1,4 @@
-"""Measurements as a CSV file and back, as a table for people, and as LaTeX tables."""
+"""Measurements as CSV (written and read), as a text table, and as LaTeX tables."""
 
 import csv
 import io
@@ -18,12 +18,12 @@ from rvaft.export.latex import escaped
 from rvaft.support.terminal import columns, visible
 
 COLUMNS: Final = Measurement.__struct_fields__
-"""The columns of the CSV file; what is not known is empty."""
+"""The columns of the CSV file; unknown values are empty."""
 _REQUIRED: Final = frozenset({"tree", "semantics", "language", "result", "timeout", "seed"})
 
 
 def csv_text(rows: Iterable[Measurement], *, heading: bool = True) -> str:
-    """The measurements, below the names of the columns."""
+    """Return the measurements as CSV."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerows([COLUMNS] if heading else [])
@@ -32,9 +32,10 @@ def csv_text(rows: Iterable[Measurement], *, heading: bool = True) -> str:
 
 
 def read_rows(text: str, file: str = "<csv>") -> Iterator[Measurement]:
-    """The measurements of such a text; a last line that was only begun is left out, as an interrupted run leaves it.
+    """Yield the measurements of a CSV text without an incomplete last line, as an interrupt leaves
+    it.
 
-    A column that the text does not have is empty. Raises `LanguageError` for what is no comparison.
+    Missing columns are empty. Raises `LanguageError` for other texts.
     """
     whole = text[: text.rfind("\n") + 1]
     if not whole and ",".join(COLUMNS).startswith(text):
@@ -42,7 +43,7 @@ def read_rows(text: str, file: str = "<csv>") -> Iterator[Measurement]:
     reader = csv.DictReader(io.StringIO(whole))
     heading = reader.fieldnames or ()
     if not _REQUIRED <= set(heading) <= set(COLUMNS) or len(heading) > len(set(heading)):
-        raise LanguageError("no comparison of languages: its first line should name the columns", file=file)
+        raise LanguageError("not a comparison of languages: the first line must name the columns", file=file)
     empty = {"gate": None, "children": None, "threshold": None}
     for cells in reader:
         if None in cells or None in cells.values():
@@ -58,7 +59,7 @@ _OTHER: Final = "with other verdicts"
 
 
 def text_lines(rows: Sequence[Measurement]) -> list[str]:
-    """A line for people for each measurement: numbers to the right, how it ended last."""
+    """Return a line per measurement: numbers right-aligned, the outcome last."""
     lines = [("TREE", "SEMANTICS", "LANGUAGE", *map(str.upper, SIZES), "MS", "READ", "EVENTS/S", "AGAIN/S")]
     for row in rows:
         sizes = ("" if size is None else str(size) for size in map(partial(getattr, row), SIZES))
@@ -71,7 +72,7 @@ def text_lines(rows: Sequence[Measurement]) -> list[str]:
 
 
 def milliseconds(seconds: float) -> str:
-    """A time with three significant digits.
+    """Return a time with three significant digits.
 
     >>> milliseconds(0.0012345)
     '1.23'
@@ -80,7 +81,7 @@ def milliseconds(seconds: float) -> str:
 
 
 def _ended(row: Measurement) -> str:
-    """How a cell ended, in a few words."""
+    """Return the outcome of a cell in a few words."""
     if row.result is not Outcome.OK:
         return f"{row.result}: {row.reason}" if row.reason else f"{row.result}"
     reason = f": {row.run_reason}" if row.run_reason else ""
@@ -90,7 +91,7 @@ def _ended(row: Measurement) -> str:
 
 
 def headline(rows: Sequence[Measurement]) -> str:
-    """How many measurements ended how; a text that says something else than the tree is none that is ok."""
+    """Return the number of measurements per outcome; texts with other verdicts are not `ok`."""
     counts = Counter(_OTHER if row.differing else row.ended for row in rows)
     words = [Outcome.OK, _OTHER, *(outcome for outcome in Outcome if outcome is not Outcome.OK)]
     said = ", ".join(f"{counts[word]} {word}" for word in words if counts[word])
@@ -98,14 +99,14 @@ def headline(rows: Sequence[Measurement]) -> str:
 
 
 class Width(StrEnum):
-    """How wide a figure or a table is in a paper: a page of A4 with usual margins, or one of its two columns."""
+    """The width of a figure or table: an A4 page with usual margins, or one of its two columns."""
 
     PAGE = "page"
     COLUMN = "column"
 
 
 _DAGGER: Final = r"\textdagger{}"
-"""What stands before the symbols of a text that says something else than the tree."""
+"""The mark before the symbols of a text with other verdicts."""
 _MEANINGS: Final = {
     "symb.": "symbols of the property",
     "subf.": "subformulas",
@@ -118,22 +119,21 @@ _MEANINGS: Final = {
 }
 _BROAD: Final = {Width.PAGE: 18, Width.COLUMN: 6}
 """Columns of numbers in one table."""
-_LONG: Final = 48  # trees in one table, so that it fits a page
-_NAME: Final = 24  # letters of the name of a tree; of a path the end tells trees apart
+_LONG: Final = 48  # trees in one table, to fit a page
+_NAME: Final = 24  # letters of a tree name; the end of a path is kept
 
 
 def pandas() -> Any:
-    """The library pandas; raises `ToolMissing`."""
+    """Return pandas; raises `ToolMissing`."""
     remedy = "pip install '.[papers]' in a checkout, or leave --latex out"
-    installed("jinja2", "pandas", remedy)  # which pandas needs for LaTeX
+    installed("jinja2", "pandas", remedy)  # pandas needs it for LaTeX
     return installed("pandas", "pandas", remedy)
 
 
 def latex_text(rows: Sequence[Measurement], width: Width = Width.PAGE) -> str:
-    r"""Floats to be read by `\input`, for each semantics: a row for each tree, a group of columns for each language.
+    r"""Return tables for `\input`, per semantics: a row per tree, a group of columns per language.
 
-    Languages that do not fit side by side and trees that do not fit a page stand in further tables.
-    Raises `ToolMissing`.
+    Further languages and trees go to further tables. Raises `ToolMissing`.
     """
     data = pandas()
     tables = ["% Needs \\usepackage[T1]{fontenc} and \\usepackage{booktabs,multirow,textcomp}.\n"]
@@ -145,7 +145,7 @@ def latex_text(rows: Sequence[Measurement], width: Width = Width.PAGE) -> str:
             for name in dict.fromkeys(row.language for row in chosen)
         }
         mute = unable(chosen)
-        groups: list[dict[str, Any]] = [{}]  # the languages that stand side by side
+        groups: list[dict[str, Any]] = [{}]  # the languages side by side
         for language, its in languages.items():
             if language in mute and len(mute) < len(languages):
                 continue
@@ -178,13 +178,13 @@ def latex_text(rows: Sequence[Measurement], width: Width = Width.PAGE) -> str:
 
 
 def unable(rows: Iterable[Measurement]) -> dict[str, str]:
-    """The languages that can say none of these trees, each with a reason."""
+    """Return the languages that can express none of these trees, each with a reason."""
     said = {row.language for row in rows if row.result is not Outcome.NOT_EXPRESSIBLE}
     return {row.language: row.reason for row in rows if row.language not in said}
 
 
 def _remarks(rows: Sequence[Measurement], shown: Sequence[str], mute: Mapping[str, str]) -> Iterator[str]:
-    """What is to be said of the languages in a table, and of those that are in none."""
+    """Yield remarks on the languages in a table, and on excluded ones."""
     some = {
         DETECTIONS_ONLY: [row.language for row in rows if row.detections_only],
         "only emitted": [row.language for row in rows if row.only_emitted],
@@ -197,7 +197,7 @@ def _remarks(rows: Sequence[Measurement], shown: Sequence[str], mute: Mapping[st
 
 
 def _latex_cells(row: Measurement) -> dict[str, str]:
-    """What is known of a cell, by the heading of its column."""
+    """Return the known values of a cell by column heading."""
     if row.result is not Outcome.OK:
         return {"symb.": str(row.result)}
     known = {"subf.": row.subformulas, "states": row.states, "edges": row.edges}
@@ -215,7 +215,6 @@ def _latex_cells(row: Measurement) -> dict[str, str]:
 
 
 def _two_digits(number: float) -> str:
-    """Times have no more significant digits."""
     return f"{float(f'{number:.2g}'):.12g}"
 
 

@@ -96,7 +96,7 @@ class Orders:
         """Spend steps of the budget."""
         self._left -= steps
         if self._left < 0:
-            raise TooLarge("events of all orders in which they may come", limit=self._limit)
+            raise TooLarge("events in all possible orders", limit=self._limit)
 
     def scenarios(self) -> Iterator[Scenario]:
         """Yield the feasible scenarios; raises `TreeError` if there are none."""

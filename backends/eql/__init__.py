@@ -55,9 +55,9 @@ class EqlBackend(Backend):
     values: ClassVar[frozenset[Value]] = frozenset({Value.NUMBER, Value.BOOLEAN, Value.LIST})
     ties: ClassVar[Ties] = Ties.ALL_EVENTS
     reasons: ClassVar[Mapping[Capability, str]] = {
-        Semantics: "between the events of a sequence EQL skips all others",
-        Feature.TIME_POINTS: "of times EQL has `maxspan` alone: how long a whole sequence may take",
-        Value.NULL: "EQL does not tell a field with null from none",
+        Semantics: "an EQL sequence cannot forbid events between its own",
+        Feature.TIME_POINTS: "the only condition on time in EQL is `maxspan`, over a whole sequence",
+        Value.NULL: "EQL does not distinguish a null field from a missing one",
         **{
             one: f"a condition of EQL compares a field with a constant; it has no exact `{one}`"
             for one in EVERY_OPERATOR

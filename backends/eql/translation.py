@@ -78,7 +78,7 @@ class EqlText:
     def __init__(self, prop: Property, limit: int) -> None:
         self._time = prop.time if any(isinstance(part, Within) for part in prop.parts) else None
         if len(prop.events) > limit:
-            raise TooLarge("events of all orders in which they may come", limit=limit)
+            raise TooLarge("events in all possible orders", limit=limit)
         self._orders = Orders(prop, limit=limit)
         self._dialect = EqlConditions(self._orders.spend)
         self._seen: dict[Event, dict[str, str]] = {}
@@ -100,18 +100,18 @@ class EqlText:
             node = window.source.node
             below = reachable(cast(Part, window), scenario.kept.__getitem__)
             if sum(isinstance(one, Event) for one in below) < len(scenario.events):
-                raise NotExpressible("`maxspan` is over a whole sequence, not over a part of it", nodes=[node])
+                raise NotExpressible("`maxspan` covers a whole sequence, not a part of it", nodes=[node])
             if len(scenario.events) == 1:
-                raise NotExpressible("a window over one event only asks for its time", nodes=[node])
+                raise NotExpressible("a window over one event only requires that it has a time", nodes=[node])
             if window.duration % UNITS["ms"]:
-                raise NotExpressible("a `maxspan` is of whole milliseconds", nodes=[node])
+                raise NotExpressible("a `maxspan` has whole milliseconds", nodes=[node])
         return min((window.duration for window in found), default=None)
 
     def _items(self, scenario: Scenario) -> dict[Event, Item] | None:
         """Return the condition of each event of a scenario, or None if a guard never holds."""
         groups = self._orders.groups
         paths = {event: {} if event in groups else self._paths(event) for event in scenario.events}
-        several = "a condition of EQL looks at one event"
+        several = "an EQL condition concerns one event"
         asked = self._orders.asked(scenario, paths, lambda node, _: NotExpressible(several, nodes=[node]))
         if asked is None:
             return None
@@ -120,7 +120,7 @@ class EqlText:
         for variable in shared:
             if holders[variable] < len(paths):
                 having = dict.fromkeys(event.source.node for event in paths if variable in paths[event])
-                raise NotExpressible(f"`by` ties all events of a sequence, and {variable} only some", nodes=having)
+                raise NotExpressible(f"`by` joins all events of a sequence, and some lack {variable}", nodes=having)
         span = self._span(scenario)
         return {
             event: Item(self._conditions(event, asked[event]), tuple(paths[event][one] for one in shared), span)
@@ -158,12 +158,12 @@ class EqlConditions(FieldConditions):
     }
     denied = '(not {t} and stringContains({p}, ""))'
     reasons: ClassVar[Mapping[Lack, str]] = {
-        Lack.TWO_FIELDS: "EQL compares no field with another one",
-        Lack.CONTAINER: "EQL does not tell an object without fields from an empty list",
+        Lack.TWO_FIELDS: "EQL cannot compare two fields",
+        Lack.CONTAINER: "EQL does not distinguish an empty object from an empty list",
         Lack.CALCULATION: "a condition of EQL compares a field with a constant",
-        Lack.NULL: "EQL does not tell a field with null from none",
-        Lack.SURROGATE: "a text of EQL has no half of a surrogate pair",
-        Lack.FIELD_NAME: "the name of a field in EQL has a letter, no line break and no `",
+        Lack.NULL: "EQL does not distinguish a null field from a missing one",
+        Lack.SURROGATE: "an EQL string cannot contain half of a surrogate pair",
+        Lack.FIELD_NAME: "an EQL field name needs a character, and cannot contain a line break or `",
     }
 
     def __init__(self, spend: Callable[[int], None]) -> None:

@@ -22,7 +22,7 @@ from rvaft.monitors import DetectionMonitor
 __all__ = ["MtlBackend"]
 
 
-_UNTIMED: Final = "its discrete time counts events, and windows are of clocks"
+_UNTIMED: Final = "its discrete time counts events, and windows need clock times"
 
 
 class MtlCapabilities(Backend):
@@ -36,7 +36,7 @@ class MtlCapabilities(Backend):
     values: ClassVar[frozenset[Value]] = JSON_VALUES
     ties: ClassVar[Ties] = Ties.NONE
     reasons: ClassVar[Mapping[Capability, str]] = {
-        Semantics: "a chain of `once` skips what comes between its events",
+        Semantics: "a chain of `once` cannot forbid events between its own",
         Within: _UNTIMED,
         Feature.TIME_POINTS: _UNTIMED,
         Ties.ALL_EVENTS: "a proposition is about one event",

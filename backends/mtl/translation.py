@@ -81,7 +81,7 @@ def translation(prop: Property, limit: int) -> Chains:
         lambda several: tuple(dict.fromkeys(chain.from_iterable(several))),
     )
     if any(len(word) > _DEEPEST for word in words):
-        raise NotExpressible(f"Reelay itself ends at formulas that are deeper than {_DEEPEST} events")
+        raise NotExpressible(f"Reelay aborts on formulas deeper than {_DEEPEST} events")
     if not words:
         return Chains({_NEVER: "{ } when false"}, (((_NEVER,),),))
     names = {

@@ -50,7 +50,7 @@ HIGHLIGHTING: Final = Highlighting(
 """RML for the LaTeX package `listings`, in styles that do not need colour."""
 
 
-_UNTIMED: Final = "times are read from texts and decimals, and RML has only the numbers of an event as they stand"
+_UNTIMED: Final = "RML cannot convert strings and decimals to times"
 
 
 class RmlCapabilities(Backend):

@@ -24,7 +24,7 @@ from rvaft.monitors import Monitor
 __all__ = ["SigmaBackend"]
 
 
-_UNTYPED: Final = "Sigma has no types, and no null: it takes the constant for another value"
+_UNTYPED: Final = "Sigma has no types and no null, and confuses the constant with other values"
 
 
 class SigmaBackend(Backend):
@@ -59,12 +59,12 @@ class SigmaBackend(Backend):
     values: ClassVar[frozenset[Value]] = frozenset({Value.NUMBER})
     ties: ClassVar[Ties] = Ties.ALL_EVENTS
     reasons: ClassVar[Mapping[Capability, str]] = {
-        Semantics: "a correlation says which events there are and not that there are none between",
-        Condition: "Sigma compares without types: to it a text is more than any number",
-        Feature.TIME_POINTS: "of times a correlation has its timespan alone",
+        Semantics: "a correlation cannot forbid events between its own",
+        Condition: "Sigma compares without types: a string is greater than any number",
+        Feature.TIME_POINTS: "the timespan is the only condition on time of a correlation",
         Value.NULL: _UNTYPED,
         Value.BOOLEAN: _UNTYPED,
-        Value.LIST: "no rule asks for the length of a list, or whether a value is an object",
+        Value.LIST: "a rule cannot test the length of a list, or whether a value is an object",
     }
     default_limit: ClassVar[int] = 100
 

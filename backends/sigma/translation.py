@@ -30,10 +30,8 @@ _ODD: Final = re.compile(r"[\0-\2\ud800-\udfff]")
 _COLUMN: Final = re.compile(r"rowid|oid|_rowid_|rvaft_.*", re.IGNORECASE)
 """Table columns that are not fields."""
 _UNIT: Final = "rules of the correlation"
-_MIXED: Final = "one event can fit two rules, and a correlation does not tell that it is one"
-_WINDOW: Final = (
-    "a correlation has one timespan, from the first of its events, and tells others only when its last one was"
-)
+_MIXED: Final = "one event can match two rules, and a correlation would count it twice"
+_WINDOW: Final = "a correlation has one timespan from its first event, and passes on only the time of its last one"
 
 Chain: TypeAlias = tuple[Nest, ...]
 """Consecutive single events, each possibly a choice; the first may be a nest with a window."""
@@ -66,7 +64,7 @@ class SigmaRules:
         tied, refused = self._groups, lambda _, nodes: self._refuse(_WINDOW, nodes)
         nest = Nesting(self._prop, refused, limit=10 * self._limit, unit=_UNIT, free=tied).nest()
         if nest == NEVER:
-            self._refuse("no rule detects nothing, and a guard never holds", [self._prop.tree.root])
+            self._refuse("a guard never holds, and no rule can express that", [self._prop.tree.root])
         title = _ODD.sub("?", self._prop.tree.root)[:256].strip() or "tree"
         whole = {"title": title, "correlation": self._correlation(nest)}
         whole |= {} if self._time is None else {"rvaft": self._time}
@@ -125,7 +123,7 @@ class SigmaRules:
     def _of(self, kind: str, names: list[str], within: int | None, **further: Any) -> dict[str, Any]:
         """Return a correlation of rules and correlations, grouped by the values of variables."""
         if within is not None and (within < _SECOND or within % _SECOND or within > _DAYS * 86_400 * _SECOND):
-            self._refuse("a timespan is of whole seconds, one or more", (one.source.node for one in self._windows))
+            self._refuse("a timespan has whole seconds, at least one", (one.source.node for one in self._windows))
         bound = {name: self._bound[name] for name in names if name in self._bound}
         aliases = {
             alias: {name: bound[name][one] for name in bound}
@@ -153,7 +151,7 @@ class SigmaRules:
         shared = sorted(name for name in names if sum(name in one for one in fields.values()) > 1)
         for name in shared:
             if lacking := [event.source.node for event, one in fields.items() if name not in one]:
-                self._refuse(f"a correlation groups by what all of its events have, and not all have {name}", lacking)
+                self._refuse(f"a correlation groups by fields of all its events, and some lack {name}", lacking)
         by = {name: {one[name] for one in fields.values()} for name in shared}
         several = [name for name in shared if len(by[name]) > 1]
         return {name: f"rvaft_{several.index(name)}" if name in several else min(by[name]) for name in shared}
@@ -260,7 +258,7 @@ class SigmaRules:
         while todo:
             way, part = todo.pop(0)
             if way and (not re.fullmatch(r"[^.|\0-\x1f\ud800-\udfff]+", way[-1]) or _COLUMN.fullmatch(way[0])):
-                self._refuse("the name of a field has a meaning of its own in Sigma or in a table", [node])
+                self._refuse("the field name is reserved in Sigma or in SQL tables", [node])
             field = ".".join(way)
             match part:
                 case ObjectPattern(inner) if inner:
@@ -273,21 +271,21 @@ class SigmaRules:
                         or value[0] in "[{"
                         or _ODD.search(value)
                     ):
-                        self._refuse("Sigma has no types: it takes the text for another value", [node])
+                        self._refuse("Sigma has no types, and confuses the string with another value", [node])
                     found[f"{field}|cased"] = re.sub(r"([\\*?])", r"\\\1", value)
                 case Literal(value) if _plain_number(value):
                     found[field] = value
                 case Literal():
-                    self._refuse("Sigma has no types, and no null: it takes the constant for another value", [node])
+                    self._refuse("Sigma has no types and no null, and confuses the constant with other values", [node])
                 case Variable(name) if name in bound:
-                    self._refuse("no rule compares two fields of an event by value", [node])
+                    self._refuse("a rule cannot compare two fields of an event", [node])
                 case Variable() | Anything():
                     found[f"{field}|exists"] = True
                     bound |= {part.name} if isinstance(part, Variable) else set()
                 case _:
-                    self._refuse("no rule asks for the length of a list, or whether a value is an object", [node])
+                    self._refuse("a rule cannot test the length of a list, or whether a value is an object", [node])
         if len({name.partition("|")[0].lower() for name in found}) < len(found):
-            self._refuse("two fields of an event differ in case alone, which no table tells apart", [node])
+            self._refuse("two field names differ only in case, which SQL tables ignore", [node])
         return found
 
 

@@ -36,7 +36,7 @@ def quoted(text: str, character: str = "chr") -> str:
     cannot hold.
     """
     if _HALF.search(text):
-        reason = f"{text!a} has a character that no text in a table can have"
+        reason = f"{text!a} has a character that SQL strings cannot hold"
         raise NotExpressible(reason)
     parts = enumerate(_CONTROL.split(text))
     said = [f"{character}({ord(part)})" if odd % 2 else "'" + part.replace("'", "''") + "'" for odd, part in parts]

@@ -61,15 +61,15 @@ class StixBackend(Backend):
     values: ClassVar[frozenset[Value]] = frozenset({Value.NUMBER, Value.BOOLEAN})
     ties: ClassVar[Ties] = Ties.NONE
     reasons: ClassVar[Mapping[Capability, str]] = {
-        Semantics: "a pattern says which observations there are and not that there are none between",
-        Feature.TIME_POINTS: "of times a pattern has WITHIN alone, and compares no two of them",
+        Semantics: "a pattern cannot forbid observations between its own",
+        Feature.TIME_POINTS: "WITHIN is the only condition on time of a pattern",
         Value.NULL: "STIX has no null",
-        Value.LIST: "no comparison asks for the length of a list, or whether a value is an object",
-        Ties.ALL_EVENTS: "no pattern compares what two observations have",
-        Ties.ANY: "no pattern compares what two observations have",
+        Value.LIST: "a comparison cannot test the length of a list, or whether a value is an object",
+        Ties.ALL_EVENTS: "a pattern cannot compare two observations",
+        Ties.ANY: "a pattern cannot compare two observations",
         **dict.fromkeys(
             CALCULATING | READING | {Operator.LOWER},
-            "a comparison is of one property and a constant, and calculates nothing",
+            "a comparison has one property and a constant, and no arithmetic",
         ),
     }
     default_limit: ClassVar[int] = 250

@@ -26,12 +26,12 @@ class StixConditions(FieldConditions):
     exists, equals, differs, is_truth = "({p} = '' OR {p} != '')", "{p} = {v}", "{p} != {v}", "{p} = {v}"
     comparing_asks = True
     reasons: ClassVar[Mapping[Lack, str]] = {
-        Lack.TWO_FIELDS: "no comparison is of two properties, and two have to be equal",
-        Lack.CONTAINER: "no comparison asks for the length of a list, or whether a value is an object",
-        Lack.CALCULATION: "a comparison is of one property and a constant, and calculates nothing",
+        Lack.TWO_FIELDS: "a comparison cannot compare two properties",
+        Lack.CONTAINER: "a comparison cannot test the length of a list, or whether a value is an object",
+        Lack.CALCULATION: "a comparison has one property and a constant, and no arithmetic",
         Lack.NULL: "STIX has no null",
-        Lack.SURROGATE: "half a surrogate pair is no text",
-        Lack.TEXT_FUNCTION: "LIKE and MATCHES compare what Unicode's form NFC makes of a string, not the string",
+        Lack.SURROGATE: "half of a surrogate pair is not a string",
+        Lack.TEXT_FUNCTION: "LIKE and MATCHES normalise strings to Unicode NFC before comparison",
     }
 
     def __init__(self, path_of: Callable[[tuple[str, ...]], str]) -> None:

@@ -34,7 +34,7 @@ class StixPattern:
             if isinstance(window, Within):
                 within = window.duration
                 if within < 1 or within % 1_000 or within > _LONGEST or (within > _EXACT and within % _SECOND):
-                    reason = "WITHIN is of whole microseconds, one or more, and of whole seconds beyond 30 years"
+                    reason = "WITHIN takes whole microseconds, at least one, and whole seconds beyond 30 years"
                     raise NotExpressible(reason, nodes=[window.source.node])
         unit = "observation expressions of the pattern"
         self._nest = Nesting(prop, self._inseparable, limit=limit, unit=unit).nest()
@@ -49,9 +49,11 @@ class StixPattern:
 
     def _inseparable(self, why: str, nodes: Iterable[str]) -> NoReturn:
         if why == WINDOW:
-            self._refuse("a window is over one expression, and parts that share something become several", nodes)
-        what = "a guard does" if why == TIE else f"with {why}"
-        self._refuse(f"no pattern compares what two observations have, as {what}", nodes)
+            self._refuse(
+                "a window covers one expression, and parts with common events or variables become several", nodes
+            )
+        what = "a guard does" if why == TIE else f"two of them share {why}"
+        self._refuse(f"a pattern cannot compare two observations, and {what}", nodes)
 
     def _written(self, nest: Nest, *, inside: bool = False) -> str:
         """Return a nest as a pattern, or as an operand; equal observations are counted."""

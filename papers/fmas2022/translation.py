@@ -60,7 +60,7 @@ CHARACTERS: Final = 100
 """Characters of one term per term of the limit."""
 _AROUND: Final = 4
 r"""The symbols of an option `(a T_bc) \\/` without its child."""
-_UNSAID: Final = "the paper does not say how"
+_UNSAID: Final = "the paper does not define it"
 _AND, _OR = " /\\ ", " \\/ "
 _SIGNS: Final = {op: facts.sign for op, facts in OPERATORS.items()} | {Operator.AND: "&&", Operator.OR: "||"}
 _TOKEN: Final = re.compile(r"\w+|/\\|\\/|>>|[^\s\w]")

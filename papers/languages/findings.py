@@ -138,23 +138,22 @@ def in_a_row(language: str, semantics: Semantics, formula: Callable[[int], int],
 SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
     "Verdicts": (
         Finding(
-            "Every text that could be run gave the verdicts that the tree demands on all traces, or the "
-            "same first detections where the "
-            "language tells these alone; the paper's unrolled VOT too: over leaves, with nothing behind "
-            "the gate, it is right.",
+            "Every text with a reader gives the verdicts of the tree on all traces (detections-only "
+            "languages: the same first detections). This includes the paper's unrolled VOT over leaves "
+            "with nothing behind the gate.",
             lambda row: bool(row.walks),
             lambda row: row.differing == 0,
         ),
         Finding(
-            "SQL says every tree of the first table, under each semantics; no other language says the one "
-            "whose events come late.",
+            "SQL expresses every tree of the first table under each semantics; only SQL expresses the "
+            "tree with late events.",
             lambda row: row.gate is None and (row.language == "sql" or "late" in row.tree),
             lambda row: (row.result is Outcome.OK) == (row.language == "sql"),
         ),
         Finding(
-            "The paper does not say how to write PAND, nor a tree under `consecutive` or `scattered`; EQL, "
-            "MFOTL, MTL, Sigma and STIX say only what is `scattered`. "
-            "That is all that some language cannot express of gates over leaves.",
+            "The paper does not define PAND, `consecutive` and `scattered`; EQL, MFOTL, MTL, Sigma and "
+            "STIX express only `scattered`. Every other gate over leaves is expressible in every "
+            "language.",
             lambda row: row.gate is not None,
             lambda row: (
                 (row.result is Outcome.NOT_EXPRESSIBLE)
@@ -174,18 +173,17 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             Claim("automaton", (Gate.AND,), (STRICT, PROJECTED), {"states": lambda n, _: 2**n + 2}, several),
         ),
         sized(
-            "Under `scattered` it has 2ⁿ + 1: nothing can go wrong, so no state for that.",
+            "Under `scattered` it has 2ⁿ + 1: there is no rejecting state.",
             Claim("automaton", (Gate.AND,), (SCATTERED,), {"states": lambda n, _: 2**n + 1}, several),
         ),
         sized(
-            "An automaton for VOT k/n under `scattered` has a state for each set of fewer than k children, "
-            "and two more.",
+            "An automaton for VOT k/n under `scattered` has a state per set of fewer than k children, and two more.",
             Claim("automaton", (Gate.VOT,), (SCATTERED,), {"states": lambda n, k: subsets(n, k) + 2}),
         ),
         sized(
-            "An automaton for VOT k/n under `consecutive` has a state for each sequence of fewer than k "
-            "different children, and two more; OR has k = 1, "
-            "AND k = n. The order counts: if a child comes again, what has come since may begin a match.",
+            "An automaton for VOT k/n under `consecutive` has a state per sequence of fewer than k "
+            "different children, and two more; OR has k = 1, AND k = n. The order matters: after a "
+            "repeated child, a match may begin at a later event.",
             Claim("automaton", COUNTS, (CONSECUTIVE,), {"states": lambda n, k: sequences(n, k) + 2}),
         ),
         sized(
@@ -193,15 +191,14 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             Claim("automaton", SEQUENCES, (CONSECUTIVE, SCATTERED), {"states": lambda n, _: n + 2}),
         ),
         sized(
-            "Under `strict` and `projected` it has one more (n ≥ 2), for what can go wrong.",
+            "Under `strict` and `projected` it has one more (n ≥ 2), the rejecting state.",
             Claim("automaton", SEQUENCES, (STRICT, PROJECTED), {"states": lambda n, _: n + 3}, several),
         ),
     ),
     "LTLf": (
         sized(
-            "VOT k/n, k ≥ 3, and AND (k = n) under `projected` and `consecutive` have 9k² - 10k + 2 + (n - "
-            "k)(9k - 13) distinct subformulas: "
-            "quadratic, and no more where a match may begin anywhere.",
+            "VOT k/n, k ≥ 3, and AND (k = n) under `projected` and `consecutive` have 9k² - 10k + 2 + (n "
+            "- k)(9k - 13) distinct subformulas: quadratic.",
             Claim(
                 "ltlf",
                 (Gate.AND, Gate.VOT),
@@ -211,8 +208,7 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             ),
         ),
         sized(
-            "AND under `scattered` has 3n - 1 symbols and 2n + 1 distinct subformulas (n ≥ 2): one "
-            "conjunct for each child.",
+            "AND under `scattered` has 3n - 1 symbols and 2n + 1 distinct subformulas (n ≥ 2): one conjunct per child.",
             Claim(
                 "ltlf",
                 (Gate.AND,),
@@ -222,8 +218,8 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             ),
         ),
         sized(
-            "VOT k/n, k < n, under `scattered` has k(2(n - k) + 3) distinct subformulas: at most quadratic "
-            "in n, where automata have a sum of binomials.",
+            "VOT k/n, k < n, under `scattered` has k(2(n - k) + 3) distinct subformulas: at most "
+            "quadratic in n, while automata have a sum of binomials.",
             Claim(
                 "ltlf",
                 (Gate.VOT,),
@@ -233,7 +229,7 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             ),
         ),
         sized(
-            "Over n ≥ 2 leaves PAND is SAND, in as many symbols: 5n - 6 under `strict`, 12n - 4 under "
+            "Over n ≥ 2 leaves, PAND equals SAND: 5n - 6 symbols under `strict`, 12n - 4 under "
             "`projected`, 12n - 6 under `consecutive`, 6n - 4 under `scattered`.",
             in_a_row("ltlf", STRICT, lambda n: 5 * n - 6),
             in_a_row("ltlf", PROJECTED, lambda n: 12 * n - 4),
@@ -251,22 +247,22 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             in_a_row("rml", SCATTERED, lambda n: 3 * n + 4),
         ),
         sized(
-            "AND under `strict` has 2n + 5 symbols (n ≥ 2): `|` is a shuffle, and disjoint events cannot be confused.",
+            "AND under `strict` has 2n + 5 symbols (n ≥ 2): `|` is a shuffle, and the events are disjoint.",
             Claim("rml", (Gate.AND,), (STRICT,), {"symbols": lambda n, _: 2 * n + 5}, several),
         ),
         sized(
-            "VOT k/n, 1 < k < n, under `scattered` has one equation for each set of fewer than k children, "
-            "and `Main`: one less than the automaton has states.",
+            "VOT k/n, 1 < k < n, under `scattered` has an equation per set of fewer than k children, and "
+            "`Main`: one less than the automaton has states.",
             Claim("rml", (Gate.VOT,), (SCATTERED,), {"states": lambda n, k: subsets(n, k) + 1}, between),
         ),
         sized(
-            "Under `consecutive` it has one for each sequence of fewer than k different children, and "
-            "`Main`; OR has k = 1, AND k = n.",
+            "Under `consecutive` it has one per sequence of fewer than k different children, and `Main`; "
+            "OR has k = 1, AND k = n.",
             Claim("rml", COUNTS, (CONSECUTIVE,), {"states": lambda n, k: sequences(n, k) + 1}),
         ),
         sized(
-            "The paper's unrolled VOT has one equation for each set of fewer than k children, and `Main`, "
-            "under `strict` and `projected`: its symbols follow a sum of binomials.",
+            "The paper's unrolled VOT has an equation per set of fewer than k children, and `Main`, under"
+            " `strict` and `projected`: its symbols grow as a sum of binomials.",
             *filtered(
                 Claim(
                     "rml-paper",
@@ -277,13 +273,12 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             ),
         ),
         sized(
-            "RML needs no unrolling there: its VOT never has more symbols than the unrolled one. (Small "
-            "ones are written as alternatives all the same: then the published monitors say `true` at the "
-            "very event, not one later.)",
+            "The VOT of `rml` is not unrolled, and never has more symbols. (Small ones are alternatives, "
+            "so that the published monitors report `true` at the detecting event, not one later.)",
             *filtered(Claim("rml", (Gate.VOT,), (STRICT,), {"symbols": unrolled}, at_most=True)),
         ),
         sized(
-            "From eight children up, for 1 < k < n, it is one equation of 3n + k + 10 symbols (`projected`: 4 more).",
+            "From eight children, for 1 < k < n, it is one equation of 3n + k + 10 symbols (`projected`: 4 more).",
             *filtered(
                 Claim(
                     "rml",
@@ -297,8 +292,8 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
     ),
     "SQL and row patterns": (
         sized(
-            "A query of SQL for SAND, in either direction, or PAND joins n tables, in 40n + 45 symbols "
-            "under `strict`, 48n + 47 under `projected`, 64n + 47 under `consecutive`, 62n + 4 under "
+            "An SQL query for SAND, in either direction, or PAND joins n tables in 40n + 45 symbols under"
+            " `strict`, 48n + 47 under `projected`, 64n + 47 under `consecutive`, 62n + 4 under "
             "`scattered`.",
             in_a_row("sql", STRICT, lambda n: 40 * n + 45),
             in_a_row("sql", PROJECTED, lambda n: 48 * n + 47),
@@ -306,21 +301,20 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             in_a_row("sql", SCATTERED, lambda n: 62 * n + 4),
         ),
         sized(
-            "For VOT k/n, k ≥ 2, and AND (k = n) under `scattered` it has one join of k tables for each "
-            "set of k children, without an order between them: 40n + C(n,k)(14k + 17) - 2 symbols, where a "
-            "language of sequences has them all.",
+            "For VOT k/n, k ≥ 2, and AND (k = n) under `scattered` it has a join of k tables per set of k"
+            " children, without an order: 40n + C(n,k)(14k + 17) - 2 symbols. Languages of sequences list"
+            " the orders.",
             votes("sql", lambda n, k: 40 * n + comb(n, k) * (14 * k + 17) - 2),
         ),
         sized(
-            "Under the other semantics, where what comes between counts, it has one for each set of k "
-            "children or more.",
+            "Under the other semantics it has a join per set of at least k children.",
             votes("sql", lambda n, k: 24 * n + 29 + larger(n, k, lambda j: 20 * j + 17), (STRICT,)),
             votes("sql", lambda n, k: 32 * n + 31 + larger(n, k, lambda j: 20 * j + 17), (PROJECTED,)),
             votes("sql", lambda n, k: 44 * n + 35 + larger(n, k, lambda j: 24 * j + 13), (CONSECUTIVE,)),
         ),
         sized(
-            "MATCH_RECOGNIZE has one query of 10k + 43 symbols for each order of k children under "
-            "`scattered`: n! for AND. (The standard's PERMUTE would say it in one; Flink does not have it.)",
+            "MATCH_RECOGNIZE has a query of 10k + 43 symbols per order of k children under `scattered`: "
+            "n! for AND. (The standard's PERMUTE needs one; Flink lacks it.)",
             Claim(
                 "match-recognize",
                 COUNTS,
@@ -333,7 +327,7 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             in_a_row("match-recognize", SCATTERED, lambda n: 10 * n + 43, 1),
         ),
         sized(
-            "Under the other semantics it has, for AND and VOT, one for each order of k children or more.",
+            "Under the other semantics it has, for AND and VOT, one per order of at least k children.",
             Claim(
                 "match-recognize",
                 (Gate.AND, Gate.VOT),
@@ -342,41 +336,40 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             ),
         ),
     ),
-    "Patterns, rules and sequences of security": (
+    "Security languages": (
         sized(
-            "STIX says OR, AND, SAND and PAND with n observations in 6n - 1 symbols: each gate is an "
-            "operator, and observations are distinct by themselves.",
+            "STIX writes OR, AND, SAND and PAND with n observations in 6n - 1 symbols: each gate is an "
+            "operator, and observations are distinct.",
             Claim("stix", (Gate.OR, Gate.AND, *SEQUENCES), (SCATTERED,), {"symbols": lambda n, _: 6 * n - 1}),
         ),
         sized(
-            "It has no counting of different things: VOT k/n, 1 < k < n, is one alternative of 6k + 1 "
-            "symbols for each set of k children, C(n,k)(6k + 2) - 1.",
+            "It cannot count distinct observations: VOT k/n, 1 < k < n, is an alternative of 6k + 1 "
+            "symbols per set of k children, C(n,k)(6k + 2) - 1.",
             Claim("stix", (Gate.VOT,), (SCATTERED,), {"symbols": lambda n, k: comb(n, k) * (6 * k + 2) - 1}, between),
         ),
         sized(
-            "Sigma has one rule for each event and one correlation: 28n + 13 symbols for AND, SAND and "
-            "PAND, and 28n + 18 for OR and VOT k/n, k < n, n ≥ 2: it counts (`gte: k`), and is the only "
-            "one that grows so little in VOT.",
+            "Sigma has a rule per event and one correlation: 28n + 13 symbols for AND, SAND and PAND, and"
+            " 28n + 18 for OR and VOT k/n, k < n, n ≥ 2. It counts (`gte: k`), so VOT is linear.",
             Claim("sigma", (Gate.AND, *SEQUENCES), (SCATTERED,), {"symbols": lambda n, _: 28 * n + 13}),
             Claim(
                 "sigma", (Gate.OR, Gate.VOT), (SCATTERED,), {"symbols": lambda n, _: 28 * n + 18}, lambda n, k: k < n
             ),
         ),
         sized(
-            "EQL says SAND and PAND with one sequence of 8n + 1 symbols (n ≥ 2), and OR with one event of 5n + 1.",
+            "EQL writes SAND and PAND as one sequence of 8n + 1 symbols (n ≥ 2), and OR as one event of 5n + 1.",
             in_a_row("eql", SCATTERED, lambda n: 8 * n + 1),
             Claim("eql", (Gate.OR,), (SCATTERED,), {"symbols": lambda n, _: 5 * n + 1}),
         ),
         sized(
-            "For AND it has n! sequences, and for VOT k/n, k ≥ 2, one for each order of k - 1 children, "
-            "with a choice of all others before: n!/(n - k + 1)! sequences of 8k + 1 + 5(n - k) symbols.",
+            "For AND it has n! sequences, and for VOT k/n, k ≥ 2, one per order of k - 1 children, "
+            "preceded by a choice of the others: n!/(n - k + 1)! sequences of 8k + 1 + 5(n - k) symbols.",
             votes("eql", lambda n, k: chains(n, k, lambda k: 8 * k + 1, other=5)),
         ),
     ),
     "Past-time logics": (
         sized(
-            "MFOTL says AND with n atoms in 12n - 2 symbols, and SAND and PAND with n atoms and n - 1 "
-            "comparisons of positions in 20n - 10: positions are values, so no order is written out.",
+            "MFOTL writes AND with n atoms in 12n - 2 symbols, and SAND and PAND with n atoms and n - 1 "
+            "comparisons of positions in 20n - 10: positions are values, so orders are not listed.",
             Claim(
                 "mfotl",
                 (Gate.AND,),
@@ -391,7 +384,7 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             ),
         ),
         sized(
-            "For OR and VOT k/n, k < n, it has one existential formula for each set of k children: kC(n,k) "
+            "For OR and VOT k/n, k < n, it has an existential formula per set of k children: kC(n,k) "
             "atoms in C(n,k)(12k + 1) - 1 symbols.",
             Claim(
                 "mfotl",
@@ -406,7 +399,7 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
         ),
         sized(
             "Past MTL has no positions: SAND and PAND are one chain of 12n - 4 symbols for Reelay, 14n - "
-            "13 for R2U2, and AND and VOT k/n one for each order of k - 1 children, with a choice of all "
+            "13 for R2U2. AND and VOT k/n have a chain per order of k - 1 children, with a choice of the "
             "others: n! for AND, as in EQL.",
             in_a_row("mtl", SCATTERED, lambda n: 12 * n - 4),
             in_a_row("mtl-r2u2", SCATTERED, lambda n: 14 * n - 13),

@@ -54,10 +54,10 @@ One set of attack-fault trees is translated into {languages} specification langu
 | semantics | `strict`, `projected`, `consecutive`, `scattered` |
 | languages | {names} |
 
-There are {count} measurements: {outcomes}. Each runs in a process of its own. Automata are limited to
+There are {count} measurements: {outcomes}. Each runs in its own process. Automata are limited to
 {limit:,} states, other languages to the default limit of `rvaft emit`. [Compare
-languages](../../docs/how-to/compare.md) defines the measures. Every text that can be run must give the verdicts
-of the engine on the traces that are timed.
+languages](../../docs/how-to/compare.md) defines the measures. Every text with a reader must give the engine's verdicts
+on the timed traces.
 
 `python -m papers.languages` repeats all measurements and writes this page; `--resume` continues.
 
@@ -77,8 +77,8 @@ semantics. A number refers to the reason below the table.
 _SEEN: Final = """
 ## RQ2: sizes
 
-Each statement is checked against all cells that it is about. n is the number of children, k the number
-that are needed; C(n,k) is a binomial coefficient.
+Each statement is checked against all cells that it concerns. n is the number of children, of which k are
+needed; C(n,k) is a binomial coefficient.
 """
 _LIMITS: Final = """
 ### Limits
@@ -87,9 +87,8 @@ _LIMITS: Final = """
 _TABLES: Final = """
 ## RQ3: times at {few} children
 
-Under `scattered`, which all languages but the translation of the paper express. Languages with * report
-detections only: their programs look at whole traces and are asked once for each. {emitted} are only
-emitted.
+Under `scattered`, which all languages except the paper's translation express. Languages with * report
+detections only: their programs read whole traces. {emitted} have no reader.
 """
 _THREATS: Final = """
 ## Threats to validity
@@ -101,16 +100,16 @@ _THREATS: Final = """
   other languages (Reelay, SQLite), so speeds compare programs and not languages.
 - **External.** Gates over single events show growth, not typical trees. The trees of RQ1 are chosen to
   separate languages.
-- **Agreement.** A text may be wrong on traces that were not tried. `rvaft cross-check` searches further,
-  and proves agreement where a language has three verdicts and no events are tied.
+- **Agreement.** A text may be wrong on untested traces. `rvaft cross-check` tests more, and proves
+  agreement if a language has three verdicts and no variables are shared between events.
 """
 _LEGEND: Final[Mapping[str, Callable[[Measurement], str]]] = {
     "Symbols": lambda row: "-" if row.symbols is None else f"{row.symbols:,}",
     "Milliseconds to translate": lambda row: _milliseconds(row.seconds),
     "Milliseconds to read a text": lambda row: _milliseconds(row.read_seconds),
-    "Thousands of events per second, by a reader that has met nothing": lambda row: _thousands(row.events_per_second),
-    "Thousands of events per second, by a reader that has met these traces, or (*) is asked about all "
-    "of them at once": (
+    "Thousands of events per second, by a new reader": lambda row: _thousands(row.events_per_second),
+    "Thousands of events per second, by a reader that has read these traces before, or (*) reads "
+    "all of them at once": (
         lambda row: _thousands(row.again_per_second)
     ),
 }  # fmt: skip
@@ -180,7 +179,7 @@ def expressible(rows: Sequence[Measurement]) -> tuple[list[list[str]], list[str]
         can = (sum(_is_said(cells[tree, semantics, name]) for tree in TREES) for name in names)
         found.append([f"{semantics}, of {len(TREES)}", *map(str, can)])
     runs = (_told([row for row in rows if row.language == name]) for name in names)
-    found.append(["a run tells", *runs])
+    found.append(["verdicts of a run", *runs])
     return found, list(reasons)
 
 
@@ -191,7 +190,7 @@ def _is_said(row: Measurement) -> bool:
 def _told(rows: Sequence[Measurement]) -> str:
     if any(row.only_emitted for row in rows):
         return "emitted"
-    return "detections only" if any(row.detections_only for row in rows) else "verdicts"
+    return "detections only" if any(row.detections_only for row in rows) else "all"
 
 
 def _markdown(lines: Sequence[Sequence[str]], reasons: Sequence[str]) -> Iterator[str]:
@@ -218,7 +217,7 @@ def capabilities_tex(names: Sequence[str]) -> str:
             "% Needs \\usepackage[T1]{fontenc} and \\usepackage{booktabs,graphicx,textcomp}.",
             r"\begin{table*}[htbp]",
             r"\centering",
-            r"\caption{What each backend lists; it refuses every tree that has anything else.}",
+            r"\caption{The capabilities of each backend; it refuses trees that need others.}",
             r"\label{tab:languages-capabilities}",
             r"\footnotesize\setlength{\tabcolsep}{3.5pt}",
             rf"\begin{{tabular}}{{l{'c' * (len(heading) - 1)}}}",
@@ -238,7 +237,7 @@ def expressible_tex(cells: Sequence[Sequence[str]], reasons: Sequence[str]) -> s
     r"""Return the table of expressiveness for LaTeX, as an `\input`, with the reasons below it."""
     heading, *others = ([escaped(cell) for cell in line] for line in cells)
     turned = " & ".join(rf"\rotatebox{{90}}{{{name}}}" for name in heading[1:])
-    told = ("emitted", "detections only", "verdicts")
+    told = ("emitted", "detections only", "all")
     rotated = ([rf"\rotatebox{{90}}{{{cell}}}" if cell in told else cell for cell in line] for line in others)
     lines = [" & ".join(line) + r" \\" for line in rotated]
     below = " ".join(f"({number}) {escaped(reason.replace('`', ''))}." for number, reason in enumerate(reasons, 1))
@@ -248,7 +247,7 @@ def expressible_tex(cells: Sequence[Sequence[str]], reasons: Sequence[str]) -> s
             r"\begin{table*}[htbp]",
             r"\centering",
             (
-                r"\caption{Which language can say which tree under scattered, and why not; "
+                r"\caption{Which language can express which tree under scattered, and why not; "
                 r"below it, how many of the trees under each semantics.}"
             ),
             r"\label{tab:languages-expressible}",

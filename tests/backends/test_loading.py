@@ -71,6 +71,6 @@ def test_a_language_that_is_only_emitted_is_in_the_way_of_nobody(monkeypatch: py
     assert run("cross-check", TREE).exit_code == 0
     named = run("cross-check", TREE, "--backends", "spoken")
     assert named.exit_code == 2
-    assert "could not run: spoken is only emitted: nothing here runs its texts" in named.stdout
+    assert "could not run: spoken has no reader, so its texts cannot be compared" in named.stdout
     failed(run("monitor", TREE, "--backend", "spoken", "--word", "a"), "spoken is only emitted")
     assert "yes" in next(line for line in run("backends").stdout.splitlines() if line.startswith("spoken"))

@@ -147,7 +147,7 @@ def test_events_of_one_moment_are_a_microsecond_apart_in_a_log_that_needs_it() -
 
 def test_a_log_for_a_language_is_about_what_it_can_say() -> None:
     failed(
-        run("traces", SAND, "--format", "eql", "--semantics", "strict"), "--format eql is about the semantics scattered"
+        run("traces", SAND, "--format", "eql", "--semantics", "strict"), "--format eql requires the semantics scattered"
     )
     failed(run("traces", PRUNED, "--format", "stix"), "stix cannot express this tree")
 

@@ -119,7 +119,7 @@ TOLERANT = outside(lambda v: Answer(tuple(map(wrong, v)), deviations=("tolerance
 ENDS: Final[dict[str, tuple[Enlist, str]]] = {
     # who takes part, and what is said of it: how that begins is the status; `~` is what is counted
     "proved": (same(), "proved"),
-    "not observed": (same(None), "tested~(what it observes is not known)"),
+    "not observed": (same(None), "tested~(its observed patterns are unknown)"),
     "no language": (absent(NO_GATES), "not expressible~: no gates"),
     "large": (absent(TooLarge("states", limit=5)), "too large~: states (limit 5)"),
     "no tool": (absent(ToolMissing("spot", remedy="install it")), "tool missing~: spot is not installed: install it"),
@@ -132,7 +132,7 @@ ENDS: Final[dict[str, tuple[Enlist, str]]] = {
     "differs": (spoiled(wrong), "differs~ after 2 events"),
     "differs in tests": (spoiled(wrong, None), "differs~ after 2 events"),
     # programs of others are tested, also where all is proved
-    "other": (outside(Answer), "tested~(its states are not known)"),
+    "other": (outside(Answer), "tested~(its states are unknown)"),
     "other that fails": (failing(error="type_error"), "could not run~: type_error"),
     "other that is late": (failing(error="timeout: 1 s", expired=True), "timeout~: timeout: 1 s"),
     "other that differs": (outside(lambda v: Answer(tuple(map(wrong, v)))), "differs~ after 2 events"),
@@ -167,7 +167,7 @@ def test_with_too_little_effort_nothing_is_proved_or_tested_and_alone_nobody_agr
     found = compare(Effort(states=0, words=0, traces=7), same=same())
     assert (found["same"].status, found["same"].traces) == (Status.TESTED, 7)
     found = compare(Effort(words=0, traces=0), same=same(None))
-    assert (found["same"].text, exit_status(found.values())) == ("could not run: there was no trace to try", 2)
+    assert (found["same"].text, exit_status(found.values())) == ("could not run: there is no trace to test", 2)
     found = compare(failed=absent(TooLarge("states", limit=5)))
     assert (found["reference"].status, exit_status(found.values())) == (Status.COULD_NOT_RUN, 2)
 

@@ -46,7 +46,7 @@ def checkout(tmp_path: Path) -> Path:
 
 def test_what_is_missing(monkeypatch: pytest.MonkeyPatch, checkout: Path, tmp_path: Path) -> None:
     for folder in (tmp_path, tmp_path / "nowhere"):
-        with pytest.raises(ToolMissing, match=f"{folder} is no checkout of it .*RMLatDIBRIS/monitor"):
+        with pytest.raises(ToolMissing, match=f"{folder} is not a checkout of it .*RMLatDIBRIS/monitor"):
             run(SEQUENCE, [word("a")], folder, timeout=5)
     with pytest.raises(LanguageError):
         run("trace_expression('Main', 1).", [word("a")], checkout, timeout=5)
@@ -67,7 +67,7 @@ DEAD = [Answer(error="type_error(x)"), Answer(error="the monitor ended early: St
         (LOADED + """'{"verdicts": ["unknown"]}'; exec sleep 60""", [Answer((Q,)), LATE]),
         (LOADED + """'{"error": "type_error(x)"}'; printf '{"verd'; echo 'Stack!' >&2; exit 3""", DEAD),
         ("""echo '{"error": "Syntax   error\\\\n here"}'""", "cannot load the specification: Syntax error here"),
-        ("echo Welcome", "it does not answer in JSON: Welcome"),
+        ("echo Welcome", "its output is not JSON: Welcome"),
         ("exit 7", "the monitor ended early: exit status 7"),
         ("exec sleep 60", "timeout: no answer within 1 s"),
     ],

@@ -39,7 +39,7 @@ def translate(prop: Property, semantics: Semantics, *, limit: int) -> tuple[str,
         names = sorted(letters.remembered)
         nodes = [n for n, own in zip(letters.nodes, letters.variables, strict=True) if own & set(names)]
         why = "any event may be skipped" if semantics is Semantics.SCATTERED else "a match may begin at any event"
-        reason = f"{why}, so {names[0]} can have any number of values at once, and RML follows one"
+        reason = f"{why}, so {names[0]} may have several values at once, and RML tracks one"
         raise NotExpressible(reason, nodes=nodes)
     main, made = _property(letters, semantics, limit)
     main = around(main, ">>", _relevant(letters)) if semantics.projects else main

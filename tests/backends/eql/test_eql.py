@@ -130,7 +130,7 @@ def test_a_rule_is_held_against_a_tree(tmp_path: Path) -> None:
     assert (bad.exit_code, "differs after 2 events" in bad.output) == (1, True)
     rule.write_text("sequence\n  [any were true]")
     result = run("cross-check", "trees/gates/sand.rvaft", "--against", rule)
-    assert (result.exit_code, result.stderr.splitlines()[0].endswith("2:8: this is no query of EQL")) == (2, True)
+    assert (result.exit_code, result.stderr.splitlines()[0].endswith("2:8: not an EQL query")) == (2, True)
 
 
 def test_what_the_engine_cannot_run() -> None:

@@ -43,7 +43,7 @@ def test_texts(tree: str, semantics: str, text: str) -> None:
 
 
 def test_orders_are_bounded() -> None:
-    with pytest.raises(TooLarge, match="events of all orders"):
+    with pytest.raises(TooLarge, match="events in all possible orders"):
         emitted(f"top and {' '.join(f'a{n}' for n in range(40))};")
     alike = f"event e() = {{ e: _ }}; top and {' '.join(f'a{n}' for n in range(12))}; "
     assert emitted(alike + "".join(f"a{n} on e();" for n in range(12))).count("MATCH_RECOGNIZE (") == 1
@@ -52,9 +52,9 @@ def test_orders_are_bounded() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("SELECT 1", "the text begins with a comment"),
-        ("/* rvaft\nis_a := { a: ", "the text begins with a comment"),
-        ("/* rvaft\nwhen X > 1\n*/", "no line that says what a name is: when X > 1"),
+        ("SELECT 1", "the text must begin with a comment"),
+        ("/* rvaft\nis_a := { a: ", "the text must begin with a comment"),
+        ("/* rvaft\nwhen X > 1\n*/", "not a definition of a name: when X > 1"),
         ("/* rvaft\nis_a := { a: \n*/", "."),
     ],
 )
@@ -73,11 +73,14 @@ def test_rows_and_what_they_cannot_hold() -> None:
     assert row == {
         "is_a": True, "a_x_text": "2", "a_t1_time": 2_000_000_000, "is_b": False, "b_x_text": None, "b_t2_time": None,
     }  # fmt: skip
-    assert header.left_open([{"v": 1, "w": "*/ '", "t": 10**12}]) == "a time of 2.2e18 ns or more is no exact one there"
+    assert (
+        header.left_open([{"v": 1, "w": "*/ '", "t": 10**12}])
+        == "times of 2.2e18 ns or more are not exact in this language"
+    )
     assert header.left_open([{"v": 1, "w": "*/ '", "t": 2_190_000_000}]) == ""  # the year 2039
     sums = RowHeader.read(emitted(EVENTS + "top sand a b; a on e(X); b on e(Y) when Y + X > 3;"))
     assert sums.left_open([{"e": 2**46 - 1}]) == ""
-    assert sums.left_open([{"e": 2**46}]) == "a number of 2**46 or more is no exact one there"
+    assert sums.left_open([{"e": 2**46}]) == "numbers of 2**46 or more are not exact in this language"
 
 
 @pytest.mark.ci

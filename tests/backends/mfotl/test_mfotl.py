@@ -87,7 +87,7 @@ def test_what_a_program_says(tmp_path: Path, script: str, said: list[int | None]
     else:
         assert first_detections(program, text, [trace]) == said
     for other in (tmp_path / "nowhere", tmp_path, Path("/bin/true")):
-        with pytest.raises(ToolMissing, match="name the program that its build makes"):
+        with pytest.raises(ToolMissing, match="give the path of the monpoly program"):
             first_detections(other, text, [trace])
 
 

@@ -158,8 +158,8 @@ def checkout(folder: Path, compiler: str, monitor: str) -> Path:
             'grep -q "^p1:0$" "$1" && grep -q "detection: p2" "$1" && sed 1d "$2" | tr "\\n" " " >&2; exit 3',
             "0,0 0,1",
         ),
-        (COMPILES, "printf '0:1,F\\n'", "says nothing from event 3 on; a text that is larger than its bounds"),
-        (COMPILES, "kill -11 $$", "exit status -11; a text that is larger"),
+        (COMPILES, "printf '0:1,F\\n'", "gives no verdict from event 3 on; if the text exceeds the bounds"),
+        (COMPILES, "kill -11 $$", "exit status -11; if the text exceeds"),
         ("raise SystemExit('no formula')", "", "C2PO failed: no formula"),
     ],
 )
@@ -183,10 +183,10 @@ def test_without_r2u2_or_its_compiler_it_is_missing(tmp_path: Path) -> None:
         "--backends",
         "mtl",
     )
-    assert (result.exit_code, "with compiler/c2po.py in a folder above" in result.output) == (2, True)
+    assert (result.exit_code, "with compiler/c2po.py in a parent folder" in result.output) == (2, True)
     program = checkout(tmp_path, COMPILES, "")
     program.chmod(stat.S_IRUSR)
-    with pytest.raises(ToolMissing, match="name the program that its build makes"):
+    with pytest.raises(ToolMissing, match="give the path of the program"):
         first_detections(program, BOUNDED.translate(loads("top sand a b;"), SCATTERED).text, [events("a")])
 
 

@@ -107,7 +107,7 @@ def test_what_is_left_open() -> None:
         (a, {"e": "out", "u": "bob"}),
     ):
         assert monitor.left_open([one, other])
-        with pytest.raises(TraceError, match="says nothing to Sigma"):
+        with pytest.raises(TraceError, match="Sigma has no verdict for this trace"):
             monitor.first_detections([[one, other]])
 
     one, other = {"k": 1, "l": [2]}, {"l": [2.0], "k": 1.0}

@@ -107,7 +107,7 @@ def test_times_that_do_not_increase_are_left_open() -> None:
     assert monitor.first_detections([[a, b], [a, {**b, "t": 8}]]) == [None, 2]
     for trace in ([a, {**b, "t": 5}], [a, {"event": "b"}], [a, {**b, "t": "8.0000001"}], [{**a, "t": -1}]):
         assert monitor.left_open(trace)
-        with pytest.raises(TraceError, match="order of their times"):
+        with pytest.raises(TraceError, match="observations are ordered by time"):
             monitor.first_detections([trace])
 
 

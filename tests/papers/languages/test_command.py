@@ -58,7 +58,7 @@ def test_trees_of_the_user_alone_or_with_gates(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("1 --semantics scattered --languages rml-paper", "not expressible: the paper does not say how\n"),
+        ("1 --semantics scattered --languages rml-paper", "not expressible: the paper does not define it\n"),
         ("4 --limit 9 --languages automaton", "(limit 9)"),
         ("1 --timeout 1e-6 --languages rml", "timeout: not within 1e-06 s"),
     ],
@@ -166,7 +166,7 @@ WRONG = [  # the words, with T for a folder that has a tree `t.rvaft`, an empty 
     ("--resume --csv -", "--csv"),
     ("--csv x --latex x", "two outputs name the same file"),
     ("--csv x --latex ./x", "two outputs name the same file"),
-    ("--width column", "--width is that of tables and figures"),
+    ("--width column", "--width needs --latex or --plots"),
     ("T/none.rvaft", "none.rvaft"),
     ("T/t.rvaft --csv T/none/x.csv", "cannot write"),
     ("T/t.rvaft --latex T/none/x.tex", "cannot write"),

@@ -179,7 +179,7 @@ def test_what_kind_of_language_it_is_stands_in_each_table() -> None:
     assert [line.split("  ")[-1].strip() for line in text_lines(MIXED)[1:]] == [
         "ok",
         "ok: detections only",
-        "ok: only emitted: nothing here runs its texts",
+        "ok: only emitted: no reader for its texts",
         "not expressible: it skips",
     ]
     assert unable(MIXED) == {"eql": "it skips"}

@@ -60,14 +60,14 @@ def test_the_same_question_twice_is_one() -> None:
     [
         ("{v: V, w: W} when V + W > 1", "several"),
         ("{v: V, w: W} when V >= W + 10", "several"),
-        ("{v: V} when V * V > 1", "no known bounds"),
-        ("{v: V} when 1 / V > 1", "no known bounds"),
-        ("{v: V} when V - V == 0", "no known bounds"),
-        ("{v: V} when 1 == -(V < 1)", "no known bounds"),
-        ('{v: V} when like(V, "a*")', "no known bounds"),
-        ('{v: V} when lower(V) == "a"', "no known bounds"),
-        ("{v: V} when number(V) > 1", "no known bounds"),
-        ("{v: V} when abs(V - 1) > 1", "no known bounds"),
+        ("{v: V} when V * V > 1", "without known bounds"),
+        ("{v: V} when 1 / V > 1", "without known bounds"),
+        ("{v: V} when V - V == 0", "without known bounds"),
+        ("{v: V} when 1 == -(V < 1)", "without known bounds"),
+        ('{v: V} when like(V, "a*")', "without known bounds"),
+        ('{v: V} when lower(V) == "a"', "without known bounds"),
+        ("{v: V} when number(V) > 1", "without known bounds"),
+        ("{v: V} when abs(V - 1) > 1", "without known bounds"),
     ],
 )
 def test_a_gap_is_told(asked: str, why: str) -> None:

@@ -78,7 +78,7 @@ def test_cells_are_in_order_and_the_languages_all_but_second_forms_the_unfaithfu
             [Subject("a", SUBJECTS[name].tree) for name in ("or 1", "or 2")],
             [STRICT],
             ["rml"],
-            r"2 .* called a: .* \./a",
+            r"2 .* have the name a: .* \./a",
         ),
     ],
 )

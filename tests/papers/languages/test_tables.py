@@ -107,8 +107,8 @@ def test_columns_that_are_not_there_are_empty() -> None:
 @pytest.mark.parametrize(
     ("text", "line", "said"),
     [
-        ("precious", 1, "no comparison of languages"),
-        ("a,b\n1,2\n", 1, "no comparison of languages"),
+        ("precious", 1, "not a comparison of languages"),
+        ("a,b\n1,2\n", 1, "not a comparison of languages"),
         (csv_text([ROW]) + "x,y\n", 3, "not 29 columns"),
         (csv_text([ROW]).replace("and 3,and", "and 3,xand"), 2, "gate"),
         (csv_text([ROW]).replace("and 3,and", ",and"), 2, "tree"),

@@ -199,7 +199,6 @@ def _tree(text: str) -> RVAFT:
 
 
 def _default(name: str, text: str) -> Example:
-    """Return a tree over default events and `at`."""
     tree = _tree(text)
     words = [n.name for n in tree.top_down() if n.has_event and n.on is None]
     numbers = [{"k": number} for number in (1, 2) if f"at({number})" in text]
@@ -483,7 +482,6 @@ def _self_contained(
 def _independent(
     specification: Specification, tried: Sequence[Trace], alone: Sequence[list[Verdict]]
 ) -> Iterator[Finding]:
-    """Check that interleaved monitors do not affect each other."""
     beside: list[list[Verdict]] = [[] for _ in tried]
     monitors = [specification.monitor() for _ in tried]
     for events in zip_longest(*tried):
@@ -496,8 +494,6 @@ def _independent(
 
 
 def _states(specification: Specification, tried: Sequence[Trace]) -> Iterator[Finding]:
-    """Check that monitors with equal states give equal future verdicts."""
-
     def futures(monitor: Monitor) -> list[list[Verdict]]:
         return [[monitor.verdict, *monitor.fork().run(future)] for future in tried[-2:]]
 
@@ -533,7 +529,6 @@ def _observed(backend: Backend, specification: Specification, tried: Sequence[Tr
 
 
 def _after(specification: Specification, prefixes: Iterable[Trace]) -> Iterator[tuple[Trace, Monitor]]:
-    """Yield each distinct prefix with a monitor that has read it."""
     read = {repr([]): specification.monitor()}
     for prefix in {repr(one): one for one in prefixes}.values():
         known = read.get(repr(prefix[:-1]))

@@ -111,7 +111,6 @@ class EventColumns:
         return "\n".join([f"{opening} rvaft", *map(self._commented, lines), f"{closing}\n"])
 
     def _commented(self, line: str) -> str:
-        """Return the line with comment delimiters escaped in its strings."""
         marks = re.compile("|".join(map(re.escape, self.comment)))
         escape = lambda mark: re.sub("[^*]", lambda sign: f"\\u{ord(sign[0]):04x}", mark[0])  # noqa: E731
         return _STRING.sub(lambda found: marks.sub(escape, found[0]), line)
@@ -175,7 +174,6 @@ def json_text(value: Json) -> str:
 
 
 def _plain(value: Json) -> Json:
-    """Return the value with integral floats as integers."""
     if isinstance(value, dict):
         return {name: _plain(inner) for name, inner in value.items()}
     if isinstance(value, list):

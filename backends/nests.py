@@ -234,7 +234,6 @@ class Nesting:
         return tuple(guard for guard in self._asked(part) if known.issuperset(variables(guard)))
 
     def _foreign(self, part: All) -> list[Guard]:
-        """Return the guards of a part on other events."""
         own = self._own(part)
         return [guard for guard in self._asked(part) if guard not in own]
 
@@ -279,7 +278,6 @@ class Nesting:
     # One scenario after the other.
 
     def _scenarios(self, root: Part) -> Iterator[Nest]:
-        """Yield the scenarios of a part as nests."""
         if inside := [one.source.node for one in parts_below(root) if isinstance(one, Within)]:
             self._refuse(WINDOW, inside)
         orders = Orders(self._prop.with_root(root), limit=self._limit, grouped=False)

@@ -57,11 +57,9 @@ class Orders:
         self.prop = self._grouped(prop) if grouped else prop
 
     def _grouped(self, prop: Property) -> Property:
-        """Return the property with each choice between leaves as one event."""
         uses = Counter(name for part in prop.parts for name in _names(part))
 
         def leaves(part: Part) -> tuple[GuardedEvent, ...]:
-            """Return the leaves of a choice, or () for other parts."""
             match part:
                 case _ if part in prop.shared:
                     return ()
@@ -179,7 +177,6 @@ class Orders:
 
 
 def _names(part: Part) -> set[str]:
-    """Return the variables of an event or a guard."""
     if isinstance(part, Event):
         return {*rigid_variables(part.pattern)}
     return {*guards.variables(part.guard)} if isinstance(part, Condition) else set()

@@ -108,6 +108,5 @@ def passes(guard: Guard, binding: Binding) -> bool:
 
 
 def _is_redundant(assignment: Assignment, state: int, slices: Slices) -> bool:
-    """Return whether a smaller assignment is in the same state."""
     sizes = range(len(assignment)) if len(assignment) <= FEW else (0, len(assignment) - 1)
     return any((frozenset(part), state) in slices for size in sizes for part in combinations(assignment, size))

@@ -174,11 +174,9 @@ class _Row:
     """Whether this participant or the baseline detected in a common trace."""
 
     def end(self, status: Status, why: str = "") -> None:
-        """Exclude the participant from further steps."""
         self.status, self.why = status, why
 
     def fail(self, error: Exception) -> None:
-        """Record an error of the participant or of a tool."""
         known = raised(error)
         self.end(Status.of(known), reason(known))
 
@@ -194,7 +192,6 @@ class _Row:
         return None
 
     def verdicts_of(self, trace: Trace) -> tuple[Verdict, ...]:
-        """Return the verdict after every prefix."""
         assert self.participant is not None
         return self.participant.answers([trace])[0]
 
@@ -211,7 +208,6 @@ class _Row:
 
     @property
     def detections_only(self) -> bool:
-        """Whether the participant reports only detections."""
         one = self.participant or self.outside
         return one is not None and tells_detections_only(one)
 

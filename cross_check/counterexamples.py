@@ -148,7 +148,6 @@ def save(case: Case, folder: StrPath) -> Path:
 
 
 def _files(case: Case) -> dict[str, bytes]:
-    """Return the files of a case by name."""
     texts = {TREE: dumps(case.tree), CASE: ""}
     texts[TRACE] = "".join(json.dumps(event, ensure_ascii=False) + "\n" for event in case.trace)
     specifications: dict[str, Json] = {}
@@ -165,7 +164,6 @@ def _files(case: Case) -> dict[str, bytes]:
 
 
 def _slug(text: str) -> str:
-    """Return a text as a portable part of a file name."""
     plain = re.sub(r"[^a-z0-9_]+", "-", text.lower()).strip("-")
     return plain[:_LONGEST_NAME].strip("-") or "case"
 

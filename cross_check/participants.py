@@ -363,7 +363,6 @@ def is_specification(path: str) -> bool:
 
 
 def _split(named: str) -> tuple[str, str]:
-    """Return the language and the path."""
     known = ", ".join((TREE, *all_backends()))
     before, colon, path = named.partition(":")
     if colon and path and (language := _language(before)) is not None:

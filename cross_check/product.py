@@ -38,7 +38,6 @@ class _Machine:
         self._steps: list[list[int | None]] = []
 
     def step(self, state: int, letter: int) -> int:
-        """Return the state after an event."""
         after = self._steps[state][letter]
         if after is None:
             monitor = self._monitors[state].fork()
@@ -47,7 +46,6 @@ class _Machine:
         return after
 
     def number(self, monitor: Monitor) -> int:
-        """Return the number of a monitor's state."""
         state = (monitor.verdict, monitor.state)
         number = self._numbers.setdefault(state, len(self._monitors))
         if number == len(self._monitors):

@@ -108,5 +108,4 @@ def _swipl(monitor: Path) -> str:
 
 
 def _short(message: str) -> str:
-    """Return the message on one line, truncated."""
     return cut(" ".join(message.split()), _ERROR_LENGTH)

@@ -254,7 +254,6 @@ class ComparisonTotals:
 
 
 def _called(results: Iterable[Result]) -> dict[str, str]:
-    """Return each participant with its name in tables."""
     found: dict[str, str] = {}
     for result in results:
         if result.detections_only or result.participant not in found:
@@ -384,7 +383,6 @@ def _object(result: Result) -> dict[str, Json]:
 
 
 def _difference(found: Difference) -> dict[str, Json]:
-    """Return a difference of verdicts or matches."""
     return {name: value for name, value in asdict(found).items() if name != "match" or value}
 
 
@@ -438,7 +436,6 @@ def _named(result: Result) -> str:
 
 
 def _cell(text: str) -> str:
-    """Return the text on one line, escaped for Markdown and HTML."""
     plain = " ".join(text.split())
     for sign in "\\|`*_<>[]":
         plain = plain.replace(sign, f"\\{sign}")

@@ -140,7 +140,6 @@ class _Pair:
 
     @classmethod
     def of(cls, tree: RVAFT, trace: Iterable[Json]) -> "_Pair":
-        """Return a decomposed tree."""
         calls = [node.on for node in tree.nodes.values()] + [ignore.on for ignore in tree.ignores]
         return cls(
             tree.root,
@@ -178,12 +177,10 @@ class _Pair:
 
     @property
     def time(self) -> EventTime | None:
-        """The time declaration."""
         found: EventTime | None = self.stated["time"]
         return found
 
     def stating(self, **stated: Any) -> "_Pair":
-        """Return the pair with another causality, time or semantics."""
         return replace(self, stated={**self.stated, **stated}, whole=None)
 
     def _called(self, pattern: Pattern, used: Mapping[str, EventType]) -> tuple[On, EventType]:
@@ -229,13 +226,11 @@ class _Pair:
 
     @cached_property
     def key(self) -> bytes:
-        """Equal for pairs with the same text (1 and 1.0 differ)."""
         parts = (self.root, self.nodes, self.patterns, self.ignores, self.stated, self.trace)
         return blake2b(repr(parts).encode("utf-8", "backslashreplace"), digest_size=16).digest()
 
     @property
     def order(self) -> tuple[str, ...]:
-        """The reachable nodes, the root first."""
         return tuple(reachable(self.root, lambda name: self.nodes[name].children))
 
     def having(
@@ -254,12 +249,10 @@ class _Pair:
         )
 
     def with_events_at(self, index: int, *events: Json) -> "_Pair":
-        """Return the pair with one event of the trace replaced."""
         return replace(self, trace=_spliced(self.trace, index, *events))
 
 
 def _spliced(items: Sequence[Any], index: int, *new: Any) -> tuple[Any, ...]:
-    """Return the items with one replaced."""
     return (*items[:index], *new, *items[index + 1 :])
 
 
@@ -413,7 +406,6 @@ def _fewer_nodes(pair: _Pair) -> Iterator[_Pair]:
 
 
 def _instead(parent: Node, name: str, *children: str) -> Node:
-    """Return the parent with one child replaced."""
     kept = tuple(dict.fromkeys(_spliced(parent.children, parent.children.index(name), *children)))
     return replace(parent, children=kept, threshold=parent.threshold and min(parent.threshold, len(kept)))
 

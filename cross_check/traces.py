@@ -100,7 +100,6 @@ def trials(
 
 
 def _undefined(random: Random, trace: Sequence[Json]) -> Trace:
-    """Return the trace with a non-finite number in it."""
     inside = [path for path, value in places(list(trace)) if len(path) > 1 and not isinstance(value, (dict, list))]
     return put(list(trace), random.choice(inside), math.nan) if inside else trace
 

@@ -225,7 +225,6 @@ def minimised(automaton: Automaton, letters: FeasibleLetters, work: Work, *, loo
     class_of = {DETECTED: DETECTED, HOPELESS: HOPELESS}
 
     def equals(row: StateRow, successor: int) -> bool:
-        """Return whether a row equals the row of its successor's class."""
         theirs, either = rows[successor], {successor: _SELF}
         work.step(len(row.targets) + len(theirs.targets))
         if {*row.targets.values(), _SELF, successor} != {*theirs.targets.values(), _SELF, successor}:
@@ -275,7 +274,6 @@ def refined(automaton: Automaton, letters: FeasibleLetters, work: Work) -> Autom
 
 
 def _same(one: StateRow, other: StateRow, letters: FeasibleLetters, work: Work) -> bool:
-    """Return whether two rows have the same successor for every letter."""
     work.step(len(one.targets) + len(other.targets))
     if one.sees == other.sees and one.targets == other.targets:
         return True
@@ -297,7 +295,6 @@ def _signature(row: StateRow, letters: FeasibleLetters, default: int) -> frozens
 
 
 def _in_order(start: int, rows: list[StateRow]) -> Automaton:
-    """Return the automaton with its states in breadth-first order."""
     new = {
         one: index for index, one in enumerate(dict.fromkeys([DETECTED, HOPELESS, *Automaton(start, rows).in_order()]))
     }

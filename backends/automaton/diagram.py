@@ -100,7 +100,6 @@ def _edges(
     guards = dict(zip(structure.guard_bits.values(), structure.written, strict=True))
 
     def event(atom: int) -> str:
-        """Return the event of a node as the tree writes it."""
         name = structure.nodes[atom]
         on = prop.tree.nodes[name].on
         return name_text(name) if on is None else on_text(on)
@@ -164,7 +163,6 @@ def possible(automaton: Automaton, structure: Structure) -> Automaton:
         return valued[state].union(*(rigid_variables(structure.patterns[atom]) for atom in bits(letter & atoms)))
 
     def idle(names: frozenset[str], asked: int) -> int:
-        """Return the guards of `asked` that have an unbound variable."""
         return mask_of(guard for guard in bits(asked) if not needs[guard] <= names)
 
     todo = deque(valued)

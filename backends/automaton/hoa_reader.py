@@ -127,7 +127,6 @@ class HoaTable:
         return found
 
     def _seen(self, state: int) -> tuple[int, ...]:
-        """Return the propositions on which the successor depends."""
         found, support = [], self._buddy.bddtrue
         for label, _ in self._edges[state]:
             support &= self._buddy.bdd_support(label)
@@ -159,7 +158,6 @@ def _tools() -> tuple[Any, Any]:
 
 
 def _parsed(spot: Any, text: str) -> Any:
-    """Return the only automaton of a text."""
     start = re.match(r"(?:\s|/\*.*?\*/)*", text, re.DOTALL)
     position = start.end() if start else 0
     if not text.startswith("HOA:", position):

@@ -180,7 +180,6 @@ def write(
 
 
 def _propositions(structure: Structure, numbers: Mapping[int, int], relevance: Relevance | None) -> Iterator[str]:
-    """Yield the header lines that name and define the propositions."""
     atoms = len(structure.patterns)
     names = [ALIVE] if relevance is None else [ALIVE, RELEVANT]
     meanings = []

@@ -76,7 +76,6 @@ class FeasibleLetters:
         return None if event is None else self._satisfied(event, near)
 
     def _implying(self, atom: int) -> int:
-        """Return the atoms that imply this atom, itself included."""
         candidates = bits(self._all & self._near[atom])
         return mask_of(one for one in candidates if (self.closure(1 << one) or 0) >> atom & 1)
 

@@ -79,7 +79,6 @@ class Queries:
         self._engines, self._found, self._traces = list[Any](), list[Any](), 0
 
     def _sequences(self, query: Any) -> Iterator[Any]:
-        """Yield a query as sequences over condition numbers."""
         ast = self._module.ast
         if isinstance(query, ast.EventQuery):
             yield ast.PipedQuery(ast.EventQuery(_EVENT, self._number(query, [])))

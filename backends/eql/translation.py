@@ -130,7 +130,6 @@ class EqlText:
     # Conditions on one event.
 
     def _conditions(self, event: Event, asked: Iterable[Guard]) -> tuple[str, ...]:
-        """Return alternative conditions on an event."""
         if event in self._orders.groups:
             each = chain.from_iterable(self._conditions(*leaf) for leaf in self._orders.groups[event])
             return tuple(dict.fromkeys(one for one in each if one != "false")) or ("false",)

@@ -157,7 +157,6 @@ class LtlfMonitor(Monitor):
         candidates = frozenset([program.names[number] for number in program.index.candidates(event)])
 
         def extensions(residual: int, binding: Binding) -> Iterator[Binding]:
-            """Yield the binding extended by the values of one more atom."""
             if not residuals.variables(residual) <= binding.keys():
                 asked = residuals.now(residual) & candidates
                 residuals.ask(len(asked))

@@ -208,7 +208,6 @@ class Anatomy:
         return True
 
     def _always_feasible(self, root: int) -> bool:
-        """Return whether the precedences of all scenarios together are acyclic."""
         around = NumberedParts(tuple(self.parts[: root + 1])).around(dict(enumerate(self.events)))
         events = (number for number, part in enumerate(self.parts) if part.op is PartKind.EVENT)
         return transitive([around.get(number, 0) for number in events]) is not None

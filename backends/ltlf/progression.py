@@ -120,7 +120,6 @@ class _Diagrams:
         return done.pop()
 
     def _below(self, f: int) -> list[int]:
-        """Return the inner nodes of f, children first."""
         seen = {BOTTOM, TOP}
         todo = [f]
         while todo:
@@ -132,7 +131,6 @@ class _Diagrams:
         return sorted(seen)[2:]
 
     def compose(self, f: int, by: Mapping[int, int]) -> int:
-        """Return the function with every variable replaced by a function."""
         made = {BOTTOM: BOTTOM, TOP: TOP}
         for node in self._below(f):
             variable, low, high = self.nodes[node]
@@ -362,7 +360,6 @@ class _Continuations:
                 todo += halves[::-1] if falling else halves
 
     def _continued(self, obligations: _Obligations) -> Iterator[_Obligations]:
-        """Yield the obligations for the rest after one allowed event."""
         seen: set[_Obligations] = set()
         branches: list[tuple[list[_Clause], set[_Item]]] = [([[[(one, False)]] for one in sorted(obligations)], set())]
         while branches:

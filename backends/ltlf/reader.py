@@ -64,7 +64,6 @@ class Observation:
 
 
 def _in_comment(text: str) -> str:
-    """Return the text with comment delimiters escaped in its strings."""
     return _STRING.sub(lambda found: found[0].replace("*/", "*\\u002f").replace("/*", "\\u002f*"), text)
 
 
@@ -221,7 +220,6 @@ def formula_of(text: str, formulas: Formulas) -> tuple[Header, int]:
         return known[name] if name in known else formulas.atom(name)
 
     def parsed(start: int, formula: str) -> int:
-        """Return the formula at offset `start` of the text."""
         try:
             root = spot().formula(formula.replace("\n", " "))
         except SyntaxError as error:  # Spot prints for each error the text, a caret and a message

@@ -86,7 +86,6 @@ class Translation:
         ).whole()
 
     def _relevance(self) -> int:
-        """Return the atom of relevant events."""
         wanted = "rel"
         while wanted in self._prop.tree.nodes:  # node names take precedence
             wanted += "_"
@@ -100,7 +99,6 @@ class Translation:
         return self._formulas.atom(name)
 
     def _fresh(self, wanted: str) -> str:
-        """Return an unused name `[a-z_][a-z0-9_]*`, similar to the wanted one."""
         name = _ILLEGAL.sub("_", wanted.lower()) or "_"
         name = f"_{name}" if name[0].isdigit() else name
         candidate, number = name, 1
@@ -120,7 +118,6 @@ class Translation:
         defined: dict[int, str] = {}
 
         def pieces(formula: int) -> list[str | int]:
-            """Return words, and operands that are not yet written."""
             op, operands, name = rows[formula]
             inner: list[list[str | int]] = []
             for operand in operands:

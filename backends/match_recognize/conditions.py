@@ -84,7 +84,6 @@ def written(condition: TruthCondition, column: Column) -> str:
 
 
 def _literal(cell: object) -> str:
-    """Return the column value of a constant as SQL."""
     if isinstance(cell, str):
         quoted = cell.replace("'", "''")
         return f"'{quoted}'"

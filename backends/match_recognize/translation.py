@@ -59,7 +59,6 @@ class RowPatternQueries:
         return f"{self._header}{written}\n", Metrics(len(_TOKEN.findall(written)), subformulas=self._size)
 
     def _relevance(self) -> str:
-        """Return the condition of relevant rows."""
         whole = ((entry.pattern, entry.when) for entry in self._prop.alphabet)
         ignored = ((one.pattern, one.when) for one in self._prop.ignored)
         for column, pairs in (("is_relevant", whole), ("is_ignored", ignored)):
@@ -156,7 +155,6 @@ class RowPatternQueries:
         return self._columns[fitting]
 
     def _fresh(self, wanted: str, ending: str = "") -> str:
-        """Return an unused column name similar to the wanted one."""
         name = _ILLEGAL.sub("_", wanted.lower()).strip("_")[:40]
         name = f"n{name}" if name[0].isdigit() else name
         tries = chain([name], (f"{name}_{number}" for number in count(2)))

@@ -142,7 +142,6 @@ class Conditions:
                 raise AssertionError("a variable is an argument")
 
     def _written(self, term: Guard, aspect: str) -> str:
-        """Return an argument or a constant."""
         if isinstance(term, Literal):
             return argument(aspect, constant(term, aspect))
         self.asked.add((term, aspect))

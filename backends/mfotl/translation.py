@@ -66,7 +66,6 @@ class MfotlFormula:
         return f"{self._header}{formula}\n", Metrics(symbols=len(_TOKEN.findall(formula)), subformulas=self._size)
 
     def _disjuncts(self, scenario: Scenario) -> Iterator[str]:
-        """Yield a scenario once per alternative of its guards."""
         after = self._orders.after(scenario)
         events = sorted(after, key=lambda event: -len(after[event]))
         bound = {event: frozenset(rigid_variables(event.pattern)) for event in events}
@@ -123,7 +122,6 @@ class MfotlFormula:
         return f"{self._names[term]}_{aspect}"
 
     def _fresh(self, node: str) -> str:
-        """Return an unused predicate name similar to the node name."""
         name = _ILLEGAL.sub("_", node.lower()).strip("_") or "event"
         name = f"e{name}" if name[0].isdigit() else name
         self._taken.add(found := _free(name, self._taken))

@@ -132,7 +132,6 @@ def _monitor(formula: str) -> tuple[Any, Lock]:
 
 
 def _called(name: str) -> str:
-    """Return the name of a proposition in Reelay, different from `go`."""
     return f"p_{name}"
 
 

@@ -92,7 +92,6 @@ class _SigmaProgram:
         return found[1:]
 
     def left_open(self, trace: Sequence[Json]) -> str:
-        """Return why the trace has no verdict, or an empty string."""
         if len(self._times(trace)) < len(trace):
             return "Sigma orders events by time, and the times do not increase"
         if any(at(event, name.split("."), 0) is None for event in trace for name in self._fields):
@@ -145,7 +144,6 @@ def _told(documents: Iterable[Any]) -> list[Any]:
 
 
 def _root(converted: list[Any]) -> Any:
-    """Return the correlation that refers to all other rules."""
     if len(converted) != 1:
         found = ", ".join(one["title"] for one in converted) or "none"
         raise ValueError(f"expected one correlation that refers to all other rules and correlations; found: {found}")
@@ -153,7 +151,6 @@ def _root(converted: list[Any]) -> Any:
 
 
 def _grouped(rule: Any) -> list[str]:
-    """Return the fields by which a correlation groups or counts."""
     counted = getattr(getattr(rule, "condition", None), "fieldref", None)
     aliases = [field for alias in getattr(rule, "aliases", ()) for field in alias.mapping.values()]
     return [*(getattr(rule, "group_by", None) or ()), *([counted] if isinstance(counted, str) else ()), *aliases]
@@ -170,7 +167,6 @@ def _alike(value: Json) -> object:
 
 
 def _stored(value: Json) -> str | int | float | None:
-    """Return a value as stored in the table."""
     if value is None or isinstance(value, str):
         return value if value is None else value.encode("utf-8", "backslashreplace").decode()
     if isinstance(value, bool | Mapping | list):
@@ -184,7 +180,6 @@ def _stored(value: Json) -> str | int | float | None:
 
 
 def _numbered(value: Json) -> Json:
-    """Return a value with a canonical form of its numbers."""
     if isinstance(value, Mapping):
         return {name: _numbered(inner) for name, inner in value.items()}
     if isinstance(value, list):

@@ -136,7 +136,6 @@ class SigmaRules:
         return found | {"timespan": FOREVER if within is None else f"{within // _SECOND}s", **further}
 
     def _child(self, correlation: dict[str, Any]) -> str:
-        """Return the name of a nested correlation."""
         if (key := str(correlation)) not in self._names:
             times = "_times" if correlation["type"] == "event_count" else ""
             name = self._named(key, "_".join(correlation["rules"])[:60] + times)
@@ -159,7 +158,6 @@ class SigmaRules:
     # Order.
 
     def _after(self, before: Chain | Junction, nest: Nest, *, step: bool = False) -> Chain | Junction:
-        """Return the formula with a nest after each of its chains."""
         self._written += 1
         self._fits(self._written // 100)
         if isinstance(before, Junction) and (step or nest.op is PartKind.EVENT):
@@ -187,7 +185,6 @@ class SigmaRules:
         return ways[0] if len(ways) == 1 else f"({' or '.join(ways)})"
 
     def _mixed(self, nest: Nest) -> list[str]:
-        """Return the nodes of two unordered events that may coincide."""
         for one, other in combinations(nest.parts, 2) if nest.op in (PartKind.ALL, PartKind.AT_LEAST) else ():
             for events in product(one.events(), other.events()):
                 if not disjoint(*(event.pattern for event in events)):
@@ -216,7 +213,6 @@ class SigmaRules:
     # Rules.
 
     def _named(self, key: object, wish: str) -> str:
-        """Return an unused name for a key."""
         word = re.sub(r"[^a-z0-9_]", "_", wish.lower()) or "_"
         word = f"e_{word}" if word in ("and", "or", "not", "of") or not word[0].isalpha() else word
         while word in self._documents:
@@ -242,7 +238,6 @@ class SigmaRules:
         return self._names[key]
 
     def _detecting(self, name: str, events: list[Event]) -> dict[str, Any]:
-        """Return a rule that matches any of these events."""
         detection: dict[str, Any] = {}
         for number, event in enumerate(events):
             detection["selection" if len(events) == 1 else f"selection{number}"] = self._selection(event)
@@ -290,7 +285,6 @@ class SigmaRules:
 
 
 def _places(pattern: Pattern, way: tuple[str, ...]) -> Iterator[tuple[str, str]]:
-    """Yield the shared variables of a pattern with their fields."""
     match pattern:
         case Variable(name) if not name.startswith("_"):
             yield name, ".".join(way)

@@ -26,7 +26,6 @@ _CONTROL: Final = re.compile("([\x01-\x1f\x7f-\x9f\u2028\u2029])")
 
 @cache
 def _capitals() -> tuple[str, str]:
-    """Return the characters with one lower-case character, and those lower-case characters."""
     every = [(c, small) for c in map(chr, range(sys.maxunicode + 1)) if (small := c.lower()) != c and len(small) == 1]
     return "".join(c for c, _ in every), "".join(small for _, small in every)
 
@@ -158,7 +157,6 @@ class Dialect:
 
 
 def _named(**types: str) -> dict[str, str]:
-    """Return tests for types with one name."""
     return {what: f"{{0}} = '{name}'" for what, name in types.items()}
 
 

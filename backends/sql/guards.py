@@ -230,7 +230,6 @@ class Guards:
         return f"({' OR '.join(f'{one} IS NOT NULL' for one in facets)})" if facets else "false"
 
     def _calculated(self, sign: str, left: SqlTerm, right: SqlTerm, *, real: str = "") -> SqlTerm:
-        """Return arithmetic: exact on integers except for division, otherwise on doubles."""
         dialect = self.dialect
         if sign == "/":
             a, b = (self._double(self._once(one), exact=True) for one in (left, right))
@@ -276,7 +275,6 @@ class Guards:
         return _first(term.real, whole and self.dialect.cast(whole, self.dialect.real))
 
     def _extreme(self, operator: Operator, terms: list[SqlTerm]) -> SqlTerm:
-        """Return the minimum or maximum, the first among equals."""
         if all(term.whole and not (term.real or term.text) for term in terms):
             word = "least" if operator is Operator.MIN else "greatest"
             return SqlTerm(self.dialect.least(word, [term.whole or "" for term in terms]))

@@ -98,7 +98,6 @@ _PROGRAMS: Final[Mapping[str, Callable[[], SqliteTable | DuckDb]]] = {"sqlite": 
 
 @cache
 def _running(program: str, process: int) -> SqliteTable | DuckDb:  # noqa: ARG001 (a connection is of one process)
-    """Return the program, with one table for all queries."""
     return _PROGRAMS[program]()
 
 
@@ -220,7 +219,6 @@ def _written(event: Json, position: int) -> str:
 
 
 def _declared(text: str) -> EventTime | None:
-    """Return the time declared in the header of a text."""
     found = _TIME.search(text)
     if found is None:
         return None

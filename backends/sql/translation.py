@@ -150,7 +150,6 @@ def _scenarios(prop: Property, limit: int, *, minimal: bool) -> tuple[QueriedSce
 
 
 def _branch(prop: Property, kept: Kept) -> int:
-    """Return the branch number of a scenario."""
     if prop.branch is not None:
         return prop.branch
     gates = [part for part in kept if isinstance(part, One) and part.source is not None]
@@ -276,7 +275,6 @@ class SqlQuery:
         return f"v{self.variables.index(variable) + 1}"
 
     def _condition(self, pattern: Pattern, guards: Iterable[Guard]) -> str:
-        """Return the condition that an event matches a pattern under guards."""
         dialect, asked, places = self.dialect, list[str](), dict[str, Path]()
         todo: list[tuple[Path, Pattern]] = [((), pattern)]
         while todo:
@@ -374,14 +372,12 @@ class SqlQuery:
         return f"SELECT {distinct}{what}\nFROM {', '.join(sources)}" + (f"\nWHERE {condition}" if condition else "")
 
     def _numbers(self, said: Sequence[str]) -> str:
-        """Return a number, or a JSON list of several."""
         if len(said) == 1:
             return said[0]
         comma = f" || {self.dialect.text(', ')} || "
         return f"{self.dialect.text('[')} || {comma.join(said)} || {self.dialect.text(']')}"
 
     def _order(self, one: QueriedScenario, alias: Mapping[Event, str]) -> Iterator[str]:
-        """Yield the conditions on positions or places of occurrences."""
         first, *others = alias.values()
         position, size = "pos", len(alias)
         if self.semantics is Semantics.CONSECUTIVE:
@@ -464,7 +460,6 @@ class SqlQuery:
     def _shared(
         self, one: QueriedScenario, alias: Mapping[Event, str], rows: Mapping[Event, QueriedRow]
     ) -> Iterator[str]:
-        """Yield equalities of shared columns and the window conditions."""
         known: dict[str, str] = {}
         for name, row in alias.items():
             yield from self._same(known, row, rows[name])
@@ -473,7 +468,6 @@ class SqlQuery:
                 yield f"{alias[name]}.time - {known[column]} BETWEEN 0 AND {self.guards.literal(length).whole}"
 
     def _object(self, items: Iterable[tuple[str, str]]) -> str:
-        """Return a JSON object of expressions."""
         said = [
             f"{self.dialect.text(('{' if not number else ', ') + json.dumps(name) + ': ')} || {value}"
             for number, (name, value) in enumerate(items)
@@ -482,7 +476,6 @@ class SqlQuery:
 
 
 def _paths(pattern: Pattern) -> dict[str, Path]:
-    """Return the first path of each variable of a pattern."""
     found: dict[str, Path] = {}
     todo: list[tuple[Path, Pattern]] = [((), pattern)]
     while todo:

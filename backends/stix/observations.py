@@ -134,7 +134,6 @@ class StixHeader:
         return found
 
     def _objects(self, event: Json) -> list[dict[str, Any]]:
-        """Return the objects of an observation."""
         if not self.objects:
             return [{**_properties(event), "type": EVENT}]
         found: dict[str, dict[str, Any]] = {}
@@ -149,7 +148,6 @@ class StixHeader:
 
 
 def _fields(below: Any, above: Way) -> Iterator[tuple[Way, str]]:
-    """Yield the fields of an event type with their object paths."""
     if not isinstance(below, Mapping):
         yield above, _checked(below)
     else:
@@ -167,7 +165,6 @@ def _checked(path: Any) -> str:
 
 
 def _properties(value: Json) -> Any:
-    """Return a value with property names for its fields."""
     if isinstance(value, Mapping):
         return {property_of(name): _properties(inner) for name, inner in value.items()}
     return [_properties(inner) for inner in value] if isinstance(value, list) else value

@@ -137,7 +137,6 @@ def _symbols(verdicts: tuple[Verdict, ...] | None) -> str:
 
 
 def _report_options(function: Callable[..., int]) -> Callable[..., int]:
-    """Add `--json FILE` and the other report options."""
     for form in reversed(_FORMATS):
         function = click.option(f"--{form}", metavar="FILE", help=f"Write the results as {form}.")(function)
     return function

@@ -182,7 +182,6 @@ def _edited(random: Random, trace: list[Json], instead: Callable[[Path, Json], S
 
 
 def _look_alikes(value: Json) -> list[Json]:
-    """Return values that a careless comparison confuses with this value."""
     if isinstance(value, bool):
         return [int(value), str(value)]
     if is_number(value):

@@ -98,7 +98,6 @@ def written(random: Random, form: TimeFormat, instant: int, *, plain: bool) -> J
 
 
 def _ways(random: Random, form: TimeFormat, instant: int) -> Iterator[Json]:
-    """Yield the spellings of an instant, the plain one first."""
     match form:
         case TimeFormat.ISO8601:
             yield _iso(instant)
@@ -252,14 +251,12 @@ class Schedule:
             yield from ((a, b, most) for a, b in pairs)
 
     def _events(self, point: TimePoint) -> list[int]:
-        """Return the events of a time point."""
         if point.point == "at":
             return [number for number, name in enumerate(self.order) if name == point.node]
         whole = self.prop.wholes.get(Source(point.node, point.number))
         return [] if whole is None else self._below(whole)
 
     def _below(self, whole: Part) -> list[int]:
-        """Return the events of a part."""
         below = reachable(whole, lambda part: self.kept.get(part, ()))
         names = {node_of(part) for part in below if isinstance(part, Event | Times)}
         return [number for number, name in enumerate(self.order) if name in names]
@@ -320,7 +317,6 @@ class Schedule:
         return None
 
     def _move(self, times: list[int], bounds: Sequence[Bound]) -> None:
-        """Move some events to or next to a bound."""
         for event in range(len(self.order)):
             if self._fixed.get(event) is not None or self.random.random() < 0.5:
                 continue

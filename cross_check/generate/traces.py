@@ -212,7 +212,6 @@ class Scenarios:
         return tuple(inner for inner in part.parts if inner in chosen)
 
     def _least(self) -> dict[Part, Fewest]:
-        """Return the fewest events of each possible part."""
         banned = self._never | {part for part in self.prop.parts if node_of(part) in self.bans}
         edges = {ban for ban in self.bans if not isinstance(ban, str)}
         return fewest_events(self.prop.parts, without=banned, without_edges=edges)

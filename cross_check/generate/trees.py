@@ -224,7 +224,6 @@ class _Additions:
         return self.random.random() < probability * self.share
 
     def tree(self) -> RVAFT:
-        """Return the tree with the additions."""
         r, old = self.random, self.old
         nodes = [self._node(node) for node in old.nodes.values()]
         if not self.timed and nodes == [*old.nodes.values()]:

@@ -257,7 +257,6 @@ class ValueSearch:
         return found
 
     def _solve(self, order: list[str]) -> dict[str, Json]:
-        """Return values by depth-first search with conflict-directed backjumping."""
         rank = {name: index for index, name in enumerate(order)}
         due = {name: [d for d in self._touching[name] if max(d.needs, key=rank.__getitem__) == name] for name in order}
         binding: dict[str, Json] = {}

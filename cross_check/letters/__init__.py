@@ -122,7 +122,6 @@ def ties(question: Observed) -> bool:
 
 
 def _complete(questions: Iterable[Observed], limit: int) -> tuple[tuple[Json, ...], str]:
-    """Return complete letters, or the reason why some may be missing."""
     patterns: dict[Pattern, None] = {}
     guarded: list[Guarded] = []
     kept: list[Observed] = []
@@ -152,7 +151,6 @@ def _complete(questions: Iterable[Observed], limit: int) -> tuple[tuple[Json, ..
 
 
 def _near(value: Json) -> Iterator[Json]:
-    """Yield a value and its neighbours of the same kind."""
     yield value
     if isinstance(value, str):
         yield from (value + "'", value + "\0", value + "\0\0")

@@ -62,7 +62,6 @@ class Asked:
         self._condition(guard)
 
     def _constant(self, name: str, *given: Scalar) -> None:
-        """Add values of a variable at which the guard may change."""
         self.constants.setdefault(name, {}).update(dict.fromkeys(map(Literal, given)))
 
     def _condition(self, guard: Guard) -> None:
@@ -138,7 +137,6 @@ def _behind(text: str) -> Iterator[str]:
 
 
 def _examples(guard: Guard) -> Iterator[str]:
-    """Yield example strings for string functions other than prefixes."""
     for literal in (part.value for part in walk(guard) if isinstance(part, Literal)):
         if isinstance(literal, str):
             plain = literal.replace("*", "").replace("?", "x")
@@ -273,7 +271,6 @@ def _integers(low: Number | None, high: Number | None) -> Iterator[int]:
 
 
 def _doubles(low: Number | None, high: Number | None) -> Iterator[float]:
-    """Yield the doubles strictly between two numbers, some round ones first."""
     if low is not None and high is not None:
         below, above = _at_most(low), -_at_most(-high)
         middles = (below / _PARTS * (_PARTS - part) + above / _PARTS * part for part in range(1, _PARTS))
@@ -286,7 +283,6 @@ def _doubles(low: Number | None, high: Number | None) -> Iterator[float]:
 
 
 def _at_most(number: Number) -> float:
-    """Return the largest double that is at most a number."""
     try:
         near = float(number)
     except OverflowError:
@@ -420,7 +416,6 @@ class Choices:
             yield values[ROOT]
 
     def _of_groups(self, placed: Sequence[Placed], demands: Demands) -> Iterator[list[Choice]]:
-        """Yield the choices for each group of places."""
         known = demands.values({})
         assert known is not None
         slot = 0
@@ -466,7 +461,6 @@ class Choices:
 
 
 def _groups(placed: Iterable[Placed], *, together: bool) -> list[list[Place]]:
-    """Return the places of guards, grouped by common guards."""
     graph = nx.Graph()
     for _, where in placed:
         nx.add_path(graph, where.values())
@@ -474,7 +468,6 @@ def _groups(placed: Iterable[Placed], *, together: bool) -> list[list[Place]]:
 
 
 def _parts(pattern: Pattern, kind: type[T]) -> Iterator[tuple[tuple[str | int, ...], T]]:
-    """Yield the parts of a type with their paths."""
     todo: list[tuple[tuple[str | int, ...], Pattern]] = [((), pattern)]
     while todo:
         path, part = todo.pop()

@@ -73,7 +73,6 @@ def _summary(states: Sequence[State]) -> str:
 
 
 def _section(finding: Finding, scratch: Path) -> tuple[str, State, str]:
-    """Return title, state and section of a finding."""
     shell = _Shell(scratch)
     body, state = "\n".join(shell.blocks(finding.steps)), shell.state
     title = finding.asked or finding.title if state is State.PARTLY else finding.title

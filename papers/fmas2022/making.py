@@ -85,7 +85,6 @@ def latex_texts(trees: Path, gates: Path = GATES) -> dict[str, str]:
 
 
 def _say(what: str) -> None:
-    """Print progress on standard error."""
     if sys.stderr.isatty():
         sys.stderr.write(f"papers.fmas2022: {what}\n")
 
@@ -114,7 +113,6 @@ def _pictures(folder: Folder) -> str:
 
 
 def _parts(files: set[str]) -> Iterator[str]:
-    """Yield the lines of the document for existing files."""
     for name in ("table1", "gates", "formulas", "listing", "table2", "table3"):
         yield rf"\input{{{name}}}"
     for name, width, caption in PRINTED:

@@ -137,7 +137,6 @@ class _Simulation:
         yield from self._wait(self._between(0.2, 0.6))
 
     def _inspect(self, number: int, seconds: float) -> Iterator[Event]:
-        """Yield an inspection of this duration."""
         self.inspecting = number
         yield self._command("inspect", number)
         yield from self._wait(seconds)
@@ -146,7 +145,6 @@ class _Simulation:
         yield from self._wait(self._between(0.5, 1.0))
 
     def _alarmed(self, number: int) -> Iterator[Event]:
-        """Yield an inspection that the first high reading interrupts."""
         self.inspecting = number
         yield self._command("inspect", number)
         yield from self._wait(PERIOD)

@@ -60,7 +60,6 @@ def _waiting(pending: Sequence[Pending], awaits: str) -> str:
 
 
 def _letter(number: int) -> str:
-    """Return a to z, then aa and so on."""
     letters = ""
     while True:
         letters = ascii_lowercase[number % 26] + letters

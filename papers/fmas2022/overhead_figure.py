@@ -89,7 +89,6 @@ def _milliseconds(seconds: Spread) -> Spread:
 
 
 def _spreads(axes: "Axes", cells: Sequence[Cell], value: Callable[[Cell], Spread], line: Mapping[str, Any]) -> None:
-    """Plot the medians of one setup with bars between the quartiles."""
     spreads = [value(cell) for cell in cells]
     medians = [one.median for one in spreads]
     bars = [[one.median - one.low for one in spreads], [one.high - one.median for one in spreads]]

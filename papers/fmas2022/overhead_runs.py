@@ -76,7 +76,6 @@ def runs(
 
 
 def _watched(tree: RVAFT, setup: str) -> tuple[RVAFT, ...]:
-    """Return the tree or its parts, one per monitor."""
     if setup == NONE:
         return ()
     per = Per(setup)

@@ -176,7 +176,6 @@ class PaperTypes:
         return self.declare(f"{'not_' if negated else 'is_'}{wish}", parameters, matches)
 
     def _pattern(self, pattern: Pattern, node: str) -> str:
-        """Return a pattern with its rigid variables as parameters."""
         match pattern:
             case Anything():
                 return "_"
@@ -194,7 +193,6 @@ class PaperTypes:
                 return f"[{', '.join(self._pattern(item, node) for item in items)}]"
 
     def _data(self, guard: Guard, node: str) -> str:
-        """Return a numeric guard as a data expression, fully parenthesised."""
         match guard:
             case Variable(name):
                 return self.variable(name)
@@ -372,7 +370,6 @@ def specification(tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, i
 
 
 def _is_loose(term: str) -> bool:
-    """Return whether a union is outside all parentheses."""
     depth = 0
     for index, character in enumerate(term):
         depth += (character == "(") - (character == ")")
@@ -382,7 +379,6 @@ def _is_loose(term: str) -> bool:
 
 
 def _filtered(tree: RVAFT, types: PaperTypes, main: str) -> str:
-    """Return `relevant >> …`, inside a filter per `ignore`."""
     refused = "a guard that a filter cannot check"
     parents = [types.asked(f"seen_{e.node}", e.pattern, e.when, e.node, refused) for e in tree.alphabet]
     relevant = types.declare("relevant", [], f"matches {' | '.join(dict.fromkeys(parents))}")

@@ -20,7 +20,6 @@ from rvaft.model.values import Json
 
 
 def _cell(participant: Participant | Outside | Absent, events: list[Json]) -> str:
-    """Return the verdicts of a participant, or its status."""
     return f"({participant.status})" if isinstance(participant, Absent) else symbols(said(participant, events) or ())
 
 

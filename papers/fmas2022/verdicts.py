@@ -117,7 +117,6 @@ def symbols(verdicts: Sequence[Verdict]) -> str:
 
 
 def _agreed(enlisted: Enlisted, events: Sequence[Json]) -> Verdicts:
-    """Return the verdicts of all monitors, compared between all participants."""
     found: dict[str, tuple[Verdict, ...]] = {}
     for sign, everybody in enlisted.items():
         words = {name: word for name, one in everybody.items() if (word := said(one, events)) is not None}

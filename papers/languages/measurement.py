@@ -279,7 +279,6 @@ def measured(
 
     @lru_cache(maxsize=1)
     def trodden(tree: RVAFT, semantics: Semantics) -> tuple[Walk, ...]:
-        """Return the walks of a tree, equal for all languages."""
         with suppress(_Unmeasurable):
             work = partial(walks, tree, semantics, settings.seed, seconds=WALKING)
             found: tuple[Walk, ...] = _isolated(work, 2 * WALKING, clock, settings)[0]
@@ -350,7 +349,6 @@ def _measured(cell: Cell, settings: Settings, clock: float, trodden: Sequence["W
 
 
 def _remark(ran: "Run", walks: int) -> str:
-    """Return a remark on a successful run, mostly empty."""
     if not walks:
         return "no events: the engine exceeds its limits on the tree"
     open_ones = f", {walks - ran.walks} of {walks} traces are left open" if ran.walks < walks else ""

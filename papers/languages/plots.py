@@ -189,7 +189,6 @@ def plots(rows: Sequence[Measurement], width: Width = Width.PAGE) -> Iterator[tu
 
 
 def _drawn(plot: Plot, width: Width, across: int) -> "Figure":
-    """Return the figure with a legend of languages, rings and letters."""
     matplotlib = library()
     across = min(across, len(plot.panels))
     down = math.ceil(len(plot.panels) / across)

@@ -81,7 +81,6 @@ def milliseconds(seconds: float) -> str:
 
 
 def _ended(row: Measurement) -> str:
-    """Return the outcome of a cell in a few words."""
     if row.result is not Outcome.OK:
         return f"{row.result}: {row.reason}" if row.reason else f"{row.result}"
     reason = f": {row.run_reason}" if row.run_reason else ""
@@ -197,7 +196,6 @@ def _remarks(rows: Sequence[Measurement], shown: Sequence[str], mute: Mapping[st
 
 
 def _latex_cells(row: Measurement) -> dict[str, str]:
-    """Return the known values of a cell by column heading."""
     if row.result is not Outcome.OK:
         return {"symb.": str(row.result)}
     known = {"subf.": row.subformulas, "states": row.states, "edges": row.edges}

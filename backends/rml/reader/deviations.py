@@ -121,7 +121,6 @@ def touching(text: str, trace: Iterable[Json]) -> list[Deviation]:
 
 
 def _fields(events: list[Json]) -> list[tuple[str, Json]]:
-    """Return all values inside the events with their field names."""
     found, todo = list[tuple[str, Json]](), [*events]
     while todo:
         match todo.pop():
@@ -142,8 +141,6 @@ def _calculated(parts: Iterable[s.Part]) -> tuple[list[s.Data], list[s.Data]]:
 
 
 def _bindable(parts: list[s.Part], fields: list[tuple[str, Json]], whole: bool, events: list[Json]) -> list[Json]:
-    """Return the values that a pattern variable may take."""
-
     def has_variable(part: s.Part, below: list[bool]) -> bool:
         return isinstance(part, s.Name) or (isinstance(part, s.Items | s.Either) and any(below))
 
@@ -221,7 +218,6 @@ def _calculates_as_prolog(
         return False
 
     def may_lack_values(equation: s.Equation) -> bool:
-        """Return whether a `let` variable reaches a condition or an argument."""
         inside = [*s.walk(equation.body)]
         own_conditions, own_arguments = _calculated(inside)
         let = {part.data for part in inside if isinstance(part, s.Expression) and part.operator == "block"}

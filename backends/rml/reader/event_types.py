@@ -63,7 +63,6 @@ def value(data: s.Data, values: Bound) -> Json:
 
 
 def _mathematical(number: Number) -> Number:
-    """Return the number, with an integral double as an integer."""
     return int(number) if isinstance(number, float) and number.is_integer() else number
 
 
@@ -229,7 +228,6 @@ class _Way:
     guards: tuple[Guard, ...] = ()
 
     def replaced(self, by: Mapping[str, p.Pattern]) -> "_Way":
-        """Return the way with variables replaced."""
         pattern = None if self.pattern is None else p.substitute(self.pattern, by)
         scope = {n: value if isinstance(value, Mark) else p.substitute(value, by) for n, value in self.scope.items()}
         return _Way(pattern, scope, tuple(_filled(guard, by) for guard in self.guards))

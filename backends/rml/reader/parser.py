@@ -38,7 +38,6 @@ _LITERALS: Final = {"LOWER", "INT", "FLOAT", "BOOLEAN", "_NULL", "STRING", "_IGN
 
 
 def _string(token: str) -> str:
-    """Return the value of a quoted string."""
     return re.sub(r"\\(.)", lambda escape: _ESCAPES[escape[1]], token[1:-1])
 
 

@@ -121,10 +121,7 @@ class TermTable:
         return known
 
     def _described(self, operator: str, data: Any) -> tuple[Hashable, frozenset[str]]:
-        """Return the key of data, and its variables."""
-
         def marked(arguments: Iterable[Any]) -> Hashable:
-            """Return constants by value, variables by name and expressions by identity."""
             return tuple(mark(one.value) if isinstance(one, Constant) else one for one in arguments)
 
         identity: tuple[Hashable, ...]

@@ -68,7 +68,6 @@ class _Facts:
 
     @property
     def node(self) -> str:
-        """The node of the part, or an empty string."""
         return self.part.of.source.node if self.part.of is not None and self.part.of.source is not None else ""
 
     @property
@@ -128,7 +127,6 @@ class Composition:
     # Check that the tree is plain.
 
     def _has_letters(self) -> bool:
-        """Return whether occurrences are independent of each other."""
         prop = self._prop
         observing = (any(isinstance(one, Event) for one in parts_below(part)) for part in prop.shared)
         if self._letters.remembered or not prop.feasible or any(observing):
@@ -225,7 +223,6 @@ class Composition:
         return run(self._awaited(self._parts[-1], ALL)) if self._scattered else self._contiguous()
 
     def _type(self, name: str, letter: RmlLetter) -> str:
-        """Return one event type for an occurrence, including its guard."""
         texts = self._letters.texts(letter)
         if len(texts) == 1:
             return texts[0]
@@ -233,7 +230,6 @@ class Composition:
         return types.union(types.checked(letter.call, condition, name), name)
 
     def _called(self, term: Written) -> Written:
-        """Add an equation for the expression, and return its name."""
         self.equations.append((f"P{len(self.equations) + 1}", term))
         return named(self.equations[-1][0])
 
@@ -242,7 +238,6 @@ class Composition:
         return self._called(term) if term.is_large else term
 
     def _contiguous(self) -> Written:
-        """Return the term for consecutive events."""
         done = dict[int, Written]()
         for number, facts in enumerate(self._parts):
             if facts.part.op is PartKind.EVENT:

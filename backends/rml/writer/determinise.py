@@ -106,7 +106,6 @@ def combinations(
     guards = [mask_of(place[guard] for guard in letter.guards) for letter in letters]
 
     def entailed(fits: int, among: int) -> int:
-        """Return the letters that these letters imply."""
         allowed = union(guards[i] for i in bits(fits))
         reached = union(having[call] for call in bits(union(implied[call_of[i]] for i in bits(fits))))
         return mask_of(i for i in bits(reached & among) if not guards[i] & ~allowed)
@@ -342,7 +341,6 @@ class Determinised:
         return chosen
 
     def _split(self, done: int, after: int, mask: int) -> list[tuple[int, tuple[Condition, ...]]]:
-        """Return the scenarios, partitioned by the guards that become decidable."""
         parts: list[tuple[int, tuple[Condition, ...]]] = [(mask, ())]
         for condition, spoken in self._speaks.items():
             if spoken <= self._bound(after) and not spoken <= self._bound(done):
@@ -361,7 +359,6 @@ class Determinised:
         return self._known[done]
 
     def _remembered(self, done: int, registers: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
-        """Return the registers of variables that later occurrences or guards use."""
         if not registers:
             return ()
         later = {name for names in self._speaks.values() if not names <= self._bound(done) for name in names}

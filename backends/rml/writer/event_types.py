@@ -61,7 +61,6 @@ def _is_equality(condition: Guard) -> TypeGuard[Operation]:
 
 
 def _is_numeric(condition: Guard) -> bool:
-    """Return whether the condition consists of numeric comparisons only."""
     match condition:
         case Operation(operator, parts) if operator in JUNCTIONS:
             return all(map(_is_numeric, parts))
@@ -177,7 +176,6 @@ def _constant(guard: Guard) -> Guard | None:
 
 
 def _is_calculable(guard: Guard) -> bool:
-    """Return whether the expression can be a number."""
     match _constant(guard):
         case None:
             return False

@@ -32,7 +32,6 @@ def closed(on: On, when: Guard | None) -> tuple[Call, Guard | None]:
 
 
 def _places(on: On | None) -> Mapping[str, str]:
-    """Return the first place of each variable."""
     found: dict[str, str] = {}
     for position, argument in enumerate(on.arguments if on else ()):
         if isinstance(argument, Variable):
@@ -41,7 +40,6 @@ def _places(on: On | None) -> Mapping[str, str]:
 
 
 def _template(on: On | None, used: Set[str], remembered: Set[str] = frozenset()) -> tuple[Argument, ...]:
-    """Return the arguments, with places for local variables whose values matter."""
     arguments = on.arguments if on else ()
     counts, places = Counter(arguments), _places(on)
 

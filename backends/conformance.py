@@ -1,18 +1,18 @@
-"""The suite that every backend has to pass, for the author of any backend to run.
+"""A conformance suite for backends.
 
     from backends.conformance import run
+
     report = run(MyBackend(), oracle, required=without_variables)
     assert report.passed, report
 
-The expected verdicts come from an oracle that the caller gives, a monitor for a tree and a
-semantics that shares nothing with the backend. A refusal (`NotExpressible`) and a text that would
-be too large (`TooLarge`) are counted apart from each other and from failures; a refusal of what the
-caller requires is one. Of a backend that is not `readable`, only the text is looked at. Where a
-tool is missing, `ToolMissing` goes through to the caller.
+The oracle returns a monitor for a tree and a semantics, and shares nothing with the backend.
+Refusals (`NotExpressible`) and too large texts (`TooLarge`) are counted separately; a refusal of a
+required tree is a failure. If a backend is not `readable`, only its texts are checked.
+`ToolMissing` is raised to the caller.
 
-Every operator of guards and every construct of the tree language has a row: a tree with a trace
-that detects, and one that does not for want of this operator or construct alone. A backend refuses
-the tree, or its text says both.
+Every operator of guards and every construct has an example: a tree with a detecting trace, and a
+trace that fails only this operator or construct. A backend refuses the tree, or its text gives both
+verdicts.
 """
 
 import tomllib

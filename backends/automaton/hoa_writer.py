@@ -1,16 +1,16 @@
-r"""The automaton as text in the Hanoi Omega-Automata format, version 1.
+r"""Automata as text in the Hanoi Omega-Automata format, version 1.
 
-A finite word is encoded as Spot's `from_ltlf` does: the proposition `alive` holds as long as the
-word lasts and never after, and a word is accepted when the word that goes on without `alive` is.
-Lower-case header lines, which tools skip, say what the propositions mean:
+Finite words are encoded as by Spot's `from_ltlf`: the proposition `alive` holds during the word and
+never after it; a word is accepted if its continuation without `alive` is. Lower-case header lines,
+which tools skip, define the propositions:
 
     event: 2 "{ event: \"a\" }"         proposition 2 holds at events of this pattern
-    event: 3 "{ event: \"b\" }" "T1"    ... which binds the time of the event, in nanoseconds, or null without a time
-    guard: 5 "X >= 5"                   ... where this guard holds, or a variable of it has no value yet
-    relevant: 1                         ... that one of the next lines fits and no `ignore` line
-    alphabet: "{ event: \"a\" }"        an event's pattern, and where it has one the guard on it
+    event: 3 "{ event: \"b\" }" "T1"    ... and binds the time of the event in nanoseconds, or null
+    guard: 5 "X >= 5"                   ... if the guard holds or has an unbound variable
+    relevant: 1                         ... at events of an `alphabet` and no `ignore` line
+    alphabet: "{ event: \"a\" }"        a pattern, with a guard if there is one
     ignore: "{ v: V }" "V < 250"
-    time: "ts as iso8601"               where an event has its time
+    time: "ts as iso8601"               the time of an event
 """
 
 import re

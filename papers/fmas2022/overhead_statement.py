@@ -26,36 +26,31 @@ def _measured(cells: Sequence[Cell]) -> Iterator[str]:
     bare = [cell for cell in cells if cell.setup == NONE]
     small, large = bare[0], bare[-1]
     yield (
-        "Measured: the processor's time of the loop of a simulated mission, in which first nothing "
-        f"happens, of {small.waypoints} to {large.waypoints} waypoints "
-        f"({small.events} to {large.events} events), where the simulation makes each event and the "
-        "monitors, in the same process, "
-        f"read it; semantics `{SEMANTICS}`; the median of {small.repetitions} repetitions in which the "
-        "setups take turns, with quartiles; "
-        f"{python_implementation()} {python_version()} on {machine()}. No message is encoded, sent or "
-        "decoded, nothing waits for a clock, "
-        f"and there is no physics: without monitors an event takes {1e6 * large.cpu.median / large.events:.1f} µs. "
-        "The ratio therefore compares a monitor with next to nothing; a simulation that does more for each "
-        "event makes it smaller. "
-        "Making the monitors is timed apart (`made_ms` in `overhead.csv`)."
+        "Measured: the CPU time of the loop of a simulated mission without faults and attacks, with "
+        f"{small.waypoints} to {large.waypoints} waypoints ({small.events} to {large.events} events). The "
+        "simulation creates each event, and monitors in the same process read it, under the semantics "
+        f"`{SEMANTICS}`. Values are medians of {small.repetitions} repetitions with alternating setups, with "
+        f"quartiles; {python_implementation()} {python_version()} on {machine()}. The loop has no messages, "
+        "waiting or physics: without monitors an event takes "
+        f"{1e6 * large.cpu.median / large.events:.1f} µs. A simulation with more work per event has a smaller "
+        "ratio. The creation of monitors is timed separately (`made_ms` in `overhead.csv`)."
     )
     stopped = [cell for cell in cells if set(cell.verdicts) - {Verdict.UNKNOWN.symbol}]
     yield ""
     yield (
-        "No monitor has a final verdict when the mission ends, so each has read all of it."
+        "No monitor has a final verdict before the end, so each reads all events."
         if not stopped
-        else f"In {len(stopped)} of {len(cells)} rows a monitor had its final verdict before the end, and "
-        "read nothing from there on."
+        else f"In {len(stopped)} of {len(cells)} rows a monitor has its final verdict before the end, and "
+        "reads nothing after it."
     )
 
 
 def _found(cells: Sequence[Cell]) -> Iterator[str]:
     yield (
-        "What monitors add: a line of least squares through the medians, and what was measured at the "
-        "smallest and the largest mission. Events "
-        "are not alike: one at which a monitor has to work out what it waits for costs many times the "
-        "mean. So the dearest one is given, too, "
-        "measured in runs of its own, for every number of waypoints."
+        "The cost of monitors: a least-squares line through the medians, and the values at the smallest and "
+        "the largest mission. The cost per event varies: an event at which a monitor computes what it awaits "
+        "costs many times the mean. The dearest event is therefore given for every number of waypoints, from "
+        "separate runs."
     )
     yield ""
     for setup in SETUPS:
@@ -111,16 +106,11 @@ def _compared(cells: Sequence[Cell]) -> Iterator[str]:
     share = max(cell.share for cell in cells)
     dearest = max(cells, key=lambda cell: cell.dearest.median)
     yield (
-        "The paper (section 4.5) runs a ROS simulation with ROSMonitoring and RML on its own machine, and "
-        "reports that a mission takes "
-        "longer with more waypoints, while what monitors add is almost nothing and stays almost constant. "
-        "That simulation is not part of "
-        "this project, so its numbers are neither reproduced nor repeated. What can be compared is the "
-        "shape. On the time that the rover "
-        f"needs, monitors are as invisible here: at most {1e6 * share:.0f} millionths of one core; a single event "
-        f"takes at most {1e3 * dearest.dearest.median:.1f} ms ({TITLES[dearest.setup]}, {dearest.mode}, "
-        f"{dearest.waypoints} waypoints). Constant is what they add to a second of the "
-        "mission, once it is long enough for what comes once not to matter; what they add to a whole "
-        "mission grows with its events. Which of "
-        "the two the paper means by constant it does not say."
+        "The paper (section 4.5) runs a ROS simulation with ROSMonitoring and RML on its own machine. It reports "
+        "that missions take longer with more waypoints, while the cost of monitors is almost zero and almost "
+        "constant. That simulation is not part of this project, so only the shape of the results is "
+        f"comparable. Relative to the mission time, monitors cost at most {1e6 * share:.0f} millionths of one "
+        f"core; a single event takes at most {1e3 * dearest.dearest.median:.1f} ms ({TITLES[dearest.setup]}, "
+        f"{dearest.mode}, {dearest.waypoints} waypoints). Their cost per second of a long mission is constant; "
+        "their cost per mission grows with its events. The paper does not state which of the two is constant."
     )

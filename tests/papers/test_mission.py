@@ -177,7 +177,7 @@ def test_what_is_written_of_it(quick: measuring.Overhead) -> None:
         lines = [line for line in text.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
         assert [line.count("&") for line in lines] == [columns] * rows
     assert written(quick, "overhead.md").read_text(encoding="utf-8") == quick.statement
-    for said in ("processor's time", "neither reproduced nor repeated", "each has read all of it"):
+    for said in ("CPU time", "only the shape of the results is comparable", "each reads all events"):
         assert said in quick.statement
     assert quick.statement.count(": every setup detects it at every size.") == 2
     assert quick.statement.count(" ms at 2 and 4 waypoints; ") == 3 * 3, "the dearest event of each mode and setup"
@@ -269,6 +269,6 @@ def test_equal_numbers_are_equal_bytes(quick: measuring.Overhead, tmp_path: Path
 
 
 def test_what_stopped_early_and_what_the_dearest_event_costs_is_told() -> None:
-    assert "In 3 of 12 rows a monitor had its final verdict before the end" in statement(invented(stopped=True))
+    assert "In 3 of 12 rows a monitor has its final verdict before the end" in statement(invented(stopped=True))
     dearest = "The dearest event takes 5.00, 10.00 and 20.00 ms at 5, 10 and 20 waypoints"
     assert statement(invented()).count(dearest) == 3

@@ -202,6 +202,10 @@ class Backend(ABC):
         super().__init_subclass__(**options)
         if "translate" in vars(cls):
             raise TypeError(f"{cls.__name__} must not override Backend.translate: it has to define `write`")
+        kinds = {"semantics": frozenset, "says": frozenset, "operators": frozenset, "features": frozenset}
+        for name, kind in {**kinds, "values": frozenset, "passes": tuple, "ties": Ties}.items():
+            if not isinstance(getattr(cls, name), kind):
+                raise TypeError(f"{cls.__name__}.{name} must be a {kind.__name__}: {getattr(cls, name)!r}")
 
     @classmethod
     def capabilities(cls) -> Capabilities:
@@ -217,6 +221,9 @@ class Backend(ABC):
         prop = self.prepared(tree, semantics)
         with self._refusing(semantics):
             written = self.write(prop, semantics, self.default_limit if limit is None else limit)
+        if not isinstance(written, SpecificationText):
+            reason = f"`write` returned {type(written).__name__}, not a SpecificationText"
+            raise ToolFailed(f"the backend {self.name}", reason=reason)
         metrics = replace(written.metrics, seconds=perf_counter() - start)
         return Specification(written.text, self.language, metrics, written.reader or self.read)
 

@@ -34,7 +34,11 @@ from rvaft.model.verdict import Semantics
 
 
 class Ties(Enum):
-    """The supported variables over several events."""
+    """The supported variables over several events.
+
+    `check` refuses them for NONE. A backend with ALL_EVENTS refuses in `write` the variables that only
+    some events of a scenario share, and guards over several events.
+    """
 
     NONE = "no variables over several events"
     ALL_EVENTS = "variables that all events of a match share"
@@ -179,11 +183,11 @@ def _needs(prop: Property, semantics: Semantics) -> Iterator[tuple[Capability, s
             yield from ((need, node) for need in _of_guard(part.guard))
     yield from ((All, node) for node in guarded)
     if semantics.projects:
-        for name, guard in (
-            *((entry.node, entry.when) for entry in prop.alphabet),
-            *(("", ignored.when) for ignored in prop.ignored),
+        for name, pattern, guard in (
+            *((entry.node, entry.pattern, entry.when) for entry in prop.alphabet),
+            *(("", ignored.pattern, ignored.when) for ignored in prop.ignored),
         ):
-            yield from ((need, name) for need in _of_guard(guard))
+            yield from ((need, name) for need in (*_values(pattern), *_of_guard(guard)))
 
 
 def _of_guard(guard: Guard | None) -> Iterator[Capability]:

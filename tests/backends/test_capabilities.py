@@ -6,9 +6,10 @@ from typing import Any, ClassVar
 import pytest
 
 from backends.conformance import GROUPS
-from rvaft import Backend, Metrics, NotExpressible, Semantics, loads
+from rvaft import Backend, Metrics, NotExpressible, Semantics, ToolFailed, loads
 from rvaft.backend import SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value, described
+from rvaft.core.branches import restrict
 from rvaft.core.passes import expand_times, order_ends, windows_to_guards
 from rvaft.core.property import PARTS, All, Condition, Event, Property
 from rvaft.model.guards import Operator
@@ -153,6 +154,31 @@ def test_reasons_of_a_language_replace_the_general_ones() -> None:
 
     assert refusal(Reasoned(), "r and a b;").reason == "all of it at once is too much"
     assert refusal(Reasoned(), "r;", "strict").reason == "it skips events"
+
+
+@pytest.mark.parametrize("text", ["ignore e(1); r;", "r or a b; a; b on e(1);"])
+def test_a_value_that_decides_relevance_is_checked_where_relevance_counts(text: str) -> None:
+    class Wide(Bare):
+        says = frozenset(PARTS)
+        semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.PROJECTED})
+
+    with pytest.raises(NotExpressible, match="the language has no numbers"):
+        Wide().translate(restrict(loads(EVENTS + text), branch=1), Semantics.PROJECTED)
+
+
+@pytest.mark.parametrize("wrong", [{"says": [Event]}, {"ties": "none"}, {"operators": set()}, {"passes": []}])
+def test_a_capability_of_a_wrong_type_is_refused_when_the_class_is_made(wrong: dict[str, Any]) -> None:
+    with pytest.raises(TypeError, match=f"Wrong.{next(iter(wrong))} must be a "):
+        type("Wrong", (Bare,), wrong)
+
+
+def test_what_write_returns_is_checked() -> None:
+    class Silent(Bare):
+        def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
+            return None  # type: ignore[return-value]
+
+    with pytest.raises(ToolFailed, match="returned NoneType"):
+        Silent().translate(loads("r;"), Semantics.SCATTERED)
 
 
 def test_translate_cannot_be_replaced() -> None:

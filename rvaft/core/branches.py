@@ -1,10 +1,10 @@
-"""Branches of a tree, their numbers, and trees restricted to a branch or a kind (semantics, section 2).
+"""Branches of a tree, their numbers, and restriction to a branch or a kind (semantics, section 2).
 
-A branch resolves the `or` gates and keeps `KofN`. Branches are enumerated lazily, in the order of
-their numbers: the digits of a branch are the choices of the `or` gates in breadth-first order from
-the root, the first varying fastest; a gate that the branch does not reach has digit 0. The search
-goes from the slowest digit to the fastest and carries the choices that digits above 0 force upon
-the gates nearer the root, so it never enters a dead end.
+A branch resolves the `or` gates and keeps `KofN`. Its digits are the choices of the `or` gates in
+breadth-first order; the first digit varies fastest, and a gate outside the branch has digit 0.
+
+Enumeration is lazy and in the order of the numbers. It goes from the slowest digit to the fastest
+and propagates the choices that a digit above 0 requires, so it never backtracks from a dead end.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -23,16 +23,16 @@ from rvaft.support.bits import bits, union
 
 DEFAULT_LIMIT = 20_000
 _MOST: Final = 10**9
-"""Counts stop here; a number beyond is not told."""
+"""The greatest branch number that is computed."""
 _EFFORT: Final = 20_000_000
-"""How many steps to spend on counting."""
+"""The maximum number of counting steps."""
 _SHARED_EFFORT: Final = 1_000_000
-"""The same where nodes are shared; beyond, branches are looked at one after the other."""
+"""The maximum number of counting steps with shared nodes; beyond it, branches are enumerated."""
 
 
 @dataclass(frozen=True)
 class Branch:
-    """One branch; `choices` maps each `or` gate that the branch reaches to the child that it keeps.
+    """One branch; `choices` maps each `or` gate in the branch to the child that it keeps.
 
     >>> import rvaft
     >>> [(branch.number, branch.formula) for branch in branches(rvaft.loads("top or a both; both sand b c;"))]
@@ -40,7 +40,7 @@ class Branch:
     """
 
     text: "ClassVar[Callable[[Branch], str]]"
-    """How the property of a branch is written; `rvaft.api` sets it, because writing is above the core."""
+    """The writer of a branch's property; `rvaft.api` sets it, because writing is above the core."""
 
     tree: RVAFT
     number: int
@@ -48,34 +48,34 @@ class Branch:
 
     @cached_property
     def nodes(self) -> tuple[str, ...]:
-        """Its nodes, parents before children."""
+        """The nodes, parents before children."""
         kept = set(reachable(self.tree.root, self.children))
         return tuple(name for name in self.tree.order if name in kept)
 
     @cached_property
     def kinds(self) -> frozenset[Kind]:
-        """The kinds of its nodes."""
+        """The kinds of the nodes."""
         return frozenset(kind for name in self.nodes if (kind := self.tree.nodes[name].kind) is not None)
 
     @cached_property
     def formula(self) -> str:
-        """The property as text: `;` in sequence, `&` in any order, `|` a choice, conditions in brackets."""
+        """The property as text: `;` sequence, `&` any order, `|` choice, conditions in brackets."""
         return type(self).text(self)
 
     def children(self, name: str) -> tuple[str, ...]:
-        """The children of a node that the branch keeps."""
+        """Return the children of a node that the branch keeps."""
         return (self.choices[name],) if name in self.choices else self.tree.nodes[name].children
 
 
 def branches(tree: RVAFT) -> Iterator[Branch]:
-    """All branches of a tree in the order of their numbers, from 1; lazily, since there may be very many."""
+    """Iterate lazily over all branches in the order of their numbers, from 1."""
     search = _Search(tree)
     for number, digits in enumerate(search.branches(), 1):
         yield Branch(tree, number, search.choices(digits))
 
 
 def branch(tree: RVAFT, number: int) -> Branch:
-    """The branch of that number; raises `TreeError` where there is none."""
+    """Return the branch with this number; raises `TreeError` if there is none."""
     search = _Search(tree)
     count = 0
     for count, digits in enumerate(islice(search.branches(), max(number, 0)), 1):
@@ -88,12 +88,13 @@ def branch(tree: RVAFT, number: int) -> Branch:
 def number_of(
     tree: RVAFT, choices: Mapping[str, str], *, kind: Kind | None = None, limit: int = DEFAULT_LIMIT
 ) -> int | None:
-    """The lowest number of a branch that makes these choices (and has that kind); None where finding it takes too long.
+    """Return the lowest number of a branch with these choices (and this kind), or None if the
+    search takes too long.
 
-    Where a kind is asked for, `limit` branches are looked at. Otherwise they are counted: the
-    number is one more than, summed over the gates from the last to the first, the count of branches
-    that agree on the gates after it and have a smaller digit there. Such a count is a product over
-    gates, a sum over the choices of an `or`; where a node is shared it goes from the root down.
+    With a kind, at most `limit` branches are enumerated. Otherwise the number is computed: 1 plus,
+    for each gate from the last to the first, the count of branches that agree on the later gates
+    and have a smaller digit at this gate. Such a count is a product over gates and a sum over the
+    children of an `or`. With shared nodes, counting goes from the root down.
     """
     if tree.shared and kind is None:
         with suppress(TooLarge):
@@ -106,13 +107,13 @@ def number_of(
         return None
     gates = or_gates(tree)
     choosing = frozenset(gates)
-    digits: dict[str, range] = {}  # those a gate may have; any where nothing is fixed
-    ways: dict[str, int] = {}  # to resolve what is below a node, and whether none of them needs the node
+    digits: dict[str, range] = {}  # the allowed digits of a gate; all if absent
+    # the number of ways to resolve the part below a node; `idle`: one of them avoids the node
+    ways: dict[str, int] = {}
     idle: dict[str, bool] = {}
     number, effort = 1, 0
 
     def count(node: Node) -> bool:
-        """Bring one node up to date; whether that changed anything."""
         nonlocal effort
         effort += 1 + len(node.children)
         before = ways.get(node.name), idle.get(node.name)
@@ -131,7 +132,7 @@ def number_of(
         return before != (ways[node.name], idle[node.name])
 
     def fix(name: str, own: range) -> bool:
-        """False, and stop, at a node that must be reached and cannot be resolved."""
+        """Restrict a gate's digits; return False if a required node has no resolution left."""
         digits[name] = own
         above: tuple[str, ...] = (name,)
         while above and count(tree.nodes[above[0]]):
@@ -153,7 +154,7 @@ def number_of(
 
 
 def or_gates(tree: RVAFT) -> list[str]:
-    """The reachable `or` gates in breadth-first order: the gates that the digits of a branch belong to."""
+    """Return the reachable `or` gates in breadth-first order, the order of a branch's digits."""
     return list(_or_gates(tree))
 
 
@@ -169,10 +170,10 @@ def _or_gates(tree: RVAFT) -> tuple[str, ...]:
 
 
 def _number_among_shared(tree: RVAFT, choices: Mapping[str, str]) -> int | None:
-    """The same where nodes are shared; raises `TooLarge`.
+    """Return the number of a branch if nodes are shared; raises `TooLarge`.
 
-    The gates are resolved parents first. What a branch has resolved so far matters only in which of
-    the others it reaches: branches that reach the same are counted together.
+    Gates are resolved parents first. The state is the set of later gates that are reached; branches
+    with the same state are counted together.
     """
     gates = or_gates(tree)
     place = {name: number for number, name in enumerate(_depth_first(tree, gates))}
@@ -216,7 +217,7 @@ def _number_among_shared(tree: RVAFT, choices: Mapping[str, str]) -> int | None:
 
 
 def _depth_first(tree: RVAFT, gates: Iterable[str]) -> list[str]:
-    """Gates, each before those below it and, as far as can be, directly before them."""
+    """Order gates parents first, and as close to their descendants as possible."""
     done: dict[str, None] = {}
     agenda = [(tree.root, reversed(tree.nodes[tree.root].children))]
     while agenda:
@@ -232,28 +233,27 @@ def _depth_first(tree: RVAFT, gates: Iterable[str]) -> list[str]:
 
 
 class _Digits(NamedTuple):
-    """The digits of some gates: every gate has a bit per child, of which `bits` holds the one of the child it keeps.
+    """The digits of some gates as bit masks, so that all gates are compared in one step.
 
-    Integers, so that comparing the digits of all gates is one step. `gates` has all the bits of those gates.
+    Each gate has a bit per child. `bits` has the bit of each kept child, `gates` all bits of the
+    gates.
     """
 
     bits: int = 0
     gates: int = 0
 
     def agree(self, other: "_Digits") -> bool:
-        """Whether no gate has one digit here and another there."""
         return self.bits & other.gates == other.bits & self.gates
 
     def join(self, other: "_Digits") -> "_Digits":
-        """The digits here and there."""
         return _Digits(self.bits | other.bits, self.gates | other.gates)
 
 
 class _Search:
     """The enumeration of the digits of all branches of one tree.
 
-    A *way* is the digits of the gates on a path from the root to a node, or on one path to each
-    gate whose digit is above 0: a gate with a digit there is reached.
+    A *way* holds the digits of the gates on a path from the root to a node, or on one path to each
+    gate with a digit above 0, because such a gate must be reached.
     """
 
     def __init__(self, tree: RVAFT) -> None:
@@ -268,7 +268,6 @@ class _Search:
         self._ways = {tree.root: [_Digits()]}
 
     def choices(self, digits: int) -> dict[str, str]:
-        """The choices of the `or` gates that a branch reaches."""
 
         def kept(name: str) -> tuple[str, ...]:
             children = self.tree.nodes[name].children
@@ -279,9 +278,9 @@ class _Search:
         return {name: kept(name)[0] for name in reachable(self.tree.root, kept) if name in self._bits}
 
     def branches(self) -> Iterator[int]:
-        """The digits of all branches in the order of their numbers: the last gate's varies slowest."""
-        # One level per gate, slowest first: its digits that are left, each with the digits so far
-        # and the ways they need.
+        """Iterate over the digits of all branches in the order of their numbers."""
+        # One level per gate, slowest first: its remaining digits, each with all digits so far and
+        # the ways that reach them.
         levels = [iter([(_Digits(), [_Digits()])])]
         while levels:
             option = next(levels[-1], None)
@@ -293,15 +292,15 @@ class _Search:
                 levels.append(self._options(self.gates[-len(levels)], *option))
 
     def _options(self, gate: str, slower: _Digits, ways: list[_Digits]) -> Iterator[tuple[_Digits, list[_Digits]]]:
-        """The digits that a gate can have when the slower ones are given, and the ways left then, at least one."""
+        """Iterate over the possible digits of a gate given the slower ones, each with its ways (at
+        least one).
+        """
         group, lowest = self._all[gate], self._bits[gate].start
         for number in bits(union(way.bits & group or group for way in ways)):
             digit = _Digits(1 << number, group)
             allowed = [way for way in ways if way.agree(digit)]
             there = [way for way in allowed if way.gates & group]
-            if number != lowest and len(there) < len(
-                allowed
-            ):  # the gate must be reached, as it is where a way goes through it
+            if number != lowest and len(there) < len(allowed):  # a digit above 0 requires that the gate is reached
                 paths = [path for path in self._paths(gate) if path.agree(slower)]
                 elsewhere = (way for way in allowed if not way.gates & group)
                 extended = (way.join(path) for way in elsewhere for path in paths if way.agree(path))
@@ -310,7 +309,6 @@ class _Search:
                 yield slower.join(digit), allowed
 
     def _paths(self, name: str) -> list[_Digits]:
-        """The ways to reach a node."""
         todo = [name]
         while todo:
             node = todo[-1]
@@ -331,7 +329,7 @@ class _Search:
 
 
 def _shortest(ways: Iterable[_Digits], name: str) -> list[_Digits]:
-    """The ways that no other one is a part of; raises `TooLarge`."""
+    """Return the minimal ways; raises `TooLarge`."""
     found: dict[_Digits, None] = {}
     for way in ways:
         found[way] = None
@@ -344,27 +342,28 @@ def _shortest(ways: Iterable[_Digits], name: str) -> list[_Digits]:
     return least
 
 
-# The part of a tree that a monitor for one branch or one kind looks at (semantics, sections 2 and 3).
+# Restriction to one branch or one kind (semantics, sections 2 and 3).
 #
-# The result is a tree again, with the alphabet of the whole tree and a note of the restriction
-# (`part_of`). A branch is a sub-DAG. The branches of a kind are a union of sub-DAGs, each given by
-# the children that some `or` gates may keep; the nodes and edges of the restricted tree are those
-# of all of them, so it may have more branches than the kind. The property of the restricted tree
-# (`rvaft.core.passes.property_of`) has those of the kind alone.
+# The result is a tree with the alphabet of the whole tree and the restriction as `part_of`. A
+# branch is a sub-DAG. The branches of a kind are a union of sub-DAGs, each given by the children
+# that some `or` gates may keep. The restricted tree has the nodes and edges of all of them, so it
+# may have more branches than the kind. Its property (`rvaft.core.passes.property_of`) has only
+# those of the kind.
 
 COPIES: Final = 1_000
-"""The most sub-DAGs that a kind may need."""
+"""The maximum number of sub-DAGs for a kind."""
 
 Allowed: TypeAlias = Mapping[str, frozenset[str]]
-"""For some `or` gates the children that they may keep."""
+"""For some `or` gates, the children that they may keep."""
 
 _numbered = branch
 
 
 def restrict(tree: RVAFT, *, branch: int | None = None, kind: Kind | str | None = None, limit: int = COPIES) -> RVAFT:
-    """The tree with the scenarios of one branch, or of the branches of one kind; the tree itself when neither is given.
+    """Return the tree restricted to one branch, or to the branches of one kind.
 
-    Raises `TreeError` where there is no such branch or kind, `TooLarge` where a kind needs more than `limit` sub-DAGs.
+    Raises `TreeError` if there is no such branch or kind, `TooLarge` if a kind needs more than
+    `limit` sub-DAGs.
     """
     kind = None if kind is None else Kind(kind)
     if branch is not None:
@@ -382,7 +381,8 @@ def restrict(tree: RVAFT, *, branch: int | None = None, kind: Kind | str | None 
 
 
 def alternatives(tree: RVAFT) -> tuple[RVAFT, ...]:
-    """The sub-DAGs of which a tree that is restricted to a kind is the union; of any other tree the tree itself.
+    """Return the sub-DAGs whose union is a tree restricted to a kind; for any other tree, the tree
+    itself.
 
     >>> import rvaft
     >>> tree = rvaft.loads("top and p q; p or f a; q or x b; f fault; x fault;")
@@ -396,7 +396,7 @@ def alternatives(tree: RVAFT) -> tuple[RVAFT, ...]:
 
 
 def _part(tree: RVAFT, ways: Iterable[Allowed], part_of: Whole) -> RVAFT:
-    """The nodes and edges of a tree that some of these ways allow."""
+    """Return the nodes and edges of a tree that at least one way allows."""
     kept: dict[str, set[str]] = {}
     for allowed in ways:
 
@@ -412,7 +412,7 @@ def _part(tree: RVAFT, ways: Iterable[Allowed], part_of: Whole) -> RVAFT:
 
 
 def ways_to_kind(tree: RVAFT, kind: Kind, limit: int = COPIES) -> list[Allowed]:
-    """Sub-DAGs whose branches together are exactly the branches that have the kind."""
+    """Return sub-DAGs whose branches together are exactly the branches that have the kind."""
     choosing = frozenset(or_gates(tree))
     rank = {name: index for index, name in enumerate(tree.order)}
     above = {tree.root: tree.root}  # the immediate dominators
@@ -436,7 +436,9 @@ def ways_to_kind(tree: RVAFT, kind: Kind, limit: int = COPIES) -> list[Allowed]:
 
 
 def _through_or(tree: RVAFT, node: Node, ways: Mapping[str, list[Allowed]], above: Mapping[str, str]) -> list[Allowed]:
-    """One way per child and its ways; those that touch only what their child alone leads to are merged into one."""
+    """Return one way per child and way of the child; merge those that constrain only gates
+    dominated by their child.
+    """
 
     def dominates(child: str, gate: str) -> bool:
         while gate not in (child, tree.root):
@@ -455,7 +457,8 @@ def _through_or(tree: RVAFT, node: Node, ways: Mapping[str, list[Allowed]], abov
             apart.extend({**way, node.name: frozenset([child])} for way in ways[child])
     if together:
         apart.append({**merged, node.name: frozenset(together)})
-    # Ways that differ only in the children of the node are one; it need not be told that all of them are allowed.
+    # Merge ways that differ only in the children of the node; drop the constraint if all are
+    # allowed.
     joined: dict[frozenset[tuple[str, frozenset[str]]], frozenset[str]] = {}
     for way in apart:
         rest = frozenset(item for item in way.items() if item[0] != node.name)
@@ -467,12 +470,12 @@ def _through_or(tree: RVAFT, node: Node, ways: Mapping[str, list[Allowed]], abov
 
 
 def whole(tree: RVAFT) -> RVAFT:
-    """The tree that a restricted tree is part of, or the tree itself."""
+    """Return the tree before restriction."""
     return tree if tree.part_of is None else tree.part_of.tree
 
 
 def _distinct(ways: Iterable[Allowed]) -> list[Allowed]:
-    """The ways without repetition; one that allows everything makes the others superfluous."""
+    """Return the ways without duplicates; an unconstrained way replaces all others."""
     found: list[Allowed] = []
     for way in ways:
         if not way:

@@ -1,6 +1,6 @@
-"""A tree as a property.
+"""The translation of a tree to a property.
 
-The one place outside the language, the model and the reference that reads gates and causality.
+Only this module reads gates and causality, apart from the language, the model and the reference.
 """
 
 from typing import assert_never
@@ -25,7 +25,7 @@ from rvaft.model.tree import RVAFT
 
 
 def build(tree: RVAFT) -> Property:
-    """The property of a whole tree, with everything that the tree says: nothing is simplified.
+    """Return the property of a whole tree, without simplification.
 
     >>> import rvaft
     >>> build(rvaft.loads("top sand a b;")).root.parts[0].source
@@ -56,7 +56,6 @@ def _event(tree: RVAFT, node: Node) -> Event | Times | None:
 
 
 def _below(node: Node, parts: tuple[Part, ...]) -> Part | None:
-    """What the gate of a node asks of its children."""
     source = Source(node.name)
     match node.gate:
         case None:

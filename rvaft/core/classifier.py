@@ -1,9 +1,9 @@
-"""Which patterns an event can match, and which of its fields are read, found without trying every pattern.
+"""Classification of events: the patterns that an event can match, and the fields to read.
 
-The *shape* of an event is which fields it has, and its values in those fields where some pattern
-has a literal. Logs hold few shapes, so what a shape says is worked out once. It decides most
-patterns: those that ask for literals and for the presence of fields. The others are *open*: whether
-one fits has to be asked of the event itself.
+The *shape* of an event is its field names, and its values in the fields for which some pattern has
+a literal. Logs have few shapes, so the result for a shape is cached. The shape decides most
+patterns: those of literals and present fields. The other candidates are *open*: they are matched
+against each event.
 """
 
 import sys
@@ -27,19 +27,21 @@ H = TypeVar("H")
 H_co = TypeVar("H_co", covariant=True)
 
 MEMORY: Final = 4096
-"""How many shapes are remembered; then the memory starts afresh."""
+"""The maximum number of cached shapes; then the cache is cleared."""
 WIDEST: Final = 64
-"""Events with more fields are not remembered: their shapes take too much room."""
+"""Events with more fields are not cached."""
 LONGEST: Final = 200
-"""Nor are those with longer strings where patterns have literals."""
+"""Events with longer strings in the fields of literals are not cached."""
 _NOT_THERE: Final = ("no scalar",)
-"""In place of the value of a field that is absent, or holds an object or a list."""
+"""The key of an absent field, an object or a list."""
 _PLAIN: Final = (str, int, float)
-"""Types of values that are their own keys."""
+"""Types whose values are their own keys."""
 
 
 class Decided(NamedTuple):
-    """The numbers of the patterns that every event of a shape fits, and of those that some may fit; each in order."""
+    """The indexes of the patterns that all (`fits`) or some (`open`) events of a shape match, in
+    order.
+    """
 
     fits: tuple[int, ...]
     open: tuple[int, ...]
@@ -48,7 +50,8 @@ class Decided(NamedTuple):
 class Flat(NamedTuple):
     """A pattern that the shape decides.
 
-    The literals it asks for (their keys), and the other fields with their variables ("" for none).
+    `literals` maps fields to the keys of their literals; `variables` maps the other fields to their
+    variable, or to "".
     """
 
     literals: Mapping[str, Hashable]
@@ -62,10 +65,7 @@ class Flat(NamedTuple):
 
 
 class FirstLiterals:
-    """Things by number, each filed under the rarest literal that it asks for.
-
-    What asks for another one is not looked at.
-    """
+    """An index of requirements by their rarest literal."""
 
     def __init__(self, literals: Iterable[Mapping[str, Hashable]]) -> None:
         self.by_field: dict[str, dict[Hashable, list[int]]] = {}
@@ -80,7 +80,7 @@ class FirstLiterals:
                 self.by_field.setdefault(first[0], {}).setdefault(first[1], []).append(number)
 
     def candidates(self, event: Json) -> list[int]:
-        """The numbers, in order, of the things that an event may be."""
+        """Return the indexes, in order, of the patterns whose rarest literal the event has."""
         found = list(self.rest)
         if isinstance(event, Mapping):
             for field, table in self.by_field.items():
@@ -90,7 +90,8 @@ class FirstLiterals:
 
 
 class PatternIndex(Generic[T]):
-    """Events by shape; `derive` makes of what a shape decides whatever is wanted for its events, once.
+    """A cache of results by the shape of events; `derive` computes the result of a classification
+    once.
 
     >>> at = lambda topic: ObjectPattern((("topic", Literal(topic)), ("value", Variable("X"))))
     >>> index = PatternIndex([at("/speed"), at("/goal"), Anything()], lambda decided: decided)
@@ -112,13 +113,14 @@ class PatternIndex(Generic[T]):
         texts = tuple(field for field, types in asked.items() if types == {str})
         self._shape = _shape_by(texts, names=any(one.variables for one in self._flat.values()))
         self.texts = texts
-        """The fields where every literal of a pattern is a string."""
+        """The fields whose literals are all strings."""
         self.others = tuple(field for field, types in asked.items() if types != {str})
-        """The other fields where patterns have literals."""
+        """The other fields with literals."""
 
     def of(self, event: Mapping[str, Json]) -> T:
-        """What was derived for the shape of an event."""
-        # Python takes 1 and True for equal. Where only strings are asked for, neither is one; else their keys differ.
+        """Return the result for the shape of an event."""
+        # In Python, 1 == True. Fields with only string literals match neither; the keys of other
+        # fields differ.
         shape = self._shape(event)
         if self.others:
             shape = (*shape, *[key_at(event, field) for field in self.others])
@@ -126,7 +128,7 @@ class PatternIndex(Generic[T]):
             return self._memory[shape]
         except KeyError:
             found = self._found(event)
-        except TypeError:  # a list or an object where patterns have strings
+        except TypeError:  # a list or an object in a field of string literals
             return self._found(event)
         if len(event) <= WIDEST and brief(shape):
             if len(self._memory) >= MEMORY:
@@ -149,16 +151,13 @@ class PatternIndex(Generic[T]):
 
 
 def brief(values: Iterable[Json]) -> bool:
-    """Whether no string among these values is too long to be remembered."""
+    """Whether no string is too long for the cache."""
     return all(not isinstance(value, str) or len(value) <= LONGEST for value in values)
 
 
 def _shape_by(fields: tuple[str, ...], *, names: bool) -> Callable[[Mapping[str, Json]], tuple[Hashable, ...]]:
-    """The shape of an event given the fields where patterns have strings.
-
-    So many values at its end, after the names of its fields if they count.
-
-    Few fields are asked for one by one.
+    """Return the function from an event to its shape: the field names if `names`, then the values
+    of `fields`.
     """
     if not names:
         return (lambda event: (event.get(fields[0]),)) if len(fields) == 1 else lambda event: (*map(event.get, fields),)
@@ -174,7 +173,7 @@ def _shape_by(fields: tuple[str, ...], *, names: bool) -> Callable[[Mapping[str,
 
 
 def flat(pattern: Pattern) -> Flat | None:
-    """A pattern as a shape decides it, or None where it does not."""
+    """Return the pattern as a shape decides it, or None."""
     if not isinstance(pattern, ObjectPattern):
         return None
     variables: dict[str, str] = {}
@@ -192,32 +191,30 @@ def flat(pattern: Pattern) -> Flat | None:
 
 
 def literals_of(pattern: Pattern) -> dict[str, Hashable]:
-    """The fields of an object pattern that must have one value, with the keys of these values."""
+    """Return the fields with literals in an object pattern, with the keys of these literals."""
     fields = pattern.fields if isinstance(pattern, ObjectPattern) else ()
     return {field: key(part.value) for field, part in fields if isinstance(part, Literal)}
 
 
 def key_at(event: Mapping[str, Json], field: str) -> Hashable:
-    """The key of the value in a field; one key for all objects and lists, and for an absent field."""
+    """Return the key of a field's value; objects, lists and absent fields share one key."""
     value: Hashable = event.get(field, _NOT_THERE)
     if type(value) in _PLAIN:
         return value
     return _NOT_THERE if isinstance(value, (Mapping, list, tuple)) else key(value)
 
 
-# The fields that tell event types apart.
+# Discriminating fields: they tell event types apart.
 
 _OTHER: Final = ("other",)
-"""In place of a value that no pattern asks for, or of none."""
+"""The key of a value that no pattern has as a literal."""
 
 
 class Discriminators:
-    """The discriminating fields of some patterns.
+    """The discriminating fields of some patterns, usually one such as `topic`.
 
-    Every pattern that asks for a string in some field asks for one in one of these.
-
-    In a robot's log it is mostly one, `topic`. Whatever else an event holds, its values there say
-    which patterns it can fit at all, and so what is read of it.
+    Every pattern with a string literal has one in a discriminating field. The values there
+    determine which patterns an event can match, and so which fields are read.
     """
 
     def __init__(self, patterns: Iterable[Pattern]) -> None:
@@ -225,7 +222,7 @@ class Discriminators:
             {field: value for field, value in literals_of(pattern).items() if isinstance(value, str)}
             for pattern in patterns
         ]
-        # As few fields as can be told at once, the most frequent first.
+        # A small cover by a greedy choice: the most frequent field first.
         cover: list[str] = []
         left = [one for one in strings if one]
         while left:
@@ -237,25 +234,21 @@ class Discriminators:
         self._values = {field: frozenset(one[field] for one in strings if field in one) for field in self.fields}
 
     def values(self, event: Mapping[str, Json]) -> tuple[Hashable, ...]:
-        """What tells the event from others.
-
-        Its values in the discriminating fields, as far as patterns ask for them.
-        """
+        """Return the event's values in the discriminating fields, reduced to those of patterns."""
         return tuple([self.value(field, event.get(field)) for field in self.fields])
 
     def value(self, field: str, value: Json) -> Hashable:
-        """The same for one field."""
+        """Return the reduced value of one field."""
         return value if isinstance(value, str) and value in self._values[field] else _OTHER
 
     def apart(self, values: Iterable[Json]) -> tuple[Hashable, ...]:
-        """What tells events apart that fit no pattern.
-
-        The strings, if not too long, that they have in the discriminating fields.
+        """Return the strings in the discriminating fields, unless too long, for events that match
+        no pattern.
         """
         return tuple([value if isinstance(value, str) and len(value) <= LONGEST else _OTHER for value in values])
 
     def candidates(self, values: tuple[Hashable, ...]) -> tuple[int, ...]:
-        """The numbers of the patterns that an event with these values may fit, in order."""
+        """Return the indexes, in order, of the patterns that an event with these values may match."""
         event = dict(zip(self.fields, values, strict=True))
         return tuple(
             number
@@ -264,20 +257,21 @@ class Discriminators:
         )
 
 
-# Which parts of an event are read: the discriminating fields always, the others where their values
-# leave something possible.
+# The fields to read: the discriminating fields always, the others if a pattern is still possible.
 
 
 @dataclass(slots=True)
 class Reads:
-    """Which parts of a value are read: all of it, or these fields and the items of a list."""
+    """The parts of a value to read: the whole value, or some fields and the items of a list."""
 
     whole: bool = False
     fields: dict[str, "Reads"] = dataclass_field(default_factory=dict)
     items: "Reads | None" = None
 
     def add(self, pattern: Pattern) -> None:
-        """Read also what this pattern looks at. A variable looks at a whole value: values are compared deeply."""
+        """Add the parts that a pattern reads; a variable reads the whole value, since equality is
+        deep.
+        """
         agenda: list[tuple[Reads, Pattern]] = [(self, pattern)]
         while agenda:
             reads, part = agenda.pop()
@@ -293,14 +287,13 @@ class Reads:
                     pass
 
     def of(self, event: Mapping[str, Json]) -> "Reads":  # noqa: ARG002 (the same in every event)
-        """What is read of an event."""
+        """Return the parts of an event to read."""
         return self
 
 
 class TreeReads:
-    """What a monitor of the tree reads.
-
-    What its runtime events, `ignore` and `time` declarations mention; and these paths of fields.
+    """The fields that a monitor of the tree reads: those of runtime events, `ignore`, `time` and
+    the paths in `also`.
     """
 
     def __init__(self, tree: RVAFT, also: Iterable[tuple[str, ...]] = ()) -> None:
@@ -311,18 +304,18 @@ class TreeReads:
         self.discriminators = Discriminators(self.patterns)
         self._always: list[Pattern] = [ObjectPattern(((name, Anything()),)) for name in self.discriminators.fields]
         for path in (*also, *([tree.time.field] if tree.time else [])):
-            at: Pattern = Variable("_")  # which looks at the whole value there
+            at: Pattern = Variable("_")  # reads the whole value
             for name in reversed(path):
                 at = ObjectPattern(((name, at),))
             self._always.append(at)
         self._known: dict[tuple[Hashable, ...], Reads] = {}
 
     def of(self, event: Mapping[str, Json]) -> Reads:
-        """What is read of an event."""
+        """Return the parts of an event to read."""
         return self.where(self.discriminators.values(event))
 
     def where(self, values: tuple[Hashable, ...]) -> Reads:
-        """What is read of events that have these values in the discriminating fields."""
+        """Return the parts to read of events with these values in the discriminating fields."""
         known = self._known.get(values)
         if known is None:
             known = self._known[values] = Reads()
@@ -334,10 +327,10 @@ class TreeReads:
 
 
 Scope: TypeAlias = Reads | TreeReads
-"""Says of an event what is read of it."""
+"""Determines the parts of an event to read."""
 
 
-# EngineLetters: patterns with guards over their variables, and how one is read off an event.
+# Letters: patterns with guards over their variables, and how to read them off an event.
 
 Values: TypeAlias = Callable[[Mapping[str, Json]], dict[str, Json]]
 
@@ -358,26 +351,29 @@ class EventTest:
 
 
 class Reader(NamedTuple):
-    """How one letter, known by a number, is read off an event whose shape does not exclude it."""
+    """How one letter is read off an event whose shape does not exclude it."""
 
     number: int
     pattern: Pattern
     test: Guard | EventTest | None
-    """The condition on the event, with the fields of the event for the variables; None where the shape decides."""
+    """The condition on the event, over its fields instead of variables; None if the shape decides.
+    """
     admits: Predicate
     """Whether an event is this letter."""
     values: Values
-    """The values of the variables, but for the local ones, in an event that fits the pattern."""
+    """The values of the rigid variables in an event that matches the pattern."""
     fields: Mapping[str, str] | None
-    """The fields that have these values; None where the shape of an event does not decide that it fits the pattern."""
+    """The fields of these values; None if the shape does not decide the match."""
 
     def read(self, event: Mapping[str, Json]) -> dict[str, Json] | None:
-        """The values of the variables in an event, or None where it is not this letter."""
+        """Return the values of the variables in an event, or None if it is not this letter."""
         return self.values(event) if self.admits(event) else None
 
 
 def reader(number: int, letter: Letter) -> Reader:
-    """How a letter is read. A guard with variables that the pattern does not bind never holds."""
+    """Return the reader of a letter. A guard over variables that the pattern does not bind never
+    holds.
+    """
     pattern, when = letter
     plain = flat(pattern)
     if when is not None and not set(guard_variables(when)) <= set(pattern_variables(pattern)):
@@ -394,7 +390,6 @@ def reader(number: int, letter: Letter) -> Reader:
 
 
 def _admits(pattern: Pattern, when: Guard | None) -> Predicate:
-    """Whether an event fits a pattern and a guard holds of it."""
     holds = None if when is None else predicate(when)
 
     def admits(event: Mapping[str, Json]) -> bool:
@@ -405,12 +400,10 @@ def _admits(pattern: Pattern, when: Guard | None) -> Predicate:
 
 
 def _bound(pattern: Pattern) -> Values:
-    """Gives variables the values that a pattern finds in an event, and none where it does not match."""
     return lambda event: rigid(match(pattern, event, {}) or {})
 
 
 def _values(fields: tuple[tuple[str, str], ...]) -> Values:
-    """Gives variables the values of fields; one or two, as most events have, at once."""
     match fields:
         case ((name, field),):
             return lambda event: {name: event[field]}
@@ -425,10 +418,11 @@ _LARGEST: Final = sys.float_info.max
 
 @dataclass(frozen=True, eq=False)
 class GuardTable(Generic[H_co]):
-    """From an event to what follows from which of some guards hold of it; derived once for each set
-    of guards that comes.
+    """A table from the outcomes of some guards on an event to a result, computed once per
+    combination.
 
-    `of` reads the table, `held` gives the guards that hold as bits, and `at` what follows from such bits.
+    `of` returns the result for an event, `held` the guards that hold as bits, `at` the result for
+    such bits.
     """
 
     guards: tuple[Guard | EventTest, ...]
@@ -438,14 +432,14 @@ class GuardTable(Generic[H_co]):
 
     @cached_property
     def field(self) -> str | None:
-        """The one field that all guards ask for, if there is one."""
+        """The only field that the guards use, if there is exactly one."""
         guards = [guard for guard in self.guards if not isinstance(guard, EventTest)]
         names = {name for guard in guards for name in guard_variables(guard)}
         return names.pop() if len(names) == 1 and len(guards) == len(self.guards) else None
 
     @cached_property
     def ordered(self) -> bool:
-        """Whether each guard holds from some number on, or up to one."""
+        """Whether each guard compares the field with a number by `<`, `<=`, `>` or `>=`."""
         orders = all(isinstance(guard, Operation) and guard.operator in ORDERINGS for guard in self.guards)
         return orders and compared_numbers(self.guards) is not None
 
@@ -453,7 +447,9 @@ class GuardTable(Generic[H_co]):
 def guard_table(
     asked: Sequence[Guard | EventTest | None], derive: Callable[[Sequence[bool]], H_co]
 ) -> GuardTable[H_co]:
-    """The table over these guards, None for one that always holds; `derive` is given for each whether it holds.
+    """Return the table over these guards; None is a guard that always holds.
+
+    `derive` receives the outcome of each guard.
 
     >>> from rvaft.model.guards import Operation, Operator
     >>> from rvaft.model.patterns import Literal, Variable
@@ -468,7 +464,7 @@ def guard_table(
 
 
 def joined_tables(tables: Sequence[GuardTable[H]], join: Callable[[tuple[H, ...]], T]) -> GuardTable[T]:
-    """The table of what is made of the entries of several tables; a guard that several have is evaluated once."""
+    """Return the table that joins the results of several tables; a common guard is evaluated once."""
     places: dict[Guard | EventTest, int] = {}
     for table in tables:
         for guard in table.guards:
@@ -487,9 +483,10 @@ def joined_tables(tables: Sequence[GuardTable[H]], join: Callable[[tuple[H, ...]
 
 
 def _table_by_bits(guards: tuple[Guard | EventTest, ...], derive: Callable[[int], H_co]) -> GuardTable[H_co]:
-    """The table of what is derived from the guards that hold, as bits.
+    """Return the table of what `derive` returns for the guards that hold, as bits.
 
-    If all guards compare one variable with numbers, an entry is found by the place of its value among these numbers.
+    If all guards compare one variable with numbers, binary search among these numbers finds the
+    result.
     """
     memory: dict[int, H_co] = {}
     asked = [(1 << at, one.holds if isinstance(one, EventTest) else predicate(one)) for at, one in enumerate(guards)]
@@ -520,7 +517,9 @@ def _table_by_bits(guards: tuple[Guard | EventTest, ...], derive: Callable[[int]
         return GuardTable(guards, derived, held, derived_of)
     name, points = compared
     by_place: dict[int, H_co] = {}
-    """By the place of the value: before the first of the numbers, at it, between it and the second, and so on."""
+    """The results by the position of the value: below the first number, at it, between it and the
+    second, and so on.
+    """
 
     def placed(event: Mapping[str, Json]) -> H_co:
         value = event[name]
@@ -539,8 +538,8 @@ def _table_by_bits(guards: tuple[Guard | EventTest, ...], derive: Callable[[int]
 
 
 def compared_numbers(guards: Iterable[Guard | EventTest]) -> tuple[str, list[int | float]] | None:
-    """The one variable that all guards compare with numbers, and these numbers in order; None if
-    there is no such variable.
+    """Return the one variable that all guards compare with numbers, and these numbers sorted; else
+    None.
     """
     names, points = set[str](), set[int | float]()
     for guard in guards:

@@ -1,10 +1,12 @@
-"""When a guard is true and when it is false, said without undefined: conjunctions and disjunctions
-of tests, each of which holds or does not.
+"""The conditions under which a guard is true, and those under which it is false.
 
-A guard is undefined where a part of it that counts is, so `not (X < Y)` is no negation of `X < Y`:
-both ask for two numbers or two texts. Here what makes a guard true and what makes it false are said
-apart, and nothing is negated but a test. The tests look at terms, which are constants, variables
-and what is calculated of them: for a language there is nothing left but to spell the tests.
+A condition is made of conjunctions and disjunctions of tests. A test holds or does not; it is never
+undefined.
+
+A guard is undefined if an evaluated operand is undefined. So `not (X < Y)` is no complement of `X <
+Y`: each is true only for two numbers or two texts. The conditions for true and for false are
+therefore derived separately, and only tests are negated. The terms of tests are constants,
+variables and calculations. A backend only has to spell the tests.
 """
 
 from collections.abc import Callable, Collection, Iterable
@@ -32,12 +34,12 @@ T = TypeVar("T")
 
 
 class Unsayable(Exception):
-    """Why there are no conditions for a guard, in a few words."""
+    """The reason why a guard has no conditions, in a few words."""
 
 
 @dataclass(frozen=True, slots=True)
 class TruthTest:
-    """That a variable, or what a function of texts says of terms, is true, or is false; wrong types are neither."""
+    """A test that a Boolean term is true (or false). Terms of another type satisfy neither."""
 
     term: Guard
     wanted: bool
@@ -45,7 +47,7 @@ class TruthTest:
 
 @dataclass(frozen=True, slots=True)
 class EqualityTest:
-    """That two variables or constants, of whichever sort, are equal, or that they are not."""
+    """A test that two variables or constants of any sort are equal (or unequal)."""
 
     left: Guard
     right: Guard
@@ -54,7 +56,10 @@ class EqualityTest:
 
 @dataclass(frozen=True, slots=True)
 class ComparisonTest:
-    """That two terms are numbers (times, texts) and compare so; the sign is one of `=`, `<>`, `<`, `<=`, `>`, `>=`."""
+    """A test that two terms are both numbers (times, texts) and compare by `sign`.
+
+    `sign` is one of `=`, `<>`, `<`, `<=`, `>`, `>=`.
+    """
 
     sort: Sort
     left: Guard
@@ -64,7 +69,7 @@ class ComparisonTest:
 
 @dataclass(frozen=True, slots=True)
 class SortTest:
-    """That a term is a number (a time, a text, a truth value), or that it has a value and is none."""
+    """A test that a term has this sort (or has a value of another sort)."""
 
     term: Guard
     sort: Sort
@@ -73,7 +78,7 @@ class SortTest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConditionJunction:
-    """That all of several conditions are so (`every`), or one of them."""
+    """A conjunction (`every`) or a disjunction of conditions."""
 
     every: bool
     parts: tuple["TruthCondition", ...] = ()
@@ -88,11 +93,11 @@ _EQUAL: Final = {True: "=", False: "<>"}
 
 
 class TruthConditions:
-    """The conditions of guards.
+    """Derives the conditions of guards.
 
-    `times` are variables that hold times of events: a condition that mixes them with other numbers
-    is `Unsayable`, and they have no value where they are null. A term that `is_whole` is not taken
-    apart, as a variable is not; by default there are no others.
+    `times` are the variables that hold times of events. A condition that mixes them with other
+    numbers raises `Unsayable`; a null time is undefined. Terms for which `is_whole` is true are
+    treated as variables.
 
     >>> from rvaft.language.parser import parse_guard
     >>> guard = parse_guard("not (X < 2 or Y)")
@@ -111,8 +116,9 @@ class TruthConditions:
         self._known: dict[tuple[Guard, bool], TruthCondition] = {}
 
     def of(self, guard: Guard, *, wanted: bool = True) -> TruthCondition:
-        """What holds exactly where a guard is true (or false), as it is defined. Parts of it may be
-        one object that stands in several places.
+        """Return a condition that holds exactly where the guard has the truth value `wanted`.
+
+        The condition may contain the same object several times.
         """
         return self._when(folded(guard), wanted)
 
@@ -152,7 +158,7 @@ class TruthConditions:
                 return TruthTest(guard, wanted) if self.sort(guard) is Sort.TRUTH else NEVER
 
     def _decided(self, guard: Guard, wanted: bool, rest: TruthCondition) -> TruthCondition:
-        """That a guard decides, or, as it is the opposite, what stands to the right of it does."""
+        """Return the condition that the guard decides a junction, or the operands to its right do."""
         opposite = () if rest is NEVER or self._is_total(guard) else (self._when(guard, not wanted),)
         return _any([self._when(guard, wanted), _all([*opposite, rest])])
 
@@ -161,7 +167,7 @@ class TruthConditions:
 
     def _equality(self, left: Guard, right: Guard, wanted: bool) -> TruthCondition:
         for one, other in ((left, right), (right, left)):
-            if self.sort(one) is Sort.TRUTH and not self._is_plain(one):  # what is said, compared with a truth value
+            if self.sort(one) is Sort.TRUTH and not self._is_plain(one):  # a test, compared with a Boolean value
                 ways = ([self._when(one, it), self._equality(other, Literal(it), wanted)] for it in (True, False))
                 return _any(map(_all, ways))
         sorts = self.sort(left), self.sort(right)
@@ -177,7 +183,9 @@ class TruthConditions:
         return _any([*same, *(self._apart(one, other) for one, other in ((left, right), (right, left)))])
 
     def _apart(self, term: Guard, other: Guard) -> TruthCondition:
-        """That a term that is surely a number, or a text, has a value, and that another one has one that is no such."""
+        """Return the condition that `term`, a number or a text, has a value, and `other` has a
+        value of another sort.
+        """
         sort, others = self.sort(term), self.sort(other)
         if sort not in (Sort.NUMBER, Sort.TEXT, Sort.TIME) or self._is_plain(term):
             return NEVER
@@ -192,24 +200,22 @@ class TruthConditions:
         return ALWAYS if isinstance(term, Literal) else SortTest(term, self.sort(term), wanted=True)
 
     def _compared(self, sort: Sort, left: Guard, sign: str, right: Guard) -> TruthCondition:
-        """That two terms are both numbers, or both texts, and compare so."""
         sorts = {self.sort(one) for one in (left, right)}
         if Sort.TIME in sorts and sort is Sort.NUMBER:
             if {Sort.UNKNOWN, Sort.NUMBER} & {self.sort(one) for one in (left, right) if variables(one)}:
-                raise Unsayable("it compares a time with what is none")
+                raise Unsayable("it compares a time with a value that is not a time")
             sorts, sort = {Sort.NUMBER if one is Sort.TIME else one for one in sorts}, Sort.TIME
         plain = Sort.NUMBER if sort is Sort.TIME else sort
         return ComparisonTest(sort, left, sign, right) if sorts <= {plain, Sort.UNKNOWN} else NEVER
 
     def _is_plain(self, term: Guard) -> bool:
-        """Whether a term is a constant, a variable or whole, and no time."""
         whole = isinstance(term, Literal | Variable) or self._is_whole(term)
         return whole and (isinstance(term, Operation) or self.sort(term) is not Sort.TIME)
 
     def sort(self, term: Guard) -> Sort:
-        """What the value of a term is, where it has one.
+        """Return the sort of a term's values.
 
-        Raises `Unsayable` for what is calculated of a time and of what is none.
+        Raises `Unsayable` for a calculation with a time and another number.
         """
         match term:
             case Literal(constant):
@@ -220,7 +226,7 @@ class TruthConditions:
                 return Sort.TIME if name in self._times else Sort.UNKNOWN
             case Operation(operator, operands):
                 facts = OPERATORS[operator]
-                if not variables(term):  # a term with a value is folded
+                if not variables(term):  # a constant term that has a value is folded
                     return Sort.VOID
                 if operator in ARITHMETIC | FUNCTIONS and facts.takes is not None:
                     sorts = {self.sort(one) for one in operands}
@@ -229,7 +235,7 @@ class TruthConditions:
                         return Sort.VOID
                     if facts.gives is Sort.NUMBER and Sort.TIME in sorts:
                         if {Sort.UNKNOWN, Sort.NUMBER} & {self.sort(one) for one in operands if variables(one)}:
-                            raise Unsayable("it calculates with a time and with what is none")
+                            raise Unsayable("it calculates with a time and a value that is not a time")
                         return Sort.TIME
                 return facts.gives
 
@@ -243,7 +249,9 @@ def _any(parts: Iterable[TruthCondition]) -> TruthCondition:
 
 
 def _joined(every: bool, parts: Iterable[TruthCondition]) -> TruthCondition:
-    """The junction, each part once and none that is a junction of the same kind."""
+    """Return the junction of the parts, without duplicates; nested junctions of the same kind are
+    flattened.
+    """
     found: dict[TruthCondition, None] = {}
     for part in parts:
         if part is (NEVER if every else ALWAYS):
@@ -260,10 +268,10 @@ def _joined(every: bool, parts: Iterable[TruthCondition]) -> TruthCondition:
 
 
 def spelled(condition: TruthCondition, test: Callable[[ConditionTest], T], join: Callable[[bool, list[T]], T]) -> T:
-    """The condition in a language.
+    """Return the condition in a language.
 
-    `test` spells a test, `join` all (true) or one (false) of several; what stands in several places
-    is spelled once.
+    `test` spells a test; `join` spells a conjunction (True) or a disjunction (False). A shared
+    condition is spelled once.
     """
     known: dict[int, T] = {}
 

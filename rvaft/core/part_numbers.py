@@ -1,6 +1,6 @@
-"""The parts of a property as numbers, inner parts first, for algorithms on sets of parts: a set is a bit mask.
+"""The parts of a property as numbers, inner parts first, so that a set of parts is a bit mask.
 
-A graph of parts has no windows, counted events and ends in order: passes remove these before.
+Windows, counted events and ends in order must have been removed by passes.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -32,7 +32,7 @@ Seen = TypeVar("Seen")
 
 
 class PartKind(Enum):
-    """What a numbered part asks for: its event, its guard, or some of its parts."""
+    """The kind of a numbered part."""
 
     EVENT = auto()
     CONDITION = auto()
@@ -44,9 +44,10 @@ class PartKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class NumberedPart:
-    """One part: `parts` are numbers of smaller parts, `need` is the number of them that a scenario keeps at the least.
+    """One part: `parts` are the numbers of its subparts, `need` is the minimum number that a
+    scenario keeps.
 
-    `of` is the part of the property, where there is one.
+    `of` is the part of the property, if any.
     """
 
     op: PartKind
@@ -56,23 +57,23 @@ class NumberedPart:
 
     @property
     def chooses(self) -> bool:
-        """Whether scenarios differ in which of its parts they keep."""
+        """Whether scenarios differ in which subparts they keep."""
         return (self.op is PartKind.ONE or self.op is PartKind.AT_LEAST) and self.need < len(self.parts)
 
     @property
     def event(self) -> Event:
-        """The event of a part that is one."""
+        """The event of an event part."""
         assert isinstance(self.of, Event)
         return self.of
 
 
 EMPTY: Final = NumberedPart(PartKind.ALL)
-"""Nothing to observe."""
+"""The part without events or conditions."""
 
 
 @dataclass(frozen=True)
 class NumberedParts:
-    """The parts, each after the parts that it is made of; the root is the last one."""
+    """The parts, each after its subparts; the root is the last."""
 
     parts: tuple[NumberedPart, ...]
 
@@ -88,12 +89,12 @@ class NumberedParts:
 
     @property
     def guards(self) -> tuple[tuple[int, Guard], ...]:
-        """The conditions, outer parts first, with their guards."""
+        """The conditions with their guards, outer parts first."""
         found = ((number, self.parts[number].of) for number in range(self.root, -1, -1))
         return tuple((number, part.guard) for number, part in found if isinstance(part, Condition))
 
     def kept(self) -> list[int]:
-        """The parts that the root reaches, inner parts first."""
+        """Return the parts that the root reaches, inner parts first."""
         seen = bytearray(len(self.parts))
         seen[self.root] = 1
         for number in range(self.root, -1, -1):
@@ -103,16 +104,17 @@ class NumberedParts:
         return [number for number in range(len(self.parts)) if seen[number]]
 
     def below(self) -> dict[int, int]:
-        """For each part that the root reaches, inner parts first, the part itself and all that it reaches, as bits."""
+        """Return for each reachable part the part and all parts below it, as bits."""
         found: dict[int, int] = {}
         for number in self.kept():
             found[number] = 1 << number | union(found[inner] for inner in self.parts[number].parts)
         return found
 
     def around(self, events: Mapping[int, int], *, backwards: bool = False) -> dict[int, int]:
-        """For each part that the root reaches what its sequences put before it, or after it (`backwards`).
+        """Return for each reachable part the events that sequences order before it (after it:
+        `backwards`).
 
-        `events` has the events of each part, as bits.
+        `events` maps each part to its events, as bits.
         """
         found = dict.fromkeys(reversed(self.kept()), 0)
         for number in found:
@@ -124,14 +126,14 @@ class NumberedParts:
         return found
 
     def resolve(self, number: int, chosen: Iterable[int]) -> "NumberedParts":
-        """The same with one choice made: exactly the chosen parts of that part."""
+        """Return the parts with one choice resolved to the chosen subparts."""
         kept = tuple(chosen)
         made = replace(self.parts[number], op=PartKind.ALL, parts=kept, need=len(kept))
         return NumberedParts((*self.parts[:number], made, *self.parts[number + 1 :]))
 
 
 def op_of(part: Part) -> PartKind:
-    """What a part asks for; the part must be free of windows, counted events and ends in order."""
+    """Return the kind of a part."""
     match part:
         case Event():
             return PartKind.EVENT
@@ -152,7 +154,7 @@ def op_of(part: Part) -> PartKind:
 
 
 def numbered(prop: Property) -> NumberedParts:
-    """The parts of a property with numbers.
+    """Return the numbered parts of a property.
 
     >>> import rvaft
     >>> from rvaft.core.build import build
@@ -172,8 +174,8 @@ def numbered(prop: Property) -> NumberedParts:
 def divided(
     form: NumberedParts, look: Callable[[NumberedParts], Seen | int], *, at_least: bool
 ) -> Iterator[tuple[NumberedParts, Seen]]:
-    """All scenarios, divided until `look` names no more part whose choice is to be made; with what
-    `look` returned then.
+    """Split the scenarios until `look` returns no further choice; yield each form with the result
+    of `look`.
 
     `at_least` keeps the ways to choose more than K.
     """

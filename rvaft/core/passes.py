@@ -1,7 +1,7 @@
-"""Passes: each takes a property and returns one that means the same with fewer constructs.
+"""Passes from properties to equivalent properties with fewer constructs.
 
-A pass removes constructs and never adds one of those that an earlier pass removed. Each is held
-against the reference of properties and the reference of trees.
+No pass adds a construct that an earlier pass has removed. Tests compare each pass with the
+reference evaluators of properties and of trees.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -52,21 +52,21 @@ from rvaft.model.patterns import Literal, Variable
 from rvaft.model.tree import RVAFT
 
 LIMIT: Final = 5_000
-"""The most alternatives that a pass makes by default."""
+"""The default maximum number of alternatives that a pass makes."""
 MOST: Final = 10_000
-"""The most events that a leaf may count: each becomes a part."""
+"""The maximum count of a leaf; each event becomes a part."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pass:
-    """A pass with the constructs that it removes. Called with a limit on the alternatives that it may make."""
+    """A pass with the constructs that it removes; the call takes a limit on alternatives."""
 
     name: str
     removes: frozenset[type[Part]]
     run: Callable[[Property, int], Property]
 
     def __call__(self, prop: Property, limit: int = LIMIT) -> Property:
-        """The property without these constructs; raises `TooLarge` beyond the limit."""
+        """Return the property without these constructs; raises `TooLarge` beyond the limit."""
         return self.run(prop, limit)
 
 
@@ -74,10 +74,11 @@ class Pass:
 
 
 def restrict(prop: Property, *, branch_number: int | None = None, kind: Kind | str | None = None) -> Property:
-    """The property with the scenarios of one branch, or of the branches of one kind; relevance
-    stays that of the whole tree.
+    """Return the property restricted to one branch or to one kind; the alphabet stays that of the
+    tree.
 
-    Raises `TreeError` where there is no such branch or kind, `TooLarge` where a kind needs too many alternatives.
+    Raises `TreeError` if there is no such branch or kind, `TooLarge` if a kind needs too many
+    alternatives.
     """
     kind = None if kind is None else Kind(kind)
     if branch_number is not None:
@@ -99,7 +100,7 @@ def restrict(prop: Property, *, branch_number: int | None = None, kind: Kind | s
 
 
 def of_branch(prop: Property, one: Branch) -> Property:
-    """The property with the scenarios of one branch of its tree."""
+    """Return the property with the scenarios of one branch of its tree."""
     return _allowing(replace(prop, branch=one.number), _singly(one.choices), 0)
 
 
@@ -108,7 +109,9 @@ def _singly(choices: Mapping[str, str]) -> dict[str, frozenset[str]]:
 
 
 def _allowing(prop: Property, allowed: Mapping[str, frozenset[str]], copy: int) -> Property:
-    """The property where some choices are among fewer parts; `copy` numbers the parts that its time points are of."""
+    """Return the property with some choices restricted; `copy` is the number of the parts for its
+    time points.
+    """
 
     def change(part: Part, parts: tuple[Part, ...]) -> Part:
         match part:
@@ -134,14 +137,11 @@ def _allowing(prop: Property, allowed: Mapping[str, frozenset[str]], copy: int) 
     return replace(made, wholes={source._replace(number=copy): whole for source, whole in kept.items()})
 
 
-# Counted leaves.
-
-
 def _expand_times(prop: Property, _: int) -> Property:
     def counted(part: Times) -> list[Event]:
         node = part.source.node
         if part.count > MOST:
-            raise TooLarge(f"events that {node} counts, {part.count:,}", limit=MOST, remedy="ask for fewer")
+            raise TooLarge(f"events that {node} counts, {part.count:,}", limit=MOST, remedy="count fewer events")
         return [Event(Source(node, number), part.pattern) for number in range(1, part.count + 1)]
 
     def change(part: Part, parts: tuple[Part, ...]) -> Part:
@@ -160,21 +160,21 @@ def _expand_times(prop: Property, _: int) -> Property:
 
 
 expand_times: Final = Pass("expand_times", frozenset({Times}), _expand_times)
-"""A counted leaf becomes a sequence of as many events, each with the guard of the leaf unless that asks for times."""
-
-
-# Choices.
+"""A counted leaf becomes a sequence of events, each with the guard of the leaf unless it has time
+points.
+"""
 
 
 class _Open(Exception):
-    """What is in a part, or how it ends, depends on choices that are still to be made."""
+    """The events or the end of a part depend on an open choice."""
 
 
 def chosen(prop: Property, limit: int = LIMIT) -> Iterator[Property]:
-    """A property for each way to make the choices; the scenarios of all of them together are those of the property.
+    """Iterate over the properties for each way to make the choices; their scenarios are those of
+    the property.
 
-    Each keeps a `One` with the part that is kept, so that the choice can be read off. Raises
-    `TooLarge` beyond the limit.
+    Each keeps a `One` with the kept part, so that the choice can be read off. Raises `TooLarge`
+    beyond the limit.
     """
     for kept in resolutions(prop, limit=limit):
 
@@ -191,13 +191,13 @@ def chosen(prop: Property, limit: int = LIMIT) -> Iterator[Property]:
 
 
 def _by_choices(prop: Property, limit: int, made: Callable[[Property, int], Iterator[Property]]) -> Property:
-    """The alternatives that `made` gives for each way to make the choices; infeasible ones are left out.
+    """Return the feasible alternatives from `made` for each way to make the choices.
 
-    `made` gets the number of alternatives that may still be made.
+    `made` receives the number of alternatives that may still be made.
     """
     found: dict[Part, Property] = {}
     for each in chosen(prop, limit):
-        with suppress(_Open):  # a time point of a node that is not there: no feasible scenario makes these choices
+        with suppress(_Open):  # a time point of an absent node: no feasible scenario makes these choices
             for alternative in made(each, limit - len(found)):
                 if not is_empty(alternative):
                     found[alternative.root] = alternative
@@ -207,11 +207,8 @@ def _by_choices(prop: Property, limit: int, made: Callable[[Property, int], Iter
     return found[roots[0]] if len(roots) == 1 else replace(prop.with_root(One(None, roots)), resolved=True)
 
 
-# The order of ends.
-
-
 class _Ends:
-    """How the parts of a property end, as far as choices leave that open."""
+    """The possible last events of the parts of a property."""
 
     def __init__(self, prop: Property) -> None:
         most = most_events(prop.parts)
@@ -242,9 +239,9 @@ class _Ends:
                 assert_never(part)
 
     def last(self, part: Part) -> tuple[Event, ...]:
-        """The events with which a part may end; none where each comes before another.
+        """Return the possible last events of a part; none if the precedence among them is cyclic.
 
-        Raises `_Open` where choices decide.
+        Raises `_Open` if choices decide.
         """
         lasts = self._lasts[part]
         if part in self._open:
@@ -256,7 +253,7 @@ class _Ends:
 
 
 def _successors(root: Part) -> dict[Event, set[Event]]:
-    """For each event below a part without choices the events that come after it, by its sequences."""
+    """Return for each event below a part without choices the later events, by its sequences."""
     inside: dict[Part, set[Event]] = {}
     after: dict[Event, set[Event]] = {}
     for part in parts_below(root):
@@ -277,8 +274,9 @@ def _successors(root: Part) -> dict[Event, set[Event]]:
 
 
 def _with_ends(prop: Property, chosen_ends: Mapping[tuple[Event, ...], Event] | None) -> Property:
-    """The property with every `EndInOrder` as events in sequence; raises `_Open` where choices, or
-    an end, are to be chosen.
+    """Return the property with each `EndInOrder` as sequences of events.
+
+    Raises `_Open` if a choice or a last event is open.
     """
     ends = _Ends(prop)
 
@@ -321,7 +319,7 @@ def _order_ends(prop: Property, limit: int) -> Property:
     def made(each: Property, left: int) -> Iterator[Property]:
         ends = _Ends(each)
         ordered = [part for part in each.parts[::-1] if isinstance(part, EndInOrder)]
-        # parts that have the same last events end with the same one of them
+        # parts with the same last events end with the same one
         ways = {ends.last(inner): None for part in ordered for inner in part.parts if inner not in ends.silent}
         ways = {lasts: None for lasts in ways if len(lasts) > 1}
         if prod(map(len, ways)) > left:
@@ -333,12 +331,11 @@ def _order_ends(prop: Property, limit: int) -> Property:
 
 
 order_ends: Final = Pass("order_ends", frozenset({EndInOrder}), _order_ends)
-"""Ends in order become sequences of events; where choices or several last events decide, alternatives.
+"""Ends in order become sequences of events, or alternatives if choices or several last events
+decide.
 
-Counted leaves are expanded where there is such an order."""
-
-
-# Windows and time points.
+Counted leaves below such an order are expanded.
+"""
 
 
 def _windows_to_guards(prop: Property, limit: int) -> Property:
@@ -352,9 +349,9 @@ def _windows_to_guards(prop: Property, limit: int) -> Property:
 
 
 def _with_guards(prop: Property, *, windows: bool = True) -> Property:
-    """The property without `start` and `end`, and with `windows` as guards.
+    """Return the property without `start` and `end`, and with `windows` as guards.
 
-    Raises `_Open` where choices decide over which events.
+    Raises `_Open` if choices decide which events are involved.
     """
     below: dict[Part, tuple[Part, ...]] = {}
     rank = {name: place for place, name in enumerate(prop.tree.order)}
@@ -363,7 +360,7 @@ def _with_guards(prop: Property, *, windows: bool = True) -> Property:
         if one.point == "at":
             return TimePoint.of("at", one.node, max(one.number, 1))
         whole = prop.wholes.get(Source(one.node, one.number))
-        if whole is None:  # a node that no scenario of this property has
+        if whole is None:  # no scenario of this property has the node
             raise _Open
         return extreme(one.point, whole)
 
@@ -394,9 +391,9 @@ def _with_guards(prop: Property, *, windows: bool = True) -> Property:
 
 
 def _differences(guard: Guard) -> Guard:
-    """The guard with durations as numbers, and times that are compared for equality subtracted.
+    """Return the guard with durations as numbers, and with equalities of times as differences.
 
-    An undefined time is null, which equals null; the difference of undefined times equals nothing.
+    An undefined time is null, and null equals null; a difference of undefined times equals nothing.
     """
     if not isinstance(guard, Operation):
         return Literal(guard.value) if isinstance(guard, Duration) else guard
@@ -407,8 +404,7 @@ def _differences(guard: Guard) -> Guard:
 
 
 windows_to_guards: Final = Pass("windows_to_guards", frozenset({Within}), _windows_to_guards)
-"""Windows, `start` and `end` become guards over the times of single events; where choices decide
-which, alternatives.
+"""Windows, `start` and `end` become guards over single events, or alternatives if choices decide.
 """
 
 
@@ -448,16 +444,16 @@ def _variables(part: Part) -> tuple[str, ...]:
 
 
 bind_times: Final = Pass("bind_times", frozenset(), _bind_times)
-"""The times of events that guards ask for become variables of the events' patterns (`rvaft.core.times.timed`).
+"""The times that guards use become variables of the events' patterns (`rvaft.core.times.timed`).
 
-It follows `windows_to_guards`. Where nothing asks for the time of an event, the property has no `time` afterwards."""
-
-
-# What the semantics makes superfluous.
+It follows `windows_to_guards`. If no time is used, the property has no `time` afterwards.
+"""
 
 
 def decide_constants(prop: Property) -> Property:
-    """The property without conditions that have no variables, and without what a false one makes impossible."""
+    """Return the property without constant conditions, and without parts that a false one makes
+    impossible.
+    """
 
     def change(part: Part, parts: tuple[Part, ...]) -> Part:
         possible = tuple(inner for inner in parts if inner is not IMPOSSIBLE)
@@ -489,13 +485,11 @@ def _simplify(prop: Property, _: int) -> Property:
 
 
 simplify: Final = Pass("simplify", frozenset(), _simplify)
-"""Conditions without variables are decided, and what a false one makes impossible is removed. No window may be left."""
+"""Constant conditions are decided, and impossible parts removed. No window may be left."""
 
 
 def with_choices(prop: Property, choices: Mapping[str, str]) -> Property:
-    """The property where these choices keep the part of the child given, simplified; impossible
-    where that cannot be.
-    """
+    """Return the simplified property with these choices of children; impossible if they conflict."""
     return simplify(_allowing(prop, _singly(choices), 0))
 
 
@@ -520,16 +514,18 @@ def _flatten(prop: Property, _: int) -> Property:
 
 
 flatten: Final = Pass("flatten", frozenset(), _flatten)
-"""A sequence inside a sequence, or parts in any order inside such parts, become one."""
+"""Nested sequences and nested unordered parts are merged."""
 
 
 def reduced(prop: Property, limit: int = LIMIT) -> Property:
-    """The property by events, guards over single events, sequences and choices alone; the engine follows this form."""
+    """Return the property in the form of the engine: events, guards over events, sequences and
+    choices.
+    """
     return simplify(windows_to_guards(order_ends(expand_times(prop), limit), limit))
 
 
 def property_of(tree: RVAFT) -> Property:
-    """The property of a tree, or of the branch or kind that a restricted tree stands for."""
+    """Return the property of a tree, or of the branch or kind of a restricted tree."""
     if tree.part_of is None:
         return replace(build(tree), asked=tree)
     prop = restrict(build(tree.part_of.tree), branch_number=tree.part_of.branch, kind=tree.part_of.kind)

@@ -1,14 +1,12 @@
-"""What can be said of event patterns before any event comes: may one event match them together,
-does one imply the other.
+"""Overlap and implication of event patterns.
 
-Patterns demand and never forbid. What all events that match some patterns have in common is
-therefore itself an event, the *least* one: every value that nothing determines is one that occurs
-nowhere else, and every object has a field that occurs nowhere else. What the least event matches,
-every event matches that matches the patterns. Rigid variables are shared between the patterns (a
-tree gives them one value), local ones are each pattern's own. Guards are not looked at.
+A pattern only requires fields and values, it never excludes any. So the events that match several
+patterns have a *least* common event: each undetermined value is unique, and each object has a
+unique additional field. If the least event matches a further pattern, every event that matches the
+given patterns does.
 
-For each question there is a quick answer, certain in one direction, for which variables stand for
-anything: `compatible`, `implies`.
+Rigid variables are shared between patterns, local variables are not. Guards are ignored. The quick
+tests `compatible` and `implies` are exact in one direction; they treat variables as wildcards.
 """
 
 from collections import Counter
@@ -34,13 +32,15 @@ from rvaft.support.bits import bits, mask_of, union
 from rvaft.support.budget import Budget
 
 Path: TypeAlias = tuple[str | int, ...]
-"""The names of fields, and places in lists, that lead to a part of a pattern."""
+"""The field names and list indexes that lead to a part of a pattern."""
 Head: TypeAlias = Literal | int | str | None
-"""What a pattern demands of a value itself: a literal, a list of some length, an object; None is nothing."""
+"""What a pattern requires of a value itself: a literal, a list length, an object; None is no
+requirement.
+"""
 
 
 def _opened(pattern: Pattern) -> tuple[Head, Iterable[tuple[str | int, Pattern]]]:
-    """What a pattern demands of a value, and of the parts of it."""
+    """Return the requirement on a value, and the patterns of its parts."""
     match pattern:
         case Literal():
             return pattern, ()
@@ -53,7 +53,8 @@ def _opened(pattern: Pattern) -> tuple[Head, Iterable[tuple[str | int, Pattern]]
 
 
 def compatible(left: Pattern, right: Pattern) -> bool:
-    """Whether one event might match both patterns, which demand nothing different at any common path; False is certain.
+    """Whether one event might match both patterns: their requirements agree at all common paths.
+    False is certain.
 
     >>> compatible(Literal(1), Literal(2)), compatible(Variable("X"), Literal(2))
     (False, True)
@@ -63,10 +64,11 @@ def compatible(left: Pattern, right: Pattern) -> bool:
 
 
 def implies(special: Pattern, general: Pattern, bound: Set[str] = frozenset()) -> bool:
-    """Whether every event that matches the special pattern matches the general one; True is certain.
+    """Whether every event that matches the special pattern matches the general one; True is
+    certain.
 
-    `bound` names the variables that have a value already; any other one that stands once in the
-    general pattern takes what is there.
+    `bound` names the variables that have a value already. Another variable that occurs once in the
+    general pattern matches any value.
     """
     names = Counter(part.name for part in walk(general) if isinstance(part, Variable))
     todo = [(special, general)]
@@ -91,19 +93,21 @@ def implies(special: Pattern, general: Pattern, bound: Set[str] = frozenset()) -
 
 
 class Clash(Exception):
-    """No value is what it would have to be. Never leaves this module."""
+    """No value satisfies all requirements. Never leaves this module."""
 
 
 @dataclass(slots=True, eq=False)
 class Unknown:
-    """A value of the least event, and what is known of it and of its parts; with `same` it is that other one."""
+    """A value of the least event with its known requirements; with `same`, an alias of another
+    value.
+    """
 
     head: Head = None
     parts: "dict[str | int, Unknown]" = field(default_factory=dict)
     same: "Unknown | None" = None
 
     def find(self) -> "Unknown":
-        """The value that it is."""
+        """Return the representative of the value (union-find)."""
         value = self
         while value.same is not None:
             value = value.same
@@ -112,13 +116,13 @@ class Unknown:
 
 @dataclass(slots=True)
 class LeastEvent:
-    """The least event that matches the patterns demanded so far."""
+    """The least event that matches the patterns required so far."""
 
     root: Unknown = field(default_factory=lambda: Unknown("object"))
     bound: dict[str, Unknown] = field(default_factory=dict)
 
     def demand(self, pattern: Pattern) -> None:
-        """Make the event match one more pattern; raises `Clash` where it cannot."""
+        """Require one more pattern; raises `Clash` if no event matches all."""
         own = {name: Variable(f"_{len(self.bound)}{name}") for name in variables(pattern) if name.startswith("_")}
         todo = [(substitute(pattern, own) if own else pattern, self.root)]
         while todo:
@@ -135,7 +139,7 @@ class LeastEvent:
                 _unify(known, Unknown(head, inside))
 
     def finite(self) -> bool:
-        """Whether no value would have to contain itself."""
+        """Whether no value contains itself."""
         below: dict[int, list[int]] = {}
         todo = [self.root.find()]
         while todo:
@@ -147,10 +151,7 @@ class LeastEvent:
         return not find_cycle(below)
 
     def satisfies(self, pattern: Pattern) -> bool:
-        """Whether it matches a pattern, rigid variables as bound so far.
-
-        Then every event does that matches the patterns demanded.
-        """
+        """Whether the least event matches a pattern, with the rigid variables as bound so far."""
         if not all(name in self.bound for name in rigid_variables(pattern)):
             return False
         bound = {name: value for name, value in self.bound.items() if not name.startswith("_")}
@@ -171,7 +172,7 @@ class LeastEvent:
 
 
 def least(patterns: Iterable[Pattern]) -> LeastEvent | None:
-    """The least event that matches all these patterns, or None where no event does.
+    """Return the least event that matches all patterns, or None if no event does.
 
     >>> goal, any_goal = ObjectPattern((("goal", Literal("x")),)), ObjectPattern((("goal", Anything()),))
     >>> event = least([goal])
@@ -209,7 +210,7 @@ def _equal(one: Unknown, other: Unknown) -> bool:
         a, b = (value.find() for value in todo.pop())
         if a is not b:
             if a.head is None or a.head == "object" or a.head != b.head:
-                return False  # two objects differ in the field that occurs nowhere else
+                return False  # two objects differ in their unique additional field
             todo.extend((a.parts[name], b.parts[name]) for name in a.parts)
     return True
 
@@ -221,15 +222,15 @@ def overlaps(left: Pattern, right: Pattern) -> bool:
     >>> overlaps(one, ObjectPattern((("a", Literal(2)), ("b", Variable("X")))))
     False
     """
-    # Within another object, since here a pattern need not be one of a whole event.
+    # Within another object, because a pattern here need not match a whole event.
     return least([ObjectPattern((("event", left),)), ObjectPattern((("event", right),))]) is not None
 
 
-# Overlaps among many patterns, found without comparing all pairs.
+# Overlaps among many patterns, without a comparison of all pairs.
 
 
 class Overlaps:
-    """Which of many patterns one event may match together; sets of patterns are bits by their place in the sequence.
+    """The overlaps among many patterns. Sets of patterns are bit masks by index.
 
     >>> at = lambda kind, value: ObjectPattern((("kind", Literal(kind)), ("value", value)))
     >>> some = Overlaps([at("a", Variable("X")), at("a", Literal(1)), at("b", Literal(1)), Anything()])
@@ -250,27 +251,28 @@ class Overlaps:
             path: self._all & ~mask_of(number for group in of.values() for number in group)
             for path, of in grouped.items()
         }
-        """For each path the patterns that demand nothing there."""
+        """For each path, the patterns without a requirement there."""
 
     def compatible(self, number: int) -> int:
-        """The patterns that `compatible` says one event might match together with this one; itself among them."""
+        """Return the patterns that are `compatible` with this one, itself included."""
         found = self._all
         for path, head in self._heads[number]:
             found &= self._open[path] | _mask(self._same[path][head])
         return found
 
     def pairs(self) -> Iterator[tuple[int, int]]:
-        """The pairs of compatible patterns, the first one first."""
+        """Iterate over the pairs of compatible patterns, lower index first."""
         for number in range(len(self.patterns)):
             for other in bits(self.compatible(number) >> number + 1):
                 yield number, number + 1 + other
 
     def exact(self, number: int, budget: Budget) -> int:
-        """The others that some event matches together with this pattern; raises `Undecided`."""
+        """Return the other patterns that overlap this one; raises `Undecided` beyond the budget."""
         found = self.compatible(number) ^ 1 << number
         repeating, having = self._doubtful
         names = rigid_variables(self.patterns[number])
-        # Only where a variable stands twice, in one of two patterns or in both, can they be compatible and not overlap.
+        # Compatible patterns can fail to overlap only if a variable occurs twice in one or both of
+        # them.
         doubtful = self._all if repeating >> number & 1 else repeating | union(_mask(having[name]) for name in names)
         for other in bits(found & doubtful):
             budget.spend(5)
@@ -280,7 +282,9 @@ class Overlaps:
 
     @cached_property
     def _doubtful(self) -> tuple[int, dict[str, "int | list[int]"]]:
-        """The patterns where some variable stands twice, and of each variable the patterns that have it."""
+        """The patterns with a repeated variable, and for each variable the patterns that contain
+        it.
+        """
         repeating = 0
         having: dict[str, list[int]] = {}
         for number, pattern in enumerate(self.patterns):
@@ -292,7 +296,7 @@ class Overlaps:
 
 
 def _members(group: list[int]) -> int | list[int]:
-    """A set of few patterns takes less room as a list."""
+    """Return the set as a list if it is small (less memory), else as a bit mask."""
     return group if len(group) < 16 else mask_of(group)
 
 
@@ -301,7 +305,7 @@ def _mask(members: int | list[int]) -> int:
 
 
 def _heads(pattern: Pattern) -> list[tuple[Path, Head]]:
-    """What a pattern demands at each path."""
+    """Return the requirements of a pattern with their paths."""
     found: list[tuple[Path, Head]] = []
     todo: list[tuple[Path, Pattern]] = [((), pattern)]
     while todo:

@@ -1,7 +1,7 @@
-"""The core form of a tree: a closed set of parts that every backend and the engine are written for.
+"""The core form of a tree: a closed set of parts, which all backends and the engine read.
 
-A part says what has to be observed. Parts share parts: the same part below two others is observed, and resolved, once.
-Parts are hash-consed: two parts with the same content are the same object, so they are compared by identity.
+Parts form a DAG: a shared part is observed and resolved once. Parts are hash-consed, so parts with
+equal content are the same object and are compared by identity.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -18,10 +18,10 @@ from rvaft.model.tree import RVAFT, sorted_topologically
 
 
 class Source(NamedTuple):
-    """What a part comes from: a node of the tree, and a number.
+    """The origin of a part: a node of the tree, and a number.
 
-    Of an event, `number` is the occurrence at that node, from 1. Of any other part it is 0, or, where a pass has made
-    several copies of the node's part, the number of the copy.
+    For an event, `number` is the occurrence at that node, from 1. For another part it is 0, or the
+    number of the copy if a pass has copied the part.
     """
 
     node: str
@@ -29,7 +29,7 @@ class Source(NamedTuple):
 
 
 class _HashConsed(type):
-    """Makes each part once: a part that is made again is the one that is there."""
+    """Return the existing part with the same content instead of a second one."""
 
     _known: Final[WeakValueDictionary[tuple[object, ...], Any]] = WeakValueDictionary()
 
@@ -40,19 +40,14 @@ class _HashConsed(type):
 
 
 class _Part(metaclass=_HashConsed):
-    """What all parts have in common."""
-
     __slots__ = ("__weakref__",)
 
 
 class _Leaf(_Part):
-    """A part without parts inside."""
-
     __slots__ = ()
 
     @property
     def parts(self) -> tuple["Part", ...]:
-        """No parts."""
         return ()
 
 
@@ -66,7 +61,7 @@ class Event(_Leaf):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Times(_Leaf):
-    """As many events that match a pattern, one after the other."""
+    """`count` events that match a pattern, one after the other."""
 
     source: Source
     pattern: Pattern
@@ -75,10 +70,10 @@ class Times(_Leaf):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Condition(_Leaf):
-    """A guard that has to hold; it observes no event.
+    """A guard that must hold; it consumes no event.
 
-    `written` is the guard as the user wrote it, where a pass has rewritten its time points. `window` is the duration of
-    a `within`, in nanoseconds, where a pass has written one as a guard.
+    `written` is the guard in the tree, if a pass has rewritten its time points. `window` is the
+    duration of a `within` in nanoseconds, if a pass has rewritten the window as a guard.
     """
 
     source: Source
@@ -97,7 +92,7 @@ class All(_Part):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sequence(_Part):
-    """All parts, every event of a part before every event of the later parts."""
+    """All parts; every event of a part precedes every event of the later parts."""
 
     source: Source | None
     parts: tuple["Part", ...]
@@ -105,7 +100,7 @@ class Sequence(_Part):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class One(_Part):
-    """Exactly one of the parts; without a source the parts are alternatives that a pass has made."""
+    """Exactly one of the parts. Without a source, the parts are alternatives that a pass has made."""
 
     source: Source | None
     parts: tuple["Part", ...]
@@ -113,7 +108,7 @@ class One(_Part):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AtLeast(_Part):
-    """`need` of the parts or more, in any order."""
+    """At least `need` of the parts, in any order."""
 
     source: Source
     parts: tuple["Part", ...]
@@ -122,7 +117,10 @@ class AtLeast(_Part):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EndInOrder(_Part):
-    """All parts, the last event of each before the last event of the next; a part without events orders nothing."""
+    """All parts; the last event of each precedes the last event of the next.
+
+    A part without events orders nothing.
+    """
 
     source: Source
     parts: tuple["Part", ...]
@@ -130,7 +128,7 @@ class EndInOrder(_Part):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Within(_Part):
-    """One part whose events all lie in a window of `duration` nanoseconds."""
+    """One part, with all its events in a window of `duration` nanoseconds."""
 
     source: Source
     parts: tuple["Part", ...]
@@ -138,17 +136,17 @@ class Within(_Part):
 
 
 Part: TypeAlias = Event | Times | Condition | All | Sequence | One | AtLeast | EndInOrder | Within
-"""Everything that a property is made of; a `match` over it ends in `assert_never`."""
+"""All kinds of parts; a `match` over them ends in `assert_never`."""
 
 PARTS: Final[tuple[type[Part], ...]] = (Event, Times, Condition, All, Sequence, One, AtLeast, EndInOrder, Within)
 NOTHING: Final = All(None, ())
-"""Nothing to observe."""
+"""The part without events or conditions."""
 IMPOSSIBLE: Final = One(None, ())
-"""A choice without alternatives: it is never observed."""
+"""A choice without alternatives, which is never observed."""
 
 
 def chooses(part: Part) -> bool:
-    """Whether scenarios differ in which of the parts directly inside they keep."""
+    """Whether scenarios differ in which direct subparts they keep."""
     match part:
         case One(parts=parts):
             return len(parts) > 1
@@ -159,7 +157,7 @@ def chooses(part: Part) -> bool:
 
 
 def fewest(part: Part) -> int:
-    """The number of parts directly inside that a scenario keeps at the least."""
+    """Return the minimum number of direct subparts that a scenario keeps."""
     match part:
         case One():
             return 1
@@ -170,8 +168,9 @@ def fewest(part: Part) -> int:
 
 
 def parts_below(root: Part) -> tuple[Part, ...]:
-    """The part itself and all parts below it, each once, inner parts first; reversed, they are in
-    the order of the tree.
+    """Return the part and all parts below it, each once, inner parts first.
+
+    The reverse is the order of the tree.
     """
     seen: dict[Part, tuple[Part, ...]] = {}
     agenda = [root]
@@ -184,7 +183,7 @@ def parts_below(root: Part) -> tuple[Part, ...]:
 
 
 class Ignored(NamedTuple):
-    """Events that are never relevant; the variables are its own."""
+    """A pattern of events that are never relevant; its variables are local."""
 
     pattern: Pattern
     when: Guard | None
@@ -192,11 +191,11 @@ class Ignored(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Property:
-    """A part with all that is needed to monitor it: which events are relevant, and where an event has its time.
+    """A part with the data that a monitor of it needs: the relevant events and the time field.
 
-    `tree` is where the property comes from, for names and messages. `wholes` gives, for each node
-    and copy, the part that the time points `start` and `end` are of. `branch` and `kind` are what
-    the property was restricted to, if anything.
+    `tree` is the source of the property, for names and messages. `wholes` maps each node and copy
+    to the part that its time points `start` and `end` refer to. `branch` and `kind` are the
+    restriction, if any.
     """
 
     root: Part
@@ -208,13 +207,13 @@ class Property:
     branch: int | None = None
     kind: Kind | None = None
     asked: RVAFT | None = None
-    """The tree as it was given, with its restriction to a branch or kind."""
+    """The tree as given, with its restriction to a branch or kind."""
     resolved: bool = False
-    """Whether a pass has made all choices: the property, or each of its alternatives, is of one branch."""
+    """Whether a pass has made all choices, so that each alternative belongs to one branch."""
 
     @cached_property
     def parts(self) -> tuple[Part, ...]:
-        """All parts, each once, inner parts first; reversed, they are in the order of the tree."""
+        """All parts, each once, inner parts first; the reverse is the order of the tree."""
         return parts_below(self.root)
 
     @cached_property
@@ -226,7 +225,7 @@ class Property:
 
     @cached_property
     def shared(self) -> frozenset[Part]:
-        """The parts that stand in more than one place."""
+        """The parts that have several parents."""
         seen, shared = set[Part](), set[Part]()
         for part in self.parts:
             for inner in part.parts:
@@ -235,41 +234,39 @@ class Property:
 
     @cached_property
     def timed(self) -> bool:
-        """Whether a window or a time point asks for the times of events."""
+        """Whether a window or a time point depends on the times of events."""
         return any(
             isinstance(one, Within) or (isinstance(one, Condition) and time_points(one.guard)) for one in self.parts
         )
 
     @property
     def feasible(self) -> bool:
-        """Whether the part is not known to be impossible."""
+        """Whether the root is not known to be impossible."""
         return self.root is not IMPOSSIBLE
 
     @property
     def alternatives(self) -> tuple[Self, ...]:
-        """The properties of which one has to be observed, where a pass has made alternatives; else
-        the property alone.
-        """
+        """The alternatives that a pass has made, each as a property; otherwise the property alone."""
         if isinstance(self.root, One) and self.root.source is None:
             return tuple(replace(self, root=part) for part in self.root.parts)
         return (self,)
 
     def rewritten(self, change: Callable[[Part, tuple[Part, ...]], Part]) -> Self:
-        """The property with each part replaced, inner parts first.
+        """Return the property with each part replaced, inner parts first.
 
-        `change` gets a part and what the parts directly inside have become.
+        `change` receives a part and the replacements of its direct subparts.
         """
         made = rewrite([self.root, *self.wholes.values()], change)
         wholes = {source: made[part] for source, part in self.wholes.items()}
         return replace(self, root=made[self.root], wholes=wholes)
 
     def with_root(self, root: Part) -> Self:
-        """The same property of another part, which no `start` or `end` refers to."""
+        """Return the property with another root, to which no `start` or `end` refers."""
         return replace(self, root=root, wholes={})
 
 
 def rewrite(roots: Iterable[Part], change: Callable[[Part, tuple[Part, ...]], Part]) -> dict[Part, Part]:
-    """What each part below these becomes, inner parts first."""
+    """Return the replacement of each part below the roots; inner parts are replaced first."""
     made: dict[Part, Part] = {}
     for root in roots:
         if root not in made:
@@ -280,9 +277,9 @@ def rewrite(roots: Iterable[Part], change: Callable[[Part, tuple[Part, ...]], Pa
 
 
 def with_parts(part: Part, parts: tuple[Part, ...]) -> Part:
-    """The part with other parts directly inside."""
+    """Return the part with other direct subparts."""
     if isinstance(part, Event | Times | Condition) or parts == part.parts:
         return part
-    if isinstance(part, All):  # parts that have become the same are observed once
+    if isinstance(part, All):  # equal parts are observed once
         parts = tuple(dict.fromkeys(parts))
     return replace(part, parts=parts)

@@ -1,24 +1,21 @@
-"""What is left of a property after some events: residuals, and the moves between them.
+"""Residuals of a property after some events, and the moves between them.
 
-A *residual* is what remains of a set of scenarios after some events have been matched. It forgets
-everything that cannot matter any more, so equal residuals have equal futures, and of residuals that
-differ only in which of several parts that ask for the same has happened one stands for all. A *move*
-matches one more event. A word is matched by a scenario exactly when moves with its labels lead from
-a start to a residual that is complete.
+A *residual* is what remains of a set of scenarios after some events have been matched. It drops
+everything without influence on the future, so equal residuals accept the same continuations.
+Residuals that differ only by interchangeable parts are merged. A *move* matches one more event. A
+scenario matches a word if and only if moves with its labels lead from a start to a complete
+residual.
 
-A choice is made when an event decides it, or when something that comes after it happens and it can
-be made without an event. A choice can wait for that when everything below each of its alternatives
-is reached through that alternative alone: then an event below it is the decision. Where an
-alternative reaches a part that is also reached otherwise, the decision may add an order between
-events that have happened by then, so it is made before anything happens: each way is a start.
+A choice is decided by an event below an alternative, or silently (without an event) when a later
+event happens. It can wait if each part below an alternative is reached through that alternative
+alone. Otherwise the decision may order events that have already happened, so it is made in advance:
+each way to decide is a start.
 
-The events and choices of each start are laid out as bit sets, and a move is a handful of operations
-on integers. Guards have the lowest bits, chosen by the caller.
+Events and choices of a start are bit sets; guards have the lowest bits, assigned by the caller.
 
-Backends that follow partial matches use residuals: automata (states are sets of residuals) and LTLf
-(the general sum has one formula for each set of residuals). RML does not: there a partial match has
-registers, which depend on the events that happened, and a guard is asked once, where its last
-variable is bound. A residual forgets the events, and asks a guard at each of them.
+Automata (states are sets of residuals) and LTLf (one formula per set) use residuals. RML does not:
+its partial matches keep registers, and evaluate a guard once its last variable is bound. A residual
+drops the bindings, and requires a guard at each event with one of its variables.
 """
 
 from collections import Counter
@@ -39,12 +36,12 @@ _WIDE: Final = 1 << 61
 
 
 class Residual(NamedTuple):
-    """What is left: sets of bits. Equal residuals have equal futures.
+    """The remaining events, choices and guards, as bit sets. Equal residuals have equal futures.
 
-    `start` is the number of the start it comes from. `open`: events that must still happen, choices
-    that are not made, guards that must still hold at an event to come. `taken`: alternatives of
-    open choices that are taken already. `broken`: guards that did not hold, so that no choice may
-    bring them in.
+    - `start`: the index of the start.
+    - `open`: required events, undecided choices, and guards that must hold at a later event.
+    - `taken`: alternatives of open choices that are already taken.
+    - `broken`: guards that did not hold, so that no choice may require them.
     """
 
     start: int
@@ -53,16 +50,16 @@ class Residual(NamedTuple):
     broken: int = 0
 
     def __hash__(self) -> int:
-        """By bytes: integers of many bits hash alike when one is the other shifted."""
+        """Hash by bytes: Python hashes wide integers alike if one is a shift of the other."""
         if self.open < _WIDE:
             return hash((self.start, self.open, self.taken, self.broken))
         return hash((self.start, self.open.to_bytes(self.open.bit_length() // 8 + 1), self.taken))
 
 
 class Move(NamedTuple):
-    """One more event with `label`; `event` is the number of its part, one of several that would lead to the same.
+    """A match of one more event with `label`; `event` is the number of one of the equivalent parts.
 
-    The guards `needed` must hold at it; those of `noted` that do not hold are broken from then on.
+    The guards `needed` must hold at the event. Guards of `noted` that do not hold become broken.
     """
 
     event: int
@@ -73,11 +70,11 @@ class Move(NamedTuple):
 
 
 class ResidualSpace:
-    """The residuals of a graph of parts. `label` gives the label of the number of an event part.
+    """The residuals of a graph of parts. `label` maps the number of an event part to its label.
 
-    `guards` gives the bit of each guard; all other bits are higher. `at_least` keeps the ways to
-    choose more than K parts of an `AtLeast`; where events may be skipped, they add nothing. Raises
-    `TooLarge` by `work`.
+    `guards` maps each guard to its bit; all other bits are higher. `at_least` keeps the ways to
+    choose more than K parts of an `AtLeast`; they are redundant if events may be skipped. Raises
+    `TooLarge` when `work` exceeds its limit.
 
     >>> import rvaft
     >>> from rvaft.core.build import build
@@ -107,34 +104,34 @@ class ResidualSpace:
         graphs = enumerate(_decided(form, at_least=at_least, work=work))
         self._of_start = [_Start(graph, number, asks, guards, at_least=at_least, work=work) for number, graph in graphs]
         self.starts = tuple(plan.start for plan in self._of_start)
-        """What is left before any event: together they have the scenarios of the graph."""
+        """The residuals before any event; together they have all scenarios of the graph."""
         self.width = max(plan.width for plan in self._of_start)
-        """How many bits the sets may have: what moves cost grows with it."""
+        """The number of bits in the sets; the cost of a move is proportional to it."""
 
     def moves(self, left: Residual) -> tuple[Move, ...]:
-        """The moves from a residual, in a stable order; found once."""
+        """Return the moves from a residual, in a stable order; the result is cached."""
         return self._of_start[left.start].moves(left)
 
     def breaking(self, move: Move, holding: int) -> Residual:
-        """Where a move leads when of the guards it notes only these hold."""
+        """Return the target of a move if, of the guards that it notes, only these hold."""
         return self._of_start[move.target.start].breaking(move, holding)
 
     def is_complete(self, left: Residual) -> bool:
-        """Whether nothing more needs to happen."""
+        """Whether no further event is required."""
         return self._of_start[left.start].is_complete(left)
 
     def dominates(self, one: Residual, other: Residual) -> bool:
-        """Whether `one` completes on every word on which `other` does, when events may be skipped.
+        """Whether `one` completes on every word on which `other` does, if events may be skipped.
 
-        Where the answer is no, it may be so all the same.
+        False is not certain.
         """
         return one.start == other.start and self._of_start[one.start].dominates(one, other)
 
 
 def _decided(form: NumberedParts, *, at_least: bool, work: Work) -> list[NumberedParts]:
-    """The graphs, in a stable order, whose remaining choices can all wait.
+    """Return the graphs that decide all choices that cannot wait, in a stable order.
 
-    Together they have the scenarios of the form; raises `TooLarge` beyond the limit of `work`.
+    Together they have the scenarios of the form.
     """
     what = "ways to decide choices between parts that share nodes"
 
@@ -175,8 +172,9 @@ def _urgent(form: NumberedParts, work: Work) -> int | None:
 class _Alternative(NamedTuple):
     """One child of a choice. `up` is the alternative that contains the choice, if any.
 
-    `mandatory` comes with choosing it, `whole` is all that may; `first` are the events it can begin with, `silent` the
-    smallest sets of guards with which it is complete without an event.
+    `mandatory` has the bits that choosing it requires, `whole` all bits below it, and `first` the
+    events that it can begin with. `silent` has the smallest sets of guards that complete it without
+    an event.
     """
 
     choice: int
@@ -188,10 +186,10 @@ class _Alternative(NamedTuple):
 
 
 class _Choice(NamedTuple):
-    """A choice.
+    """A choice: `mask` has the bits of its alternatives, `silent` those that can complete without
+    an event.
 
-    Its alternatives, those of them that can be complete without an event, how many at least, and
-    whether more may be taken.
+    At least `least` alternatives are taken; `more` allows further ones.
     """
 
     mask: int
@@ -201,10 +199,10 @@ class _Choice(NamedTuple):
 
 
 class _Occurrence(NamedTuple):
-    """One event of a graph.
+    """An event of a graph: its part, label, guards on its variables (`bound`), and the alternative
+    above it.
 
-    The number of its part, its label, the guards on its variables, the alternative it is below, what
-    comes before it and what after.
+    `before` and `after` are the bits ordered before and after the event.
     """
 
     part: int
@@ -216,9 +214,9 @@ class _Occurrence(NamedTuple):
 
 
 class _Start:
-    """The tables of one graph whose choices can wait, and the moves of its residuals.
+    """The tables of one graph whose choices can all wait, and the moves of its residuals.
 
-    `TooLarge` when a choice has too many ways to be made silently.
+    Raises `TooLarge` if a choice has too many silent ways.
     """
 
     def __init__(
@@ -238,7 +236,7 @@ class _Start:
         bit, option = _laid_out(graph, self._guards.bit_length())
         whole, mandatory, first, silent = _extents(graph, bit, guards, work)
         self._whole, self._root = whole, form.root
-        above: dict[int, int | None] = dict.fromkeys(graph)  # the alternative that a part is below
+        above: dict[int, int | None] = dict.fromkeys(graph)  # the alternative above each part
         self.alternatives: dict[int, _Alternative] = {}
         self.choices: dict[int, _Choice] = {}
         for part, this in graph.items():
@@ -268,7 +266,7 @@ class _Start:
         self.start = self._tidy(Residual(number, mandatory[form.root]))
 
     def _has_alike(self) -> bool:
-        """Whether two events without an order between them ask for the same."""
+        """Whether two unordered events have the same label and guards."""
         asking: dict[tuple[int, int], int] = {}
         for event, one in self.occurrences.items():
             asking[one.label, one.bound] = asking.get((one.label, one.bound), 0) | 1 << event
@@ -315,7 +313,7 @@ class _Start:
                 yield Move(occurrence.part, occurrence.label, needed, noted, self._tidy(target))
 
     def _candidates(self, left: Residual) -> Iterator[int]:
-        """Events that may be next: nothing that waits is known to come before them."""
+        """Return the events that no waiting event is known to precede."""
         waiting = left.open & self._events
         while waiting:
             event = (waiting & -waiting).bit_length() - 1
@@ -324,16 +322,16 @@ class _Start:
         yield from bits(union(self.alternatives[number].first for number in bits(self._untaken(left))))
 
     def _untaken(self, left: Residual) -> int:
-        """The alternatives of undecided choices that are not taken."""
+        """Return the untaken alternatives of undecided choices."""
         masks = (self.choices[choice].mask for choice in bits(left.open & self._choosing))
         return union(masks) & ~left.taken
 
     def _possible(self, left: Residual) -> int:
-        """All that a choice may still bring in."""
+        """Return the bits that a choice may still require."""
         return union(self.alternatives[number].whole for number in bits(self._untaken(left)))
 
     def _enter(self, left: Residual, event: int) -> Residual | None:
-        """Take the alternatives that an event is below, or None where that is no longer possible."""
+        """Take the alternatives above an event; return None if that is no longer possible."""
         if left.open >> event & 1:
             return left
         path: list[int] = []
@@ -362,7 +360,7 @@ class _Start:
         return left._replace(open=still, taken=taken)
 
     def _settle(self, left: Residual, choices: int) -> Iterator[Residual]:
-        """Decide these choices without an event, in every way that is not worse than another."""
+        """Decide choices silently, in every way with a minimal set of guards."""
         if not choices:
             yield left
             return
@@ -372,7 +370,7 @@ class _Start:
             yield left._replace(open=left.open & ~choices | guards, taken=taken)
 
     def _silently(self, left: Residual, number: int) -> tuple[int, ...]:
-        """The smallest sets of guards with which a choice is decided without an event."""
+        """Return the smallest sets of guards that decide a choice silently."""
         choice = self.choices[number]
         missing = choice.least - (left.taken & choice.mask).bit_count()
         if missing <= 0:
@@ -382,7 +380,9 @@ class _Start:
         return _smallest(union(one) for some in combinations(able, missing) for one in product(*some))
 
     def _tidy(self, left: Residual) -> Residual:
-        """Forget guards that no event and no choice to come can touch; one residual for all that are alike."""
+        """Drop guards that no later event or choice can affect; return one representative of
+        equivalent residuals.
+        """
         required = left.open & self._guards
         if required or left.broken:
             possible = self._possible(left)
@@ -397,13 +397,12 @@ class _Start:
 
 
 def _on_variables(event: Event, guards: Mapping[Guard, int]) -> int:
-    """The guards that have a variable of an event."""
     names = set(rigid_variables(event.pattern)) if guards else set()
     return mask_of(number for guard, number in guards.items() if not names.isdisjoint(variables(guard)))
 
 
 def _laid_out(graph: dict[int, NumberedPart], least: int) -> tuple[dict[int, int], dict[int, int]]:
-    """The bits of choices and events, and of alternatives, by part, in the order of the graph."""
+    """Assign bits to choices and events, and to alternatives, by part, in the order of the graph."""
     bit: dict[int, int] = {}
     option: dict[int, int] = {}
     for part, this in graph.items():
@@ -415,10 +414,11 @@ def _laid_out(graph: dict[int, NumberedPart], least: int) -> tuple[dict[int, int
 
 
 class _Rests:
-    """What is left of parts, as numbers: equal where it differs only in which of several alike events it has.
+    """Canonical numbers for the remainders of parts: equal for remainders that differ by
+    interchangeable events.
 
-    A part that is used several times is like no other. The number 0 stands for nothing; `full` has
-    the numbers of whole parts.
+    A shared part is equivalent only to itself. Number 0 is an empty remainder; `full` has the
+    numbers of whole parts.
     """
 
     def __init__(
@@ -434,7 +434,7 @@ class _Rests:
         self._shared = frozenset(part for part, count in uses.items() if count > 1)
         self._numbers: dict[tuple[object, ...], int] = {(): 0}
         self._inside: dict[int, list[int]] = {0: []}
-        """The numbers that the number of an unordered part is made of."""
+        """The components of the number of an unordered part."""
         self.full: dict[int, int] = {}
         for part, this in reversed(graph.items()):
             own = guards[this.of.guard] if isinstance(this.of, Condition) else asks.get(part)
@@ -446,7 +446,7 @@ class _Rests:
         return self._numbers.setdefault(key, len(self._numbers))
 
     def of(self, left: Residual) -> dict[int, int]:
-        """What is left of each part."""
+        """Return the number of each part's remainder."""
         rests: dict[int, int] = {}
         for part, this in reversed(self._graph.items()):
             is_open = part in self._bit and left.open >> self._bit[part] & 1
@@ -469,7 +469,7 @@ class _Rests:
         return rests
 
     def repeated(self, left: Residual, whole: Mapping[int, int]) -> int:
-        """The bits of parts of which the same is left as of another part of the same unordered part."""
+        """Return the bits of parts with the same remainder as another child of an unordered part."""
         rests, found = self.of(left), 0
         for this in self._graph.values():
             seen: dict[tuple[int, int, int], int] = {}
@@ -483,8 +483,8 @@ class _Rests:
 def _extents(
     graph: dict[int, NumberedPart], bit: Mapping[int, int], guards: Mapping[Guard, int], work: Work
 ) -> tuple[dict[int, int], dict[int, int], dict[int, int], dict[int, tuple[int, ...]]]:
-    """Of each part all that may happen for it, what must, what may be first, and the guards with
-    which it is complete silently.
+    """Return for each part all its bits, the required ones, the possible first events, and the
+    silent sets of guards.
     """
     whole: dict[int, int] = {}
     mandatory: dict[int, int] = {}
@@ -515,7 +515,9 @@ def _extents(
 
 
 def _silent(ways: list[tuple[int, ...]], part: NumberedPart, work: Work) -> tuple[int, ...]:
-    """The smallest sets of guards with which a part is complete without an event, given those of its parts."""
+    """Return the smallest sets of guards that complete a part silently, given those of its
+    children.
+    """
     able = [way for way in ways if way]
     need = part.need if part.chooses else len(ways)
     if part.chooses and need > 1:
@@ -532,7 +534,7 @@ def _silent(ways: list[tuple[int, ...]], part: NumberedPart, work: Work) -> tupl
 
 
 def _smallest(sets: Iterable[int]) -> tuple[int, ...]:
-    """The sets that contain no other of them, in a stable order.
+    """Return the minimal sets (antichain), in a stable order.
 
     >>> _smallest([0b110, 0b011, 0b010, 0b101])
     (2, 5)

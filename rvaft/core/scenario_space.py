@@ -1,9 +1,7 @@
-"""The feasible scenarios of a property, questioned without enumerating them: whether one exists,
-what all have, how large they are.
+"""Questions about the feasible scenarios of a property, without enumeration.
 
-A scenario makes the choices of a property: one part of each `One`, at least `need` parts of each
-`AtLeast`. It is feasible where no condition without variables is false and no event has to come
-before itself (semantics, section 2).
+A scenario keeps one part of each `One` and at least `need` parts of each `AtLeast`. It is feasible
+if no constant condition is false and the precedence is acyclic (semantics, section 2).
 """
 
 from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence, Set
@@ -43,41 +41,41 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 Edge: TypeAlias = tuple[Part, Part]
-"""A part, and a part directly inside that comes from another node: an edge of the tree."""
+"""An edge of the tree: a part, and a direct subpart that comes from another node."""
 
 Point: TypeAlias = tuple[Literal["start", "event", "end", "done"], Part, Part | None]
-"""The kind of a point of the precedence, its part, and for `done` the part inside (else None)."""
+"""A vertex of the precedence graph: its kind, its part, and for `done` the subpart (else None)."""
 
 
 def node_of(part: Part) -> str:
-    """The name of the node that a part comes from; the empty string for a part that a pass has made."""
+    """Return the name of the node that a part comes from; "" for a part made by a pass."""
     return "" if part.source is None else part.source.node
 
 
 def is_edge(part: Part, inner: Part) -> bool:
-    """Whether a part directly inside another one comes from another node."""
+    """Whether a direct subpart comes from another node."""
     return node_of(part) != node_of(inner)
 
 
 # The strict precedence of a scenario as a graph of linear size (semantics, section 2).
 #
-# "All events of one part before all events of another" is quadratic when written pair by pair. Here
-# each part has a point `start` before every event below it and a point `end` after every one, and
-# each part inside a sequence a point `done` after its events and those of the parts before it. No
-# edge leads from the start of a part to its end: a part without events orders nothing. So one event
-# precedes another exactly when a path leads from the first to the second, and the precedence is
-# cyclic exactly when the graph is.
+# Pairs of events would be quadratic. Each part has a vertex `start` before every event below it and
+# a vertex `end` after them. Each part in a sequence has a vertex `done` after its events and those
+# of the earlier parts. No edge leads from `start` to `end`: a part without events orders nothing.
+# So one event precedes another if and only if there is a path between them.
 
 
 def point_of(event: Part) -> Point:
-    """The point of an event, or of the events that a leaf counts."""
+    """Return the vertex of an event or a counted leaf."""
     return ("event", event, None)
 
 
 def precedence(kept: Kept, *, ends: bool = False) -> "nx.DiGraph":
-    """The precedence among the events of kept parts; each graph edge has as `via` the tree edge that it needs, or None.
+    """Return the precedence graph of kept parts; the edge attribute `via` is the required tree
+    edge, or None.
 
-    The order of ends of an `EndInOrder` is left out; with `ends` its parts are in sequence, which is a stronger order.
+    The order of ends of an `EndInOrder` is omitted; `ends` treats it as a sequence, which is
+    stronger.
     """
     import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
 
@@ -103,7 +101,7 @@ def precedence(kept: Kept, *, ends: bool = False) -> "nx.DiGraph":
 
 
 def path(graph: "nx.DiGraph", before: Part, after: Part) -> list[Point]:
-    """The points of a shortest path that makes one event precede another, or none."""
+    """Return the vertices of a shortest path between two events, or an empty list."""
     import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
 
     points: list[Point] = []
@@ -113,29 +111,30 @@ def path(graph: "nx.DiGraph", before: Part, after: Part) -> list[Point]:
 
 
 def edges_along(graph: "nx.DiGraph", points: list[Point]) -> list[Edge]:
-    """The tree edges that a path needs, each once; without one of them the path does not exist."""
+    """Return the tree edges that a path requires, each once."""
     needed = (graph.edges[step]["via"] for step in pairwise(points))
     return list(dict.fromkeys(edge for edge in needed if edge is not None))
 
 
-# The order of ends, of which each scenario has a union of partial orders.
+# The order of ends: a union of partial orders per scenario.
 #
-# Read backwards, "a part ends before the next one ends" means: each event of the part waits for
-# *some* event of the next
-# part. So the search for an order starts at its end: a point is free as soon as all points after it
-# are free, and, where it waits for some event of a part, one of these. Where points are left that
-# wait for each other, there is no order.
+# Read backwards, "a part ends before the next one ends" means that each event of the part waits for
+# *some* event of the next part. So the search starts at the last events: a vertex is free if all
+# its successors are free and one event of each awaited part is free. If vertices remain that wait
+# for each other, there is no order.
 
 
 class Standstill(NamedTuple):
-    """Why the events of a scenario have no order: it has all `edges` and none of `lacking`."""
+    """The reason why the events of a scenario have no order: it has all `edges` and none of
+    `lacking`.
+    """
 
     edges: Iterable[Edge] = ()
     lacking: Iterable[Edge] = ()
 
 
 def standstill(kept: Kept, graph: "nx.DiGraph") -> Standstill | None:
-    """Why no order of the events keeps the precedence in `graph` and the order of ends of the kept parts, or None.
+    """Return why no order satisfies the precedence `graph` and the order of ends, or None.
 
     `graph` may have more edges than the precedence of the kept parts.
     """
@@ -146,7 +145,7 @@ def standstill(kept: Kept, graph: "nx.DiGraph") -> Standstill | None:
             bearing.add(part)
         for inner in kept[part]:
             above.setdefault(inner, []).append(part)
-    awaited: dict[Point, list[Point]] = {}  # the ends that wait for some event of a part, by the `start` of the part
+    awaited: dict[Point, list[Point]] = {}  # the ends that wait for some event of a part, by the part's `start`
     for part, inside in kept.items():
         if isinstance(part, EndInOrder):
             for one, other in pairwise(inner for inner in inside if inner in bearing):
@@ -156,7 +155,7 @@ def standstill(kept: Kept, graph: "nx.DiGraph") -> Standstill | None:
         for end in ends:
             waiting[end] += 1
     free = [point for point, count in waiting.items() if count == 0]
-    begun: set[Part] = set()  # parts of which some event is free
+    begun: set[Part] = set()  # parts with a free event
     for point in free:
         ready = [*graph.predecessors(point)]
         agenda = [point[1]] if point[0] == "event" else []
@@ -184,7 +183,8 @@ def standstill(kept: Kept, graph: "nx.DiGraph") -> Standstill | None:
 
 
 def with_single_ends(prop: Property) -> Property:
-    """The property with a sequence for each order of ends between parts that have at most one event each.
+    """Return the property with a sequence for each order of ends between parts of at most one event
+    each.
 
     >>> import rvaft
     >>> type(with_single_ends(build(rvaft.loads("top pand a b;"))).root).__name__
@@ -202,26 +202,23 @@ def with_single_ends(prop: Property) -> Property:
     return prop.rewritten(change)
 
 
-# What is in some scenario, and what is in every one.
+# Parts that some scenario has, and parts that every scenario has.
 
 Demands: TypeAlias = dict[Part, frozenset[Part]]
-"""Parts that must be kept, each with the parts directly inside that it must keep."""
+"""Parts that must be kept, each with the direct subparts that it must keep."""
 
 _NONE: frozenset[Part] = frozenset()
 
 
 class Resolutions:
-    """The ways to make the choices of a property without certain parts and tree edges. Order among
-    events is not looked at.
+    """The ways to make the choices of a property without some parts and edges; event order is
+    ignored.
 
-    Whether some way keeps given parts and edges is answered by walking from them to the root: the
-    kept part that comes last in the order (outer parts first) needs one kept part around it; a
-    `One` with two demanded parts ends the attempt. For one part that is a path to the root, for two
-    parts a walk over pairs; in general the number of attempts may grow exponentially, so each step
-    is paid from a budget.
+    A query for given parts walks from them to the root: the deepest demanded part needs one kept
+    parent, and a `One` with two demanded children fails. This is a path for one part, and a walk
+    over pairs for two. In general the number of attempts is exponential, so each step costs budget.
 
-    `everything` has all parts, outer parts first, each with the parts directly inside in the order
-    in which they are tried.
+    `everything` lists all parts, outer parts first, each with its direct subparts in search order.
     """
 
     def __init__(self, everything: Kept, banned: Container[Part] = (), without: Container[Edge] = frozenset()) -> None:
@@ -247,11 +244,13 @@ class Resolutions:
 
     @cached_property
     def union(self) -> Kept:
-        """Each part that is in some scenario, with the parts directly inside that it keeps in some scenario."""
+        """Each part of some scenario, with the direct subparts that some scenario keeps."""
         return {part: self._options[part] for part in self._order if part in self._reached}
 
     def scenario(self, parts: Iterable[Part], edges: Iterable[Edge], budget: Budget) -> Kept | None:
-        """A scenario that contains these parts and tree edges, or None; raises `Undecided` beyond the budget."""
+        """Return a scenario with these parts and tree edges, or None; raises `Undecided` beyond the
+        budget.
+        """
         demands = self._support(parts, edges, budget)
         if demands is None:
             return None
@@ -271,13 +270,13 @@ class Resolutions:
         return {part: kept[part] for part in self._order if part in kept}
 
     def possible(self, parts: Iterable[Part], budget: Budget, *, edges: Iterable[Edge] = ()) -> bool:
-        """Whether some scenario contains these parts and tree edges; raises `Undecided` beyond the budget."""
+        """Whether some scenario has these parts and tree edges; raises `Undecided` beyond the
+        budget.
+        """
         return self._support(parts, edges, budget) is not None
 
     def _support(self, parts: Iterable[Part], edges: Iterable[Edge], budget: Budget) -> Demands | None:
-        """What must be kept for these parts and edges, so that each part but the root has a part
-        around it that keeps it.
-        """
+        """Return demands that connect all these parts and edges to the root, or None."""
         demands: Demands = {}
         if not self:
             return None
@@ -295,7 +294,7 @@ class Resolutions:
         seen: set[frozenset[tuple[int, frozenset[Part]]]] = set()
         while attempts:
             current, below = attempts.pop()
-            # A heap of negated ranks: the part that comes last is served first, so that all its demands are known.
+            # A heap of negated ranks: the deepest part comes first, when all its demands are known.
             agenda = [-self._rank[part] for part in current if self._rank[part] < below]
             heapify(agenda)
             while agenda[0] != 0:
@@ -321,7 +320,7 @@ class Resolutions:
         return None
 
     def _ways(self, demands: Demands, part: Part) -> list[Part]:
-        """The parts that may keep this one; only one where a part that is kept anyway can keep it too."""
+        """Return the possible parents of a part; a parent that is kept anyway is the only one."""
         ways: list[Part] = []
         for around in self._reached[part]:
             demanded, takes_one = demands.get(around), isinstance(around, One)
@@ -333,15 +332,15 @@ class Resolutions:
 
 
 _RESOLUTIONS, _PRECEDENCE = 4, 15
-"""The cost of resolutions and of a precedence per node, in steps."""
+"""The cost of resolutions and of a precedence graph per node, in budget steps."""
 
 
 class ScenarioSpace:
-    """The feasible scenarios of a tree; `limit` is the number of steps that each hard question may cost.
+    """The feasible scenarios of a tree; each hard question may cost `limit` steps.
 
-    A scenario whose precedence is cyclic shows a cycle, a cycle needs some tree edges, and every
-    feasible scenario lacks one of them: so the search bans tree edges until nothing is cyclic.
-    Where parts cannot end in order, the search also tries to keep more parts.
+    A cycle in the precedence needs some tree edges, and every feasible scenario lacks one of them.
+    So the search bans tree edges until no cycle is left. If parts cannot end in order, the search
+    also requires more parts.
 
     >>> from rvaft import loads
     >>> [node_of(part) for part in ScenarioSpace(loads("top or a b; a when 2 < 1; b;")).feasible(Budget())]
@@ -352,55 +351,57 @@ class ScenarioSpace:
         self.tree = tree
         self.limit = limit
         self.prop = with_single_ends(build(tree))
-        """What the tree asks for."""
+        """The property of the tree."""
         rank = {name: place for place, name in enumerate(tree.order)}
         outer_first = self.prop.parts[::-1]
         self.order = tuple(sorted(outer_first, key=lambda part: rank[node_of(part)]))
         """All parts, outer parts first, in the order of the nodes of the tree."""
         self.whole: Mapping[str, Part] = {name: self.prop.wholes[Source(name)] for name in tree.order}
-        """For each reachable node all that it asks for, with what is below it."""
+        """The whole part of each reachable node."""
         self.leaf: Mapping[str, Event | Times] = {
             node_of(part): part for part in self.order if isinstance(part, Event | Times)
         }
-        """The events of each reachable node that has any."""
+        """The event part of each reachable node with a runtime event."""
         self.gate: Mapping[str, Part] = {
             node_of(part): part for part in self.order if any(is_edge(part, inner) for inner in part.parts)
         }
-        """For each reachable node with children the part that joins what they ask for."""
+        """The part of the gate of each reachable node with children."""
         written = {
             gate: tuple(self.whole[child] for child in tree.nodes[name].children) for name, gate in self.gate.items()
         }
         self.everything: Kept = {part: written.get(part, part.parts) for part in self.order}
-        """All parts with the parts directly inside, as the tree lists them."""
+        """All parts with their direct subparts, in the order of the tree."""
 
     def budget(self) -> Budget:
-        """A fresh budget."""
+        """Return a new budget."""
         return Budget(self.limit)
 
     @cached_property
     def never(self) -> frozenset[Part]:
-        """The conditions without variables that do not hold: no feasible scenario contains them."""
+        """The false constant conditions, which no feasible scenario has."""
         conditions = (part for part in self.order if isinstance(part, Condition))
         return frozenset(part for part in conditions if is_constant(part) and not holds(part.guard, {}))
 
     @cached_property
     def dead(self) -> frozenset[str]:
-        """The nodes of these conditions."""
+        """The nodes of the false constant conditions."""
         return frozenset(map(node_of, self.never))
 
     @cached_property
     def resolutions(self) -> Resolutions:
-        """The ways to make the choices without dead nodes; those with a cyclic precedence are among them."""
+        """The ways to make the choices without dead nodes, including cyclic ones."""
         return Resolutions(self.everything, self.never)
 
     @cached_property
     def ends(self) -> bool:
-        """Whether the order of ends is more than a sequence of events somewhere."""
+        """Whether some order of ends is not a sequence of events."""
         return any(isinstance(part, EndInOrder) for part in self.order)
 
     @cached_property
     def widest(self) -> "nx.DiGraph":
-        """The precedence over all possible parts, ends in order as sequences; it contains that of every scenario."""
+        """The precedence over all possible parts, with ends as sequences: a superset of every
+        scenario's.
+        """
         return precedence(self.resolutions.union, ends=True)
 
     @cached_property
@@ -424,11 +425,11 @@ class ScenarioSpace:
         apart: tuple[str, str] | None = None,
         silent: str | None = None,
     ) -> Kept | None:
-        """A feasible scenario with some nodes and tree edges and without other nodes, or None where there is none.
+        """Return a feasible scenario with `nodes` and `edges` and without the nodes `without`, or
+        None.
 
-        With `apart`, a scenario that contains the events of both nodes and orders neither before
-        the other. With `silent`, a scenario that contains that node and no event of it or below it.
-        Raises `Undecided` beyond the budget.
+        With `apart`, the scenario has the events of both nodes, unordered. With `silent`, it has
+        that node but no event of its part. Raises `Undecided` beyond the budget.
         """
         parts = [self.whole[name] for name in (*nodes, *(apart or ()), *([] if silent is None else [silent]))]
         needed = [*edges]
@@ -452,7 +453,7 @@ class ScenarioSpace:
         return _first_without(attempt)
 
     def _disorder(self, kept: Kept, apart: tuple[Event | Times, Event | Times] | None) -> Standstill | None:
-        """Why the events of a scenario have no order, or why two of them have only one order."""
+        """Return why the events of a scenario have no order, or why two of them are ordered."""
         graph = precedence(kept)
         points = [] if self.acyclic else find_cycle(graph)
         points += points[:1]
@@ -462,7 +463,7 @@ class ScenarioSpace:
             return Standstill(edges) if edges else None
         if apart is None:
             return standstill(kept, graph)
-        # Of a leaf that counts, the first event comes right after the `start` of the leaf.
+        # The first event of a counted leaf directly follows the leaf's `start`.
         firsts = [point_of(leaf) if isinstance(leaf, Event) else ("start", leaf, None) for leaf in apart]
         for one, other in pairwise([*firsts, firsts[0]]):
             further = graph.copy()
@@ -472,8 +473,8 @@ class ScenarioSpace:
         return None
 
     def endless(self, budget: Budget) -> tuple[Kept, str] | None:
-        """A scenario with an acyclic precedence, and a node of it whose parts cannot end in order;
-        None where there is none.
+        """Return a scenario with an acyclic precedence and a node whose parts cannot end in order,
+        or None.
         """
         if not self.ends or self.acyclic:
             return None
@@ -486,7 +487,9 @@ class ScenarioSpace:
         return None
 
     def cyclic(self, budget: Budget, knot: Set[Point]) -> tuple[Kept, tuple[str, ...]] | None:
-        """A scenario without dead nodes whose precedence has a cycle among these points, and the nodes of the cycle."""
+        """Return a scenario without dead nodes with a cycle through `knot`, and the nodes of the
+        cycle, or None.
+        """
 
         def attempt(bans: frozenset[Edge], _: object) -> tuple[Kept, tuple[str, ...]] | Standstill:
             budget.spend((_RESOLUTIONS + _PRECEDENCE) * len(self.tree.order))
@@ -503,7 +506,7 @@ class ScenarioSpace:
 
 
 def _to_event(kept: Kept, start: Part) -> list[Edge]:
-    """The tree edges of a way from a kept part to an event below it, or none."""
+    """Return the tree edges on a path from a kept part to an event below it, or an empty list."""
     way: dict[Part, list[Edge]] = {start: []}
     for part in (queue := [start]):
         for inner in kept[part]:
@@ -516,11 +519,10 @@ def _to_event(kept: Kept, start: Part) -> list[Edge]:
 
 
 def _first_without(attempt: Callable[[frozenset[Edge], frozenset[Edge]], T | Standstill]) -> T | None:
-    """What an attempt with some tree edges banned and others required returns.
+    """Return the result of the first successful attempt, by breadth of banned and required edges.
 
-    The first attempt bans and requires none.
-
-    A failed attempt returns the edges of which one more is to be banned or required.
+    A failed attempt returns a `Standstill`: one more of its `edges` is banned, or one of `lacking`
+    required.
     """
     todo: list[tuple[frozenset[Edge], frozenset[Edge]]] = [(frozenset(), frozenset())]
     seen = set(todo)
@@ -538,17 +540,15 @@ def _first_without(attempt: Callable[[frozenset[Edge], frozenset[Edge]], T | Sta
 
 
 def inevitable(order: Sequence[Part], marks: Mapping[Part, int], full: int) -> dict[Part, int]:
-    """For each part the marks that every scenario with the part has, for all marks (bits) at once.
+    """Return for each part the marks (bits) that every scenario with the part has.
 
-    `order` has the parts, outer parts first. `full` has the bits of all marks; a part marked `full`
-    is in no scenario, and a part that is in no scenario has `full` as its result. Order among
-    events is not looked at.
+    `order` lists the parts, outer parts first. `full` has all bits. A part marked `full` is in no
+    scenario; a part in no scenario has the result `full`. Event order is ignored.
 
-    For a single mark let `avoid(v)` mean that some way to make the choices below v has no marked
-    part. Since a choice belongs to a part and not to a path, `avoid` is found from the inside even
-    where parts are shared. Some scenario contains v and no marked part exactly when v can avoid the
-    mark and is the root or is inside a part of which the same is true: take the choices along that
-    path, and elsewhere the avoiding ones. The two loops compute the complement.
+    For one mark, let `avoid(v)` mean that some way to make the choices below v has no marked part.
+    Choices belong to parts, not to paths, so `avoid` is computed bottom-up even with shared parts.
+    A scenario with v and no marked part exists if and only if v can avoid the mark and is the root
+    or has a parent with the same property. The two loops compute the complement.
     """
     below: dict[Part, int] = {}
     for part in reversed(order):
@@ -564,19 +564,21 @@ def inevitable(order: Sequence[Part], marks: Mapping[Part, int], full: int) -> d
 
 
 _AT_ONCE: Final = 4096
-"""The number of marks that are looked at together: each part has a bit for each."""
+"""The number of marks processed together: each part has a bit for each."""
 
 
 def borne_surely(
     space: ScenarioSpace, asked: Collection[tuple[str, str]], bearers: Mapping[str, Iterable[Part]]
 ) -> set[tuple[str, str]]:
-    """The pairs of a node and a mark where every scenario with the node has a bearer of the mark,
-    if any scenario has the node.
+    """Return the pairs of a node and a mark for which every scenario with the node has a bearer of
+    the mark.
+
+    The pair is omitted if no scenario has the node.
     """
     wanted, found = list(dict.fromkeys(mark for _, mark in asked)), set[tuple[str, str]]()
     for start in range(0, len(wanted), _AT_ONCE):
         bit = {mark: 1 << index for index, mark in enumerate(wanted[start : start + _AT_ONCE])}
-        # A scenario that bears everything and one that is no scenario must not look alike: one bit more for the latter.
+        # One additional bit distinguishes a scenario with all marks from no scenario.
         everything = (1 << len(bit) + 1) - 1
         marks = dict.fromkeys(space.never, everything)
         for mark, own in bit.items():
@@ -587,13 +589,12 @@ def borne_surely(
     return found
 
 
-# How many scenarios there are, and how large they are.
+# The number of scenarios, and their sizes.
 
 
 def most_scenarios(prop: Property) -> int:
-    """An upper bound on the number of scenarios.
-
-    The number itself where no part is shared and every scenario is feasible.
+    """Return an upper bound on the number of scenarios; exact if no part is shared and all are
+    feasible.
 
     >>> import rvaft
     >>> most_scenarios(build(rvaft.loads("top 2of3 a b c;")))
@@ -606,7 +607,7 @@ def most_scenarios(prop: Property) -> int:
             case One():
                 ways[part] = sum(inside)
             case AtLeast(need=need):
-                keeping = [1, *([0] * len(inside))]  # the ways to keep so many parts
+                keeping = [1, *([0] * len(inside))]  # the number of ways to keep exactly k parts
                 for of_part in inside:
                     keeping = [keeping[0], *(more + of_part * fewer for fewer, more in pairwise(keeping))]
                 ways[part] = sum(keeping[need:])
@@ -618,7 +619,7 @@ def most_scenarios(prop: Property) -> int:
 
 
 class Fewest(NamedTuple):
-    """The least number of events, and the parts directly inside that are kept for it."""
+    """The minimum number of events, and the direct subparts kept for it."""
 
     events: int
     kept: tuple[Part, ...]
@@ -627,7 +628,7 @@ class Fewest(NamedTuple):
 def fewest_events(
     parts: Iterable[Part], *, without: Container[Part] = frozenset(), without_edges: Container[Edge] = frozenset()
 ) -> dict[Part, Fewest]:
-    """For each of the parts (inner parts first) that a scenario can have, the fewest events.
+    """Return the minimum number of events of each possible part (inner parts first).
 
     A shared part counts each time.
 

@@ -1,7 +1,4 @@
-"""The scenarios of a property, one by one.
-
-Its choices made, with the events, their precedence and the conditions (semantics, section 2).
-"""
+"""Enumeration of the scenarios of a property (semantics, section 2)."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -29,10 +26,11 @@ from rvaft.model.guards import holds, variables
 from rvaft.support.bits import bits
 
 Kept: TypeAlias = Mapping[Part, tuple[Part, ...]]
-"""The parts of a scenario, each with the parts directly inside that it keeps, in the order of the tree."""
+"""The parts of a scenario, each with the direct subparts that it keeps, in the order of the tree.
+"""
 
 LIMIT: Final = 5_000
-"""The most scenarios that are enumerated by default."""
+"""The default maximum number of scenarios."""
 
 
 def is_constant(guard_of: Condition) -> bool:
@@ -41,7 +39,7 @@ def is_constant(guard_of: Condition) -> bool:
 
 
 def observable(parts: Iterable[Part]) -> set[Part]:
-    """Those of the parts (inner parts first) that no false constant condition makes impossible."""
+    """Return the parts (inner parts first) that no false constant condition makes impossible."""
     found: set[Part] = set()
     for part in parts:
         match part:
@@ -61,8 +59,8 @@ def observable(parts: Iterable[Part]) -> set[Part]:
 
 
 def most_events(parts: Iterable[Part]) -> dict[Part, int]:
-    """For each of the parts (inner parts first) the most events of it in any scenario, at most 2:
-    two stand for many.
+    """Return for each part (inner parts first) its maximum number of events in a scenario, capped
+    at 2.
     """
     most: dict[Part, int] = {}
     for part in parts:
@@ -82,16 +80,16 @@ def most_events(parts: Iterable[Part]) -> dict[Part, int]:
 
 
 def resolutions(prop: Property, *, minimal: bool = False, limit: int = LIMIT) -> Iterator[Kept]:
-    """The ways to make the choices that a scenario reaches, without impossible parts, in a stable order.
+    """Iterate over the ways to make the choices, without impossible parts, in a stable order.
 
-    `minimal` keeps exactly `need` parts of an `AtLeast`. Order among events is not looked at. Raises `TooLarge` beyond
-    `limit`.
+    `minimal` keeps exactly `need` parts of an `AtLeast`. Event order is ignored. Raises `TooLarge`
+    beyond `limit`.
     """
     order = prop.parts[::-1]
     place = {part: number for number, part in enumerate(order)}
     possible = observable(prop.parts)
     surely: dict[Part, int] = {}
-    """For each part the parts kept whenever it is: those below it up to the next choices."""
+    """For each part, the parts that are kept with it: those below it up to the next choices."""
     for part in prop.parts:
         below = 0
         for inner in () if isinstance(part, One | AtLeast) else part.parts:
@@ -109,7 +107,7 @@ def resolutions(prop: Property, *, minimal: bool = False, limit: int = LIMIT) ->
                 now |= surely[part]
             yield now, {**chosen, gate: kept}
 
-    # One level per choice: what is reached with each way to make it, and all choices so far.
+    # One level per choice: for each way to make it, the reached parts and all choices so far.
     levels: list[Iterator[tuple[int, Kept]]] = [iter([(surely[prop.root], {})] if prop.root in possible else [])]
     count = 0
     while levels:
@@ -131,7 +129,7 @@ def resolutions(prop: Property, *, minimal: bool = False, limit: int = LIMIT) ->
 class Scenario:
     """A partial order of events, with conditions.
 
-    `before` has, for each event, the events that precede it as bits: bit i is `events[i]`. `kept` are the parts.
+    `before[i]` has the events that precede `events[i]`, as bits.
     """
 
     events: tuple[Event, ...]
@@ -141,8 +139,8 @@ class Scenario:
 
 
 def precedence(kept: Kept) -> tuple[tuple[Event, ...], tuple[int, ...]] | None:
-    """The events of kept parts in the order of the tree, and for each those before it as bits; None
-    where the order is cyclic.
+    """Return the events of kept parts and, for each, the earlier events as bits; None if the order
+    is cyclic.
 
     The parts must be free of `Times` and `EndInOrder`.
     """
@@ -176,7 +174,7 @@ def precedence(kept: Kept) -> tuple[tuple[Event, ...], tuple[int, ...]] | None:
 
 
 def transitive(before: list[int]) -> tuple[int, ...] | None:
-    """The transitive closure of what is before each event, as bits, or None where an event precedes itself."""
+    """Return the transitive closure of the predecessors of each event, or None if it is cyclic."""
     waiting = [one.bit_count() for one in before]
     after: list[list[int]] = [[] for _ in before]
     for event, earlier in enumerate(before):
@@ -194,7 +192,8 @@ def transitive(before: list[int]) -> tuple[int, ...] | None:
 
 
 def scenarios(prop: Property, *, minimal: bool = False, limit: int = LIMIT) -> Iterator[Scenario]:
-    """The feasible scenarios, in a stable order, of a property free of `Times` and `EndInOrder`.
+    """Iterate over the feasible scenarios, in a stable order; the property has no `Times` and
+    `EndInOrder`.
 
     Raises `TooLarge` beyond `limit`.
 
@@ -217,5 +216,5 @@ def is_empty(prop: Property, *, limit: int = LIMIT) -> bool:
 
 
 def unchosen(root: Part) -> bool:
-    """Whether a choice below a part, or at it, is still to be made."""
+    """Whether a choice at or below a part is still open."""
     return any(map(chooses, parts_below(root)))

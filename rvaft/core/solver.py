@@ -1,13 +1,10 @@
-"""Whether guards can hold together.
+"""Joint satisfiability of guards: a search for a witness, and proofs of contradiction.
 
-A search for values, a proof that there are none, and what exact arithmetic would say.
-
-What is found is certain. A *witness* is checked with the guards' own evaluation; finding none
-proves nothing. Guards are *refuted* by the sorts of values (a number is no string) and their order,
-both exact whatever the values are: comparing an integer with a double rounds nothing. Of
-arithmetic, which rounds, the proof uses only what rounding keeps: adding a larger whole number
-gives no smaller result, and a difference has the sign of the comparison or is zero. Where that
-proves nothing sympy is asked, of inequalities weakened by what rounding could add.
+Positive results are certain. A *witness* is verified by evaluating the guards; a failed search
+proves nothing. *Refutation* uses the sorts of values and their order, which are exact even between
+integers and doubles. Of rounding arithmetic it uses only monotone facts: adding a larger integer
+gives no smaller result, and a difference has the sign of the comparison or is zero. Otherwise sympy
+decides inequalities that are weakened by possible rounding.
 """
 
 import operator as python
@@ -38,9 +35,9 @@ from rvaft.support.bits import bits
 
 
 def contradictory(guards: Iterable[Guard]) -> bool | None:
-    """Whether no values at all make these guards hold together; None where that cannot be decided.
+    """Whether no values satisfy all guards; None if undecided.
 
-    Both answers are certain, with undefined values, mixed types and the rounding of doubles taken into account.
+    Both answers are certain, with undefined values, mixed types and the rounding of doubles.
 
     >>> X = Variable("X")
     >>> contradictory([Operation(Operator.GT, (X, Literal(5))), Operation(Operator.LT, (X, Literal(3)))])
@@ -52,13 +49,12 @@ def contradictory(guards: Iterable[Guard]) -> bool | None:
     return refuted(given) or contradictory_over_reals(given, weaken=True)
 
 
-# What must be true for guards to hold, as alternatives of comparisons (a disjunctive normal form).
+# Necessary conditions of guards as alternatives of comparisons (a disjunctive normal form).
 #
-# A guard holds when its value is `true`, and then every comparison that decided so was defined. Its
-# negation `not (a < b)` is true exactly when `a >= b` is: both are defined. So each alternative is
-# a list of comparisons that are all *true*, and no negation is left. What an alternative cannot say
-# (a comparison of truth values, say) is left out: alternatives are implied by the guards, not
-# equivalent to them, which is what a proof of contradiction needs.
+# If a guard is true, the comparisons that decided it were defined. `not (a < b)` is true if and
+# only if `a >= b` is. So an alternative is a list of *true* comparisons without negation.
+# Conditions without a comparison are omitted: the guards imply the alternatives, which suffices for
+# a proof of contradiction.
 
 MAX_ALTERNATIVES: Final = 256
 
@@ -79,8 +75,8 @@ class TooManyAlternatives(Exception):
 
 
 def _alternatives(guards: Iterable[Guard]) -> list[Way]:
-    """The ways in which all guards can hold, none where they surely cannot; where they are too
-    many, one that says nothing.
+    """Return the alternatives for all guards: none if unsatisfiable, one empty alternative if there
+    are too many.
     """
     try:
         return _all_of([_when(guard, truth=True) for guard in guards])
@@ -89,7 +85,7 @@ def _alternatives(guards: Iterable[Guard]) -> list[Way]:
 
 
 def _when(guard: Guard, *, truth: bool) -> list[Way]:
-    """The ways in which a guard has this truth value. The depth of a guard is bounded by the parser."""
+    """Return the alternatives for a truth value. The parser bounds the depth of a guard."""
     match guard:
         case Operation(Operator.NOT, (operand,)):
             return _when(operand, truth=not truth)
@@ -97,8 +93,7 @@ def _when(guard: Guard, *, truth: bool) -> list[Way]:
             decides = junction is Operator.OR
             if truth is not decides:
                 return _all_of([_when(operand, truth=truth) for operand in operands])
-            # Read from the left, one operand decides, and those before it have the other truth
-            # value: they are defined too.
+            # From the left, one operand decides; the operands before it have the other truth value.
             ways: list[Way] = []
             for index, operand in enumerate(operands):
                 before = [_when(earlier, truth=not decides) for earlier in operands[:index]]
@@ -124,14 +119,14 @@ def _when(guard: Guard, *, truth: bool) -> list[Way]:
                 return [()] if value(guard, {}) is truth else []
             if OPERATORS[operator].takes != _TEXTS:
                 return [()]
-            lowered = [Operation(Operator.LOWER, (operand,)) for operand in guard.operands]  # defined for texts alone
+            lowered = [Operation(Operator.LOWER, (operand,)) for operand in guard.operands]  # defined for texts only
             return [tuple(GuardComparison(Operator.EQ, one, one) for one in lowered)]
         case Operation():
             return []  # numbers and texts have no truth value
 
 
 _VALUES: Final = frozenset(operator for operator, facts in OPERATORS.items() if facts.gives is not Sort.TRUTH)
-"""Operators that give numbers or texts."""
+"""Operators with a number or a text as the result."""
 _TEXTS: Final = frozenset({Sort.TEXT})
 _TEXT_TESTS: Final = frozenset(
     operator
@@ -158,24 +153,23 @@ def _bounded(ways: Iterable[Way]) -> list[Way]:
 
 
 def refuted(guards: Iterable[Guard]) -> bool:
-    """Whether it is proved that no values make all guards hold; False says nothing."""
+    """Whether it is proved that no values satisfy all guards; False proves nothing."""
     return all(_GuardFacts(way).contradict() for way in _alternatives(guards))
 
 
 class _GuardFacts:
-    """Terms with what is known of their sorts and order: pairs of terms that are `<=`, those that
-    are `<`, those that are `!=`.
+    """Terms with their known sorts and order: pairs of terms with `<=`, `<` and `!=`.
 
-    That a term occurs in a true comparison says that it is defined, and so of which sort its operands are.
+    A term in a true comparison is defined, which determines the sorts of its operands.
     """
 
     def __init__(self, way: Way) -> None:
         self.at_most: list[tuple[Hashable, Hashable]] = []
         self.less: list[tuple[Hashable, Hashable]] = []
         self.unequal: list[tuple[Hashable, Hashable]] = []
-        self.sorts: defaultdict[Hashable, set[Sort]] = defaultdict(set)  # of every term
+        self.sorts: defaultdict[Hashable, set[Sort]] = defaultdict(set)  # the sorts of each term
         self.constants: dict[Hashable, Any] = {}
-        self.sums: dict[Hashable, dict[int, Hashable]] = {}  # of a term those that are it plus a whole number
+        self.sums: dict[Hashable, dict[int, Hashable]] = {}  # per term, the terms that equal it plus an integer
         self.compared: set[Hashable] = set()
         for operator, left, right in way:
             for part in chain(walk(left), walk(right)):
@@ -224,7 +218,7 @@ class _GuardFacts:
                 pass
 
     def _difference(self, operator: Operator, side: Guard, limit: Guard) -> None:
-        """From `a - b > c` with c >= 0, and its like, the order of a and b."""
+        """Derive the order of a and b from comparisons such as `a - b > c` with c >= 0."""
         match side, limit:
             case Operation(Operator.SUB, (a, b)), Literal(int() | float() as c) if is_number(c):
                 at_least = operator in (Operator.GE, Operator.EQ)
@@ -235,7 +229,7 @@ class _GuardFacts:
                     self.less.append((a, b))
 
     def contradict(self) -> bool:
-        """Whether no values can be so."""
+        """Whether no values satisfy the facts."""
         for row in self.sums.values():
             self.at_most += [(row[less], row[more]) for less, more in pairwise(sorted(row))]
         for sort in (Sort.NUMBER, Sort.TEXT):
@@ -248,7 +242,7 @@ class _GuardFacts:
             above[number[low]] |= 1 << number[high]
             beside[number[low]] |= 1 << number[high]
             beside[number[high]] |= 1 << number[low]
-        for through in range(len(number)):  # Warshall's closures: what is reached, and what is of one sort
+        for through in range(len(number)):  # Warshall's closures: reachability, and equality of sort
             for reach in (above, beside):
                 for index, reached in enumerate(reach):
                     if reached >> through & 1:
@@ -266,7 +260,7 @@ class _GuardFacts:
         )
 
     def _mixed(self, terms: set[Hashable]) -> bool:
-        """Whether these terms, of one sort, would have to be of two sorts, or of one that has no order."""
+        """Whether terms of one sort would need two sorts, or a sort without an order."""
         sorts = set[Sort]().union(*(self.sorts[term] for term in terms))
         return len(sorts) > 1 or (not sorts <= {Sort.NUMBER, Sort.TEXT} and not self.compared.isdisjoint(terms))
 
@@ -295,20 +289,19 @@ _CALCULATED: Final[dict[Operator, Callable[..., Any]]] = {
 
 
 def contradictory_over_reals(guards: Iterable[Guard], *, weaken: bool = False) -> bool | None:
-    """Whether the guards could hold at most through rounding: no real numbers make them hold. None
-    where sympy cannot tell.
+    """Whether no real numbers satisfy the guards, so that only rounding could; None if undecided.
 
-    With `weaken`, comparisons that rounding could make true are left out.
+    `weaken` omits comparisons that rounding could make true.
     """
     kept = ([one for one in way if not weaken or _survives_rounding(one)] for way in _alternatives(guards))
     return None if any(map(_real_solutions, kept)) else True
 
 
 def _survives_rounding(comparison: GuardComparison) -> bool:
-    """Whether nothing is rounded, or only once, and strictly compared with a representable number.
+    """Whether no rounding occurs, or one, strictly compared with a representable number.
 
-    Rounding is monotone and keeps representable numbers, so `round(x) < c` implies `x < c` for such
-    a c, x being one operation on a variable and a small integer.
+    Rounding is monotone and keeps representable numbers. So `round(x) < c` implies `x < c` for a
+    representable c, if x is one operation on a variable and a small integer.
     """
 
     def representable(number: object) -> bool:
@@ -333,14 +326,14 @@ def _survives_rounding(comparison: GuardComparison) -> bool:
 
 
 def _real_solutions(way: list[GuardComparison]) -> bool:
-    """Whether real numbers may satisfy the comparisons; True where sympy cannot tell."""
+    """Whether real numbers may satisfy the comparisons; True if sympy cannot decide."""
     import sympy  # noqa: PLC0415  (slow to import, and seldom needed)
     from sympy.logic.inference import satisfiable  # noqa: PLC0415
 
-    symbols: dict[str, Any] = {}  # numbered, so that names of a tree never mean anything to sympy
+    symbols: dict[str, Any] = {}  # numbered, so that no name of a tree has a meaning in sympy
 
     def number(guard: Guard) -> Any:
-        """The value of an operand; raises `TypeError` where real numbers have none."""
+        """Return the value of an operand; raises `TypeError` for non-numbers."""
         match guard:
             case Literal(int() | float() as constant) if is_number(constant):
                 fraction = Fraction(constant)
@@ -364,7 +357,7 @@ def _real_solutions(way: list[GuardComparison]) -> bool:
         try:
             relations.append(sympy.Rel(number(left), number(right), operator.value))
         except TypeError:
-            continue  # it may be about other values than numbers
+            continue  # the operand may be no number
     if sympy.false in relations:
         return False
     relations = [relation for relation in relations if relation is not sympy.true]
@@ -375,7 +368,7 @@ def _real_solutions(way: list[GuardComparison]) -> bool:
         if len(unknowns) == 1 and degree <= _DEGREE:
             solutions = sympy.And(*relations).as_set()
             return solutions is not sympy.S.EmptySet and solutions.is_empty is not True
-        if degree <= 1:  # the theory of linear reals knows no `!=`
+        if degree <= 1:  # the theory of linear reals has no `!=`
             split = [sympy.Or(r.lhs < r.rhs, r.lhs > r.rhs) if isinstance(r, sympy.Ne) else r for r in relations]
             return satisfiable(sympy.And(*split), use_lra_theory=True) is not False
     except (NotImplementedError, TypeError, ValueError, AttributeError, sympy.PolynomialError):
@@ -383,14 +376,14 @@ def _real_solutions(way: list[GuardComparison]) -> bool:
     return True
 
 
-# A search for values under which guards hold: around their constants, and around the values already chosen.
+# The search for a witness: values near constants and near the values already chosen.
 
 DEFAULT_TRIES: Final = 4_000
 
 
 def witness(guards: Iterable[Guard], tries: int = DEFAULT_TRIES) -> dict[str, Json] | None:
-    """Values under which all guards hold, or None where none were found in so many evaluations (and
-    20 more for each guard).
+    """Return values that satisfy all guards, or None if `tries` evaluations (plus 20 per guard)
+    find none.
 
     >>> greater = Operation(Operator.GT, (Variable("X"), Literal(5)))
     >>> witness([greater, Operation(Operator.LT, (Variable("Y"), Variable("X")))])
@@ -403,7 +396,7 @@ def witness(guards: Iterable[Guard], tries: int = DEFAULT_TRIES) -> dict[str, Js
     names = list(dict.fromkeys(name for guard in todo for name in variables(guard)))
     rank = {name: index for index, name in enumerate(names)}
     touching: list[list[Guard]] = [[] for _ in names]
-    due: list[list[Guard]] = [[] for _ in names]  # looked at as soon as the last of their variables has a value
+    due: list[list[Guard]] = [[] for _ in names]  # evaluated once the last of their variables has a value
     for guard in todo:
         ranks = [rank[name] for name in variables(guard)]
         for index in ranks:
@@ -424,7 +417,7 @@ def witness(guards: Iterable[Guard], tries: int = DEFAULT_TRIES) -> dict[str, Js
             failing = next((index for index, guard in enumerate(here) if not holds(guard, binding)), None)
             if failing is None:
                 break
-            here.insert(0, here.pop(failing))  # what refuses one value most likely refuses the next one too
+            here.insert(0, here.pop(failing))  # a guard that rejects one value probably rejects the next
             tries -= failing + 1
             del binding[name]
             if tries < 0:
@@ -438,7 +431,7 @@ def witness(guards: Iterable[Guard], tries: int = DEFAULT_TRIES) -> dict[str, Js
 
 
 def _candidates(near: list[Json]) -> Iterator[Json]:
-    """Values for one variable, those most likely to do first, each once."""
+    """Return candidate values for one variable, the most promising first, each once."""
     seen: set[Hashable] = set()
     for candidate in _in_turn(near):
         if (known := key(candidate)) not in seen:
@@ -473,8 +466,8 @@ _INVERSE: Final = {
 
 
 def _near(guards: list[Guard], name: str, binding: Binding) -> Iterator[Json]:
-    """What is compared with anything, as far as that has a value now, and where a comparison
-    changes its mind about the variable.
+    """Return the known values of compared terms, and the values at which comparisons change for the
+    variable.
     """
     for guard in guards:
         sides = (side for part in _comparisons(guard) for side in part.operands)
@@ -484,7 +477,9 @@ def _near(guards: list[Guard], name: str, binding: Binding) -> Iterator[Json]:
 
 
 def _texts(guards: list[Guard], binding: Binding) -> Iterator[str]:
-    """Texts that begin, go on and end as guards ask, and what globs stand for at the least."""
+    """Return texts that satisfy the prefixes, infixes and suffixes of guards, and minimal matches
+    of globs.
+    """
     found: dict[Operator, list[str]] = {}
     for part in chain(*map(walk, guards)):
         if isinstance(part, Operation) and part.operator in _TEXT_TESTS:
@@ -501,7 +496,8 @@ def _texts(guards: list[Guard], binding: Binding) -> Iterator[str]:
 
 
 def bounds(guard: Guard, name: str, binding: Binding) -> Iterator[Json]:
-    """The values at which a comparison in the guard changes its mind about a variable, as far as that is known now.
+    """Return the values at which a comparison in the guard changes for a variable, given the
+    binding.
 
     >>> X, Y = Variable("X"), Variable("Y")
     >>> later = Operation(Operator.GE, (Y, Operation(Operator.ADD, (X, Literal(10)))))
@@ -518,7 +514,7 @@ def _comparisons(guard: Guard) -> Iterator[Operation]:
 
 
 def _solved(side: Guard, name: str, goal: Json, binding: Binding) -> Iterator[Json]:
-    """The value of a variable with which a term has a value, where the variable stands in it once."""
+    """Solve a term for a variable that occurs in it once."""
     while isinstance(side, Operation) and goal is not UNDEFINED:
         operator, operands = side.operator, side.operands
         if operator is Operator.NEGATE:
@@ -532,7 +528,7 @@ def _solved(side: Guard, name: str, goal: Json, binding: Binding) -> Iterator[Js
         elif (other := _known(operands[1], binding)) is not UNDEFINED:
             side, goal = operands[0], _calculated(_INVERSE[operator], goal, other)
         elif (other := _known(operands[0], binding)) is not UNDEFINED:
-            turned = operator in (Operator.SUB, Operator.DIV)  # a - x = g where a - g = x
+            turned = operator in (Operator.SUB, Operator.DIV)  # a - x = g if and only if a - g = x
             goal = _calculated(operator, other, goal) if turned else _calculated(_INVERSE[operator], goal, other)
             side = operands[1]
         else:

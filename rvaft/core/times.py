@@ -1,10 +1,11 @@
-"""What a guard over times asks: that the difference of two times is at most so much.
+"""Guards over times as bounds on differences of times.
 
-The times of events are whole numbers of nanoseconds, so all of this is exact. `plus` and `minus`
-are the greatest or the least of some times; `within D` is that the greatest of a part less the
-least of it is at most D. As long as not all times are known such a guard may be lost already: the
-greatest only grows, the least only falls. And where no event to come can have a time before the
-`floor`, as `late` says, it may be lost without any further event.
+Times of events are integers in nanoseconds, so all calculations are exact. A `TimeDifference`
+states `plus - minus <= most`; `plus` and `minus` are the maximum or the minimum of some times.
+`within D` states that the maximum of a part minus its minimum is at most D.
+
+Such a bound may fail before all times are known, because a maximum only grows and a minimum only
+falls. With `late`, it may also fail when the watermark passes its deadline.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -17,39 +18,43 @@ from rvaft.model.values import Json
 
 
 class Extreme(NamedTuple):
-    """The greatest (MAX) or the least (MIN) of the times that these variables have."""
+    """The maximum (MAX) or the minimum (MIN) of the times of these variables."""
 
     operator: Operator
     names: tuple[str, ...]
 
     def of(self, binding: Mapping[str, Json]) -> Json:
-        """Its value as far as these are bound; None where one of them is undefined, or none is bound."""
+        """Return the value over the bound variables; None if one is undefined or none is bound."""
         values = [binding[name] for name in self.names if name in binding]
         if not values or None in values:
             return None
         return max(values) if self.operator is Operator.MAX else min(values)
 
     def among(self, names: Collection[str]) -> "Extreme":
-        """The same of some of the variables."""
+        """Return the extreme restricted to some of the variables."""
         return Extreme(self.operator, tuple(name for name in self.names if name in names))
 
     def known(self, binding: Mapping[str, Json], operator: Operator) -> bool:
-        """Whether what is bound bounds it: any time the greatest from below and the least from
-        above, all of them both.
+        """Whether the bound variables bound the extreme from one side.
+
+        One variable suffices if the extreme has this operator (MAX from below, MIN from above);
+        otherwise all must be bound.
         """
         some = self.operator is operator
         return (any if some else all)(name in binding for name in self.names)
 
 
 class TimeDifference(NamedTuple):
-    """That `plus - minus <= most`."""
+    """The condition `plus - minus <= most`."""
 
     plus: Extreme
     minus: Extreme
     most: int
 
     def holds(self, binding: Mapping[str, Json]) -> bool:
-        """Whether it may hold, as far as the times are known; undefined times never let it hold."""
+        """Whether the condition can still hold given the known times; an undefined time makes it
+        fail.
+        """
         if any(name in binding and binding[name] is None for extreme in self[:2] for name in extreme.names):
             return False
         if not (self.plus.known(binding, Operator.MAX) and self.minus.known(binding, Operator.MIN)):
@@ -57,7 +62,9 @@ class TimeDifference(NamedTuple):
         return bool(self.plus.of(binding) - self.minus.of(binding) <= self.most)
 
     def deadline(self, binding: Mapping[str, Json]) -> int | None:
-        """The greatest floor of times to come with which it may still hold; None where that says nothing."""
+        """Return the greatest watermark with which the condition can still hold; None if there is
+        no limit.
+        """
         plus, minus = self.plus, self.minus
         if all(name in binding for name in plus.names) or not minus.known(binding, Operator.MIN):
             return None
@@ -72,7 +79,7 @@ class TimeDifference(NamedTuple):
 
 
 def differences(guard: Guard) -> tuple[TimeDifference, ...] | None:
-    """The differences that a conjunct over times asks for; None for one that is not of this kind.
+    """Return the differences that a conjunct over times bounds; None for other conjuncts.
 
     >>> from rvaft.language.parser import parse_guard
     >>> differences(parse_guard("A - B < 5"))[0].most
@@ -116,12 +123,12 @@ def differences(guard: Guard) -> tuple[TimeDifference, ...] | None:
             return (upper,)
         case Operator.GT | Operator.GE:
             return (lower,)
-        case _:  # times are unequal in one of two ways, or never where one is compared with itself
+        case _:  # times differ in either direction; a term never differs from itself
             return (upper._replace(most=-1),) if plus == minus and most == 0 else None
 
 
 def point_bounds(guard: Guard) -> Iterator[tuple[TimePoint, TimePoint, int]]:
-    """What a conjunct of a tree asks: that a time point is at most so much after another one.
+    """Return the bounds of a conjunct: pairs of time points with their greatest difference.
 
     >>> from rvaft.language.parser import parse_guard
     >>> [(one.name, other.name, most) for one, other, most in point_bounds(parse_guard("at(b) <= end(a) + 1 s"))]
@@ -134,7 +141,7 @@ def point_bounds(guard: Guard) -> Iterator[tuple[TimePoint, TimePoint, int]]:
 
 
 def timed(pattern: Pattern, name: str) -> Pattern:
-    """The pattern that also binds the time of the event (`EventTime.stamped`) to a variable.
+    """Return the pattern that also binds the event's time (`EventTime.stamped`) to a variable.
 
     >>> untimed(timed(ObjectPattern(()), "T1"))
     (ObjectPattern(fields=()), 'T1')
@@ -149,7 +156,7 @@ def timed(pattern: Pattern, name: str) -> Pattern:
 
 
 def untimed(pattern: Pattern) -> tuple[Pattern, str | None]:
-    """The pattern without the time of the event, and the variable of that time, None where the pattern has none."""
+    """Return the pattern without the event's time, and the variable of that time (or None)."""
     if isinstance(pattern, ObjectPattern):
         for key, part in pattern.fields:
             if key is TIME and isinstance(part, Variable):

@@ -147,4 +147,4 @@ def test_an_open_file_and_a_named_pipe_are_written_to_and_not_replaced(tmp_path:
 def test_too_many_events_to_count(tmp_path: Path) -> None:
     (tree := tmp_path / "t.rvaft").write_text("semantics scattered; top sand a b; a times 20000; b;")
     failed(result := run("monitor", str(tree), "-", data=""), "events that a counts, 20,000 (limit 10000)")
-    assert result.stderr.endswith("; ask for fewer\n")
+    assert result.stderr.endswith("; count fewer events\n")

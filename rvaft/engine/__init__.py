@@ -1,8 +1,8 @@
-"""The monitor that people run: incremental, explained, and built without enumerating scenarios.
+"""The default monitor: incremental, explained, and built without enumerating scenarios.
 
-A tree is compiled (`compiled_tree`), and one of three strategies follows its partial matches:
-`Contiguous` (`partial_matches`) under `strict` and `projected`; under `scattered` the general one,
-or the linear one where nothing competes for events.
+A tree is compiled (`compiled_tree`). One of three strategies follows its partial matches:
+`Contiguous` under `strict`, `projected` and `consecutive`; `LinearMonitor` under `scattered` if no
+variables or events are contended; `ScatteredMatches` otherwise.
 """
 
 from rvaft.engine.monitor import Engine

@@ -1,4 +1,4 @@
-"""A property of which one of several alternatives has to be observed: one strategy for each."""
+"""The strategy of a property with several alternatives: one strategy for each."""
 
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from copy import copy
@@ -18,14 +18,14 @@ from rvaft.monitors import Explanation, Pending
 
 
 class AlternativeLetters(EngineLetters):
-    """The letters of several alternatives; the class of an event has its class to each."""
+    """The letters of several alternatives; the class of an event holds its class for each."""
 
     def __init__(self, letters: Sequence[EngineLetters]) -> None:
         self._letters = letters
         super().__init__(dict.fromkeys(pattern for one in letters for pattern in one.patterns))
 
     def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
-        """From an event to its class, for events of a shape that can match these of the `patterns`."""
+        """Return the table from events to classes, for events that can match only these patterns."""
 
         def join(parts: tuple[EventClass, ...]) -> EventClass:
             serving = tuple(chain.from_iterable(one.serving for one in parts))
@@ -35,7 +35,7 @@ class AlternativeLetters(EngineLetters):
 
 
 class AlternativesSnapshot(NamedTuple):
-    """The verdicts of the alternatives after the last event and before it, and a snapshot of each."""
+    """The verdicts of the alternatives after and before the last event, and a snapshot of each."""
 
     verdicts: list[Verdict]
     last: list[Verdict]
@@ -43,7 +43,7 @@ class AlternativesSnapshot(NamedTuple):
 
 
 class Alternatives:
-    """The strategies of alternatives side by side: true where one of them is, false where all are."""
+    """The strategies of the alternatives: true if one is true, false if all are false."""
 
     def __init__(self, parts: Sequence[Following | LinearMonitor]) -> None:
         self.letters = AlternativeLetters([one.letters for one in parts])
@@ -57,14 +57,14 @@ class Alternatives:
         return any(strategy.noted for strategy in self.parts)
 
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
-        """What an event of a class means to each."""
+        """Return the readings of an event by the alternatives."""
         if not event_class.serving and not event_class.relevant:
             return NOTHING
         readings = [one.read(event, own) for one, own in zip(self.parts, event_class.parts, strict=True)]
         return Reading(event_class.relevant, readings if any(one.hits for one in readings) else ())
 
     def advance(self, reading: Reading, position: int) -> Verdict:
-        """The verdict after one more event."""
+        """Return the verdict after one more event."""
         self._last = list(self.verdicts)
         for number, strategy in enumerate(self.parts):
             if self.verdicts[number] is Verdict.UNKNOWN:
@@ -75,12 +75,12 @@ class Alternatives:
         return Verdict.UNKNOWN if Verdict.UNKNOWN in self.verdicts else Verdict.FALSE
 
     def forget(self, floor: int) -> None:
-        """No event with an earlier time than this will count any more."""
+        """Set the watermark: no event with an earlier time counts any more."""
         for strategy in self.parts:
             strategy.forget(floor)
 
     def fork(self) -> Self:
-        """An independent copy."""
+        """Return an independent copy."""
         twin = copy(self)
         twin.parts = tuple(strategy.fork() for strategy in self.parts)
         twin.verdicts = list(self.verdicts)
@@ -93,24 +93,26 @@ class Alternatives:
         return tuple(strategy.state if verdict is Verdict.UNKNOWN else verdict for verdict, strategy in pairs)
 
     def snapshot(self) -> AlternativesSnapshot:
-        """What `restore` needs to bring fresh strategies of the same property into this state."""
+        """Return the state for `restore`."""
         return AlternativesSnapshot(list(self.verdicts), self._last, [strategy.snapshot() for strategy in self.parts])
 
     def restore(self, snapshot: object) -> None:
-        """Take over a snapshot."""
+        """Restore the state of a snapshot of the same property."""
         assert isinstance(snapshot, AlternativesSnapshot), "made by the same strategy"
         self.verdicts, self._last = list(snapshot.verdicts), snapshot.last
         for strategy, state in zip(self.parts, snapshot.parts, strict=True):
             strategy.restore(state)
 
     def explanation(self) -> Explanation:
-        """After detection, one match of the lowest-numbered branch that has one."""
+        """Return one match of the lowest-numbered branch that has one, after a detection."""
         pairs = zip(self.verdicts, self.parts, strict=True)
         found = [explain(strategy) for verdict, strategy in pairs if verdict is Verdict.TRUE]
         return min(found, key=lambda one: (one.branch is None, one.branch or 0))
 
     def pending(self, limit: int, *, before: int | None = None) -> tuple[Pending, ...]:
-        """What each live branch waits for; with `before`, what was waited for before the event of that number."""
+        """Return the awaited events of each live branch; with `before`, those before the event at
+        that position.
+        """
         verdicts = self.verdicts if before is None else self._last
         found = [
             one

@@ -1,17 +1,16 @@
-"""A property compiled to numbers: what the engine looks up while events come in.
+"""A property compiled to numbers, for look-ups per event.
 
-Nodes are numbered in the order of the tree, parents before children; sets of nodes are bit masks.
-The children of a sequence stand in the order of time. Where no node is shared the tree is one
-*part*. Otherwise the ancestors of shared nodes (and the shared nodes) form the *core*, and every
-other child of a core node roots a part: a read-once tree that only the core relates to the rest.
+Nodes are numbered in the order of the tree, parents first; sets of nodes are bit masks. The
+children of a sequence are in time order. Without shared nodes, the tree is one *part*. Otherwise
+shared nodes and their ancestors form the *core*, and every other child of a core node is the root
+of a part: a read-once tree that is related to the rest only through the core.
 
-A node of the engine is a part of the property, together with a condition on it and with the event
-right before it (or right after it), where nothing else refers to these.
+A node of the engine is a part of the property, joined with a condition on it and with the event
+directly before or after it, if nothing else refers to these.
 
-A variable that only one node's event and that node's own guard mention is no variable of the tree
-at all: whether the event fits can be said from the event. The guard then is a *filter* of the
-event; what remains are the *exported* variables, which a configuration has to remember, and the
-guards that wait for them.
+If only one node's event and guard mention a variable, the event alone decides the guard, which is
+then a *filter*. The other variables are *exported*: a partial match remembers them, and the other
+guards wait for them.
 """
 
 from abc import ABC, abstractmethod
@@ -35,9 +34,7 @@ from rvaft.support.bits import mask_of
 
 
 class _Node(NamedTuple):
-    """A node of the engine: its part, an event of its own with whether that comes first, its guard,
-    and what is below.
-    """
+    """A node of the engine; `event_first` tells whether its own event precedes its children."""
 
     part: Part
     event: core.Event | None
@@ -49,7 +46,7 @@ class _Node(NamedTuple):
 
 
 def _nodes(prop: Property) -> list[_Node]:
-    """The nodes, parents before children, in the order of the tree."""
+    """Return the nodes, parents before children, in the order of the tree."""
     found: list[_Node] = []
     taken: set[Part] = set()
     direction: bool | None = None
@@ -60,7 +57,7 @@ def _nodes(prop: Property) -> list[_Node]:
             found.append(node)
             below = set(node.children)
             agenda = [inner for inner in part.parts if inner not in below]
-            while agenda:  # what has become one node with the part
+            while agenda:  # parts joined into this node
                 inner = agenda.pop()
                 taken.add(inner)
                 agenda += [one for one in inner.parts if one not in below]
@@ -68,7 +65,7 @@ def _nodes(prop: Property) -> list[_Node]:
 
 
 def _joined(part: Part, shared: frozenset[Part], direction: bool | None) -> _Node:
-    """A part as a node, with the condition and the event at its side that only it refers to."""
+    """Return a part as a node, joined with the condition and the event that only it refers to."""
     guard: Guard | None = None
     rest, current = part.parts, part
     if isinstance(part, core.All) and len(rest) > 1 and isinstance(last := rest[-1], core.Condition):
@@ -93,13 +90,13 @@ def _joined(part: Part, shared: frozenset[Part], direction: bool | None) -> _Nod
 
 
 def _belongs(inner: Part, part: Part, shared: frozenset[Part]) -> bool:
-    """Whether a part comes from the same node of the tree, and stands in one place alone."""
+    """Whether a part comes from the same node of the tree and is not shared."""
     same = inner.source is not None and part.source is not None and inner.source.node == part.source.node
     return same and inner not in shared
 
 
 def _is_gate(part: Part) -> bool:
-    """Whether a part is made of others, and no condition is among them that comes from the same node."""
+    """Whether a part has subparts, without a condition of the same node."""
     own = any(isinstance(one, core.Condition) and _belongs(one, part, frozenset()) for one in part.parts)
     return bool(part.parts) and not own
 
@@ -109,7 +106,7 @@ def _need(part: Part, rest: tuple[Part, ...]) -> int:
 
 
 class CompiledTree:
-    """The structure of a property; `parent` and `slot` are -1 for the root of a part and for the nodes of the core.
+    """The structure of a property; `parent` and `slot` are -1 for core nodes and roots of parts.
 
     >>> import rvaft
     >>> from rvaft.core.build import build
@@ -125,30 +122,30 @@ class CompiledTree:
         nodes = _nodes(prop)
         number = {one.part: node for node, one in enumerate(nodes)}
         self.names = tuple("" if one.part.source is None else one.part.source.node for one in nodes)
-        """The node of the tree that each comes from; several may come from one."""
+        """For each node, its node of the tree; several may have the same."""
         self.events = tuple(None if one.event is None else one.event.source for one in nodes)
-        """The occurrence that each observes."""
+        """For each node, its occurrence or None."""
         self.ops = tuple(one.op for one in nodes)
         self.children = tuple(tuple(number[child] for child in one.children) for one in nodes)
         self.need = tuple(one.need for one in nodes)
-        """The least number of children that a scenario with a node keeps."""
+        """For each node, the minimum number of children that a scenario keeps."""
         choosing = (node for node, one in enumerate(nodes) if len(one.children) > one.need)
         self.chooses = mask_of(choosing)
-        """The nodes that need not keep all of their children."""
+        """The nodes that need not keep all children."""
         self.certain = 1 << self.root
-        """The nodes that every scenario has, whatever is chosen."""
+        """The nodes that every scenario has."""
         for node, children in enumerate(self.children):
             if self.certain >> node & ~self.chooses >> node & 1:
                 self.certain |= mask_of(children)
         self.own = tuple(one.event is not None for one in nodes)
         self.top_down = next((one.event_first for one in nodes if one.event_first is not None), True)
-        """Whether the event of a node comes before what is below the node, or after it."""
+        """Whether a node's event precedes those below it."""
         self.patterns = tuple(None if one.event is None else one.event.pattern for one in nodes)
         self._note_variables(nodes)
         seen = Counter(child for children in self.children for child in children)
         self._note_parts({child for child, count in seen.items() if count > 1})
         self.dead = 0
-        """The nodes that are ruled out from the start: none, since passes remove what a false condition rules out."""
+        """The initially impossible nodes: none, since passes remove them."""
         waiting = (node for node in range(len(nodes)) if self.needs[node])
         self.closed = (1 << len(nodes)) - 1 ^ mask_of(waiting)
         """The nodes without a guard that waits for variables."""
@@ -164,7 +161,7 @@ class CompiledTree:
         return {name: node for node, name in enumerate(self.names) if name and self.ops[node] is PartKind.ONE}
 
     def decided_by(self, nodes: Iterable[int]) -> dict[int, Guard]:
-        """The nodes whose guard waits for variables of an event of these nodes alone, with their guards."""
+        """Return the guards that wait only for variables of one event of these nodes, by node."""
         found: dict[int, Guard] = {}
         for node in nodes:
             own = set(self.exported[node])
@@ -175,16 +172,16 @@ class CompiledTree:
         return found
 
     def child(self, gate: str, name: str) -> int:
-        """The child of an `or` gate that comes from a node of the tree, or -1 where the gate does not have it."""
+        """Return the child of an `or` gate with this name, or -1."""
         return next((child for child in self.children[self.choices[gate]] if self.names[child] == name), -1)
 
     def _note_variables(self, nodes: Sequence[_Node]) -> None:
         guards = [one.guard for one in nodes]
         self.times = frozenset(point.name for guard in guards for point in time_points(guard))
-        """The variables that the times of events bind."""
+        """The variables that hold times of events."""
         points = [None if one.event is None else TimePoint.of("at", *one.event.source).name for one in nodes]
         self.time_of = tuple(name if name in self.times else None for name in points)
-        """For each node the variable that the time of its event binds, where a guard asks for it."""
+        """For each node, the variable of its event's time, if a guard uses it."""
         bound = [() if pattern is None else rigid_variables(pattern) for pattern in self.patterns]
         bound = [names if time is None else (*names, time) for names, time in zip(bound, self.time_of, strict=True)]
         needs = [guard_variables(guard) for guard in guards]
@@ -192,21 +189,21 @@ class CompiledTree:
         private = [{name for name in names if mentioned[name] == 1 and name not in self.times} for names in bound]
         filters = [bool(names) and private[node].issuperset(names) for node, names in enumerate(needs)]
         self.filters = tuple(guard if only else None for guard, only in zip(guards, filters, strict=True))
-        """For each node the guard that its event alone decides."""
+        """For each node, the guard that its event alone decides."""
         self.guards = tuple(None if only else guard for guard, only in zip(guards, filters, strict=True))
-        """For each node the guard that is constant or waits for variables that are remembered."""
+        """For each node, the guard that waits for remembered variables (or is constant)."""
         self.needs = tuple(() if only else names for names, only in zip(needs, filters, strict=True))
         """The variables of these guards."""
         self.exported = tuple(
             tuple(name for name in names if name not in private[node] or name in self.needs[node])
             for node, names in enumerate(bound)
         )
-        """For each node the variables of its event that have to be remembered."""
+        """For each node, the variables of its event that must be remembered."""
         self.predicates = tuple(None if guard is None else predicate(guard) for guard in self.guards)
         self.guarded_by: dict[str, list[int]] = {}
-        """For each variable the nodes whose guard waits for it."""
+        """For each variable, the nodes whose guard waits for it."""
         self.mentions: dict[str, int] = {}
-        """For each variable the nodes whose event binds or compares it."""
+        """For each variable, the nodes whose event binds or compares it."""
         for node in range(len(nodes)):
             for name in self.needs[node]:
                 self.guarded_by.setdefault(name, []).append(node)
@@ -215,11 +212,10 @@ class CompiledTree:
 
     @cached_property
     def conditions(self) -> tuple[tuple["Condition", ...], ...]:
-        """For each node what its guard asks for: that all of these hold."""
+        """For each node, the conjuncts of its guard."""
         return tuple(tuple(Condition.of(part, self.times) for part in conjuncts(guard)) for guard in self.guards)
 
     def _note_parts(self, core: set[int]) -> None:
-        """The shared nodes with their ancestors, and the parts below them."""
         size = len(self.names)
         picks = bytearray(size)
         for node in range(size - 1, -1, -1):
@@ -231,9 +227,10 @@ class CompiledTree:
         self.core, self.members = tuple(sorted(core)), frozenset(core)
         self.parent, self.slot, self.part_of = [-1] * size, [-1] * size, list(range(size))
         self.freezer = [-1] * size
-        """The nearest of a node and its ancestors in its part that something later can end, or -1:
-        a child of a sequence that is not the last, or of a gate whose own event comes after its
-        children.
+        """The nearest node, from the node upwards in its part, that a later event can end, or -1.
+
+        Such a node is a child of a sequence other than the last, or of a gate whose own event
+        follows its children.
         """
         for node, children in enumerate(self.children):
             ends = self.own[node] and not self.top_down
@@ -245,7 +242,9 @@ class CompiledTree:
 
 
 class Condition(NamedTuple):
-    """A guard, its variables, and whether these are times; then the differences that it asks for, or None."""
+    """A guard, its variables, whether these are times, and the differences that it bounds (or
+    None).
+    """
 
     guard: Guard
     names: tuple[str, ...]
@@ -254,14 +253,14 @@ class Condition(NamedTuple):
 
     @classmethod
     def of(cls, guard: Guard, times: frozenset[str]) -> "Condition":
-        """What there is to know of a guard."""
+        """Return the condition of a guard."""
         names = guard_variables(guard)
         over_times = times.issuperset(names)
         return cls(guard, names, over_times, differences(guard) if over_times else None)
 
 
 class Hit(NamedTuple):
-    """A letter that an event is, the nodes whose runtime event that is, and the values it gives to their variables."""
+    """A letter that matches an event, its nodes, and the values of its variables."""
 
     letter: int
     nodes: tuple[int, ...]
@@ -269,56 +268,54 @@ class Hit(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """What one event means to a tree; `hits` is what a strategy makes of the letters, empty where
-    the event fits no node.
+    """The meaning of one event for a tree; `hits` depends on the strategy and is empty without a
+    match.
     """
 
     relevant: bool
-    hits: Sequence[Any]  # of each strategy its own, which it alone reads
+    hits: Sequence[Any]  # of a type that only the strategy reads
 
 
-_new: Final = tuple.__new__  # half the time of the classes' own; they add nothing
+_new: Final = tuple.__new__  # half the time of the classes' own constructors
 NOTHING: Final = Reading(relevant=False, hits=())
-"""What an event means that fits no pattern."""
+"""The reading of an event that matches no pattern."""
 QUIET: Final = Reading(relevant=False, hits=(None,))
-"""What an event means to `scattered` that fits some node and changes nothing."""
+"""The reading under `scattered` of an event that matches a node but changes nothing."""
 
 
 class Admission(NamedTuple):
-    """One letter: the nodes whose runtime event it is, whether it makes an event relevant, and how
-    it is read off an event.
-    """
+    """One letter: its nodes, whether it makes an event relevant, and its reader."""
 
     letter: int
     nodes: tuple[int, ...]
     relevant: bool
     reader: Reader
     time: str | None
-    """The variable that the time of the event binds, where a guard compares it."""
+    """The variable of the event's time, if a guard compares it."""
     decided: tuple[tuple[int, Guard | EventTest], ...]
-    """The guards of nodes that the event alone decides, each with its node as a set."""
+    """The guards that the event alone decides, each with its node as a bit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EventClass:
-    """Events that are alike to a tree: they are the same letters, and the same guards hold of them."""
+    """An equivalence class of events: the same letters match and the same guards hold."""
 
     serving: tuple[Admission, ...] = ()
-    """The letters that the events are and that serve a node."""
+    """The matching letters that serve a node."""
     relevant: bool = False
     held: tuple[int, ...] = ()
-    """For each of these letters, the guards that it decides and that hold, as a set."""
+    """For each of these letters, the decided guards that hold, as bits."""
     timed: bool = False
-    """Whether one of the letters asks for the time of the event."""
+    """Whether a letter uses the time of the event."""
     parts: tuple["EventClass", ...] = ()
-    """Where there are several alternatives, the class to each."""
+    """With alternatives, the class for each."""
 
 
 class Inert(NamedTuple):
-    """Which events of a class are known to change nothing now.
+    """The events of a class that change nothing in the current state.
 
-    `letters` are those that may change something, each with the fields that matter, None where
-    their values cannot be named. A letter with values there that is among the `known` changes nothing.
+    `letters` are the letters that may change something, each with the relevant fields (None if
+    unknown). A letter whose values are in `known` changes nothing.
     """
 
     letters: Sequence[tuple[int, Collection[str] | None]]
@@ -326,29 +323,29 @@ class Inert(NamedTuple):
 
 
 class EngineLetters(ABC):
-    """What events can be to a tree: each event has a class, by its shape and by the guards that hold of it."""
+    """The classification of events by their shape and by the guards that hold."""
 
     def __init__(self, patterns: Iterable[Pattern]) -> None:
         self.patterns = tuple(patterns)
-        """The patterns of the letters, and of what is ignored."""
+        """The patterns of the letters and of ignored events."""
         self._shapes = PatternIndex(
             self.patterns, lambda decided: self.table({self.patterns[one] for one in chain(*decided)})
         )
 
     @abstractmethod
     def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
-        """From an event to its class, for events of a shape that can match these of the `patterns`."""
+        """Return the table from events to classes, for events that can match only these patterns."""
 
     def classify(self, event: Mapping[str, Json]) -> EventClass:
-        """The class of an event."""
+        """Return the class of an event."""
         return self._shapes.of(event).of(event)
 
 
 class TreeLetters(EngineLetters):
-    """The letters of a tree, equal patterns with equal guards: those of its occurrences, its
-    alphabet, and what it ignores.
+    """The letters of a tree: those of its occurrences, its alphabet, and its ignored events.
 
-    With `decide` a class also says which guards of nodes the event alone decides.
+    Equal patterns with equal guards are one letter. With `decide`, a class includes the guards that
+    the event alone decides.
     """
 
     def __init__(self, compiled: CompiledTree, *, decide: bool = False) -> None:
@@ -363,7 +360,7 @@ class TreeLetters(EngineLetters):
         found = tuple(dict.fromkeys([*serves, *alphabet]))
         self.letters = tuple(letter for letter, _ in found)
         self.serves = tuple(tuple(serves.get(one, ())) for one in found)
-        """For each letter the nodes whose runtime event it is."""
+        """For each letter, its nodes."""
         self._admissions: list[Admission] = []
         for number, (letter, time) in enumerate(found):
             nodes, own = self.serves[number], reader(number, letter)
@@ -378,7 +375,7 @@ class TreeLetters(EngineLetters):
         super().__init__(one.pattern for one in chain((one.reader for one in self._admissions), self._ignored))
 
     def _test(self, admission: Admission, guard: Guard) -> Guard | EventTest:
-        """A guard over the variables of a letter as a test of events."""
+        """Return a guard over the variables of a letter as a test of events."""
         fields = admission.reader.fields
         if fields is not None and fields.keys() >= set(guard_variables(guard)):
             return renamed(guard, fields)
@@ -387,14 +384,14 @@ class TreeLetters(EngineLetters):
         return EventTest(name, lambda event: admits(event) and holds(self.values(admission, event)))
 
     def values(self, admission: Admission, event: Mapping[str, Json]) -> dict[str, Json]:
-        """The values that an event gives to the variables of a letter that it is."""
+        """Return the values of a letter's variables in a matching event."""
         found = admission.reader.values(event)
         if admission.time is not None and self._time is not None:
             found[admission.time] = self._time.read(event)
         return found
 
     def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
-        """From an event to its class, for events of a shape that can match these of the `patterns`."""
+        """Return the table from events to classes, for events that can match only these patterns."""
         letters = [one for one in self._admissions if one.reader.pattern in possible]
         ignored = [one for one in self._ignored if one.pattern in possible]
         decided = [test for one in letters for _, test in one.decided]
@@ -417,7 +414,7 @@ class TreeLetters(EngineLetters):
         return guard_table([*(one.reader.test for one in letters), *(one.test for one in ignored), *decided], derive)
 
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
-        """What an event of a class means."""
+        """Return the reading of an event of a class."""
         serving = event_class.serving
         if not event_class.timed:
             hits = [_new(Hit, (one[0], one[1], one[3].values(event))) for one in serving]

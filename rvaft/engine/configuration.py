@@ -1,17 +1,17 @@
-"""A partial match, and how far the nodes of each read-once part have come in it.
+"""A partial match (`Configuration`), and the progress of the nodes of its read-once parts.
 
-What a node's event changes is brought up to date along the path from the node to its part's root.
-Each node has four flags, all about the ways to resolve the choices below it (without a node whose
-guard failed) in which the occurrences taken so far are downward closed:
+An event updates the flags along the path from its node to the root of the part. The four flags of a
+node concern the ways to resolve the choices below it, without nodes of failed guards, such that the
+occurrences taken are downward closed:
 
-- TOUCHED: an occurrence of it or below it has been taken;
-- DONE: in some way the occurrences taken are all there are;
-- MORE: in some way others remain;
-- SURE: in some way they are all there are, and no guard of that way is still open.
+- TOUCHED: an occurrence at or below the node is taken;
+- DONE: in some way, all occurrences are taken;
+- MORE: in some way, others remain;
+- SURE: in some way, all occurrences are taken and no guard is open.
 
-A touched node that is neither DONE nor MORE is in no scenario, and neither is anything above it.
-What a gate needs to know of its children are numbers of flags, so one event costs a few additions
-per node on its path, however wide the gates are.
+A touched node that is neither DONE nor MORE is in no scenario, and neither is its parent. A gate
+only counts the flags of its children, so an event costs a few additions per node on its path, for
+any width of the gates.
 """
 
 from collections.abc import Hashable, Iterator, Mapping
@@ -26,7 +26,7 @@ from rvaft.model.values import Json, fingerprint
 
 
 class Witness(NamedTuple):
-    """The last occurrence taken, the position of its event, the values it saw, and what was before."""
+    """The last occurrence taken, its event's position and values, and the earlier steps (`before`)."""
 
     before: Optional["Witness"]
     node: int
@@ -35,11 +35,10 @@ class Witness(NamedTuple):
 
 
 Tally: TypeAlias = tuple[int, ...]
-"""What a gate knows of its children.
+"""The counts of a gate over its children.
 
-Of a sequence: the last child touched (or -1); how many before it are not done; how many of all are
-done, and sure; and how many from it on are possible, and have more. Of another gate: how many are
-touched, possible, done, have more, are sure; and how many of those touched are the same.
+- A sequence: the last child touched (or -1), how many before it are not done, how many of all are done and sure, and how many from it on are possible and have more.
+- Another gate: how many are touched, possible, done, have more, and are sure; then how many touched ones have each of these four.
 """
 
 
@@ -47,12 +46,12 @@ touched, possible, done, have more, are sure; and how many of those touched are 
 class Configuration:
     """One partial match.
 
-    `taken` are the occurrences that have their event. `dead` are the nodes whose guard does not
-    hold, `closed` those whose guard waits for nothing. `binding` keeps the variables that still
-    matter. `inversions` says which orders between two shared elements of the tree the match has
-    broken: harmless while some scenario does not demand them (always empty where no node is
-    shared). `flags` and `tallies` are what `PartProgress` knows, where it differs from the start;
-    both follow from the rest. `witness` is how the match came about and no part of the state.
+    - `taken`: the occurrences that have their event.
+    - `dead`: the nodes whose guard failed; `closed`: those without a waiting guard.
+    - `binding`: the variables that are still needed.
+    - `inversions`: the broken orders between two core elements. They are harmless while some scenario does not require them; empty without shared nodes.
+    - `flags`, `tallies`: derived data of `PartProgress` where it differs from the start.
+    - `witness`: the steps so far; not part of the state.
     """
 
     dead: int
@@ -65,18 +64,18 @@ class Configuration:
     witness: Witness | None = None
 
     def copy(self) -> "Configuration":
-        """An independent copy."""
+        """Return an independent copy."""
         own = self.binding.copy(), self.inversions, self.flags.copy(), self.tallies.copy()
         return Configuration(self.dead, self.closed, self.taken, *own, self.witness)
 
     @property
     def key(self) -> Hashable:
-        """Equal for configurations with equal futures."""
+        """A key that is equal for partial matches with equal futures."""
         return self.taken, self.dead, self.inversions, fingerprint(self.binding)
 
 
 def history(last: Witness | None) -> list[Witness]:
-    """The steps of a match up to its last one."""
+    """Return the steps of a match up to its last one."""
     steps = []
     while last is not None:
         steps.append(last)
@@ -85,12 +84,11 @@ def history(last: Witness | None) -> list[Witness]:
 
 
 class Snapshot(NamedTuple):
-    """Groups of configurations in a form to be pickled: flat, since the chain of a long match is
-    deeper than Python can recurse.
+    """Groups of partial matches in a flat form for pickling; long chains of steps exceed the
+    recursion limit.
 
-    A step that several matches share is written once: the number of the one before (-1 for none),
-    node, position, values. Each configuration stands without its witness, with the number of its
-    last step.
+    A shared step is written once: the index of the step before it (or -1), node, position, values.
+    Each partial match is stored with the index of its last step instead of its witness.
     """
 
     steps: list[tuple[int, int, int, Mapping[str, Json]]]
@@ -100,7 +98,7 @@ class Snapshot(NamedTuple):
 
     @classmethod
     def of(cls, *groups: list[Configuration]) -> "Snapshot":
-        """What `groups_again` makes the same groups of; monitors go on while it waits to be written."""
+        """Return a snapshot of the groups; it stays valid while the monitor continues."""
         found, numbers = cls([], []), dict[int, int]()
         for one in chain(*groups):
             step, new = one.witness, []
@@ -118,7 +116,7 @@ class Snapshot(NamedTuple):
         return found
 
     def groups_again(self) -> Iterator[list[Configuration]]:
-        """The groups."""
+        """Iterate over the groups."""
         steps: list[Witness] = []
         for before, node, position, values in self.steps:
             steps.append(Witness(None if before < 0 else steps[before], node, position, values))
@@ -137,11 +135,11 @@ def _counted(flags: int) -> Tally:
 
 _COUNTED: Final = [_counted(flags) for flags in range(16)]
 _CHANGES: Final = [[tuple(b - a for a, b in zip(x, y, strict=True)) for y in _COUNTED] for x in _COUNTED]
-"""From the flags of a child before and after to the change of the tally."""
+"""The change of the tally, by the old and the new flags of a child."""
 
 
 class PartProgress:
-    """The flags of all nodes before any event, and their change as occurrences are taken."""
+    """The initial flags of all nodes, and their updates as occurrences are taken."""
 
     def __init__(self, compiled: CompiledTree) -> None:
         self.compiled = compiled
@@ -160,12 +158,12 @@ class PartProgress:
                 self._flags[node] = self._evaluate(start, node)
 
     def flags(self, configuration: Configuration, node: int) -> int:
-        """The flags of a node of a part."""
+        """Return the flags of a node of a part."""
         found = configuration.flags.get(node)
         return self._flags[node] if found is None else found
 
     def over(self, configuration: Configuration, node: int) -> bool:
-        """Whether something that comes after the node, or after a part that it is in, has been taken."""
+        """Whether an occurrence after the node, or after a part around it, has been taken."""
         compiled = self.compiled
         frozen = compiled.freezer[node]
         while frozen >= 0:
@@ -177,12 +175,14 @@ class PartProgress:
                 if tally is not None and tally[0] > compiled.slot[frozen]:
                     return True
             if self.flags(configuration, gate) & (TOUCHED | DONE) == TOUCHED:
-                return False  # what is in use and not done cannot be over, and no more can what contains it
+                return False  # a gate in use and not done is not over, and neither is its parent
             frozen = compiled.freezer[gate]
         return False
 
     def refresh(self, configuration: Configuration, node: int) -> bool:
-        """Bring the flags of a node and of those above it up to date; False where one in use is ruled out."""
+        """Update the flags of a node and its ancestors; return False if a touched node is ruled
+        out.
+        """
         flags, parents = configuration.flags, self.compiled.parent
         while True:
             old = self.flags(configuration, node)
@@ -204,7 +204,6 @@ class PartProgress:
             node = parent
 
     def _in_sequence(self, configuration: Configuration, tally: Tally, node: int, old: int, new: int) -> Tally:
-        """The tally of a sequence after a change of the flags of one child."""
         slot = self.compiled.slot[node]
         last, late, done, sure, possible, more = tally
         _, possible_now, done_now, more_now, sure_now, *_ = _CHANGES[old][new]
@@ -219,14 +218,13 @@ class PartProgress:
                 _, child_possible, child_done, child_more, *_ = _COUNTED[self.flags(configuration, child)]
                 late += 1 - child_done
                 if late:
-                    break  # the gate is in no scenario any more, whatever the rest
+                    break  # the gate is in no scenario any more
                 possible -= child_possible
                 more -= child_more
             last = slot
         return (last, late, done, sure, possible, more)
 
     def _evaluate(self, configuration: Configuration, node: int) -> int:
-        """The flags of a node from what is taken and what it knows of its children."""
         compiled = self.compiled
         found = self.inner(configuration, node)
         if compiled.own[node]:
@@ -244,7 +242,7 @@ class PartProgress:
         return found if configuration.closed >> node & 1 else found & ~SURE
 
     def inner(self, configuration: Configuration, node: int) -> int:
-        """The flags of a node's children taken together; without children there is nothing left to do."""
+        """Return the joint flags of a node's children; a node without children is complete."""
         compiled = self.compiled
         size = len(compiled.children[node])
         if not size:
@@ -261,7 +259,7 @@ class PartProgress:
             if touched > 1:
                 return TOUCHED
             more = more_touched
-        need = compiled.need[node]  # those touched and as many others as are needed
+        need = compiled.need[node]  # the touched children and as many others as needed
         found = TOUCHED if touched else 0
         if done_touched == touched and done >= need:
             found |= DONE

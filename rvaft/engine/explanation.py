@@ -1,15 +1,15 @@
-"""What the events so far mean for the branches of a tree (semantics, sections 2 and 4).
+"""The explanation of a detection, and the awaited events of branches (semantics, sections 2 and 4).
 
-After detection: one match of the lowest-numbered branch that has one, with its scenario. Before:
-what the branches that are still alive wait for. A node is pending in a branch if some partial match
-of the branch has all that precedes the node's event, but not that event. As for the verdict,
-whether the variables and guards can ever agree is not looked at. Under `scattered` only those
-partial matches count that the engine follows: one that another can replace waits for nothing that
-matters. Under `consecutive` and `scattered` neither does one that the times of its events rule out,
-which the engine drops at once: there is no ⊥ that it could delay, and a log with a long `times N`
-leaf would otherwise keep N partial matches for each event.
+After a detection: one match of the lowest-numbered branch that has one, with its scenario. Before:
+the awaited events of the live branches. A node is pending in a branch if some partial match of the
+branch has all that precedes the node's event, but not that event. As for the verdict, it is ignored
+whether the variables and guards can ever agree.
 
-All of this is found when it is asked for, from how the partial matches came about; monitoring does nothing for it.
+Under `scattered`, only partial matches that the engine follows count. Under `consecutive` and
+`scattered`, those that the times rule out do not count; the engine drops them at once, because no ⊥
+depends on them. Otherwise a long `times N` leaf would keep N partial matches per event.
+
+Explanations are computed on demand from the steps of partial matches; monitoring has no extra cost.
 """
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping
@@ -34,16 +34,16 @@ from rvaft.monitors import Awaited, Explanation, MatchedEvent, Pending
 from rvaft.support.bits import mask_of
 
 SEARCHING: Final = 20_000_000
-"""How many nodes are looked at in search of a lower branch."""
+"""The maximum number of nodes visited in the search for a lower branch."""
 BRANCHES: Final = 20_000
-"""How many branches of a kind are looked at."""
+"""The maximum number of branches of a kind that are tried."""
 
 Choices: TypeAlias = Mapping[str, str]
-"""The child that each choice of one child keeps, where it is reached."""
+"""The child that each `or` gate keeps, if reached."""
 
 
 class Step(NamedTuple):
-    """An occurrence, with the position of its event and the values that it saw."""
+    """An occurrence, with its event's position and values."""
 
     source: Source
     position: int
@@ -51,14 +51,16 @@ class Step(NamedTuple):
 
 
 class FoundMatch(NamedTuple):
-    """A match: its steps in the order of the events, and the nodes of its scenario with the children they keep."""
+    """A match: its steps in the order of events, and the nodes of its scenario with their kept
+    children.
+    """
 
     steps: list[Step]
     kept: Mapping[str, tuple[str, ...]]
 
 
 def kept_nodes(tree: RVAFT, chosen: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
-    """The nodes of a tree that are reachable under choices, each with the children it keeps."""
+    """Return the nodes that are reachable under choices, with their kept children."""
 
     def children(name: str) -> tuple[str, ...]:
         return chosen.get(name, tree.nodes[name].children)
@@ -67,14 +69,14 @@ def kept_nodes(tree: RVAFT, chosen: Mapping[str, tuple[str, ...]]) -> dict[str, 
 
 
 def made_choices(prop: Property) -> dict[str, str]:
-    """The child that each `or` gate of a property keeps, where its choices are made."""
+    """Return the child that each `or` gate of a property keeps, if its choices are made."""
     gates = [part for part in prop.parts if isinstance(part, One) and part.source is not None]
     kept = ((gate.source, gate.parts[0].source) for gate in gates)
     return {gate.node: child.node for gate, child in kept if gate is not None and child is not None}
 
 
 class MatchFinder:
-    """What the monitor of a property knows of matches under choices."""
+    """A search for matches under choices in the state of a strategy."""
 
     def __init__(self, strategy: Following | LinearMonitor) -> None:
         self.strategy = strategy
@@ -82,7 +84,7 @@ class MatchFinder:
         self.prop = strategy.compiled.prop
 
     def find(self, choices: Choices) -> FoundMatch | None:
-        """A match of a scenario in which each of these choices keeps the child chosen."""
+        """Return a match of a scenario with these choices, or None."""
         strategy = self.strategy
         if isinstance(strategy, LinearMonitor):
             run = self._run(strategy, choices)
@@ -101,7 +103,9 @@ class MatchFinder:
     def waiting(
         self, choices: Choices | None, histories: Iterable[list[Witness]]
     ) -> Iterator[tuple[set[str], Mapping[str, Json]]]:
-        """The nodes whose events matches with these steps still lack under choices, by the values they remember."""
+        """Iterate over the awaited nodes of matches with these steps, grouped by the values of
+        variables.
+        """
         if isinstance(self.strategy, LinearMonitor):
             yield {self.compiled.names[node] for node in self._run(self.strategy, choices or {}).awaited()}, {}
             return
@@ -109,7 +113,8 @@ class MatchFinder:
         known: dict[Hashable, set[str]] = {}
         histories = list(histories)
         replayed = list(self._replayed(histories, choices))
-        if not replayed and choices and not self.strategy.uses_up:  # other matches have replaced those of this branch
+        # the partial matches of this branch have been subsumed
+        if not replayed and choices and not self.strategy.uses_up:
             sources = {event.source for event in with_choices(self.prop, choices).events}
             rest = [[step for step in steps if self.compiled.events[step.node] in sources] for steps in histories]
             replayed = list(self._replayed(rest, choices)) or list(self._replayed([[]], choices))
@@ -121,7 +126,7 @@ class MatchFinder:
         yield from found.values()
 
     def _run(self, strategy: LinearMonitor, choices: Choices) -> LinearRun:
-        """The run under choices; -1 where a gate does not have the child."""
+        """Return the run under choices; -1 stands for a child that the gate does not have."""
         compiled = self.compiled
         made = {gate: child for gate, child in choices.items() if gate in compiled.choices}
         return strategy.run_under({compiled.choices[gate]: compiled.child(gate, child) for gate, child in made.items()})
@@ -129,7 +134,9 @@ class MatchFinder:
     def _replayed(
         self, histories: Iterable[list[Witness]], choices: Choices | None
     ) -> Iterator[tuple[Matching, Configuration]]:
-        """The matches with these steps that can be made under choices too; with None as they are."""
+        """Iterate over the matches with these steps that are possible under choices; None keeps all
+        choices open.
+        """
         assert isinstance(self.strategy, Following), "the linear way follows no matches"
         matching, sources = self.strategy.matching, self.compiled.events
         if choices:
@@ -147,8 +154,10 @@ class MatchFinder:
                     yield matching, match
 
     def is_possible(self, gate: str, child: str) -> bool:
-        """False only where certainly no match keeps this child of a choice (or, if it is the first,
-        does without the choice).
+        """Whether a match may keep this child of a choice, or avoid the choice if it is the first
+        child.
+
+        False is certain.
         """
         if gate not in self.compiled.choices:
             return False
@@ -158,7 +167,9 @@ class MatchFinder:
 
     @cached_property
     def _limits(self) -> tuple[set[int], set[int]]:
-        """The nodes that some choices may make complete, given what came; and those without which the root is not."""
+        """Return the nodes that may be complete given the events so far, and those that the root
+        requires.
+        """
         strategy, compiled = self.strategy, self.compiled
         if isinstance(strategy, LinearMonitor):
             came = {node for node in range(len(compiled.names)) if strategy.came(node)}
@@ -181,7 +192,6 @@ def _matched(compiled: CompiledTree, node: int, position: int, values: Mapping[s
 
 
 def _found(compiled: CompiledTree, steps: list[Step], kept: Mapping[int, Iterable[int]]) -> FoundMatch:
-    """A match, with the nodes of the tree that its scenario keeps."""
     tree, chosen = compiled.prop.tree, dict[str, tuple[str, ...]]()
     for node, children in kept.items():
         gate = tree.nodes.get(compiled.names[node])
@@ -194,7 +204,7 @@ def _found(compiled: CompiledTree, steps: list[Step], kept: Mapping[int, Iterabl
 
 
 def _scenario(matching: Matching, match: Configuration) -> dict[int, tuple[int, ...]]:
-    """One scenario that a match is a match of."""
+    """Return one scenario of a match."""
     compiled = matching.compiled
     kept: dict[int, tuple[int, ...]] = {}
     agenda = [compiled.root]
@@ -215,7 +225,7 @@ def _scenario(matching: Matching, match: Configuration) -> dict[int, tuple[int, 
 
 
 def explain(strategy: Following | LinearMonitor) -> Explanation:
-    """The explanation after detection; its branch is None where there are too many to find the lowest."""
+    """Return the explanation of a detection; its branch is None if the search takes too long."""
     finder = MatchFinder(strategy)
     prop, tree = finder.prop, finder.prop.tree
     found = finder.find({})
@@ -225,7 +235,7 @@ def explain(strategy: Following | LinearMonitor) -> Explanation:
         number = number_of(tree, made_choices(prop))
     elif number is None and prop.kind is None:
         found, number = _lowest(tree, finder, found)
-    elif number is None:  # a match may be in it with what its scenario does not contain
+    elif number is None:  # a match may be in a branch through nodes outside its scenario
         of_kind = (branch for branch in islice(branches(tree), BRANCHES) if prop.kind in branch.kinds)
         matches = ((match, branch.number) for branch in of_kind if (match := finder.find(branch.choices)) is not None)
         found, number = next(matches, (found, None))
@@ -243,10 +253,10 @@ def explain(strategy: Following | LinearMonitor) -> Explanation:
 
 
 def _lowest(tree: RVAFT, finder: MatchFinder, found: FoundMatch) -> tuple[FoundMatch, int | None]:
-    """The match whose branch has the lowest number, and that number where it is certain.
+    """Return the match with the lowest branch, and its number if it is certain.
 
-    The digit that counts most is made as small as it can be, then the next. A choice that the best
-    match so far does not reach has digit 0 in its branch already.
+    Digits are minimized from the most significant on. A choice that the best match does not reach
+    already has digit 0.
     """
     fixed: dict[str, str] = {}
     effort = 0
@@ -268,9 +278,10 @@ def _lowest(tree: RVAFT, finder: MatchFinder, found: FoundMatch) -> tuple[FoundM
 
 
 def pending(strategy: Following | LinearMonitor, *, limit: int, before: int | None = None) -> tuple[Pending, ...]:
-    """What each live branch waits for; with `before`, waited for when the event of that number ended the last hope.
+    """Return the awaited events of each live branch.
 
-    Beyond `limit` branches all are taken together, without a number. Raises `TooLarge` as the monitor does.
+    With `before`, the state is that before the event at this position. Beyond `limit` branches, all
+    are joined, without a number. Raises `TooLarge` as the monitor does.
     """
     finder = MatchFinder(strategy)
     prop, tree = finder.prop, finder.prop.tree
@@ -299,7 +310,9 @@ def pending(strategy: Following | LinearMonitor, *, limit: int, before: int | No
 
 
 def together(waiting: Iterable[Pending], *, numbered: bool = True) -> tuple[Pending, ...]:
-    """The same, what one branch waits for with equal values as one; all branches are one if they are not `numbered`."""
+    """Return the list with entries of the same branch and values joined; if not `numbered`, all
+    branches are one.
+    """
     found: dict[Hashable, tuple[Pending, dict[Awaited, None]]] = {}
     for one in waiting:
         place = one.branch if numbered else None, fingerprint(one.variables)
@@ -308,7 +321,7 @@ def together(waiting: Iterable[Pending], *, numbered: bool = True) -> tuple[Pend
 
 
 def awaited(tree: RVAFT, names: Iterable[str]) -> tuple[Awaited, ...]:
-    """The nodes of a tree with these names, each once, in the order of the tree, with their events as text."""
+    """Return these nodes in the order of the tree, each once, with their events as text."""
     wanted = set(names)
     nodes = (tree.nodes[name] for name in tree.order if name in wanted)
     return tuple(Awaited(n.name, event_text(n)) for n in nodes)

@@ -1,10 +1,8 @@
-"""The parts of an AND, also through ANDs below it, that nothing ties together: no variable, no
-guard, and no event that may serve two of them.
+"""Independent parts of an AND (also of nested ANDs): no common variable, guard or event.
 
-Their partial matches are followed side by side, so that their numbers add up where they would
-multiply. Together the parts have what they need when each has: any match of the one goes with any
-match of the other. Those that leave choices are one part, for the branch of a match depends on all
-choices.
+Their partial matches are followed separately, so that their numbers add instead of multiplying. Any
+combination of matches of the parts is a match. All parts with choices are joined into one, because
+the branch depends on all choices.
 """
 
 from collections.abc import Sequence
@@ -17,7 +15,7 @@ from rvaft.support.bits import bits, union
 
 
 class IndependentPart(NamedTuple):
-    """Some of what the root joins, and all nodes below them."""
+    """Some children of the root's conjunction, and all nodes below them."""
 
     children: tuple[int, ...]
     nodes: int
@@ -25,7 +23,7 @@ class IndependentPart(NamedTuple):
 
 
 def independent_parts(compiled: CompiledTree, letters: TreeLetters) -> tuple[IndependentPart, ...]:
-    """The independent parts of a tree, none where it is one."""
+    """Return the independent parts of a tree, or an empty tuple if there is only one."""
     if compiled.core:
         return ()
     joins, below, part_of = set[int](), dict[int, int](), dict[int, int]()
@@ -67,7 +65,7 @@ def independent_parts(compiled: CompiledTree, letters: TreeLetters) -> tuple[Ind
     others = [one for one in masks if one not in remembering]
     if len(remembering) < 2:
         return ()
-    first_children, first_nodes = remembering[0]  # what remembers nothing multiplies nothing
+    first_children, first_nodes = remembering[0]  # parts without variables do not multiply
     remembering[0] = (
         first_children + tuple(child for children, _ in others for child in children),
         first_nodes | union(nodes for _, nodes in others),

@@ -26,16 +26,15 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DEFAULT_BRANCHES, Ended, Explanation, Monitor, Pending
 
 DEFAULT_LIMIT: Final = 100_000
-_UNKNOWN: Final = Verdict.UNKNOWN  # looked up for every event
+_UNKNOWN: Final = Verdict.UNKNOWN  # a local constant for speed
 
 
 class Engine(Monitor):
-    """The monitor of a tree; for one branch or one kind give it the restricted tree.
+    """The default monitor of a tree; for one branch or kind, pass the restricted tree.
 
-    The tree has to keep the rules of `rvaft check`. Raises `TooLarge`, from `step` too, where there
-    are more than `limit` partial matches to follow, or events to keep for the explanation, or where
-    resolving the choices that share nodes takes more than `limit` steps; it names the variables or
-    the nodes that are the cause.
+    The tree must have no errors by `rvaft check`. The constructor and `step` raise `TooLarge`
+    beyond `limit` partial matches, events kept for the explanation, or steps to resolve shared
+    choices. The message names the variables or nodes that are the cause.
 
     >>> import rvaft
     >>> monitor = Engine(rvaft.loads("top sand a b;"))
@@ -44,7 +43,7 @@ class Engine(Monitor):
     """
 
     _apart: ClassVar = True
-    """Whether independent parts of a tree are followed each for itself."""
+    """Whether independent parts of a tree are followed separately."""
 
     def __init__(self, tree: RVAFT, semantics: Semantics | str | None = None, *, limit: int = DEFAULT_LIMIT) -> None:
         super().__init__()
@@ -65,53 +64,52 @@ class Engine(Monitor):
             self._strategy = Alternatives(found)
 
     def _property(self) -> Property:
-        """What is followed."""
         return reduced(property_of(self.tree))
 
     def snapshot(self) -> dict[str, object]:
-        """What the events so far have left, for `restore`; can be pickled."""
+        """Return the state after the events so far, for `restore`; it can be pickled."""
         return {**vars(self), "tree": None, "_strategy": self._strategy.snapshot()}
 
     def restore(self, snapshot: dict[str, object]) -> None:
-        """Go on from a snapshot of a monitor of the same tree; this one has read nothing."""
+        """Continue from a snapshot of a monitor of the same tree; this monitor has read no event."""
         vars(self).update({**snapshot, "tree": self.tree, "_strategy": self._strategy})
         self._strategy.restore(snapshot["_strategy"])
         self.pass_time(self._latest)
 
     def __getstate__(self) -> dict[str, object]:
-        """The tree and what the events so far have left; what is compiled from the tree is compiled again."""
+        """Return the tree and the state; the compiled tree is omitted."""
         return {**self.snapshot(), "tree": self.tree}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:  # the attributes, each of its own type
+    def __setstate__(self, state: dict[str, Any]) -> None:  # the attributes, of several types
         Engine.__init__(self, state["tree"], state["semantics"], limit=state["_limit"])
         self.restore(state)
 
     @property
     def letters(self) -> EngineLetters:
-        """The patterns of the runtime events, which give the class of an event."""
+        """The patterns of the runtime events, which determine the class of an event."""
         return self._strategy.letters
 
     @property
     def read(self) -> Callable[[Mapping[str, Json], EventClass], Reading]:
-        """What an event of a class means, for `take`."""
+        """The function from an event and its class to a reading, for `take`."""
         return self._strategy.read
 
     def inert(self, event_class: EventClass) -> Inert | None:
-        """What is known to change nothing among events of a class, as long as nothing else is read.
+        """Return which events of a class change nothing until another event is read.
 
-        None where events have to be read one by one. Bulk reading passes over such events.
+        None means that each event must be read. Bulk reading skips events that change nothing.
         """
         strategy = self._strategy
         return strategy.inert(event_class) if isinstance(strategy, LinearMonitor | ScatteredMatches) else None
 
     @property
     def noted(self) -> bool:
-        """Whether the last event may be part of a match; False only where certainly none that is found later has it."""
+        """Whether the last event may be part of a match; False is certain."""
         return self._strategy.noted
 
     def take(self, reading: Reading, position: int | None = None) -> Verdict:
-        """As `step`, for an event that was read already; `position` is its number where events in
-        between were left out.
+        """As `step`, for an event already read; `position` is its number if preceding events were
+        skipped.
         """
         self._read += 1
         if self._verdict is _UNKNOWN:
@@ -120,35 +118,36 @@ class Engine(Monitor):
         return self._verdict
 
     def skip(self, count: int) -> Verdict:
-        """As that many times `step`, for events that fit no pattern of the tree."""
+        """As `step` for `count` events that match no pattern of the tree."""
         if count > 0 and self._verdict is _UNKNOWN:
-            # The first ends a match under `strict`; otherwise none changes anything.
+            # Under `strict` the first ends a match; otherwise no such event changes anything.
             self._verdict = self._strategy.advance(NOTHING, self._position + 1)
             self._position += 1 if self._verdict.final else count
         self._read += count
         return self._verdict
 
     def step(self, event: Json) -> Verdict:
-        """Read one event and return the verdict after it; raises `TraceError` for what is no JSON object."""
+        """Read one event and return the verdict; raises `TraceError` if it is no JSON object."""
         if type(event) is not dict or self._verdict is not _UNKNOWN or self._may_be_late:
             return super().step(event)
-        self._read += 1  # what follows is for very many events
+        self._read += 1  # the fast path for most events
         self._position += 1
         strategy = self._strategy
         self._verdict = strategy.advance(strategy.read(event, strategy.letters.classify(event)), self._position)
         return self._verdict
 
     def go_on_after(self, earlier: Self) -> None:
-        """Go on in the trace after the events that another engine of the same tree has read; this one has read none."""
+        """Continue after the events that another engine of the same tree has read; this engine has
+        read none.
+        """
         super().go_on_after(earlier)
         self._position = earlier._position
         self.pass_time(earlier._latest)
 
     def is_late(self, event: Json) -> bool:
-        """Whether an event is late (semantics, section 1.1), which no match may use; asked once of
-        each event, in their order.
+        """Whether an event is late (semantics, section 1.1); call it once per event, in order.
 
-        Who reads events for `take` asks this first, and gives late ones to `skip`.
+        A caller of `take` calls this first and passes late events to `skip`.
         """
         late, latest = self.tree.time.is_late(event, self._latest) if self.tree.time else (False, None)
         if latest != self._latest:
@@ -157,11 +156,13 @@ class Engine(Monitor):
 
     @property
     def latest(self) -> int | None:
-        """The greatest time of an event so far, in nanoseconds, where that says which are late."""
+        """The maximum event time so far in nanoseconds, if the tree has `late`."""
         return self._latest
 
     def pass_time(self, latest: int | None) -> None:
-        """Know the greatest time of an event, and forget what no event that is not late can complete any more."""
+        """Set the maximum event time, and drop partial matches that only a late event could
+        complete.
+        """
         self._latest = latest
         if latest is not None and self.tree.time is not None and self.tree.time.late is not None:
             self._strategy.forget(latest - self.tree.time.late)
@@ -173,8 +174,8 @@ class Engine(Monitor):
         return self._strategy.advance(self._strategy.read(event, self.letters.classify(event)), self._position)
 
     def fork(self) -> Self:
-        """An independent monitor that has read the same events."""
-        twin = object.__new__(type(self))  # not a copy, which would compile the tree again
+        """Return an independent monitor in the same state."""
+        twin = object.__new__(type(self))  # without compiling the tree again
         vars(twin).update({**vars(self), "_strategy": self._strategy.fork()})
         return twin
 
@@ -185,7 +186,7 @@ class Engine(Monitor):
 
     @property
     def explanation(self) -> Explanation | None:
-        """After ⊤, one match of the lowest-numbered branch that has one."""
+        """One match of the lowest-numbered branch that has one, after ⊤."""
         if self._explanation is None and self.verdict is Verdict.TRUE:
             self._explanation = (
                 self._strategy.explanation() if isinstance(self._strategy, Alternatives) else explain(self._strategy)
@@ -193,7 +194,7 @@ class Engine(Monitor):
         return self._explanation
 
     def pending(self, *, limit: int = DEFAULT_BRANCHES) -> tuple[Pending, ...]:
-        """What each live branch waits for; raises `TooLarge` as `step` does."""
+        """Return the awaited events of each live branch; raises `TooLarge` as `step` does."""
         return () if self.verdict.final else self._pending(limit)
 
     def _pending(self, limit: int, before: int | None = None) -> tuple[Pending, ...]:
@@ -208,7 +209,7 @@ class Engine(Monitor):
 
     @property
     def ended(self) -> Ended | None:
-        """After ⊥, the event that ended the last hope and what was expected there."""
+        """The event that ended the last partial match, and the events awaited before it, after ⊥."""
         if self._ended is None and self.verdict is Verdict.FALSE:
             waiting = self._pending(DEFAULT_BRANCHES, self._position)
             self._ended = Ended(self._position, waiting)

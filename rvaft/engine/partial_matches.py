@@ -1,6 +1,4 @@
-"""From one partial match to the next; and the strategy of `strict` and `projected`, where every
-event that counts is used up.
-"""
+"""The extension of partial matches, and the strategy for `strict`, `projected` and `consecutive`."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Iterator, Mapping
@@ -18,9 +16,11 @@ from rvaft.support.bits import bits, union
 
 
 class Matching:
-    """The partial matches of a tree, whatever the semantics; `limit` bounds one search through shared nodes.
+    """The partial matches of a tree under any semantics; `limit` bounds one search through shared
+    nodes.
 
-    If `early`, guards over times are taken for failed as soon as they cannot hold any more: for semantics without ⊥.
+    With `early`, guards over times fail as soon as they cannot hold any more; for semantics without
+    ⊥.
     """
 
     def __init__(self, compiled: CompiledTree, *, limit: int, early: bool = False) -> None:
@@ -28,19 +28,17 @@ class Matching:
         self.progress = PartProgress(compiled)
         self.shared = SharedNodes(compiled, self.progress, limit=limit)
         self.asked: dict[int, tuple[TimeDifference, ...]] = {}
-        """For the nodes with guards over times what these guards ask for, as far as that is known
-        before all times are.
-        """
+        """For nodes with guards over times, the time differences that can fail early."""
         for node, parts in enumerate(compiled.conditions if early else ()):
             if found := tuple(one for part in parts for one in part.differences or ()):
                 self.asked[node] = found
 
     def start(self) -> Configuration:
-        """The configuration before any event."""
+        """Return the partial match before any event."""
         return Configuration(self.compiled.dead, self.compiled.closed)
 
     def standing(self, configuration: Configuration) -> tuple[bool, bool]:
-        """Whether it is a match, and, if not, whether it is a partial match."""
+        """Return whether it is a match, and otherwise whether it is a partial match."""
         if self.compiled.core:
             return self.shared.classify(configuration)
         flags = self.progress.flags(configuration, self.compiled.root)
@@ -56,11 +54,11 @@ class Matching:
         reuse: bool = False,
         judged: Mapping[int, bool] | None = None,
     ) -> Configuration | None:
-        """The configuration after a node's event, or None where it is then neither a match nor a partial match.
+        """Return the partial match after a node's event, or None if it is no (partial) match.
 
-        `values` are those that the event gives to the variables of its pattern. With `reuse` the
-        configuration itself changes. Where the guards are `judged` already, that is believed of
-        those that can now be decided.
+        `values` are the values of the pattern's variables. With `reuse`, the argument is changed in
+        place. `judged` gives the outcomes of guards that can now be decided; otherwise they are
+        evaluated.
         """
         compiled, bound = self.compiled, configuration.binding
         names = compiled.exported[node]
@@ -89,7 +87,7 @@ class Matching:
                     settled.update(name for name in compiled.needs[waiting] if name in new.binding)
                     if not self.fail(new, waiting):
                         return None
-            for name in settled:  # forget the variables that nothing to come mentions
+            for name in settled:  # drop the variables that no later event or guard mentions
                 if not compiled.mentions[name] & ~new.taken and all(
                     new.closed >> waiting & 1 for waiting in compiled.guarded_by.get(name, ())
                 ):
@@ -98,7 +96,7 @@ class Matching:
         return new if any(self.standing(new)) else None
 
     def _taken(self, configuration: Configuration, node: int, *, reuse: bool = False) -> Configuration | None:
-        """The configuration with a node taken, or None where it is then in no scenario (looking at its part alone)."""
+        """Return the partial match with a node taken, or None if its part rules it out."""
         in_core = node in self.compiled.members
         if not in_core and self.progress.over(configuration, node):
             return None
@@ -109,9 +107,7 @@ class Matching:
         return new if in_core or self.progress.refresh(new, node) else None
 
     def replayed(self, steps: Iterable[tuple[int, Mapping[str, Json], int]]) -> Configuration | None:
-        """The configuration after these nodes took their events, each with values and position, or
-        None where none is left.
-        """
+        """Return the partial match after these nodes, values and positions, or None."""
         configuration: Configuration | None = self.start()
         for node, values, position in steps:
             if configuration is not None:
@@ -119,27 +115,27 @@ class Matching:
         return configuration if configuration is not None and any(self.standing(configuration)) else None
 
     def admits(self, configuration: Configuration, node: int) -> bool:
-        """Whether a node's event could come next, whatever its values."""
+        """Whether a node's event could come next, for some values."""
         if configuration.taken >> node & 1:
             return False
         new = self._taken(configuration, node)
         return new is not None and (not self.compiled.core or self.shared.possible(new))
 
     def admitted(self, configuration: Configuration) -> Iterator[str]:
-        """The nodes whose event could come next."""
+        """Iterate over the nodes whose event could come next."""
         compiled = self.compiled
         return (compiled.names[n] for n, own in enumerate(compiled.own) if own and self.admits(configuration, n))
 
     def closing(self, configuration: Configuration, names: Iterable[str]) -> Iterator[int]:
-        """The nodes whose guard has waited for these variables alone, which are bound now."""
+        """Iterate over the nodes whose guard waited for these variables only, now bound."""
         guarded_by, needs = self.compiled.guarded_by, self.compiled.needs
         for node in dict.fromkeys(node for name in names for node in guarded_by.get(name, ())):
             if not configuration.closed >> node & 1 and all(name in configuration.binding for name in needs[node]):
                 yield node
 
     def narrowed(self, configuration: Configuration, names: Iterable[str]) -> Iterator[int]:
-        """The nodes whose guard waits for more than these variables, which are bound now, and may
-        have become hopeless.
+        """Iterate over the nodes whose guard waits for further variables but may already have
+        failed.
         """
         if self.asked:
             binding = configuration.binding
@@ -149,24 +145,21 @@ class Matching:
                     yield node
 
     def may_hold(self, node: int, binding: Mapping[str, Json]) -> bool:
-        """Whether a guard over times may hold, as far as they are known."""
+        """Whether a guard over times can still hold, given the known times."""
         return all(one.holds(binding) for one in self.asked[node])
 
     def fail(self, configuration: Configuration, node: int) -> bool:
-        """Take the guard of a node for failed; False where something in use is then ruled out."""
+        """Mark the guard of a node as failed; return False if a touched node is ruled out."""
         configuration.closed |= 1 << node
         configuration.dead |= 1 << node
         return node in self.compiled.members or self.progress.refresh(configuration, node)
 
 
 class Following(ABC):
-    """A strategy that follows the set of all partial matches that the events so far leave.
-
-    Raises `TooLarge` beyond `limit` of them.
-    """
+    """A strategy that follows all partial matches; raises `TooLarge` beyond `limit` of them."""
 
     uses_up: ClassVar = True
-    """Whether a partial match has to use every event that counts."""
+    """Whether a partial match must use every event that counts."""
 
     def __init__(self, compiled: CompiledTree, letters: TreeLetters, *, limit: int, early: bool = False) -> None:
         self.compiled = compiled
@@ -174,43 +167,45 @@ class Following(ABC):
         self.matching = Matching(compiled, limit=limit, early=early)
         self.letters = letters
         self.noted = True
-        """Whether the last event may be part of a partial match that is followed."""
+        """Whether the last event may be part of a followed partial match."""
         self.matches: list[Configuration] = []
-        """After detection, the configurations that are matches."""
+        """The matches, after a detection."""
         self.lost: list[Configuration] = []
-        """After ⊥, the configurations before the event that ended them; a step of theirs may belong to that event."""
+        """The partial matches before the event that ended them, after ⊥; they may contain a step of
+        that event.
+        """
 
     def _begin(self) -> None:
         start = self.matching.start()
         self.follow([start] if self.matching.standing(start)[1] else [])
 
     def forget(self, floor: int) -> None:  # noqa: B027 (most need not)
-        """No event with an earlier time than this will count any more."""
+        """Set the watermark: no event with an earlier time counts any more."""
 
     @abstractmethod
     def follow(self, configurations: Iterable[Configuration]) -> None:
-        """Follow these, and nothing else."""
+        """Replace the followed partial matches."""
 
     @property
     @abstractmethod
     def partial(self) -> list[Configuration]:
-        """The partial matches that are followed."""
+        """The followed partial matches."""
 
     @property
     def combined(self) -> list[Configuration]:
-        """The same, each with all that belongs to it."""
+        """The partial matches, combined over independent parts."""
         return self.partial
 
     @abstractmethod
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
-        """What an event of a class means."""
+        """Return the reading of an event of a class."""
 
     @abstractmethod
     def advance(self, reading: Reading, position: int) -> Verdict:
-        """The verdict after one more event."""
+        """Return the verdict after one more event."""
 
     def fork(self) -> Self:
-        """An independent copy."""
+        """Return an independent copy."""
         twin = copy(self)
         twin.follow(self.partial)
         return twin
@@ -221,18 +216,18 @@ class Following(ABC):
         return frozenset(configuration.key for configuration in self.partial)
 
     def snapshot(self) -> Snapshot:
-        """What `restore` needs to bring a fresh strategy of the same tree into this state."""
+        """Return the state for `restore`."""
         return Snapshot.of(self.partial, self.matches, self.lost)
 
     def restore(self, snapshot: object) -> None:
-        """Take over a snapshot."""
+        """Restore the state of a snapshot of the same tree."""
         assert isinstance(snapshot, Snapshot), "made by the same strategy"
         partial, self.matches, self.lost = snapshot.groups_again()
         self.follow(partial)
 
     def _bound(self, count: int) -> None:
-        """Refuse to follow that many, with the variables, or without any the nodes, that the
-        partial matches differ in.
+        """Raise `TooLarge` beyond the limit, with the variables or nodes in which partial matches
+        differ.
         """
         if count <= self.limit:
             return
@@ -242,13 +237,14 @@ class Following(ABC):
         else:
             taken = union(configuration.taken for configuration in self.partial)
             names = [self.compiled.names[node] for node in bits(taken)]
-            grows = f"too many ways to serve {', '.join(names[:10])}{', …' if len(names) > 10 else ''}"
+            grows = f"too many ways to match {', '.join(names[:10])}{', …' if len(names) > 10 else ''}"
         raise TooLarge(f"partial matches to follow; {grows}", limit=self.limit)
 
 
 class Contiguous(Following):
-    """Under `strict` and `projected` all partial matches have used up the same events, under
-    `consecutive` those since each began.
+    """The strategy for contiguous matches: all partial matches use the same events.
+
+    Under `consecutive`, they use the same events since their first.
     """
 
     def __init__(self, compiled: CompiledTree, letters: TreeLetters, semantics: Semantics, *, limit: int) -> None:
@@ -258,22 +254,22 @@ class Contiguous(Following):
         self._begin()
 
     def follow(self, configurations: Iterable[Configuration]) -> None:
-        """Follow copies of these, since a step may change a configuration in place."""
+        """Replace the followed partial matches by copies, because a step may change them in place."""
         self._configurations = [configuration.copy() for configuration in configurations]
 
     @property
     def partial(self) -> list[Configuration]:
-        """The partial matches that are followed."""
+        """The followed partial matches."""
         return self._configurations
 
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
-        """What an event of a class means; unless all events count, what is not relevant means nothing."""
+        """Return the reading of an event; only `strict` reads events that are not relevant."""
         if self._projected and not event_class.relevant:
             return NOTHING
         return self.letters.read(event, event_class)
 
     def advance(self, reading: Reading, position: int) -> Verdict:
-        """The verdict after one more event."""
+        """Return the verdict after one more event."""
         relevant, hits = reading
         before = self._configurations
         if self._projected and not relevant:

@@ -1,16 +1,14 @@
-"""`scattered` in general: a partial match may pass over any event, so that the ones before an event
-stay beside the ones after it.
+"""The general strategy for `scattered`: a partial match may skip any event, so it stays beside its
+extensions.
 
-How far a match has come does not depend on the values it saw, but for whether the guards held that
-were decided. So what taking an event does to the structure is worked out once for a *stage*, a node
-and the outcomes of the guards decided there; for each partial match there remain those guards, and
-the values to remember.
+The progress of a partial match depends only on the outcomes of its decided guards, not on the bound
+values. So the structural effect of an event is computed once per *stage*, node and outcomes. Each
+partial match only needs its guards evaluated and its values stored.
 
-Most events of a long trace change nothing. So it is kept what is known to change nothing as long as
-the partial matches are the same: letters that none of them can take, outcomes of guards that the
-event alone decides with which none can, values that were there before. Where an event may do
-something, the partial matches that it concerns are found by their stages and by the values that it
-must repeat. A partial match is dropped where another can do all that it can (see `subsumption`).
+Most events of a long trace change nothing. So the strategy caches, while the partial matches stay
+the same, which letters, guard outcomes and values change nothing. Otherwise the partial matches
+that an event can extend are found by stage and by the values that it must repeat. Subsumed partial
+matches are dropped (see `subsumption`).
 """
 
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
@@ -54,64 +52,68 @@ from rvaft.model.verdict import Verdict
 from rvaft.support.bits import bits, mask_of, union
 
 MEMORY: Final = 500_000
-"""How much is remembered of stages: each with the nodes that it knows flags of."""
+"""The maximum size of cached stages, counted in nodes with known flags."""
 REMEMBERED: Final = 20_000
-"""How many values are remembered that change nothing, and of how many kinds of events what they may change."""
+"""The maximum number of cached values without effect, and of cached event classes."""
 FEW: Final = 1_000
-"""Stages that are followed at once whatever the limit."""
+"""The number of stages that are allowed for any limit."""
 DEARER: Final = 10
-"""How many partial matches cost what one more stage does."""
+"""The cost of a stage, in partial matches."""
 _MANY: Final = 4
-"""Guards of which all outcomes are looked at, and partial matches."""
+"""The maximum number of guards for which all outcomes are tried, and of partial matches for a
+linear scan.
+"""
 _UNKNOWN: Final = Verdict.UNKNOWN
 
 
 @dataclass(slots=True, eq=False)
 class Stage:
-    """How far a partial match has come; `sample` has it all, with no values that mean anything."""
+    """The progress of a partial match; `sample` is a partial match with dummy values."""
 
     sample: Configuration
     is_match: bool
     names: tuple[str, ...]
-    """The variables that partial matches here remember."""
+    """The variables that partial matches in this stage remember."""
     ranking: Ranking
-    """Which of their values can do more than others."""
+    """The comparison of their values."""
     deadlines: tuple[TimeDifference, ...]
-    """What has to hold between times for a partial match here to come to anything."""
+    """The time differences that a partial match in this stage must satisfy."""
     settled: bool
-    """Whether partial matches here may differ in choices that are settled."""
+    """Whether partial matches in this stage may differ in settled choices."""
     moves: dict[int, "StageMove | None"] = field(default_factory=dict)
 
 
 class Scan(NamedTuple):
-    """How the partial matches are found that an event may extend: all others could not hold the
-    guards that have to hold.
+    """An index query for the partial matches that an event may extend: necessary conditions of its
+    guards.
     """
 
     names: tuple[str, ...]
-    """The variables remembered whose values must equal those of `terms`, which are over the values of the event."""
+    """The remembered variables that must equal `terms`, which are over the values of the event."""
     terms: tuple[Guard, ...]
     orders: tuple["Order", ...]
-    """What orders them; where there are several, any will do."""
+    """The possible orders for the search; any one suffices."""
 
 
 class Order(NamedTuple):
-    """An order of partial matches, what an event asks of it, and when those that follow can do no
-    more than one that was found.
-    """
+    """An order of partial matches, the bounds of an event on it, and a stop condition."""
 
     term: Term | None
-    """What orders them; None for the order in which they came."""
+    """The ordering term; None is the order of arrival."""
     bounds: tuple[Bound, ...]
     last_first: bool
-    """Whether the last in this order make the best partial matches."""
+    """Whether the last in this order give the best new partial matches."""
     enough: tuple[Term, ...] | None
-    """What, once it is what the event alone makes it, cannot be better; None where all have to be looked at."""
+    """The terms that cannot improve once they have the event's own value; None requires a full
+    scan.
+    """
 
     @classmethod
     def of(cls, term: Term, bounds: Iterable[Bound], target: Stage | None, told: Collection[str]) -> "Order":
-        """The order by a term; `target` is where all that move come to, `told` are the variables
-        that are the same for all.
+        """Return the order by a term.
+
+        `target` is the common stage of all extensions; `told` are the variables with equal values
+        in all of them.
         """
         if target is None or not {*told}.issuperset((*target.ranking.exact, *target.ranking.excluded)):
             return cls(term, tuple(bounds), False, None)
@@ -130,23 +132,25 @@ class Order(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class StageMove:
-    """A node's event from a stage on: what has to agree, and what is to be decided."""
+    """A node's event in a stage: the values to compare and the guards to decide."""
 
     stage: Stage
     node: int
     compared: tuple[str, ...]
-    """The variables that are bound, and that the event must repeat."""
+    """The bound variables that the event must repeat."""
     alone: int
-    """The set of guards that are decided by the values of the event."""
+    """The guards (bits) that the values of the event decide."""
     joint: dict[int, Predicate]
-    """The guards that are decided by those and the values remembered."""
+    """The guards that depend on remembered values too."""
     scan: Scan | None = None
     outcomes: dict[tuple[int, tuple[bool, ...]], tuple[Stage, bool] | None] = field(default_factory=dict)
-    """Where it leads, and whether the one that took it need not be followed any more; None where it leads nowhere."""
+    """By the outcomes of guards: the target stage, and whether the original match is subsumed; None
+    if impossible.
+    """
 
 
 class Stages:
-    """The stages of a tree, found when first needed."""
+    """The stages of a tree, computed when first needed."""
 
     def __init__(self, matching: Matching, choices: SettledChoices) -> None:
         self.matching = matching
@@ -155,7 +159,7 @@ class Stages:
         self._known: dict[Hashable, Stage] = {}
 
     def of(self, configuration: Configuration) -> Stage:
-        """The stage of a configuration."""
+        """Return the stage of a partial match."""
         place, settled = self.choices.place(configuration, self.matching.progress)
         found = self._known.get(place)
         if found is None:
@@ -170,7 +174,7 @@ class Stages:
         return found
 
     def rank(self, stage: Stage, binding: Mapping[str, Json], last: Witness | None, node: int | None = None) -> Rank:
-        """The rank of a partial match with these steps, and a node's event after them."""
+        """Return the rank of a partial match with these steps, followed by a node's event."""
         rank = stage.ranking.of(binding)
         if not stage.settled:
             return rank
@@ -184,7 +188,7 @@ class Stages:
         )
 
     def move(self, stage: Stage, node: int) -> StageMove | None:
-        """A node's event from a stage on; None where it cannot come there."""
+        """Return the move by a node's event from a stage; None if it is impossible."""
         if node not in stage.moves:
             found = None
             self.size += 1
@@ -205,8 +209,8 @@ class Stages:
         return stage.moves[node]
 
     def outcome(self, move: StageMove, held: int, outcomes: tuple[bool, ...]) -> tuple[Stage, bool] | None:
-        """Where a move leads if, of the guards that its event decides, these hold, and the others
-        have these outcomes.
+        """Return the target of a move for these outcomes of guards: `held` decided by the event,
+        and the joint ones.
         """
         place = (held & move.alone, outcomes)
         if place not in move.outcomes:
@@ -225,7 +229,7 @@ class Stages:
         return move.outcomes[place]
 
     def scan(self, move: StageMove) -> Scan:
-        """How the partial matches are found that a move may extend."""
+        """Return the index query for the partial matches that a move may extend."""
         if move.scan is None:
             compiled, joint = self.matching.compiled, [*move.joint]
             own, joined = compiled.exported[move.node], dict[str, Guard]()
@@ -261,13 +265,15 @@ class Stages:
         return move.scan
 
     def is_hopeful(self, move: StageMove, held: int) -> bool:
-        """Whether a move may lead anywhere if, of the guards that its event decides, these hold."""
+        """Whether a move is possible for some outcomes of the joint guards."""
         ways = product((True, False), repeat=len(move.joint))
         return len(move.joint) > _MANY or any(self.outcome(move, held, outcomes) for outcomes in ways)
 
 
 def _time_bounds(asked: TimeDifference, far: Collection[str], own: Collection[str]) -> Iterator[tuple[Term, Bound]]:
-    """What a difference of times asks of the times remembered (`far`) when the event has these."""
+    """Return the bounds of a time difference on the remembered times (`far`), given the event's
+    times (`own`).
+    """
     plus, minus = asked.plus, asked.minus
     for rising, ours, theirs in ((True, plus, minus), (False, minus, plus)):
         mine, distant = ours.among(own), theirs.among(far)
@@ -287,7 +293,7 @@ def _time_bounds(asked: TimeDifference, far: Collection[str], own: Collection[st
 
 
 def _bound(part: Operation, name: str, sign: int) -> Bound:
-    """What a comparison asks of the value of a variable, where all others are the event's."""
+    """Return the bound of a comparison on a remembered variable, given the event's values."""
     left, right = part.operands
     facts, holds = OPERATORS[part.operator], predicate(part)
     other = right if left == Variable(name) else left
@@ -307,19 +313,19 @@ def _bound(part: Operation, name: str, sign: int) -> Bound:
 
 @dataclass(slots=True)
 class LetterMoves:
-    """What an event of one letter may do to the partial matches."""
+    """The possible effects of a letter on the partial matches."""
 
     names: tuple[str, ...]
-    """The variables of the event that matter."""
+    """The relevant variables of the event."""
     moves: list[tuple[StageGroup, StageMove, int]] = field(default_factory=list)
-    """What the groups can take, with the place of the node in the letter."""
+    """The possible moves of the groups, with the index of the node in the letter."""
     groups: int = 0
-    """How many groups were looked at."""
+    """The number of groups already processed."""
 
 
 class RelevantHit(NamedTuple):
-    """A letter that may change something: its values, the guards decided by them that hold, and
-    what stands for both.
+    """A letter that may change something: its values, the guards that they satisfy, and a cache key
+    for both.
     """
 
     values: Mapping[str, Json]
@@ -329,7 +335,9 @@ class RelevantHit(NamedTuple):
 
 
 class NewMatch(NamedTuple):
-    """A partial match to be: its place in the order, what was before, the event, and what it will remember."""
+    """A new partial match: its order, the match that it extends, the event, and the values to
+    remember.
+    """
 
     order: tuple[int, int, int]
     before: Configuration
@@ -341,8 +349,9 @@ class NewMatch(NamedTuple):
 
 
 class CandidateMove(NamedTuple):
-    """A letter of which something may come, as long as its values were not there before; these are
-    the fields that matter, None where the values of variables have to be read.
+    """A letter with possible moves, unless its values are cached as without effect.
+
+    `fields` are the relevant fields; None if the values of variables must be read.
     """
 
     admission: Admission
@@ -352,7 +361,7 @@ class CandidateMove(NamedTuple):
 
 
 class ScatteredMatches(Following):
-    """The partial matches by their stages; none changes once it is there."""
+    """The partial matches by stage; a partial match is immutable once added."""
 
     uses_up = False
 
@@ -368,19 +377,20 @@ class ScatteredMatches(Following):
         self._begin()
 
     def follow(self, configurations: Iterable[Configuration]) -> None:
-        """Follow these, and nothing else."""
+        """Replace the followed partial matches."""
         if self._stages.size > MEMORY:
-            self._stages = Stages(self.matching, self._stages.choices)  # else the same for all copies
+            self._stages = Stages(self.matching, self._stages.choices)  # Otherwise copies share the stages.
         self._groups: dict[Stage, StageGroup] = {}
         self._watches: dict[int, LetterMoves] = {}
         self._quiet: set[Hashable] = set()
-        """Letters with values that are known to change nothing as long as the partial matches are the same."""
+        """Letters with values that change nothing while the partial matches stay the same."""
         self._candidates: dict[EventClass, tuple[CandidateMove, ...]] = {}
-        """Of the letters that an event is those of which something may come, as long as there are the same groups."""
+        """By event class, the letters with possible moves while the groups stay the same."""
         self._added = 0
         self._whole = 0
         """The nodes of the parts that have a match."""
-        floor, self._floor = self._floor, None  # else a copy would forget earlier than what it is a copy of
+        # otherwise a copy would drop partial matches earlier than the original
+        floor, self._floor = self._floor, None
         for configuration in configurations:
             self._add(self._stages.of(configuration), configuration)
         self._floor = floor
@@ -389,13 +399,13 @@ class ScatteredMatches(Following):
 
     @property
     def partial(self) -> list[Configuration]:
-        """The partial matches that are followed."""
+        """The followed partial matches."""
         members = [member for group in self._groups.values() for member in group.members.values()]
         return [member.configuration for member in sorted(members, key=lambda member: member.number)]
 
     @property
     def combined(self) -> list[Configuration]:
-        """Each partial match of a part with the first of every other part."""
+        """Each partial match of a part, combined with the first of every other part."""
         if not self._parts:
             return self.partial
         found: list[list[Configuration]] = [
@@ -426,18 +436,18 @@ class ScatteredMatches(Following):
         return (super().state, self._begun) if self._parts else super().state
 
     def snapshot(self) -> Snapshot:
-        """What `restore` needs to bring a fresh strategy of the same tree into this state."""
+        """Return the state for `restore`."""
         return super().snapshot()._replace(begun=self._begun)
 
     def restore(self, snapshot: object) -> None:
-        """Take over a snapshot."""
+        """Restore the state of a snapshot of the same tree."""
         assert isinstance(snapshot, Snapshot), "made by the same strategy"
         self._begun = snapshot.begun
         super().restore(snapshot)
 
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
-        """What an event of a class means: of its letters those that may change something as long as
-        nothing else is read.
+        """Return the reading of an event: the letters that may change something in the current
+        state.
         """
         if not event_class.serving:
             return NOTHING
@@ -455,13 +465,13 @@ class ScatteredMatches(Following):
         return Reading(False, loud) if loud else QUIET
 
     def inert(self, event_class: EventClass) -> Inert:
-        """What is known to change nothing among events of a class, as long as nothing else is read."""
+        """Return which events of a class change nothing until another event is read."""
         candidates = self._candidates.get(event_class)
         found = self._find(event_class) if candidates is None else candidates
         return Inert([(one.admission.letter, one.fields) for one in found], self._quiet)
 
     def _find(self, event_class: EventClass) -> tuple[CandidateMove, ...]:
-        """Of the letters that an event is those of which something may come."""
+        """Return the letters of a class with possible moves."""
         found = []
         for one, held in zip(event_class.serving, event_class.held, strict=True):
             watch = self._watch(one.letter, one.nodes)
@@ -475,7 +485,7 @@ class ScatteredMatches(Following):
         return self._candidates[event_class]
 
     def _watch(self, letter: int, nodes: tuple[int, ...]) -> LetterMoves:
-        """What is known of a letter, up to date."""
+        """Return the updated moves of a letter."""
         watch = self._watches.get(letter)
         if watch is None:
             exported = dict.fromkeys(name for node in nodes for name in self.compiled.exported[node])
@@ -489,7 +499,7 @@ class ScatteredMatches(Following):
         return watch
 
     def _may_take(self, stage: Stage, node: int) -> bool:
-        """Whether a partial match may go on with a node: one of its own part, or to begin one."""
+        """Whether a partial match may take a node: one of its own part, or of a new one."""
         for part in self._parts:
             if part.nodes >> node & 1:
                 taken = stage.sample.taken
@@ -498,7 +508,7 @@ class ScatteredMatches(Following):
         return True
 
     def advance(self, reading: Reading, position: int) -> Verdict:
-        """The verdict after one more event."""
+        """Return the verdict after one more event."""
         if not reading.hits or reading.hits is QUIET.hits:
             self.noted = False
             return _UNKNOWN
@@ -510,7 +520,7 @@ class ScatteredMatches(Following):
                 parts: Sequence[tuple[Iterable[Member], tuple[Term, ...] | None]] = group.everyone
                 if (
                     move.scan or move.compared or len(group.members) > _MANY
-                ):  # for a few finding costs more than looking
+                ):  # for few members a scan is cheaper than the index
                     scan = move.scan or self._stages.scan(move)
                     parts = self._concerned(group, scan, values) if scan.orders else parts
                 for members, enough in parts:
@@ -548,8 +558,8 @@ class ScatteredMatches(Following):
     def _concerned(
         self, group: StageGroup, scan: Scan, values: Mapping[str, Json]
     ) -> Sequence[tuple[Iterable[Member], tuple[Term, ...] | None]]:
-        """The members of a group that may make a move, in parts; each perhaps with what shows that
-        the rest of it makes nothing better.
+        """Return the members of a group that may make a move, in parts, each with its stop
+        condition.
         """
         asked = [values[one.name] if type(one) is Variable else value(one, values) for one in scan.terms]
         if UNDEFINED in asked:
@@ -559,7 +569,7 @@ class ScatteredMatches(Following):
         return [(in_order(*lane, last_first=order.last_first), order.enough) for lane in lanes]
 
     def _note(self, new: NewMatch, found: dict[Hashable, NewMatch], others: int) -> None:
-        """Keep what is not there yet; of two that are alike the first."""
+        """Keep a new match unless it is subsumed; of equal ones, keep the first."""
         group = self._groups.get(new.stage)
         if group is None or not group.excels(new.rank):
             other = found.get((new.stage, new.rank))
@@ -568,7 +578,7 @@ class ScatteredMatches(Following):
                 self._bound(others + len(found))
 
     def _change(self, found: Iterable[NewMatch], ended: Iterable[tuple[StageGroup, Member]], position: int) -> Verdict:
-        """The verdict with these partial matches and without those."""
+        """Add and remove partial matches; return the verdict."""
         self.matches = []
         for new in sorted(found, key=lambda new: new.order):
             group = self._groups.get(new.stage)
@@ -595,7 +605,7 @@ class ScatteredMatches(Following):
         return _UNKNOWN
 
     def forget(self, floor: int) -> None:
-        """No event with an earlier time than this will count any more."""
+        """Set the watermark: no event with an earlier time counts any more."""
         self._floor = floor
         for group in self._groups.values():
             group.forget(floor)
@@ -616,9 +626,7 @@ class ScatteredMatches(Following):
             if len(self._groups) > (most := max(self.limit // DEARER, FEW)):
                 names = [self.compiled.names[node] for node in bits(union(one.sample.taken for one in self._groups))]
                 named = f"{', '.join(names[:10])}{', …' if len(names) > 10 else ''}"
-                raise TooLarge(
-                    f"sets of events that partial matches have; any of {named} may be passed over", limit=most
-                )
+                raise TooLarge(f"sets of events in partial matches; any of {named} may be skipped", limit=most)
             group = self._groups[stage] = StageGroup(stage.ranking, stage.deadlines)
             self._candidates.clear()
             group.floor = self._floor
@@ -634,7 +642,8 @@ class ScatteredMatches(Following):
             if configuration.taken & part.nodes and self._is_whole(part, configuration):
                 self._whole |= part.nodes
                 self._forget_watches()
-                for group in () if part.chooses else self._groups.values():  # of this part it is followed alone
+                # a complete part without choices needs no other partial match
+                for group in () if part.chooses else self._groups.values():
                     for member in [*group.members.values()]:
                         if member.number != self._added - 1 and member.configuration.taken & part.nodes:
                             group.remove(member)

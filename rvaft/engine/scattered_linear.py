@@ -1,14 +1,14 @@
-"""`scattered` in linear time: every node starts once and is complete once, as early as can be.
+"""The strategy for `scattered` in linear time: every node starts once and completes once, as early
+as possible.
 
-Where no variable ties events together and no event can serve two occurrences that stand side by
-side, nothing is gained by passing over an event, and what a node can do depends on nothing but when
-it starts. So each node is told to start when what precedes it is complete, listens for its event,
-and tells its parents when it is complete; a sequence starts its children in turn. Each node starts
-and completes at most once, so the total work is linear in the tree, beside the look-up per event.
+It applies if no variable relates events and no event can serve two concurrent occurrences. Then
+skipping an event has no advantage, and a node depends only on its start. A node starts when its
+predecessors are complete, listens for its event, and notifies its parents when it is complete. So
+the total work is linear in the tree, plus the look-up per event.
 
-A shared node starts when all is complete that precedes it through any of its parents, and the first
-of its choices that is complete is the choice for all of them: nothing of the choices is followed
-but which nodes are complete. `linear_starts` says where this holds.
+A shared node starts when its predecessors through all parents are complete. The first complete
+child of a choice is the choice for all parents. `linear_starts` decides whether the strategy
+applies.
 """
 
 from collections import Counter
@@ -36,39 +36,43 @@ from rvaft.model.verdict import Verdict
 from rvaft.support.bits import union
 
 MEMORY: Final = 4096
-"""Of how many kinds of events it is remembered what they may change."""
+"""The maximum number of cached event classes."""
 EFFORT: Final = 1_000_000
-"""How many steps to spend on the question whether two occurrences compete for an event; beyond, the answer is yes."""
+"""The maximum number of steps to decide whether occurrences compete for an event; beyond, they do.
+"""
 
 Served: TypeAlias = Sequence[tuple[int, Mapping[str, Json]]]
-"""The occurrences that an event can serve, and the values each sees."""
+"""The occurrences that an event can serve, with the values for each."""
 
 
 Before: TypeAlias = tuple[int, int]
-"""What a start waits for: a node and -1, that it is complete; a gate and a number, that so many of
-its children are (0: that its own event has come).
+"""A start condition: a node and -1 (the node is complete), or a gate and the number of its complete
+children.
+
+The number 0 stands for the gate's own event.
 """
 
 
 class StartConditions(NamedTuple):
-    """When each node may start.
+    """The start conditions of each node.
 
-    A node starts with its parents, except a later child of a sequence (when those before it are
-    complete) and a child of a gate whose own event comes first (when that has come). Whatever
-    precedes a node's event is found along its starts.
+    A node starts with its parents, with two exceptions: a later child of a sequence (when its
+    elders are complete) and a child of a gate whose own event comes first (after that event). All
+    predecessors of an event follow from the start conditions transitively.
     """
 
     parents: list[list[int]]
     before: list[frozenset[Before]]
-    """All that has to have come before a node starts, but for what precedes that."""
+    """The conditions for the start of each node, without transitive ones."""
 
 
 def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> StartConditions | None:
-    """The one start of each node where no variable ties events together and nothing competes for an event, else None.
+    """Return the start conditions if no variable relates events and no events are contended, else
+    None.
 
-    What a shared node waits for through one parent it must wait for in every scenario, which it
-    does where that parent is in all scenarios that have the node. A part that may be without events
-    orders nothing, so it must wait for the same through all parents.
+    A condition on a shared node through one parent must apply in every scenario; it does if every
+    scenario with the node has that parent. A part that may have no events orders nothing, so its
+    conditions must be equal through all parents.
     """
     if any(compiled.exported):
         return None
@@ -106,7 +110,7 @@ def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> StartConditio
 
 
 def _may_be_silent(compiled: CompiledTree) -> list[bool]:
-    """For each node whether some scenario has no event in its part."""
+    """Return for each node whether some scenario has no event in its part."""
     found = [False] * len(compiled.names)
     for node in range(len(found) - 1, -1, -1):
         found[node] = (
@@ -116,7 +120,7 @@ def _may_be_silent(compiled: CompiledTree) -> list[bool]:
 
 
 def _implied(compiled: CompiledTree) -> list[int]:
-    """For each node the nodes that all scenarios with it have."""
+    """Return for each node the nodes that all scenarios with it have."""
     below = [1 << node for node in range(len(compiled.names))]
     for node in range(len(below) - 1, -1, -1):
         if not compiled.chooses >> node & 1:
@@ -130,10 +134,10 @@ def _implied(compiled: CompiledTree) -> list[int]:
 
 
 def _beside(compiled: CompiledTree, one: int, other: int) -> tuple[bool, int]:
-    """Whether two nodes may stand side by side in a scenario, and the steps it took to say so.
+    """Whether two nodes may be concurrent in a scenario, and the number of steps taken.
 
-    They do not if one is above the other, or their lowest common gate orders or separates them.
-    Between nodes that sharing relates, the answer is always yes.
+    They are not if one is above the other, or if their lowest common gate is a sequence or keeps
+    one child. For nodes related by sharing, the result is always True.
     """
     if not compiled.members.isdisjoint((one, other)) or compiled.part_of[one] != compiled.part_of[other]:
         return True, 1
@@ -150,34 +154,33 @@ def _beside(compiled: CompiledTree, one: int, other: int) -> tuple[bool, int]:
 
 
 class UsefulEvents:
-    """The events worth keeping, so that the match of every branch can still be found at detection.
+    """The events to keep so that a detection can find the match of every branch.
 
-    What one branch can match depends on when each of its nodes starts, and that differs between
-    branches. An event is worth keeping for an occurrence only if, since the last one kept for it,
-    something was kept that may precede it: the earliest match of any branch takes, for each
-    occurrence, the first event after those of its predecessors. So the number of events kept
-    depends on the tree, not on the length of the trace.
+    A branch's match depends on the start of each node, which differs between branches. An event is
+    kept for an occurrence only if, since the last one kept for it, an event was kept that may
+    precede it: the earliest match of a branch takes the first event after its predecessors. So the
+    number of events kept depends on the tree, not on the trace.
     """
 
     def __init__(self, compiled: CompiledTree, starts: StartConditions) -> None:
         self.compiled = compiled
         self.starts = starts
         self.entries: list[tuple[int, Served]] = []
-        """The positions of the events, with what each can serve."""
+        """The positions of the events, with the occurrences that each can serve."""
         self.own: dict[int, int] = {}
         """The position of the last event kept for a node's own occurrence."""
         self._latest: dict[int, int] = {}
-        """The same for a node and everything below it."""
+        """The same for a node and all nodes below it."""
         self.useless: set[int] = set()
-        """Nodes for which no event is worth keeping before another one is kept."""
+        """The nodes for which no event is kept until an event for another node is."""
 
     @property
     def state(self) -> dict[str, object]:
-        """What changes, in copies."""
+        """A copy of the mutable state."""
         return {"entries": list(self.entries), "own": dict(self.own), "_latest": dict(self._latest)}
 
     def note(self, position: int, served: Served) -> None:
-        """Keep an event for the occurrences it may be needed for."""
+        """Keep an event for the occurrences that may need it."""
         kept = [one for one in served if one[0] not in self.useless and self._is_useful(one[0])]
         if not kept:
             self.useless.update(node for node, _ in served)
@@ -203,8 +206,8 @@ class UsefulEvents:
         while agenda:
             for one, count in self.starts.before[agenda.pop()]:
                 elders = (one,) if count < 0 else compiled.children[one][:count]
-                # a later child of a sequence comes after the gate's own event too, whatever stands
-                # between: it may be silent
+                # A later child of a sequence also follows the gate's own event, since the elders
+                # may be silent.
                 if any(latest.get(elder, 0) >= last for elder in elders) or (
                     compiled.top_down and self.own.get(one, 0) >= last
                 ):
@@ -215,7 +218,7 @@ class UsefulEvents:
 
 
 class LinearRun:
-    """One evaluation; with `choices` a choice of one child is complete only when the child chosen for it is."""
+    """One evaluation; with `choices`, an `or` gate is complete only through the chosen child."""
 
     def __init__(
         self, compiled: CompiledTree, starts: StartConditions, choices: Mapping[int, int] | None = None
@@ -224,11 +227,11 @@ class LinearRun:
         self.starts = starts
         self.choices = choices or {}
         self.fired: dict[int, tuple[int, Mapping[str, Json]]] = {}
-        """The occurrences that have their event: its position and the values they saw."""
+        """The occurrences that have their event, with its position and values."""
         self.listening: set[int] = set()
         """The nodes that wait for their event."""
         self._completed: dict[int, dict[int, None]] = {}
-        # The gates whose children have started, each with the children that were complete when it was.
+        # The gates whose children have started, each with its complete children in order.
         self._started: set[int] = set()
         self._done: set[int] = set()
         self._agenda: list[tuple[Callable[[int], None], int]] = [(self._start, compiled.root)]
@@ -236,7 +239,7 @@ class LinearRun:
 
     @property
     def state(self) -> dict[str, object]:
-        """What changes, in copies."""
+        """A copy of the mutable state."""
         completed = {gate: dict(children) for gate, children in self._completed.items()}
         sets = {"listening": set(self.listening), "_started": set(self._started), "_done": set(self._done)}
         return {"fired": dict(self.fired), "_completed": completed, **sets}
@@ -247,7 +250,7 @@ class LinearRun:
         return self.compiled.root in self._done
 
     def fire(self, served: Served, position: int) -> None:
-        """Give an event to those of the nodes that listen."""
+        """Pass an event to those of the nodes that listen."""
         self._agenda = []
         for node, values in served:
             if node in self.listening:
@@ -257,8 +260,8 @@ class LinearRun:
         self._settle()
 
     def awaited(self) -> list[int]:
-        """The listening nodes whose event brings something above them nearer to being complete;
-        none if the root cannot be.
+        """Return the listening nodes whose event is needed for the root; none if the root is
+        impossible.
         """
         able = possible_nodes(self.compiled, self._kept)
         found: list[int] = []
@@ -269,19 +272,19 @@ class LinearRun:
                 continue
             if node in self.listening:
                 found.append(node)
-                continue  # below it nothing has begun, or nothing is left to do
+                continue  # nothing below it has started, or all is complete
             new = [child for child in self._kept(node) if child not in seen]
             seen.update(new)
             agenda.extend(new)
         return found
 
     def _kept(self, node: int) -> tuple[int, ...]:
-        """The children of a node; where one was chosen, only that."""
+        """Return the children of a node, or only the chosen one."""
         children = self.compiled.children[node]
         return tuple(child for child in children if self.choices.get(node, child) == child)
 
     def scenario(self) -> Iterator[tuple[int, tuple[int, ...]]]:
-        """The nodes of the scenario that was matched, with the children they keep."""
+        """Iterate over the nodes of the matched scenario, with their kept children."""
         agenda, seen = [self.compiled.root], {self.compiled.root}
         while agenda:
             node = agenda.pop()
@@ -291,7 +294,6 @@ class LinearRun:
             seen.update(kept)
 
     def _settle(self) -> None:
-        """What follows from what has happened."""
         while self._agenda:
             act, node = self._agenda.pop()
             act(node)
@@ -319,7 +321,7 @@ class LinearRun:
         first = children[:1] if self.compiled.ops[node] is PartKind.SEQUENCE else self._kept(node)
         self._agenda.extend((self._start, child) for child in reversed(first))
         for child in first:
-            if child in self._done:  # a shared child that was complete before; it does not tell again
+            if child in self._done:  # a shared child that was already complete
                 self._hear(node, child)
 
     def _complete(self, node: int) -> None:
@@ -329,14 +331,14 @@ class LinearRun:
                 self._hear(parent, node)
 
     def _hear(self, gate: int, child: int) -> None:
-        """A child of a gate is complete."""
+        """Handle the completion of a child."""
         compiled, complete = self.compiled, self._completed[gate]
         needed = compiled.need[gate]
         if len(complete) == needed or self.choices.get(gate, child) != child:
-            return  # it has all it needs already, or the child is not what it keeps
+            return  # the gate is complete, or does not keep the child
         in_order = compiled.ops[gate] is PartKind.SEQUENCE
         if in_order and child != compiled.children[gate][len(complete)]:
-            return  # it is shared, and heard in its turn
+            return  # a shared child, handled in its turn
         complete[child] = None
         while in_order and len(complete) < needed:
             following = compiled.children[gate][len(complete)]
@@ -355,7 +357,9 @@ class LinearRun:
 def possible_nodes(
     compiled: CompiledTree, children: Callable[[int], Sequence[int]], among: Container[int] | None = None
 ) -> set[int]:
-    """The nodes that can be complete with these children, in whatever time, where only those `among` these can."""
+    """Return the nodes that can be complete at any time with these children; only nodes in `among`
+    have their event.
+    """
     able: set[int] = set()
     for node in range(len(compiled.names) - 1, -1, -1):
         fit = not compiled.dead >> node & 1 and (among is None or node in among)
@@ -365,16 +369,17 @@ def possible_nodes(
 
 
 class LinearSnapshot(NamedTuple):
-    """What changes of the run, and of the events that are kept, if any are."""
+    """The mutable state of the run, and of the kept events, if any."""
 
     run: dict[str, object]
     useful: dict[str, object]
 
 
 class LinearMonitor:
-    """The strategy: one run over everything, and the events from which the match of each branch can be found.
+    """The strategy: one run over all events, and the events from which each branch's match can be
+    found.
 
-    Raises `TooLarge` where these are more than `limit`.
+    Raises `TooLarge` if more than `limit` events are kept.
     """
 
     def __init__(self, compiled: CompiledTree, letters: TreeLetters, starts: StartConditions, *, limit: int) -> None:
@@ -384,17 +389,17 @@ class LinearMonitor:
         self.starts = starts
         self.run = LinearRun(compiled, starts)
         self.useful = UsefulEvents(compiled, starts) if PartKind.ONE in compiled.ops else None
-        """Where no branch chooses, no event matters but to those that listen."""
+        """None without choices, because then only listening nodes matter."""
         self.noted = True
         """Whether the last event may be part of a match."""
         self._matter: dict[EventClass, tuple[Admission, ...]] = {}
-        """Of the letters that an event is those that may change something, as long as nothing has changed."""
+        """By event class, the letters that may change something in the current state."""
 
     def forget(self, floor: int) -> None:
-        """No event with an earlier time than this will count any more, which changes nothing here."""
+        """Set the watermark, which changes nothing here."""
 
     def fork(self) -> Self:
-        """An independent copy."""
+        """Return an independent copy."""
         twin = copy(self)
         twin.run, twin.useful = copy(self.run), copy(self.useful)
         twin._matter = {}  # noqa: SLF001 (its own)
@@ -403,15 +408,15 @@ class LinearMonitor:
 
     @property
     def state(self) -> Hashable:
-        """Equal states have equal futures: what has started and is complete follows from what has fired."""
+        """Equal states have equal futures; starts and completions follow from the events taken."""
         return frozenset(self.run.fired)
 
     def snapshot(self) -> LinearSnapshot:
-        """What `restore` needs to bring a fresh strategy of the same tree into this state."""
+        """Return the state for `restore`."""
         return LinearSnapshot(self.run.state, {} if self.useful is None else self.useful.state)
 
     def restore(self, snapshot: object) -> None:
-        """Take over a snapshot."""
+        """Restore the state of a snapshot of the same tree."""
         assert isinstance(snapshot, LinearSnapshot), "made by the same strategy"
         run, useful = snapshot
         self._matter.clear()
@@ -420,7 +425,7 @@ class LinearMonitor:
             vars(self.useful).update(useful, useless=set())
 
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
-        """What an event of a class means, as far as that matters now."""
+        """Return the reading of an event in the current state."""
         if not event_class.serving:
             return NOTHING
         asked = self._matter.get(event_class)
@@ -431,11 +436,11 @@ class LinearMonitor:
         return Reading(False, [Hit(one.letter, one.nodes, one.reader.values(event)) for one in asked])
 
     def inert(self, event_class: EventClass) -> Inert:
-        """What is known to change nothing among events of a class, as long as nothing else is read."""
+        """Return which events of a class change nothing until another event is read."""
         return Inert([(one.letter, ()) for one in self._mattering(event_class)], frozenset())
 
     def _mattering(self, event_class: EventClass) -> tuple[Admission, ...]:
-        """Of the letters that an event is those that may change something."""
+        """Return the letters of a class that may change something."""
         deaf, useful = self.run.listening.isdisjoint, self.useful
         found = tuple(
             one
@@ -448,7 +453,7 @@ class LinearMonitor:
         return found
 
     def advance(self, reading: Reading, position: int) -> Verdict:
-        """The verdict after one more event."""
+        """Return the verdict after one more event."""
         self.noted = bool(reading.hits) and reading.hits is not QUIET.hits
         if self.noted:
             self._matter.clear()
@@ -464,11 +469,11 @@ class LinearMonitor:
         return Verdict.TRUE if self.run.detected else Verdict.UNKNOWN
 
     def came(self, node: int) -> bool:
-        """Whether a node's own event, where it has one, came at any time."""
+        """Whether a node's own event, if any, has occurred at any time."""
         return self.useful is None or not self.compiled.own[node] or node in self.useful.own
 
     def run_under(self, choices: Mapping[int, int]) -> LinearRun:
-        """The run in which each choice of one child keeps the child chosen for it."""
+        """Return the run with these choices."""
         if self.useful is None or not choices:
             return self.run
         run = LinearRun(self.compiled, self.starts, choices)

@@ -1,12 +1,9 @@
-"""Choices of which nothing is left but which child they kept: partial matches that differ in these
-alone come to the same.
+"""Settled choices: choices whose only remaining effect is the number of the branch.
 
-Where a gate of the core (see `compiled_tree`) keeps one child, and that child is a part with all
-its events, nothing in this part and none of the other parts that the gate could have kept will have
-an event any more, whichever of them it is: they stand at the same place in the tree. So one of the
-partial matches is enough, and it is the one with the lower branch: all choices to come are open to
-both. What it has chosen is one number, in which the digit of a gate counts as it does in the number
-of a branch.
+Suppose a gate of the core (see `compiled_tree`) keeps one child, and that child is a part with all
+its events. Then no other part below the gate can have an event. Partial matches that differ only in
+such a choice have equal futures, so only the one with the lower branch is kept. A single number
+encodes the choices, with the digits of branch numbers.
 """
 
 from collections.abc import Hashable
@@ -18,16 +15,14 @@ from rvaft.support.bits import mask_of
 
 
 class SettledChoices:
-    """The choices of a tree that may be settled; of a part of a tree with some kind none, for its
-    branches depend on more.
-    """
+    """The choices of a tree that may be settled; none for a kind, whose branches depend on more."""
 
     def __init__(self, compiled: CompiledTree) -> None:
         self.compiled = compiled
         self.weights: dict[int, int] = {}
-        """For each part that a choice may keep what keeping it adds to the number."""
+        """For each part that a choice may keep, its contribution to the number."""
         self.firsts = 0
-        """The parts that are kept with the lowest digit, of choices that every scenario makes."""
+        """Parts with the lowest digit, of choices that every scenario makes."""
         self._gates: dict[int, int] = {}
         self._others: dict[int, int] = {}
         self._below = [0] * len(compiled.names)
@@ -57,7 +52,11 @@ class SettledChoices:
                         self.firsts |= 1 << part
 
     def place(self, configuration: Configuration, progress: PartProgress) -> tuple[Hashable, bool]:
-        """Equal for configurations with equal futures, whatever their values; and whether some choices are settled."""
+        """Return a key that is equal for partial matches with equal futures, and whether choices
+        are settled.
+
+        The key ignores values of variables.
+        """
         taken, dead, closed = configuration.taken, configuration.dead, configuration.closed
         settled: dict[int, int] = {}
         for part, gate in self._gates.items():
@@ -73,8 +72,8 @@ class SettledChoices:
         return (taken, dead, closed, broken, names, mask_of(-1 - one for one in settled.values())), bool(settled)
 
     def number(self, last: Witness | None) -> int:
-        """What a partial match has chosen; of two that come to the same that with the lower number
-        has the lower branch.
+        """Return the number of the choices of a partial match; the lower number has the lower
+        branch.
         """
         parts = set[int]()
         while last is not None:

@@ -1,15 +1,14 @@
-"""Trees with shared nodes: what the core allows a configuration to be.
+"""Trees with shared nodes: the scenarios of the core that are consistent with a partial match.
 
-The core (see `compiled_tree`) is what shared nodes tie together: a shared gate is resolved once,
-and whether one of its events precedes another depends on which gates above are in the scenario.
-Parts stand in it as single *elements*: whatever orders one event of a part against the rest of the
-tree orders all of them.
+The core (see `compiled_tree`) is the part of a tree that shared nodes relate: a shared gate is
+resolved once, and an order between events may depend on the gates above. Parts are single
+*elements* of it: an order between an event of a part and the rest of the tree applies to the whole
+part.
 
-The search for the resolutions that fit a configuration walks the core from the root and resolves
-only the choices it reaches. A resolution in the making is dropped as soon as what was taken cannot
-be reached any more, or breaks an order among the nodes it keeps: neither can be mended by choices
-to come. Of those that leave the same to choices to come only one is followed: they have reached the
-same nodes, and what they have resolved stands in the same order to these, as far as that matters.
+The search for resolutions walks the core from the root and resolves only reached choices. A partial
+resolution is dropped as soon as an occurrence taken is unreachable or breaks an order, because
+later choices cannot repair this. Of partial resolutions that are equivalent for the remaining
+choices, only one is followed: they reach the same nodes with the same relevant orders.
 """
 
 from collections.abc import Hashable, Iterator, Mapping
@@ -24,14 +23,14 @@ from rvaft.errors import TooLarge
 from rvaft.support.bits import bits, mask_of, union
 
 MEMORY: Final = 20_000
-"""How many answers are remembered; then the memory starts afresh."""
+"""The maximum number of cached results; then the cache is cleared."""
 
 Resolution: TypeAlias = Mapping[int, tuple[int, ...]]
-"""The nodes of the core that a scenario reaches, parents first, each with the children it keeps."""
+"""The core nodes of a scenario, parents first, each with its kept children."""
 
 
 class SharedNodes:
-    """The core of a tree; raises `TooLarge` where one search takes more than `limit` steps."""
+    """The core of a tree; raises `TooLarge` if one search takes more than `limit` steps."""
 
     def __init__(self, compiled: CompiledTree, progress: PartProgress, *, limit: int) -> None:
         self.compiled = compiled
@@ -40,11 +39,13 @@ class SharedNodes:
         self._mask = mask_of(compiled.core)
         inner = [node for node in compiled.core if compiled.children[node]]
         self._ordered = any(compiled.own[node] or compiled.ops[node] is PartKind.SEQUENCE for node in inner)
-        """Whether the core orders anything: by a sequence, or by an event that is not at a childless node."""
+        """Whether the core has a sequence, or a gate with an event."""
         self._memory: dict[Hashable, tuple[bool, bool]] = {}
 
     def classify(self, configuration: Configuration) -> tuple[bool, bool]:
-        """Whether what is taken is all of some feasible scenario, and, if not, whether it is a proper part of one."""
+        """Return whether the occurrences taken are a whole feasible scenario, and otherwise a
+        proper part of one.
+        """
         mask = self._mask
         own = configuration.taken & mask, configuration.dead & mask, configuration.closed & mask
         parts = tuple([self.progress.flags(configuration, part) for part in self.compiled.parts])
@@ -56,7 +57,8 @@ class SharedNodes:
             complete = next(self.resolutions(configuration, complete=True), None) is not None
             partial = False
             if not complete:
-                # Parts are as finished as they can be: where that leaves nothing to come, there is a match already.
+                # Parts are as complete as possible: without a remaining element there is already a
+                # match.
                 resolutions = self.resolutions(configuration, complete=False)
                 elements = (self._elements(configuration, kept) for kept in resolutions)
                 partial = any(present & ~finished for present, finished in elements)
@@ -64,23 +66,27 @@ class SharedNodes:
         return found
 
     def possible(self, configuration: Configuration) -> bool:
-        """Whether what is taken is all or a part of some feasible scenario, guards that are open left aside."""
+        """Whether the occurrences taken are part of some feasible scenario; open guards are
+        ignored.
+        """
         return next(self.resolutions(configuration, complete=False), None) is not None
 
     def inverted(self, configuration: Configuration, node: int) -> frozenset[tuple[int, int]]:
-        """The orders between elements that taking this node's event breaks."""
+        """Return the orders between elements that this node's event breaks."""
         element = self.compiled.part_of[node]
         touched = self._touched(configuration) & ~(1 << element)
         return frozenset((element, other) for other in bits(touched) if self._before[other] >> element & 1)
 
     def settled(self, configuration: Configuration, node: int, *, chosen: bool) -> bool:
-        """Whether every scenario has this node's element, which may be `chosen`, and before it only what is taken."""
+        """Whether every scenario has the node's element (or it is `chosen`), and all before it is
+        taken.
+        """
         own = self.compiled.part_of[node]
         if not chosen and not self.compiled.certain >> own & 1:
             return False
         for element in bits(self._before[own]):
             if any(self._has(configuration, rival, TOUCHED) for rival in self.rivals.get(element, ())):
-                continue  # no scenario has it any more
+                continue  # no remaining scenario has it
             if element in self.compiled.members:
                 if not configuration.taken >> element & 1:
                     return False
@@ -92,25 +98,25 @@ class SharedNodes:
 
     @cached_property
     def rivals(self) -> dict[int, tuple[int, ...]]:
-        """For each part that a choice of one child in the core may keep the other such parts."""
+        """For each part below a choice of the core, the other parts of that choice."""
         compiled = self.compiled
         choices = (compiled.children[node] for node in compiled.core if compiled.ops[node] is PartKind.ONE)
         parts = [[child for child in children if child not in compiled.members] for children in choices]
         return {one: tuple(other for other in some if other != one) for some in parts for one in some}
 
-    # The elements: the events of the core, and its parts as wholes, with the precedence among them
-    # (semantics, section 2).
+    # Elements: the events of the core and its whole parts, with their precedence (semantics,
+    # section 2).
 
     def _touched(self, configuration: Configuration) -> int:
-        """The elements of which something is taken."""
+        """Return the elements with an occurrence taken."""
         parts = (part for part in self.compiled.parts if self.progress.flags(configuration, part) & TOUCHED)
         return configuration.taken & self._mask | mask_of(parts)
 
     def _elements(self, configuration: Configuration, kept: Resolution) -> tuple[int, int]:
-        """The elements of a resolution that have events, and those of them that are finished; parts
-        as finished as can be.
+        """Return the elements with events, and the complete ones; parts count as complete if
+        possible.
 
-        The resolution may be in the making: what it has reached but not resolved is looked at too.
+        For a partial resolution, reached but unresolved nodes are included.
         """
         compiled = self.compiled
         present, finished = int(compiled.own[compiled.root]), 0
@@ -131,13 +137,13 @@ class SharedNodes:
 
     @cached_property
     def _before(self) -> dict[int, int]:
-        """What may precede each element, in whichever scenario."""
+        """For each element, the elements that may precede it in some scenario."""
         kept = {node: self.compiled.children[node] for node in self.compiled.core}
         events = mask_of(node for node in self.compiled.core if self.compiled.own[node])
         return self._precedence(kept, events | mask_of(self.compiled.parts))
 
     def _precedence(self, kept: Resolution, present: int) -> dict[int, int]:
-        """What directly precedes each present element; the rest of the precedence follows by transitivity."""
+        """Return the direct predecessors of each present element."""
         compiled = self.compiled
         within: dict[int, int] = {}
         before = dict.fromkeys(bits(present), 0)
@@ -159,9 +165,10 @@ class SharedNodes:
         return before
 
     def _outlook(self, configuration: Configuration, kept: Resolution, touched: int, ahead: int) -> Hashable:
-        """What a resolution leaves to the nodes ahead, which it reaches and has yet to resolve.
+        """Return the relevant state of a resolution for the unresolved nodes `ahead`.
 
-        None where it is not feasible, or the configuration not downward closed in it with an order it allows.
+        None if it is infeasible, or the occurrences taken are not downward closed or break an
+        order.
         """
         present, finished = self._elements(configuration, kept)
         left = present & ~finished
@@ -174,13 +181,13 @@ class SharedNodes:
             return None
         if any(before[element] >> element & 1 for element in bits(present)):
             return None
-        while left:  # unless there is a cycle some element has none of those left before it
+        while left:  # unless there is a cycle, some element has no remaining predecessor
             free = mask_of(element for element in bits(left) if not before[element] & left)
             if not free:
                 return None
             left ^= free
-        # Of each node ahead: which others come before it, at once or in the end, and what must not
-        # or may not be in its part.
+        # For each node ahead: its direct and transitive predecessors, and the constraints on its
+        # part.
         left = present & ~finished
         early, late = (mask_of(pair[end] for pair in configuration.inversions) for end in (0, 1))
         relations: list[Hashable] = [left > 0]
@@ -195,20 +202,21 @@ class SharedNodes:
         return tuple(relations)
 
     def resolutions(self, configuration: Configuration, *, complete: bool) -> Iterator[Resolution]:
-        """Resolutions with a feasible scenario in which what is taken is downward closed; some, if there are any.
+        """Iterate over resolutions with a feasible scenario in which the occurrences taken are
+        downward closed.
 
-        If `complete`, only such where nothing remains to be taken.
+        At least one is returned if any exists. If `complete`, no occurrence remains.
         """
         compiled, core = self.compiled, self.compiled.core
         able = self._able(configuration, complete=complete)
         touched = self._touched(configuration)
-        needed = [  # those without which something taken is in no scenario
+        needed = [  # nodes without which an occurrence taken is in no scenario
             node
             for node in core
             if configuration.taken >> node & 1
             or any(self._has(configuration, child, TOUCHED) for child in compiled.children[node])
         ]
-        # Resolutions in the making: the place in the core, the nodes reached, those resolved.
+        # Partial resolutions: the index in the core, the nodes reached, and the resolved nodes.
         agenda: list[tuple[int, int, dict[int, tuple[int, ...]]]] = [(0, 1, {})] if able & 1 else []
         seen: set[Hashable] = set()
         steps = 0
@@ -247,7 +255,7 @@ class SharedNodes:
                 agenda.extend((place + 1, reached | mask_of(c), {**kept, node: c}) for c in reversed(options))
 
     def _able(self, configuration: Configuration, *, complete: bool) -> int:
-        """The nodes that are in some scenario of this kind, looking at each alone."""
+        """Return the nodes that are possible in some scenario, each considered alone."""
         compiled, taken = self.compiled, configuration.taken
         wanted = SURE if complete else POSSIBLE
         able = mask_of(part for part in compiled.parts if self.progress.flags(configuration, part) & wanted)
@@ -262,7 +270,7 @@ class SharedNodes:
     def _options(
         self, configuration: Configuration, node: int, able: int, *, complete: bool
     ) -> Iterator[tuple[int, ...]]:
-        """The ways to keep children of a node, given that it is kept. Alike ones are represented by one."""
+        """Return the ways to keep children of a kept node, one per equivalence class."""
         compiled = self.compiled
         children = compiled.children[node]
         if not able >> node & 1:
@@ -278,13 +286,13 @@ class SharedNodes:
         silent = [child for child in rest if self._has(configuration, child, SURE if complete else DONE)]
         waiting = [child for child in rest if child not in compiled.members and child not in silent]
         if compiled.ops[node] is PartKind.ONE:
-            # Waiting parts are alike, since what orders one orders the other, and so are silent ones, except that they
-            # are in different branches.
+            # Waiting parts are equivalent, because the same orders apply; so are silent ones, apart
+            # from their branches.
             picks = silent if complete else [*silent[:1], *waiting[:1]]
             ways = (touched if len(touched) == 1 else []) if touched else [*picks, *shared]
             yield from ((child,) for child in ways)
             return
-        # Silent parts cost nothing; where nothing is ordered, no child that is able does.
+        # Silent parts cost nothing; without orders, no possible child does.
         for size in range(len(shared) + 1) if self._ordered else [len(shared)]:
             missing = max(compiled.need[node] - size - len(touched) - len(silent), 0)
             if missing <= len(waiting):

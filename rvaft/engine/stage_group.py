@@ -1,8 +1,7 @@
-"""The partial matches that have come equally far, so kept that an event looks only at those that it can concern.
+"""The partial matches of one stage, indexed so that an event visits only those that it can extend.
 
-They are found by the values that an event must repeat, and among those by the order of a value that
-the event bounds. Where some can do all that another one can, it is not kept (see `subsumption`): of
-those in one place the first that nothing surpasses.
+They are indexed by the values that an event must repeat, then sorted by a value that the event
+bounds. Subsumed partial matches are dropped (see `subsumption`); of equal ones, the first is kept.
 """
 
 from bisect import bisect_left, bisect_right, insort
@@ -20,7 +19,7 @@ _PLAIN: Final = (str, int, float)
 
 
 class Member(NamedTuple):
-    """A partial match that is followed, and its number: an earlier one has a lower number."""
+    """A partial match with a number; earlier ones have lower numbers."""
 
     number: int
     configuration: Configuration
@@ -28,11 +27,11 @@ class Member(NamedTuple):
 
 
 class Bound(NamedTuple):
-    """What an event asks of a value that partial matches remember: from some value on (`rising`), or up to some."""
+    """A bound of an event on a remembered value: a lower bound (`rising`) or an upper bound."""
 
     rising: bool
     by: Callable[[Mapping[str, Json]], Callable[[Json], bool]]
-    """From the values of the event to what they ask."""
+    """A function from the values of the event to the test of the remembered value."""
 
 
 class LaneMember(NamedTuple):
@@ -44,40 +43,38 @@ class LaneMember(NamedTuple):
 
 
 NEAR: Final = 64
-"""How far from the end of an order is looked step by step."""
+"""The distance from the end of an order within which the search is stepwise."""
 LOOSE: Final = "loose"
-"""Numbers so large that sums with them need not keep their order."""
+"""Numbers so large that sums need not keep their order."""
 _Place: TypeAlias = Hashable
 _Lanes: TypeAlias = dict[tuple[Hashable, ...], list[LaneMember]]
-"""The members with equal values, apart where something can tell these apart, and by the type of the
-value that orders them.
+"""The members with equal values, separated by distinguishable values and the type of the ordering
+value.
 """
 
 
 def place_of(values: Iterable[Json]) -> _Place:
-    """Equal for equal values; what is not finite equals nothing."""
+    """Return a key that is equal for equal values; a non-finite value equals nothing."""
     return tuple([v if type(v) in _PLAIN and (type(v) is not float or v - v == 0) else key(v) for v in values])
 
 
 class StageGroup:
-    """The partial matches of one stage, found by the values they remember."""
+    """The partial matches of one stage, indexed by the values that they remember."""
 
     def __init__(self, ranking: Ranking, deadlines: Sequence[TimeDifference] = ()) -> None:
         self.ranking = ranking
         self.members: dict[int, Member] = {}
         self.everyone = ((self.members.values(), None),)
         self.floor: int | None = None
-        """The least time that events to come may have, where that is known."""
+        """The watermark: the minimum time of later events, if known."""
         self._deadlines = deadlines
         self._ending: list[tuple[int, int]] = []
-        """A heap of the floors up to which members may still come to something, with their numbers."""
+        """A heap of deadlines (watermarks) of members, with their numbers."""
         self._fronts: dict[_Place, list[Member]] = {}
         self._ordered: dict[tuple[tuple[str, ...], Term | None], dict[_Place, _Lanes]] = {}
 
-    # What has no place among them.
-
     def excels(self, rank: Rank) -> bool:
-        """Whether some members can do all that one of this rank could."""
+        """Whether some members can do all that a match of this rank can."""
         front = self._fronts.get(rank.place)
         if front is None:
             return False
@@ -91,7 +88,7 @@ class StageGroup:
         return any(all(map(ge, member.rank.values, rank.values)) for member in front)
 
     def add(self, member: Member) -> None:
-        """Take a member in, in place of those that can do no more."""
+        """Add a member and remove those that it subsumes."""
         rank = member.rank
         front, surpassed = self._fronts.get(rank.place, []), list[Member]()
         if rank.told_apart:
@@ -100,7 +97,7 @@ class StageGroup:
                 if self.ranking.covers([other.rank for other in rivals if other is not one], one.rank):
                     rivals.remove(one)
                     surpassed.append(one)
-        elif len(rank.values) == 2:  # the better the first, the worse the second
+        elif len(rank.values) == 2:  # the better the first value, the worse the second
             if self.ranking.floored and self.floor is not None:
                 count = 1
                 while count < len(front) and front[count].rank.values[1] >= -self.floor:
@@ -132,7 +129,7 @@ class StageGroup:
                 heappush(self._ending, (min(known), member.number))
 
     def remove(self, member: Member) -> None:
-        """Leave a member out, if it is still here."""
+        """Remove a member, if present."""
         if self.members.pop(member.number, None) is None:
             return
         rank = member.rank
@@ -145,7 +142,7 @@ class StageGroup:
             del self._fronts[rank.place]
         for (names, term), ordered in self._ordered.items():
             place, kind, value = _lane(names, term, member) or (None, (), None)
-            if place in ordered:  # what equals nothing is found nowhere
+            if place in ordered:  # a value that equals nothing is not indexed
                 lane = ordered[place][kind]
                 del lane[bisect_left(lane, (value, member.number))]
                 if not lane:
@@ -154,14 +151,12 @@ class StageGroup:
                         del ordered[place]
 
     def forget(self, floor: int) -> None:
-        """Leave out what comes to nothing where no event to come has an earlier time than this."""
+        """Set the watermark and remove the members that it rules out."""
         self.floor = floor
         while self._ending and self._ending[0][0] < floor:
             member = self.members.get(heappop(self._ending)[1])
             if member is not None:
                 self.remove(member)
-
-    # What an event may concern.
 
     def between(
         self,
@@ -171,8 +166,9 @@ class StageGroup:
         bounds: Sequence[Bound],
         event: Mapping[str, Json],
     ) -> list[tuple[list[LaneMember], int, int]]:
-        """The members to which these variables have such values and whose term keeps all bounds:
-        parts of lists, each in its order.
+        """Return the members with these values whose term satisfies all bounds.
+
+        The result is a list of slices of sorted lists.
         """
         ordered = self._ordered.get((names, term))
         if ordered is None:
@@ -208,7 +204,7 @@ def _first(member: Member) -> Json:
 def _lane(
     names: tuple[str, ...], term: Term | None, member: Member
 ) -> tuple[_Place, tuple[Hashable, ...], Json] | None:
-    """Where a member stands in an order; None where its value compares with nothing."""
+    """Return a member's position in an order; None if its value is not comparable."""
     binding = member.configuration.binding
     values = [binding[name] for name in names]
     if term is None:
@@ -219,7 +215,9 @@ def _lane(
 
 
 def _turn(lane: Sequence[LaneMember], holds: Callable[[Json], bool], *, wanted: bool) -> int:
-    """The first place from which on it holds as wanted; looked for from the end, where the latest values mostly are."""
+    """Return the first index from which `holds` has the wanted value; search from the end, where
+    recent values are.
+    """
     if holds(lane[0].value) is wanted:
         return 0
     step, end = 1, len(lane)
@@ -239,6 +237,6 @@ def _turn(lane: Sequence[LaneMember], holds: Callable[[Json], bool], *, wanted: 
 
 
 def in_order(entries: Sequence[LaneMember], start: int, end: int, *, last_first: bool) -> Iterator[Member]:
-    """The members of a part of a list."""
+    """Iterate over the members of a slice."""
     places = range(end - 1, start - 1, -1) if last_first else range(start, end)
     return (entries[place].member for place in places)

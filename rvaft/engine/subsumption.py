@@ -1,60 +1,38 @@
-"""Which partial matches another one makes superfluous.
+"""Subsumption: partial matches that another partial match makes superfluous.
 
-**Taken or passed over.** Under `scattered` a configuration may pass over every event. Passing over
-is of no use where the occurrence belongs to all that the configuration can still become and taking
-it costs nothing: no variable is bound by it, no choice made. Then whatever the configuration could
-do later, it can do with the event taken, within the same branch (so that the explanation still
-finds the lowest). The same goes for a choice that every scenario makes and that nothing has to come
-before, where the event is all of the child with the lowest branch.
+**Taken or skipped.** Under `scattered`, a partial match may skip every event. Skipping is
+superfluous if every continuation has the occurrence, and taking it binds no variable and makes no
+choice. Then the partial match with the event taken can do all that the other can, within the same
+branch. The same holds for a choice that every scenario makes and that nothing must precede, if the
+event completes the child with the lowest branch.
 
-**Different values.** Take two partial matches that have come equally far (the same taken, decided
-with the same outcome, and broken) and whose bindings agree but for some variables that no
-occurrence to come mentions: these are of consequence through the guards still open alone. An open
-guard is *for greater values* of such a variable if, whatever the values of the others, it holds for
-y where it holds for x < y; and likewise for smaller values. If all open guards that mention the
-variable are for greater values of it, a completion of the match with x is one of the match with y >
-x: the same events for the same occurrences, the same scenario, of the same branches. With several
-such variables replace one after the other. So the match with the lesser value may be dropped as
-long as the other, or one that can do all that it can, is kept.
+**Different values.** Take two partial matches with the same events taken, the same decided guards
+and the same broken orders. Their bindings differ only in variables that no later occurrence
+mentions, so only open guards depend on these. An open guard is *rising* in a variable if, for all
+values of the others, it holds for y if it holds for some x < y; *falling* is the opposite. If all
+open guards with the variable are rising, each completion with x is one with y > x: the same events,
+scenario and branches. Several variables are replaced one by one. So the match with the lesser value
+may be dropped while a match at least as good is kept.
 
-What makes a guard one for greater (smaller) values, as `rvaft.model.guards` evaluates it:
+A guard, as `rvaft.model.guards` evaluates it, is rising or falling by these rules:
 
-- Rounding is monotone: of two whole numbers, x <= y, and a constant c, x + c <= y + c holds for the computed results
-  too: exactly if c is whole, and after rounding if not (x is then first rounded to a double). So it does for two
-  numbers that are not whole, always after rounding. The same goes for x + e where e is whatever the rest of the guard
-  gives, the same for both. Not so between a whole number and another one: 0.5 + (2**53 + 1) is 2**53 after rounding,
-  but 0 + (2**53 + 1) is exact. So two values are compared only if both are whole, or neither is. A sum may be whole for
-  the one and not for the other. Hence to a sum only constants are added, and of whole ones only those up to 2**53: of
-  these, and of a number that is not whole and so less than 2**52, the sum is less than 2**54, where a whole number that
-  is greater (or smaller) than a sum is not passed by rounding it.
-- Comparisons of numbers are exact, whatever their types. On texts they are those of code points;
-  arithmetic on texts is undefined.
-- What is undefined does not hold, nor does its negation. So it must not depend on x whether a
-  comparison is defined. Types decide it, and being finite, and the conversion of a whole number to
-  a double. Therefore values and constants beyond `MOST` are left out: added to a finite double such
-  values leave a finite double, since they are less than half of the last place of the largest.
-  After the one operand that is not a constant only whole constants are allowed, for a sum of whole
-  numbers may be too large for a double.
-- So a comparison stays defined, or undefined, as the value changes: it is *steady*. Then its
-  negation is for the other direction, and steady.
-- `and` holds where all its operands do: it is monotone if they are. But what it does not look at
-  may be undefined, so that `and` may turn from false to undefined where its first operand turns
-  from false to true. So neither is it steady, nor is `or`, unless only the last operand mentions
-  the variable and is. `or` looks at an operand where those before are false, which for them must
-  not turn into undefined: it is monotone if its operands are, and those before the last are steady.
+- Rounding is monotone. For integers x <= y and a constant c, x + c <= y + c holds for the computed results: exactly if c is an integer, after rounding if not (x is first rounded to a double). For two non-integers it holds after rounding. The same applies to x + e if e is the same for both.
+- Between an integer and a non-integer it fails: 0.5 + (2**53 + 1) rounds to 2**53, but 0 + (2**53 + 1) is exact. So two values are compared only if both are integers or neither is. Since a sum may be an integer for only one of them, only constants are added to a sum, and of integer constants only those up to 2**53. With these, the sum of a non-integer (less than 2**52) is less than 2**54, where rounding never passes an integer on the other side.
+- Comparisons of numbers are exact for all types. Texts are compared by code points; arithmetic on texts is undefined.
+- An undefined guard does not hold, nor does its negation. So it must not depend on x whether a comparison is defined. This depends on types, finiteness, and the conversion of an integer to a double. Therefore values and constants beyond `MOST` are excluded: added to a finite double, the others give a finite double. Only integer constants follow an operand that is no constant, because a sum of integers may be too large for a double.
+- So a comparison stays defined or undefined as the value changes: it is *steady*. Its negation is steady too, with the opposite direction.
+- `and` is monotone if its operands are. But an operand that is not evaluated may be undefined, so `and` may change from false to undefined. It is steady only if just the last operand has the variable and is steady; the same holds for `or`. `or` evaluates an operand if the earlier ones are false. So `or` is monotone if its operands are, and those before the last are steady.
 
-**Values that others must differ from.** A variable that is mentioned only where it must differ
-(`!=`) from values to come is told apart by these alone: k of them exclude at most k values. So of
-matches that agree otherwise as many are kept as it takes for some to be left, whatever is excluded,
-if another one were: a match is not needed if each choice of values to come that excludes all that
-are kept excludes it too.
+**Excluded values.** If a variable occurs only in inequalities (`!=`) with later values, k such
+values exclude at most k bindings. So enough of otherwise equal matches are kept that one is left
+whenever another one would be. A match is superfluous if each choice of later values that excludes
+all kept matches excludes it too.
 
-**Times.** Of a difference of times (`core.times`) only the least and the greatest of the times
-known on either side matter, and whole numbers are exact. Where events with times before a floor no
-longer count, a greatest time below it is as good as any other.
+**Times.** Of a difference of times (`core.times`), only the extremes of the known times on each
+side matter, and integers are exact. Below the watermark, greatest times are equivalent.
 
-Anything else is left alone: equality, products, a variable on both sides. What is not said to be
-comparable counts as equal only if nothing can tell the values apart (`fingerprint`).
+Everything else is compared for equality: equalities, products, a variable on both sides. Such
+values are equal only if nothing distinguishes them (`fingerprint`).
 """
 
 from collections.abc import Hashable, Mapping, Sequence
@@ -73,9 +51,9 @@ from rvaft.model.values import Json, exact, is_number, key
 
 
 def commits(matching: Matching, before: Configuration, after: Configuration, node: int, *, firsts: int) -> bool:
-    """Whether the configuration after a node's event can do all that the one before it can.
+    """Whether the partial match after a node's event can do all that the one before it can.
 
-    `firsts` are the parts of the core that a choice, which every scenario makes, can keep with the lowest branch.
+    `firsts` are the core parts with the lowest branch of a choice that every scenario makes.
     """
     compiled, flags = matching.compiled, matching.progress.flags
     if after.binding != before.binding or after.closed != before.closed:
@@ -89,10 +67,10 @@ def commits(matching: Matching, before: Configuration, after: Configuration, nod
     if compiled.core and not matching.shared.settled(before, node, chosen=chosen):
         return False
 
-    def ends(node: int, flags: int) -> bool:  # nothing more comes of it in the same branch
+    def ends(node: int, flags: int) -> bool:  # no later event of the node in the same branch
         return flags & SURE > 0 and not (flags & MORE and compiled.picks >> node & 1)
 
-    def keeps(gate: int, child: int) -> bool:  # nothing is lost by what happened below the child
+    def keeps(gate: int, child: int) -> bool:  # the event below the child loses nothing
         siblings = compiled.children[gate]
         match compiled.ops[gate]:
             case PartKind.ALL | PartKind.EVENT | PartKind.CONDITION:
@@ -121,58 +99,61 @@ def commits(matching: Matching, before: Configuration, after: Configuration, nod
 MOST: Final = 10**100
 
 _EXACT: Final = 2**53
-"""All whole numbers up to this one are doubles."""
+"""All integers up to this one are doubles."""
 _MIXED: Final = None
 _SUMS: Final = (Operator.ADD, Operator.SUB)
 _FIRST_GREATER: Final = (Operator.GT, Operator.GE)
 
 
 class Term(NamedTuple):
-    """A number or text that a binding gives, and whether a greater (1) or a smaller (-1) one can do more."""
+    """A number or text from a binding; the greater (sign 1) or the smaller (-1) is at least as
+    good.
+    """
 
     sign: int
     extreme: Extreme
 
     def value(self, binding: Mapping[str, Json]) -> Json:
-        """Its value."""
+        """Return its value in a binding."""
         names = self.extreme.names
         return binding[names[0]] if len(names) == 1 else self.extreme.of(binding)
 
 
 class Rank(NamedTuple):
-    """Where a partial match stands among those of its stage: only in one `place` can one make another superfluous."""
+    """The rank of a partial match in its stage; subsumption applies only within the same `place`."""
 
     place: Hashable
     values: tuple[Json, ...]
-    """Of each the greater can do more."""
+    """Values of which the greater is at least as good."""
     told_apart: tuple[Hashable, ...]
-    """Values that others, yet to come, must differ from."""
+    """Values that later values must differ from."""
 
 
 class _Backwards(str):
-    """A text in the opposite order."""
+    """A text in the reverse order."""
 
     __slots__ = ()
     __lt__, __le__, __gt__, __ge__ = str.__gt__, str.__ge__, str.__lt__, str.__le__
 
 
 class Ranking(NamedTuple):
-    """How bindings of partial matches that have come equally far compare."""
+    """The comparison of the bindings of partial matches in one stage."""
 
     exact: tuple[str, ...] = ()
-    """The variables whose values must be the same."""
+    """The variables whose values must be equal."""
     terms: tuple[Term, ...] = ()
     excluded: tuple[str, ...] = ()
-    """The variables whose values matter only in that others differ from them."""
+    """The variables that occur only in inequalities with later values."""
     differing: tuple[tuple[int, ...], ...] = ()
-    """For each value yet to come: of which of these, by their places in the tuple, it must differ."""
+    """For each later value, the indexes of the `excluded` variables that it must differ from."""
     floored: bool = False
-    """Whether of the second of two terms, a greatest time, only matters how far it is above the
-    times that are still to come.
+    """Whether a greatest time matters only by its distance above the watermark.
+
+    It is the second of two terms.
     """
 
     def of(self, binding: Mapping[str, Json]) -> Rank:
-        """The rank of a binding."""
+        """Return the rank of a binding."""
         place: list[Hashable] = [exact(binding[name]) for name in self.exact]
         if not self.terms and not self.excluded:
             return Rank(tuple(place), (), ())
@@ -183,11 +164,11 @@ class Ranking(NamedTuple):
             place.append(tuple([exact(binding[name]) for name in extreme.names]) if kind is None else kind)
             values.append(0 if kind is None else value if sign > 0 else _Backwards(value) if kind is str else -value)
         told_apart = [key(binding[name]) for name in self.excluded]
-        place.extend(type(one) is object for one in told_apart)  # what equals nothing has no equal in what it can do
+        place.extend(type(one) is object for one in told_apart)  # a value that equals nothing has no substitute
         return Rank(tuple(place), tuple(values), tuple(told_apart))
 
     def covers(self, rivals: Sequence[Rank], rank: Rank) -> bool:
-        """Whether, of rivals in its place, some can do all that one with this rank can, whatever comes."""
+        """Whether some rivals in the same place can do all that a match with this rank can."""
         able = [rival for rival in rivals if all(map(ge, rival.values, rank.values))]
         return bool(able) and not self._tells(rank.told_apart, [rival.told_apart for rival in able], 0, {})
 
@@ -198,8 +179,8 @@ class Ranking(NamedTuple):
         number: int,
         values: Mapping[int, Hashable],
     ) -> bool:
-        """Whether the values to come, some of which are these, can exclude all the rivals from a
-        number on and not the one.
+        """Whether later values (`values` among them) can exclude all rivals from `number` on but
+        not `one`.
         """
         while number < len(rivals) and any(
             rivals[number][place] == value for group, value in values.items() for place in self.differing[group]
@@ -217,11 +198,13 @@ class Ranking(NamedTuple):
 
 
 MOST_EXCLUDED: Final = 9
-"""Variables times values that they must differ from, up to which representatives are looked for."""
+"""The maximum product of excluded variables and inequalities for which representatives are
+computed.
+"""
 
 
 def ranking(compiled: CompiledTree, configuration: Configuration) -> Ranking:
-    """How the bindings of configurations that have come as far as this one compare."""
+    """Return the ranking of partial matches in the same stage."""
     binding = configuration.binding
     fixed = {name for name in binding if compiled.mentions[name] & ~configuration.taken}
     terms: dict[Term, None] = {}
@@ -263,7 +246,7 @@ def ranking(compiled: CompiledTree, configuration: Configuration) -> Ranking:
 
 
 def _differs(guard: Guard, name: str) -> Guard | None:
-    """What a guard asks the value of a variable to differ from, if it asks only that."""
+    """Return the term that a guard requires a variable to differ from, if it is such an inequality."""
     match guard:
         case Operation(Operator.NE, sides) | Operation(Operator.NOT, (Operation(Operator.EQ, sides),)):
             return _beside(sides, name)
@@ -272,7 +255,7 @@ def _differs(guard: Guard, name: str) -> Guard | None:
 
 
 def repeats(guard: Guard, name: str) -> Guard | None:
-    """What a guard asks the value of a variable to equal, if it asks only that."""
+    """Return the term that a guard requires a variable to equal, if it is such an equality."""
     match guard:
         case Operation(Operator.EQ, sides) | Operation(Operator.NOT, (Operation(Operator.NE, sides),)):
             return _beside(sides, name)
@@ -281,7 +264,6 @@ def repeats(guard: Guard, name: str) -> Guard | None:
 
 
 def _beside(sides: Sequence[Guard], name: str) -> Guard | None:
-    """Of two terms the one that is not this variable; None where it is neither, or in both."""
     for one, other in (sides, sides[::-1]):
         if isinstance(one, Variable) and one.name == name and name not in variables(other):
             return other
@@ -289,8 +271,8 @@ def _beside(sides: Sequence[Guard], name: str) -> Guard | None:
 
 
 def tendency(guard: Guard, name: str) -> int | None:
-    """Whether a guard is for greater (1) or smaller (-1) values of a variable, does not mention it
-    (0), or is neither (None).
+    """Return whether a guard is rising (1), falling (-1) or constant (0) in a variable, or neither
+    (None).
     """
     if name not in variables(guard):
         return 0
@@ -312,7 +294,7 @@ def tendency(guard: Guard, name: str) -> int | None:
 
 
 def _steady(guard: Guard, name: str) -> bool:
-    """Whether a guard that is monotone in a variable is defined, or undefined, whatever its value."""
+    """Whether a monotone guard is defined, or undefined, for all values of a variable."""
     if name not in variables(guard):
         return True
     match guard:
@@ -329,10 +311,10 @@ def _turned(sign: int | None) -> int | None:
 
 
 def _slope(term: Guard, name: str) -> tuple[int | None, bool]:
-    """The sign of a variable in a sum that mentions it once, and whether the rest of it is constants.
+    """Return the sign of a variable in a sum that has it once, and whether the rest is constant.
 
-    To a sum with a term that is no constant only whole constants are added, and of whole constants beyond 2**53, and of
-    other terms, one alone is added, to the variable itself.
+    Only integer constants are added to a sum with a non-constant term. Integers beyond 2**53 and
+    other terms are added only to the variable itself.
     """
     match term:
         case Variable():
@@ -362,8 +344,8 @@ def _moderate(value: Json) -> bool:
 
 
 def scale(value: Json) -> type | None:
-    """What two values have in common that can be compared (`int` if both are whole); None for a
-    value that cannot be.
+    """Return the class within which values are comparable (`int` for all integral numbers), or
+    None.
     """
     if type(value) is str or (type(value) is int and _moderate(value)):
         return type(value)

@@ -161,14 +161,14 @@ def test_a_branch_has_its_number_where_its_choice_is_not_made() -> None:
 
 
 def test_too_many_sets_of_events_are_refused_before_they_take_long() -> None:
-    """Of events that join in a window any may be passed over: each set of them is followed, up to a
+    """Of events that join in a window any may be skipped: each set of them is followed, up to a
     tenth of the limit.
     """
     names = [f"l{number}" for number in range(14)]
     tree = parse(f"time t as s; top and {' '.join(names)} within 100 s;").build()
     monitor = Engine(tree, "scattered", limit=20_000)
     events = [{"event": name, "t": time} for time, name in enumerate(names)]
-    with pytest.raises(TooLarge, match=r"sets of events .*; any of l0, l1, .* may be passed over \(limit 2000\)"):
+    with pytest.raises(TooLarge, match=r"sets of events .*; any of l0, l1, .* may be skipped \(limit 2000\)"):
         list(map(monitor.step, events))
 
 

@@ -37,8 +37,10 @@ class Witness(NamedTuple):
 Tally: TypeAlias = tuple[int, ...]
 """The counts of a gate over its children.
 
-- A sequence: the last child touched (or -1), how many before it are not done, how many of all are done and sure, and how many from it on are possible and have more.
-- Another gate: how many are touched, possible, done, have more, and are sure; then how many touched ones have each of these four.
+- A sequence: the last child touched (or -1), how many before it are not done, how many of all are
+  done and sure, and how many from it on are possible and have more.
+- Another gate: how many are touched, possible, done, have more, and are sure; then how many touched
+  ones have each of these four.
 """
 
 
@@ -49,7 +51,8 @@ class Configuration:
     - `taken`: the occurrences that have their event.
     - `dead`: the nodes whose guard failed; `closed`: those without a waiting guard.
     - `binding`: the variables that are still needed.
-    - `inversions`: the broken orders between two core elements. They are harmless while some scenario does not require them; empty without shared nodes.
+    - `inversions`: the broken orders between two core elements. They are harmless while some
+      scenario does not require them; empty without shared nodes.
     - `flags`, `tallies`: derived data of `PartProgress` where it differs from the start.
     - `witness`: the steps so far; not part of the state.
     """

@@ -16,12 +16,27 @@ may be dropped while a match at least as good is kept.
 
 A guard, as `rvaft.model.guards` evaluates it, is rising or falling by these rules:
 
-- Rounding is monotone. For integers x <= y and a constant c, x + c <= y + c holds for the computed results: exactly if c is an integer, after rounding if not (x is first rounded to a double). For two non-integers it holds after rounding. The same applies to x + e if e is the same for both.
-- Between an integer and a non-integer it fails: 0.5 + (2**53 + 1) rounds to 2**53, but 0 + (2**53 + 1) is exact. So two values are compared only if both are integers or neither is. Since a sum may be an integer for only one of them, only constants are added to a sum, and of integer constants only those up to 2**53. With these, the sum of a non-integer (less than 2**52) is less than 2**54, where rounding never passes an integer on the other side.
-- Comparisons of numbers are exact for all types. Texts are compared by code points; arithmetic on texts is undefined.
-- An undefined guard does not hold, nor does its negation. So it must not depend on x whether a comparison is defined. This depends on types, finiteness, and the conversion of an integer to a double. Therefore values and constants beyond `MOST` are excluded: added to a finite double, the others give a finite double. Only integer constants follow an operand that is no constant, because a sum of integers may be too large for a double.
-- So a comparison stays defined or undefined as the value changes: it is *steady*. Its negation is steady too, with the opposite direction.
-- `and` is monotone if its operands are. But an operand that is not evaluated may be undefined, so `and` may change from false to undefined. It is steady only if just the last operand has the variable and is steady; the same holds for `or`. `or` evaluates an operand if the earlier ones are false. So `or` is monotone if its operands are, and those before the last are steady.
+- Rounding is monotone. For integers x <= y and a constant c, x + c <= y + c holds for the computed
+  results: exactly if c is an integer, after rounding if not (x is first rounded to a double). For
+  two non-integers it holds after rounding. The same applies to x + e if e is the same for both.
+- Between an integer and a non-integer it fails: 0.5 + (2**53 + 1) rounds to 2**53, but 0 + (2**53 +
+  1) is exact. So two values are compared only if both are integers or neither is. Since a sum may
+  be an integer for only one of them, only constants are added to a sum, and of integer constants
+  only those up to 2**53. With these, the sum of a non-integer (less than 2**52) is less than 2**54,
+  where rounding never passes an integer on the other side.
+- Comparisons of numbers are exact for all types. Texts are compared by code points; arithmetic on
+  texts is undefined.
+- An undefined guard does not hold, nor does its negation. So it must not depend on x whether a
+  comparison is defined. This depends on types, finiteness, and the conversion of an integer to a
+  double. Therefore values and constants beyond `MOST` are excluded: added to a finite double, the
+  others give a finite double. Only integer constants follow an operand that is no constant, because
+  a sum of integers may be too large for a double.
+- So a comparison stays defined or undefined as the value changes: it is *steady*. Its negation is
+  steady too, with the opposite direction.
+- `and` is monotone if its operands are. But an operand that is not evaluated may be undefined, so
+  `and` may change from false to undefined. It is steady only if just the last operand has the
+  variable and is steady; the same holds for `or`. `or` evaluates an operand if the earlier ones are
+  false. So `or` is monotone if its operands are, and those before the last are steady.
 
 **Excluded values.** If a variable occurs only in inequalities (`!=`) with later values, k such
 values exclude at most k bindings. So enough of otherwise equal matches are kept that one is left

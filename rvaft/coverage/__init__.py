@@ -1,10 +1,9 @@
-"""Which branches of a tree some logs exercised, and how far they came in the others.
+"""The branches of a tree that logs exercised, and the progress in the others.
 
-A branch *needs* n events: as many as the smallest of its feasible scenarios has occurrences. It was
-*reached* m of n by a log when, over all prefixes and all partial matches of the branch in them
-(semantics, section 4), the fewest occurrences that one of them lacked to the end of a scenario were
-n - m. So m is n exactly where the branch was detected, and without KofN it is the largest number of
-its occurrences that were matched.
+A branch *needs* n events: the occurrences of its smallest feasible scenario. A log *reached* m of n
+if n - m is the minimum number of missing occurrences, over all prefixes and all partial matches of
+the branch (semantics, section 4). So m is n if and only if the branch was detected. Without KofN, m
+is the maximum number of its occurrences that were matched.
 """
 
 from rvaft.coverage.measure import DEFAULT_BRANCHES, BranchCoverage, Coverage, CoverageReport

@@ -39,22 +39,22 @@ from rvaft.stream.statistics import EventKind, EventTypeIndex
 from rvaft.support.bits import bits
 
 DEFAULT_BRANCHES: Final = 1_000
-"""How many branches are monitored, one by one and all at once."""
+"""The default maximum number of branches; all are monitored at once."""
 _WAYS: Final = 20_000
-"""How many ways to keep children of gates above shared nodes are tried."""
+"""The maximum number of ways to keep children of gates above shared nodes."""
 
 
 Kept: TypeAlias = Mapping[int, tuple[int, ...]]
-"""The nodes of a scenario, each with the children that it keeps."""
+"""The nodes of a scenario, each with its kept children."""
 
 
 class LackingEvents:
-    """The fewest events that a partial match of a branch still lacks, over all feasible scenarios that it is a part of.
+    """The minimum number of missing events of a partial match, over its feasible scenarios in a
+    branch.
 
-    In a branch only KofN gates have a choice left: they keep K children or more. Where no node is
-    shared, the cheapest children are the answer, gate by gate. The gates above shared nodes (the
-    *core*) depend on each other: their choices are tried one by one, and each scenario is looked at
-    as a whole.
+    In a branch only KofN gates still choose. Without shared nodes, the cheapest children are
+    optimal for each gate. Gates above shared nodes (the *core*) depend on each other, so their
+    choices are enumerated.
     """
 
     def __init__(self, compiled: CompiledTree) -> None:
@@ -64,12 +64,11 @@ class LackingEvents:
     def fewest(
         self, taken: Mapping[int, int], dead: Collection[int] = (), *, exact: bool = True
     ) -> tuple[int, Collection[int]]:
-        """How many are lacking when these are taken and the guards of the dead nodes do not hold,
-        and the nodes of such a scenario.
+        """Return the minimum number of missing events, and the nodes of such a scenario.
 
-        `taken` maps each node with an event to the position of its event. If `exact`, the scenario
-        contains all that is taken; otherwise it may do without some of it. There has to be such a
-        scenario. Raises `TooLarge`.
+        `taken` maps each taken node to the position of its event; the guards of `dead` nodes
+        failed. If `exact`, the scenario contains all of `taken`, otherwise possibly less. Such a
+        scenario must exist. Raises `TooLarge`.
         """
         compiled = self._compiled
         if not compiled.chooses:
@@ -92,8 +91,8 @@ class LackingEvents:
     def _cheapest(
         self, nodes: Iterable[int], dead: Collection[int], taken: Collection[int], forced: Collection[int]
     ) -> dict[int, tuple[int, tuple[int, ...]]]:
-        """For each of the nodes (children first) that can be kept, how many events it lacks at
-        least, and the children kept for it.
+        """Return for each possible node (children first) its minimum of missing events, and the
+        kept children.
         """
         found: dict[int, tuple[int, tuple[int, ...]]] = {}
         for node in nodes:
@@ -112,7 +111,7 @@ class LackingEvents:
     def _resolutions(
         self, parts: Mapping[int, tuple[int, tuple[int, ...]]], forced: Collection[int], dead: Collection[int]
     ) -> Iterator[Kept]:
-        """Scenarios: every choice in the core, the cheapest below it."""
+        """Iterate over scenarios: every choice in the core, the cheapest below it."""
         compiled = self._compiled
         agenda: list[tuple[dict[int, tuple[int, ...]], tuple[int, ...]]] = [({}, (compiled.root,))]
         tried = 0
@@ -145,8 +144,8 @@ class LackingEvents:
                 yield whole
 
     def _keeps_order(self, kept: Kept, taken: Mapping[int, int]) -> bool:
-        """Whether a scenario is feasible, and what is taken came in an order that it allows and
-        before all that is lacking.
+        """Whether a scenario is feasible, and `taken` has an allowed order before all missing
+        events.
         """
         compiled = self._compiled
         inside: dict[int, int] = {}
@@ -170,8 +169,8 @@ class LackingEvents:
 
 
 class Reach(NamedTuple):
-    """The best that a log did: how many events were lacking, the number of the last event matched
-    (0 for none), what came next.
+    """The best result of a log: the missing events, the last event matched (0 for none), the
+    awaited ones.
     """
 
     lacking: int
@@ -180,21 +179,21 @@ class Reach(NamedTuple):
 
 
 class AlternativeFollower(Engine):
-    """The monitor of a branch, or of one alternative of it, that remembers the best of the partial matches it met.
+    """The monitor of a branch, or of one of its alternatives, that keeps its best partial matches.
 
-    It is given only the events that may matter to it, with what the whole tree says of them, since
-    there may be very many branches. Under `scattered` no partial match is lost but to a better one,
-    and the end of the log is early enough; else they end, so they are looked at whenever they grow.
+    It reads only relevant events with their classification by the whole tree, since there may be
+    many branches. Under `scattered`, a partial match is only replaced by a better one, so one look
+    at the end suffices. Otherwise partial matches end, so they are compared whenever they grow.
     Raises `TooLarge`.
     """
 
-    _apart = False  # how far the parts came together is what is measured
+    _apart = False  # the joint progress of all parts is measured
 
     def __init__(self, prop: Property, semantics: Semantics, *, limit: int) -> None:
         self._alternative = prop
         super().__init__(prop.tree, semantics, limit=limit)
         if isinstance(self._strategy, Following):
-            self._strategy.matching.asked.clear()  # a partial match counts also where no time could complete it
+            self._strategy.matching.asked.clear()  # a partial match counts even if no time could complete it
         assert not isinstance(self._strategy, Alternatives), "an alternative has no others beside it"
         self._shortest = LackingEvents(self._strategy.compiled)
         self._size = 0
@@ -205,9 +204,10 @@ class AlternativeFollower(Engine):
         return self._alternative
 
     def follow(self, number: int, event: Json, *, fits: bool) -> None:
-        """Read the event of that number, relevant to the whole tree; those since the last one read change nothing.
+        """Read the event with this number, relevant to the whole tree; skipped events change
+        nothing.
 
-        `fits` is False only where it is no event of this branch.
+        `fits` is False only if it is no event of this branch.
         """
         self.skip(number - 1 - self._read)
         verdict = self.take(
@@ -217,12 +217,14 @@ class AlternativeFollower(Engine):
             self._look()
 
     def reach(self) -> Reach:
-        """How far the branch came, asked once at the end of the log; after detection nothing is lacking."""
+        """Return the progress of the branch at the end of the log; after a detection nothing is
+        missing.
+        """
         if self.verdict is Verdict.TRUE:
             return Reach(0, self._position, ())
         strategy, waiting = self._strategy, set[str]()
         assert not isinstance(strategy, Alternatives), "an alternative has no others beside it"
-        if isinstance(strategy, LinearMonitor):  # the best match may do without some of what fired: played again alone
+        if isinstance(strategy, LinearMonitor):  # the best match may omit some events taken, so it is replayed alone
             fired = {node: position for node, (position, _) in strategy.run.fired.items()}
             lacking, nodes = self._shortest.fewest(fired, exact=False)
             run, last = LinearRun(strategy.compiled, strategy.starts), 0
@@ -241,15 +243,14 @@ class AlternativeFollower(Engine):
         return Reach(self._lacking, self._last, awaited(self.tree, waiting))
 
     def _look(self) -> None:
-        """Compare the partial matches with the best so far."""
         assert isinstance(self._strategy, Following), "the linear way has no partial matches"
         partial = self._strategy.partial
         if self.semantics.ends:
-            size = partial[0].taken.bit_count()  # the same for all: each has used all events that count
+            size = partial[0].taken.bit_count()  # equal for all: each has used all events that count
             if size == self._size:
                 return
             self._size = size
-        alike: dict[Hashable, Configuration] = {}  # of those that lack the same, the one that came first
+        alike: dict[Hashable, Configuration] = {}  # the first of equivalent partial matches
         for match in partial:
             alike.setdefault((match.taken, match.dead, match.inversions), match)
         for match in alike.values():
@@ -263,40 +264,40 @@ class AlternativeFollower(Engine):
 
 
 class BranchFollower:
-    """The monitors of one branch, one for each alternative. The branch came as far as the best of them.
+    """The monitors of one branch, one per alternative; the best one counts.
 
-    Raises `TooLarge`, and `TreeError` where no scenario is feasible.
+    Raises `TooLarge`, and `TreeError` if no scenario is feasible.
     """
 
     def __init__(self, prop: Property, semantics: Semantics, *, limit: int) -> None:
         present = {part.source.node for part in prop.parts if isinstance(part, Event | Times)}
         own = tuple(entry for entry in prop.alphabet if entry.node in present)
-        prop = replace(prop, alphabet=own, ignored=())  # which events are relevant is looked up once for all branches
+        prop = replace(prop, alphabet=own, ignored=())  # relevance is computed once for all branches
         feasible = (one for one in reduced(prop).alternatives if not is_empty(one))
         self._parts = [AlternativeFollower(one, semantics, limit=limit) for one in feasible]
         if not self._parts:
             raise TreeError("no feasible scenario", rule="no-scenario", nodes=[prop.tree.root])
 
     def fork(self) -> Self:
-        """An independent copy."""
+        """Return an independent copy."""
         twin = copy(self)
         twin._parts = [part.fork() for part in self._parts]  # noqa: SLF001 (its own)
         return twin
 
     @property
     def verdict(self) -> Verdict:
-        """True where one of them has that, false where all have."""
+        """True if one alternative is true, false if all are false."""
         found = [part.verdict for part in self._parts]
         return next((one for one in (Verdict.TRUE, Verdict.UNKNOWN) if one in found), Verdict.FALSE)
 
     def follow(self, number: int, event: Json, *, fits: bool) -> None:
-        """Read the event of that number as each of them does, until one detects."""
+        """Read the event with this number by all alternatives."""
         for part in self._parts:
             if part.verdict is Verdict.UNKNOWN:
                 part.follow(number, event, fits=fits)
 
     def reach(self) -> Reach:
-        """How far the branch came: what the best could have taken next, together."""
+        """Return the progress of the best alternatives, with their awaited events joined."""
         found = [part.reach() for part in self._parts]
         best = min(found, key=lambda one: (one.lacking, one.event))
         alike = [one for one in found if one[:2] == best[:2]]
@@ -305,11 +306,11 @@ class BranchFollower:
 
 @dataclass(frozen=True, slots=True)
 class BranchCoverage:
-    """One branch: it was reached `reached` of the `needed` events; `detected` logs detect it.
+    """One branch: `reached` of the `needed` events were matched, and `detected` logs detect it.
 
-    `log` and `event` are where it was first detected or else came farthest first; `event` is the
-    number of the last event matched there, from 1. Both are None where no event of the branch was
-    matched. `awaited` is what could have come next.
+    `log` and `event` locate the first detection, or otherwise the first best result; `event` is the
+    number of the last event matched, from 1. Both are None without a matched event. `awaited` could
+    have come next.
     """
 
     number: int
@@ -324,12 +325,12 @@ class BranchCoverage:
 
 @dataclass(frozen=True, slots=True)
 class CoverageReport:
-    """What the logs covered.
+    """The coverage by all logs.
 
-    `infeasible` are the numbers of branches without a feasible scenario, which nothing can detect
-    and which do not count. `nodes` is the number of nodes with a runtime event in the branches that
-    do, `unseen` are those whose event no event of any log was. `data_warnings` are what could have
-    been part of a match and was not, `warnings` the same as sentences.
+    `infeasible` are the numbers of branches without a feasible scenario, which do not count.
+    `nodes` is the number of nodes with a runtime event in the other branches; `unseen` are those
+    without an event in any log. `data_warnings` are events that could have been part of a match
+    except for their data; `warnings` are the same as sentences.
     """
 
     semantics: Semantics
@@ -343,21 +344,21 @@ class CoverageReport:
 
     @property
     def exercised(self) -> int:
-        """How many branches some log detects."""
+        """The number of branches that some log detects."""
         return sum(branch.detected > 0 for branch in self.branches)
 
     @property
     def seen(self) -> int:
-        """To how many nodes some event fits."""
+        """The number of nodes with an event in some log."""
         return self.nodes - len(self.unseen)
 
 
 class Coverage:
-    """Reads logs one by one and says what they covered.
+    """Measures the coverage of a tree by logs, one log at a time.
 
-    Raises `OptionError`, `TreeError` for a tree that breaks a rule, that has no such branch or
-    kind, or of which no such branch is feasible, and `TooLarge` beyond `limit` branches;
-    `configurations` bounds the partial matches that are followed in each.
+    Raises `OptionError`; `TreeError` for an invalid tree, an unknown branch or kind, or one without
+    a feasible scenario; `TooLarge` beyond `limit` branches. `configurations` bounds the partial
+    matches per branch.
 
     >>> import rvaft
     >>> coverage = Coverage(rvaft.loads("top or a x; x sand b c;"))
@@ -376,11 +377,11 @@ class Coverage:
         limit: int = DEFAULT_BRANCHES,
         configurations: int = DEFAULT_LIMIT,
     ) -> None:
-        narrowed(tree, branch, kind)  # all that can be wrong with these is said here
+        narrowed(tree, branch, kind)  # raises all errors about the selection
         self.tree = tree
         self.semantics = resolve_semantics(tree, semantics)
         self._branches: list[tuple[BranchFollower, frozenset[str]]] = []
-        # For each branch the monitor that each log gets a copy of, and its nodes.
+        # For each branch, the monitor that is copied for each log, and its nodes.
         self._best: list[BranchCoverage] = []
         self._infeasible: list[int] = []
         self._logs = 0
@@ -412,9 +413,9 @@ class Coverage:
                 self._branches.append((fresh, frozenset(one.nodes)))
 
     def add(self, log: str, events: Iterable[Json] | BinaryIO, *, strict_json: bool = False) -> None:
-        """Read a whole log, its events or the bytes of JSON Lines.
+        """Read a whole log: its events, or the bytes of JSON Lines.
 
-        Raises what reading them raises, and `TooLarge`; a log that raises does not count.
+        Raises the errors of reading, and `TooLarge`; a log with an error does not count.
         """
         followers = [(fresh.fork(), nodes) for fresh, nodes in self._branches]
         live, seen, number, data_warnings = followers, set[str](), 0, DataWarnings(self._types)
@@ -432,7 +433,7 @@ class Coverage:
                 if hit or strict:
                     for follower, nodes in live:
                         fits = not nodes.isdisjoint(hit)
-                        if fits or not scattered:  # else no partial match can use it, and none is ended by it
+                        if fits or not scattered:  # otherwise it neither extends nor ends a partial match
                             follower.follow(number, event, fits=fits)
                     live = [one for one in live if not one[0].verdict.final]
             reached = [follower.reach() for follower, _ in followers]
@@ -452,8 +453,8 @@ class Coverage:
             self._best[place] = best
 
     def _hit(self, event: Json, event_kind: EventKind, *, projects: bool) -> set[str]:
-        """The nodes that an event may be, where it counts: by the pattern and by the guard that the
-        event alone decides.
+        """Return the nodes that an event matches, if it counts, by pattern and by the guards that
+        it decides.
         """
         (event_class,) = event_kind.classes
         if projects and not event_class.relevant:
@@ -465,9 +466,8 @@ class Coverage:
     def _numbered(
         self, log: str, stream: BufferedIOBase, strict_json: bool, data_warnings: DataWarnings
     ) -> Iterable[tuple[int, Json]]:
-        """The events of a log with their numbers; those that concern nothing are left out where that can be.
-
-        Of a block of events that concern nothing the last stands for all.
+        """Return the relevant events of a log with their numbers; the last event of an irrelevant
+        block may stand for it.
         """
         reads = TreeReads(self.tree)
         found = None
@@ -486,7 +486,7 @@ class Coverage:
         return found
 
     def report(self) -> CoverageReport:
-        """What the logs so far covered."""
+        """Return the coverage by the logs so far."""
         kept = {name for _, nodes in self._branches for name in nodes if name in self._own}
         unseen = awaited(self.tree, kept - self._seen)
         counts = tuple(self._best), tuple(self._infeasible), len(kept)

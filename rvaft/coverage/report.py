@@ -1,4 +1,4 @@
-"""The report of a coverage: a table for people, and JSON for programs.
+"""The report of a coverage: a table, or JSON.
 
 Schema, version 1 (fields are only ever added)::
 
@@ -19,11 +19,11 @@ from rvaft.support.terminal import rendered, visible
 
 VERSION: Final = 1
 _LISTED: Final = 20
-"""Nodes that are listed one by one."""
+"""The maximum number of listed nodes."""
 
 
 def json_text(report: CoverageReport) -> str:
-    """The report as one JSON object."""
+    """Return the report as one JSON object."""
     branches = [
         {
             "branch": branch.number,
@@ -49,9 +49,9 @@ def json_text(report: CoverageReport) -> str:
 
 
 def table_text(report: CoverageReport, *, width: int | None = None) -> str:
-    """The report as a table, the nodes never seen, and a line of totals; one line without any log.
+    """Return the report as a table with unseen nodes and totals; a single line without any log.
 
-    With a `width` in columns long texts are wrapped; else each row is one line.
+    Long texts are wrapped to `width` columns, if given.
     """
     if not report.logs:
         return f"no log could be used; branches: {len(report.branches)}, nodes: {report.nodes}\n"
@@ -75,7 +75,7 @@ def table_text(report: CoverageReport, *, width: int | None = None) -> str:
         names, others = ", ".join(one.node for one in report.unseen[:_LISTED]), len(report.unseen) - _LISTED
         below.append(f"nodes never seen: {names}{f' and {others} others' if others > 0 else ''}")
     below += [f"warning: {line}" for line in report.warnings]
-    percent = 100 * report.exercised // len(report.branches)  # 100 only where it is all
+    percent = 100 * report.exercised // len(report.branches)  # 100 only if all are exercised
     exercised = f"branches exercised {report.exercised} of {len(report.branches)} ({percent}%)"
     below.append(f"{exercised}; nodes seen {report.seen} of {report.nodes}")
     return "".join(f"{line}\n" for line in rendered([table, *(Text(visible(line)) for line in below)], width))
@@ -86,7 +86,7 @@ def _kinds(branch: BranchCoverage) -> list[str]:
 
 
 def _where(branch: BranchCoverage) -> str:
-    """Where a branch was detected first, or else where it came farthest and what could have come next."""
+    """Return where a branch was first detected, or its best result and the awaited events."""
     place = "" if branch.log is None else f"{branch.log}, event {branch.event}"
     if branch.detected:
         return f"detected: {place}"

@@ -1,1 +1,1 @@
-"""The language of trees: a superset of Galileo's but for a few gates, read and written."""
+"""The language of trees, a superset of Galileo apart from a few gates: parser and printer."""

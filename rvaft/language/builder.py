@@ -1,8 +1,7 @@
-"""From reductions of the grammar to statements: one method per rule, run while the text is parsed.
+"""From reductions of the grammar to statements: one method per rule, called during parsing.
 
-Nothing here recurses: the parser keeps the stack, so a text may nest as deep as it likes until a
-rule refuses it. Names stay tokens, which are strings that know their place, until a statement is
-written into a draft.
+Nothing here recurses, because the parser keeps the stack; rules bound the nesting. Names stay
+tokens, with their positions, until a statement is added to a draft.
 """
 
 import json
@@ -34,7 +33,7 @@ from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, 
 from rvaft.model.values import Scalar, has_surrogate, is_number
 from rvaft.model.verdict import Semantics
 
-# ruff: noqa: D102 - what a method is about is the rule of its name in the grammar
+# ruff: noqa: D102 - a method handles the grammar rule of its name
 
 T = TypeVar("T")
 Items: TypeAlias = list[Any]
@@ -43,7 +42,7 @@ _WORD: Final = re.compile(r"\w+")
 
 
 class Slip(Exception):
-    """Something that the grammar allows and the language does not, at a position of the text."""
+    """A construct that the grammar allows and the language does not, with its position."""
 
     def __init__(self, message: str, token: Token) -> None:
         self.message = message
@@ -53,27 +52,27 @@ class Slip(Exception):
 
 @dataclass(slots=True)
 class Page:
-    """One file whose statements go into a draft, and the `toplevel` settings in it."""
+    """One file with its draft and its `toplevel` settings."""
 
     file: str
     draft: Draft
     toplevels: list[Said[str]]
 
     def place(self, word: "Word") -> Place:
-        """Where a word stands."""
+        """Return the position of a word."""
         return Place(self.file, word.line or 1, word.column or 1)
 
     def said(self, word: "Word", value: T) -> Said[T]:
-        """A value, said where the word stands."""
+        """Return a value with the position of a word."""
         return Said(value, self.place(word))
 
     def names(self, words: Iterable["Word"]) -> tuple[Said[str], ...]:
-        """Names where they stand."""
+        """Return names with their positions."""
         return tuple([self.said(word, word.value) for word in words])
 
 
 class PlainWord(NamedTuple):
-    """A word of a statement that the lexer read at once."""
+    """A word of a statement that the lexer read as one token."""
 
     value: str
     line: int
@@ -84,19 +83,18 @@ Word: TypeAlias = Token | PlainWord
 
 
 Statement: TypeAlias = Callable[[Page], None]
-"""What a statement adds to the draft of its page."""
+"""Adds a statement to the draft of its page."""
 
 
 class ImportStatement(NamedTuple):
-    """`import "file";`, which is followed before what comes after it is added."""
+    """`import "file";`, which is processed before the following statements."""
 
     path: Token
 
 
 class Clause(NamedTuple):
-    """`or a b`, `on move(X)` and so on.
-
-    The list of the draft's node that it adds to, where it starts, and what is said.
+    """A clause such as `or a b` or `on move(X)`: the field of `DraftNode`, the start, and the
+    value.
     """
 
     part: str
@@ -105,10 +103,11 @@ class Clause(NamedTuple):
 
 
 class Operand(NamedTuple):
-    """A pattern or a guard under construction: how deep it is, the words in it, and whether it is a
-    number without sign.
+    """A pattern or guard under construction: its depth, its words, and whether it is an unsigned
+    number.
 
-    `sort` tells a `point` of time, a `duration` and a `span` between two points from every other `value`.
+    `sort` distinguishes a time `point`, a `duration` and a `span` between two points from other
+    values.
     """
 
     value: Any
@@ -119,7 +118,7 @@ class Operand(NamedTuple):
 
 
 def text_of(token: Token) -> str:
-    """The string that a quoted token stands for; a JSON string."""
+    """Return the string of a quoted token, a JSON string."""
     try:
         text: str = json.loads(token)
     except ValueError:
@@ -130,7 +129,7 @@ def text_of(token: Token) -> str:
 
 
 def integer_of(digits: str, token: Token) -> int:
-    """A number written in decimal digits; Python reads no more than `sys.get_int_max_str_digits` of them."""
+    """Return the number of decimal digits, at most `sys.get_int_max_str_digits`."""
     try:
         return int(digits)
     except ValueError:
@@ -138,7 +137,9 @@ def integer_of(digits: str, token: Token) -> int:
 
 
 def number_of(token: Token) -> int | float:
-    """The number that a token stands for: integers exact, the rest finite doubles, none larger than those."""
+    """Return the number of a token: an exact integer or a finite double, within the range of
+    doubles.
+    """
     number = integer_of(token, token) if token.isdigit() else float(token)
     if abs(number) > sys.float_info.max:
         raise Slip(f"the number {shown(token)} is too large for a double", token)
@@ -146,7 +147,6 @@ def number_of(token: Token) -> int | float:
 
 
 def _compound(value: Any, parts: Sequence[Operand], what: str, token: Token) -> Operand:
-    """A term that is made of these parts."""
     depth = max((part.depth for part in parts), default=0)
     if depth >= MAX_DEPTH:
         raise Slip(f"this {what} is nested deeper than {MAX_DEPTH}", token)
@@ -168,7 +168,7 @@ _COMPARED: Final = (("point", "point"), ("span", "duration"), ("duration", "span
 
 
 def _sort_of(operands: Sequence[Operand], token: Token) -> str:
-    """What an operator makes of points of time and durations; a `Slip` where it can make nothing."""
+    """Return the sort of an operator's result on times and durations; raises `Slip` if it has none."""
     sorts = tuple(operand.sort for operand in operands)
     if set(sorts) == {"value"}:
         return "value"
@@ -189,7 +189,7 @@ def _sort_of(operands: Sequence[Operand], token: Token) -> str:
 
 
 def _gate(token: Token, children: Sequence[Word]) -> Clause:
-    """A gate, with the K of a vote and the N of K`of`N."""
+    """Return a gate, with the K of a vote and the N of K`of`N."""
     if not token[0].isdigit() and not token.startswith("vot"):
         return Clause("gates", token, (children, None, None))
     k, _, n = token.removeprefix("vot").partition("of")
@@ -220,12 +220,12 @@ class Build(Transformer[Token, Any]):
         return self._condition(items[0], None)
 
     def _condition(self, term: Operand, token: Token | None) -> Any:
-        """A guard that says something true or false."""
+        """Return a guard; raises `Slip` for a time."""
         if term.sort != "value":
             raise Slip(_ALONE, token or Token("START", "", 0))
         return term.value
 
-    # -- statements -------------------------------------------------------------------------------------------------
+    # Statements.
 
     def tree(self, items: Items) -> list[Statement | ImportStatement]:
         return items
@@ -293,7 +293,7 @@ class Build(Transformer[Token, Any]):
 
         return add
 
-    # -- nodes ------------------------------------------------------------------------------------------------------
+    # Nodes.
 
     def node(self, items: Items) -> Statement:
         name, *clauses, _ = items
@@ -311,7 +311,7 @@ class Build(Transformer[Token, Any]):
         return add
 
     def plain_node(self, items: Items) -> Statement:
-        """A statement that the lexer read at once."""
+        """Handle a statement that the lexer read as one token."""
         token = items[0]
         line, column = token.line, token.column
         name, *rest = [PlainWord(found[0], line, column + found.start()) for found in _WORD.finditer(token.value)]
@@ -360,7 +360,7 @@ class Build(Transformer[Token, Any]):
 
     event_name = value = name
 
-    # -- patterns ---------------------------------------------------------------------------------------------------
+    # Patterns.
 
     def variable(self, items: Items) -> Operand:
         return Operand(Variable(items[0].value), words=(items[0],))
@@ -393,7 +393,7 @@ class Build(Transformer[Token, Any]):
         parts: list[Operand] = items[1] or []
         return _compound(ListPattern(_values(parts)), parts, "pattern", items[0])
 
-    # -- guards -----------------------------------------------------------------------------------------------------
+    # Guards.
 
     def binary(self, items: Items) -> Operand:
         operands = items[::2]
@@ -435,7 +435,7 @@ class Build(Transformer[Token, Any]):
 
     def unary(self, items: Items) -> Operand:
         token, operand = items
-        if token.type != "NOT" and operand.unsigned:  # a minus right before a number belongs to the number
+        if token.type != "NOT" and operand.unsigned:  # a minus directly before a number belongs to the number
             return Operand(Literal(-operand.value.value))
         _sort_of([operand], token)
         operator = Operator.NOT if token.type == "NOT" else Operator.NEGATE

@@ -1,8 +1,8 @@
-"""What people are told about a text that is not in the language: where it went wrong, what was
-expected, how to mend it.
+"""Messages for texts that are not in the language: the position, what was expected, and a
+correction.
 
-Common slips are known: each is a condition on the words around the place, with its advice. The
-first that holds speaks; where none does, the message says what the grammar expected.
+Common mistakes are recognised by the lexemes around the position; the first that applies determines
+the message. Otherwise the message lists what the grammar expected.
 """
 
 import re
@@ -23,13 +23,15 @@ from rvaft.support.terminal import visible
 
 
 def shown(text: str) -> str:
-    """A piece of somebody's text as it can stand in a message: marked, short, and without control characters."""
+    """Return a piece of text for a message: in backquotes, at most 40 characters, control
+    characters escaped.
+    """
     return f"`{visible(text if len(text) <= 40 else text[:37] + '...')}`"
 
 
 _LITERALS: Final = "STRING NUMBER MINUS TRUE FALSE NULL"
 _GROUPS: Final = (
-    # what it is called, the terminals that must be possible for it, and those that it covers beside them
+    # a phrase, the terminals that it requires, and further terminals that it covers
     ("a statement", "EVENT", f"{' '.join(STATEMENTS).upper()} TOPIC NAME STRING"),
     (f"a gate ({', '.join(GATES)}, 2of3)", "K_OF_N", f"{' '.join(GATES).upper()} VOT_K"),
     ("a name", "NAME", "STRING"),
@@ -75,7 +77,7 @@ _GROUPS: Final = (
 
 
 def expectation(terminals: frozenset[str]) -> str:
-    """What could stand at a place, in words, given the grammar's terminals that could."""
+    """Return what the grammar allows at a position, in words."""
     left = set(terminals)
     found: list[str] = []
     for phrase, needed, more in _GROUPS:
@@ -94,15 +96,11 @@ _LEXEME: Final = re.compile(
 )
 _VOTE: Final = re.compile(r"[0-9]+of[0-9]+|vot[0-9]+")
 _LONGEST_LINE: Final = 300
-"""Above this a source line is not shown: nobody finds the caret."""
+"""The maximum length of a source line in a message."""
 
 
 class _Lexeme(NamedTuple):
-    """A piece of text.
-
-    A string with its quotes, a word or number, a sign; the empty text stands for the start or the
-    end.
-    """
+    """A string with its quotes, a word, a number or a sign; the empty text is the start or the end."""
 
     text: str
     start: int
@@ -126,9 +124,8 @@ class _Lexeme(NamedTuple):
 
 
 class _Situation(NamedTuple):
-    """Where a text went wrong.
-
-    The statement so far, its last piece, what cannot stand there, the two pieces that follow.
+    """The position of an error: the statement so far, its last lexeme, the wrong lexeme, the next
+    two.
     """
 
     before: tuple[_Lexeme, ...]
@@ -139,7 +136,7 @@ class _Situation(NamedTuple):
     possible: frozenset[str]
 
     def can(self, *terminals: str) -> bool:
-        """Whether all these terminals could stand there."""
+        """Whether all these terminals are possible."""
         return self.possible.issuperset(terminals)
 
     @property
@@ -147,14 +144,14 @@ class _Situation(NamedTuple):
         return self.last.line < self.bad.line
 
     def misspelt(self, *words: str) -> "Advice":
-        """What stands there may be meant for one of these words that could."""
+        """Advise one of the possible words that the wrong one resembles."""
         known = _meant(self.bad.text, tuple(word for word in words if self.can(word.upper())))
         if self.bad.is_word and known:
             yield f"unknown word {shown(self.bad.text)}: did you mean {known}?", self.bad.start
 
 
 def diagnose(error: UnexpectedInput, text: str, file: str) -> LanguageError:
-    """The error to raise for what the parser library reports."""
+    """Return the error for a report of the parser library."""
     match error:
         case UnexpectedToken(token=token) if token.type != "$END":
             position = token.start_pos or 0
@@ -175,7 +172,7 @@ def diagnose(error: UnexpectedInput, text: str, file: str) -> LanguageError:
 
 
 def error_at(message: str, text: str, position: int, file: str) -> LanguageError:
-    """A `LanguageError` about a position of a text."""
+    """Return a `LanguageError` about a position of a text."""
     start = text.rfind("\n", 0, position) + 1
     end = text.find("\n", position)
     line = text[start : end if end >= 0 else len(text)].rstrip("\r")
@@ -185,7 +182,7 @@ def error_at(message: str, text: str, position: int, file: str) -> LanguageError
 
 
 def _situation(text: str, position: int, possible: frozenset[str]) -> _Situation:
-    """A second, tolerant look at a text that did not parse: what stands around a position."""
+    """Return the lexemes around a position of a text that did not parse."""
     before: list[_Lexeme] = []
     around: list[_Lexeme] = []
     line = 1
@@ -209,23 +206,23 @@ def _situation(text: str, position: int, possible: frozenset[str]) -> _Situation
 
 
 def _meant(word: str, known: tuple[str, ...]) -> str | None:
-    """The known word that a misspelt one comes close to."""
-    if len(word) > 20:  # difflib would take its time
+    """Return the known word that a misspelt one resembles."""
+    if len(word) > 20:  # difflib is slow for long words
         return None
     if word.lower() in known:
         return word.lower()
     for candidate in known:
-        if sorted(word) == sorted(candidate):  # letters swapped, which difflib finds too far away in short words
+        if sorted(word) == sorted(candidate):  # swapped letters, which difflib rates too low in short words
             return candidate
     return next(iter(get_close_matches(word, known, 1, 0.75)), None)
 
 
 Advice: TypeAlias = Iterator[tuple[str, int]]
-"""What to tell, and the position in the text that it is about."""
+"""A message and its position in the text."""
 
 
 def _lexical_slips(at: _Situation) -> Advice:
-    """Slips that leave no lexeme to reason about."""
+    """Mistakes that end the lexeme."""
     bad, last = at.bad, at.last
     for sign, star in ((bad, at.following), (last, bad)):
         if (sign.text, star.text) == ("/", "*") and star.start == sign.end:
@@ -270,12 +267,12 @@ _UNIT_NAMES: Final = {
     **dict.fromkeys(("usec", "micros", "microseconds", "µs"), "us"),
     **dict.fromkeys(("nsec", "nanos", "nanoseconds"), "ns"),
 }
-"""Units as others write them."""
+"""Common spellings of units."""
 _MEASURE: Final = re.compile(r"(0|[1-9][0-9]*)(\w*)")
 
 
 def _time_slips(at: _Situation) -> Advice:
-    """Slips in `time`, `semantics`, `times`, and in durations."""
+    """Mistakes in `time`, `semantics`, `times` and durations."""
     bad, last, following = at.bad, at.last, at.following
     goes_on = bad.is_gate or bad.text in (*CLAUSES, *DYNAMIC, ";", "") or following.text == "="
     if len(at.before) == 1 and at.can("K_OF_N") and not at.is_on_new_line and not goes_on:
@@ -310,12 +307,13 @@ def _time_slips(at: _Situation) -> Advice:
 
 
 def _statement_slips(at: _Situation) -> Advice:
-    """Slips in the words of a statement: its first word, its gate, its clauses, its end."""
+    """Mistakes in the words of a statement: its first word, gate, clauses and end."""
     bad, last, following = at.bad, at.last, at.following
     starts_node = len(at.before) == 1 and at.can("K_OF_N")
     name, gate, *_ = (*at.before, bad, _Lexeme("", 0, 0))
     names_node = (name.is_word or name.is_string) and name.text not in RESERVED
-    if names_node and gate.text.lower() in DYNAMIC.difference(DYNAMIC_GATES):  # of Galileo and its relatives
+    # gates of Galileo and related languages
+    if names_node and gate.text.lower() in DYNAMIC.difference(DYNAMIC_GATES):
         of = shown(name.text.strip('"'))
         yield f"the gate {shown(gate.text)} of {of} has no meaning here yet", gate.start
     if names_node and gate.text in DYNAMIC_GATES and bad.text == "-" and bad.start == gate.end:
@@ -343,7 +341,7 @@ def _statement_slips(at: _Situation) -> Advice:
     yield from at.misspelt(*OPERATOR_WORDS, *CLAUSES, "top_down", "bottom_up", "late", "from")
     if last.text in ("NOT", "AND", "OR") and at.can("PLUS"):
         yield f"{shown(last.text)} is written {last.text.lower()}", last.start
-    if at.can("NAME", "ON", "SEMICOLON") and not bad.is_word and bad.text:  # `a or b whn X > 1`: read as children
+    if at.can("NAME", "ON", "SEMICOLON") and not bad.is_word and bad.text:  # `a or b whn X > 1`, read as children
         for lexeme in reversed(at.before[2:]):
             if lexeme.is_word and (known := _meant(lexeme.text, CLAUSES)):
                 yield f"unknown word {shown(lexeme.text)}: did you mean {known}?", lexeme.start
@@ -353,7 +351,7 @@ def _statement_slips(at: _Situation) -> Advice:
 
 
 def _second_gate(at: _Situation) -> Advice:
-    """A gate where a child or a clause stands: a forgotten semicolon, or two gates in one statement."""
+    """A gate in place of a child or a clause: a missing semicolon, or a second gate."""
     bad, previous, name = at.bad, at.before[-2], at.before[-1]
     starts_statement = at.can("NAME") and len(at.before) > 3 and previous.line < name.line
     if starts_statement and (bad.is_gate or bad.text in DYNAMIC):
@@ -383,14 +381,14 @@ def _odd_names(at: _Situation) -> Advice:
 
 _SPELLINGS: Final = ("and && & ∧", "or || | ∨", "not ! ¬", "== =", "!= <> ≠", "<= =< ≤", ">= => ≥")
 _FOREIGN_SIGNS: Final = {sign: ours for ours, *signs in map(str.split, _SPELLINGS) for sign in signs}
-"""The signs of other languages in a guard, and how they are written here."""
+"""The signs of other languages in a guard, and their equivalents here."""
 
 
 _FUNCTIONS: Final = tuple(operator.value for operator in Operator if operator in FUNCTIONS)
 
 
 def _function_slips(at: _Situation) -> Advice:
-    """Membership as others write it, and functions that are not there."""
+    """Foreign notations of membership, and unknown functions."""
     bad, last, following = at.bad, at.last, at.following
     pieces = [lexeme.text for lexeme in (*at.before[-4:], bad, following)]
     if "in" in pieces and (bad.text in ("in", "not") or "in" in pieces[-4:-2] or pieces[-5:-3] == ["in", "("]):
@@ -420,7 +418,7 @@ def _function_slips(at: _Situation) -> Advice:
 
 
 def _term_slips(at: _Situation) -> Advice:
-    """Slips in guards, calls and patterns."""
+    """Mistakes in guards, calls and patterns."""
     bad, last = at.bad, at.last
     if bad.text in COMPARISONS and at.can("PLUS") and not at.can("COMPARISON"):
         yield "comparisons do not chain: write `A < B and B < C`", bad.start

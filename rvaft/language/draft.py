@@ -1,7 +1,8 @@
-"""The tree while it is being written: everything that was said and where, contradictions included.
+"""The mutable form of a tree: all statements with their positions, including contradictory ones.
 
-An `RVAFT` cannot be wrong, a `Draft` can: it keeps each setting of each node in a list, so that `rvaft.rules` reports
-all that is wrong with a file and not only the first. `Draft.build` makes the immutable tree of a draft without errors.
+An `RVAFT` is always valid, a `Draft` need not be. It keeps a list of each setting of each node, so
+that `rvaft.rules` can report all errors of a file. `Draft.build` returns the tree of a draft
+without errors.
 """
 
 import gc
@@ -22,7 +23,7 @@ T_co = TypeVar("T_co", covariant=True)
 
 
 class Said(NamedTuple, Generic[T_co]):
-    """A value and where it was said."""
+    """A value with its position."""
 
     value: T_co
     place: Place
@@ -38,16 +39,17 @@ DYNAMIC_GATES: Final[Mapping[str, Gate]] = {
     "fdep": Gate.OR,
     "pdep": Gate.OR,
 }
-"""The dynamic gates of Galileo that are read, and as what.
+"""The supported dynamic gates of Galileo, with their translation.
 
-`galileo.py` makes good where that depends on more than the word.
+`galileo.py` handles those that depend on more than the word.
 """
 
 
 class GateUse(NamedTuple):
-    """A gate with its children; `threshold` is the K of a VOT gate, `out_of` the N of K`of`N (None for `votK`).
+    """A gate with its children; `threshold` is the K of a VOT gate, `out_of` the N of K`of`N (None
+    for `votK`).
 
-    `dynamic` is the word of Galileo, such as `wsp` or `pdep=1`, where the gate was written as one.
+    `dynamic` is the word of Galileo, such as `wsp` or `pdep=1`, if the gate was written so.
     """
 
     gate: Gate
@@ -58,7 +60,7 @@ class GateUse(NamedTuple):
 
     @classmethod
     def of(cls, word: str, children: tuple[Said[str], ...], threshold: int | None, out_of: int | None) -> "GateUse":
-        """The use of a gate that is written as this word, with the numbers in it."""
+        """Return the gate with this word and its numbers."""
         if threshold is not None:
             return cls(Gate.VOT, children, threshold, out_of)
         known = DYNAMIC_GATES.get(word.partition("=")[0].strip())
@@ -66,13 +68,15 @@ class GateUse(NamedTuple):
 
     @property
     def is_dependency(self) -> bool:
-        """Whether it says that the first child brings about the others (Galileo's `fdep` and `pdep`)."""
+        """Whether it is a functional dependency (Galileo's `fdep` and `pdep`)."""
         return self.dynamic.startswith(("fdep", "pdep"))
 
 
 @contextmanager
 def no_collections() -> Iterator[None]:
-    """Without searches for circles of garbage: a large tree has none, and each search looks at all of it again."""
+    """Disable the garbage collector: a large tree has no cyclic garbage, and each collection
+    traverses it.
+    """
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -86,7 +90,7 @@ UNMENTIONED: Final = "no statement mentions it"
 
 
 class DynamicGate(NamedTuple):
-    """How a dynamic gate of Galileo was read, in a sentence, and the nodes that it is about."""
+    """The translation of a dynamic gate as a sentence, and its nodes."""
 
     place: Place
     said: str
@@ -94,9 +98,8 @@ class DynamicGate(NamedTuple):
 
 
 class BrokenPrune(NamedTuple):
-    """A `prune` that cannot be carried out, and why: `pruned` was pruned at `place`.
-
-    `node` is the gate that suffers, if any.
+    """A `prune` of `pruned` at `place` that fails, with the reason and the affected gate `node`, if
+    any.
     """
 
     why: str
@@ -110,9 +113,11 @@ _SETTINGS: Final = ("gate", "on", "when", "kind", "label", "times", "within")
 
 @dataclass(slots=True)
 class DraftNode:
-    """All that was said of one node, in the order of the text; more than one entry in a list is a duplicate setting.
+    """All statements about one node, in the order of the text; more than one entry in a list is a
+    duplicate.
 
-    `statements` are the places of the node's name in its own statements (never empty). `attributes` keep every pair.
+    `statements` are the positions of the node's own statements (never empty). `attributes` keeps
+    every pair.
     """
 
     name: str
@@ -128,24 +133,23 @@ class DraftNode:
 
     @property
     def place(self) -> Place:
-        """Where the node was first stated."""
+        """The position of the node's first statement."""
         return self.statements[0]
 
     def settings(self) -> dict[str, list[Place]]:
-        """Where each part that a node has at most once was set, of those that were.
-
-        `gate`, `on`, `when`, `kind` and so on.
+        """Return the positions of each setting that a node may have once: `gate`, `on`, `when`,
+        `kind` and so on.
         """
         parts: list[Sequence[Said[object]]]
         parts = [self.gates, self.ons, self.whens, self.kinds, self.labels, self.counts, self.withins]
         return {word: [said.place for said in part] for word, part in zip(_SETTINGS, parts, strict=True) if part}
 
     def children(self) -> list[Said[str]]:
-        """The children of all gate settings, in the order of the text, duplicates included."""
+        """Return the children of all gates, in the order of the text, with duplicates."""
         return [child for gate in self.gates for child in gate.value.children]
 
     def build(self) -> Node:
-        """The node, with the first that was said of each part."""
+        """Return the node, with the first of duplicate settings."""
         places = {"name": self.place, **{part: where[0] for part, where in self.settings().items()}}
         use = _first(self.gates)
         return Node(
@@ -178,10 +182,10 @@ class DraftTopic(NamedTuple):
 
 @dataclass(slots=True)
 class Draft:
-    """All that was said of one tree, in all its files; imports are resolved and prunes carried out.
+    """All statements of one tree, in all its files; imports are resolved and prunes applied.
 
-    `file` is the file that was asked for. `toplevels` are those that count: an importing file's own, else those of
-    what it imports; they contradict each other when they name different nodes. `causalities` are all settings.
+    `file` is the main file. `toplevels` are those of the importing file, or otherwise those of its
+    imports; they are contradictory if they name different nodes. `causalities` are all settings.
 
     >>> from rvaft.language.parser import parse
     >>> draft = parse("top or a b; a fault; a attack;")
@@ -204,7 +208,7 @@ class Draft:
     dynamic_gates: list[DynamicGate] = field(default_factory=list)
 
     def undeclared(self) -> list[Said[str]]:
-        """The children that no statement defines, each once, where first named."""
+        """Return the children without a statement, each once, at their first use."""
         found: dict[str, Said[str]] = {}
         for node in self.nodes.values():
             for child in node.children():
@@ -213,19 +217,19 @@ class Draft:
         return list(found.values())
 
     def parentless(self) -> list[DraftNode]:
-        """The nodes that are nobody's child, in the order of the text."""
+        """Return the nodes without a parent, in the order of the text."""
         children = {child.value for node in self.nodes.values() for child in node.children()}
         return [node for name, node in self.nodes.items() if name not in children]
 
     @property
     def root(self) -> str | None:
-        """The root: what `toplevel` names, else the only node without a parent; None where neither says one name."""
+        """The root: the node of `toplevel`, else the only node without a parent; None if ambiguous."""
         names = {said.value for said in self.toplevels} or {node.name for node in self.parentless()}
         return names.pop() if len(names) == 1 else None
 
     @no_collections()
     def build(self) -> RVAFT:
-        """The tree of a draft in which `rvaft.rules` finds no error; raises `TreeError` for what is no tree."""
+        """Return the tree of a draft without errors; raises `TreeError` if the draft is no tree."""
         root = self.root
         if root is None:
             raise TreeError("the tree has no root: say which node is `toplevel`", rule="no-root")
@@ -249,12 +253,12 @@ class Draft:
         )
 
     def settings(self) -> dict[str, Sequence[Said[object]]]:
-        """The settings of what a tree has at most once, by the words of their statements."""
+        """Return the settings that a tree may have once, by their keywords."""
         return {"causality": self.causalities, "semantics": self.semantics, "time": self.times}
 
     def carry_out_prunes(self) -> None:
-        """Drop the pruned nodes and what only they reach; what cannot be dropped stays, and is
-        noted in `broken_prunes`.
+        """Remove the pruned nodes and those reachable only through them; record failures in
+        `broken_prunes`.
         """
         if not self.prunes:
             return
@@ -276,7 +280,7 @@ class Draft:
             node.gates = [Said(self._without(said.value, gone, node.name, pruned), said.place) for said in node.gates]
 
     def _unreached(self, pruned: set[str], kept: set[str], parents: Counter[str]) -> set[str]:
-        """The pruned nodes, and those that have lost all their parents to them (but never a toplevel)."""
+        """Return the pruned nodes, and those whose parents are all pruned (but never a toplevel)."""
         left, gone, todo = parents.copy(), set(pruned), list(pruned)
         while todo:
             node = self.nodes.get(todo.pop())
@@ -288,14 +292,15 @@ class Draft:
         return gone
 
     def _without(self, use: GateUse, gone: set[str], name: str, pruned: dict[str, Place]) -> GateUse:
-        """A gate without the children that are gone, or as it is where it cannot do without them."""
+        """Return a gate without the removed children, or unchanged if it needs them."""
         left = tuple(child for child in use.children if child.value not in gone)
         if len(left) == len(use.children):
             return use
-        if use.is_dependency:  # without its trigger it says nothing
+        if use.is_dependency:  # without its trigger it has no effect
             return use._replace(children=left if left[:1] == use.children[:1] and len(left) > 1 else ())
         match use.gate:
-            case Gate.OR | Gate.AND | Gate.SAND | Gate.SAND_RL | Gate.PAND:  # fewer children ask for nothing new
+            # with fewer children the meaning is the same
+            case Gate.OR | Gate.AND | Gate.SAND | Gate.SAND_RL | Gate.PAND:
                 if left:
                     return use._replace(children=left)
                 why = f"the gate {name} would have no child left; prune {name} too"

@@ -1,10 +1,10 @@
-"""Galileo's dynamic gates in words of this language, with the meaning that *observed failures* have.
+"""Galileo's dynamic gates, translated to this language for *observed failures*.
 
-A monitor is told which parts failed, and in which order. So a warm or hot spare, which may fail
-before it is used, makes its gate an `and`, and a cold one, which cannot, a `sand`; so does `seq`.
-`fdep T D …` makes every D `D or T`, wherever D stands; T stays one node, and one occurrence. What
-depends on chances, or on which of two gates is first to take a spare, cannot be read off failures
-and is refused.
+A monitor observes which parts failed, and in which order. A warm or hot spare may fail before it is
+used, so its gate becomes an `and`. A cold spare cannot, so its gate becomes a `sand`; so does
+`seq`. `fdep T D …` replaces every D by `D or T`; T stays one node with one occurrence. Gates that
+depend on probabilities, or on which of two gates takes a spare first, are refused, because failures
+do not determine them.
 """
 
 from collections.abc import Mapping
@@ -16,7 +16,9 @@ from rvaft.model.nodes import Place
 from rvaft.model.tree import find_cycle
 
 SUFFIXES: Final = (".dft", ".galileo")
-"""Of files in Galileo's format. There `pand` is a dynamic gate, too; elsewhere it is one of this language."""
+"""Extensions of Galileo files, where `pand` is a dynamic gate, too; elsewhere it belongs to this
+language.
+"""
 _WHY: Final = {
     "pand": "the parts below it end from left to right",
     "seq": "its parts fail from left to right",
@@ -26,15 +28,16 @@ _WHY: Final = {
 }
 _IDLE: Final = "it is nobody's child, and other orders are detected, too"
 _SHOWN: Final = 3
-"""Triggers in the name of what stands for a node that depends on them."""
+"""The maximum number of triggers in the name of a new node."""
 _MOST: Final = 1_000_000
-"""Pairs of a node and what brings it about."""
+"""The maximum number of pairs of a node and a trigger."""
 _SPARES: Final = ("csp", "wsp", "hsp", "spare")
 
 
 def read_dynamic_gates(draft: Draft, *, strict: bool = False) -> None:
-    """Say them in words of this language, and note how in `dynamic_gates`; raises `LanguageError`
-    for what cannot be, and with `strict` for all.
+    """Translate the dynamic gates of a draft and record them in `dynamic_gates`.
+
+    Raises `LanguageError` for unsupported gates, and with `strict` for all.
     """
     uses = [(node, said) for node in draft.nodes.values() for said in node.gates if said.value.dynamic]
     uses = [(n, said) for n, said in uses if said.value.dynamic != "pand" or said.place.file.endswith(SUFFIXES)]
@@ -58,7 +61,7 @@ def _error(message: str, place: Place) -> LanguageError:
 
 
 def _static(draft: Draft, node: DraftNode, said: Said[GateUse], note: str) -> DynamicGate:
-    """Read a gate that stays one gate."""
+    """Translate a gate to a single gate."""
     use, place = said
     kind = use.dynamic
     if kind == "spare":
@@ -79,7 +82,7 @@ def _is(text: str, number: float) -> bool:
 
 
 def _check_spares(uses: list[tuple[DraftNode, Said[GateUse]]]) -> None:
-    """Refuse a spare that several gates may take."""
+    """Refuse a spare that several gates share."""
     seen: dict[str, tuple[str, bool]] = {}
     for node, (use, _) in uses:
         if use.dynamic not in _SPARES:
@@ -93,7 +96,7 @@ def _check_spares(uses: list[tuple[DraftNode, Said[GateUse]]]) -> None:
 
 
 def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Said[GateUse]]]) -> None:
-    """Put `D or T` in the place of every D that depends on a T, and take the gates that say so out of the tree."""
+    """Replace every dependent D of a trigger T by `D or T`, and remove the dependency gates."""
     triggers: dict[str, dict[str, Said[str]]] = {}
     names = {node.name for node, _ in dependencies}
     for node, said in dependencies:
@@ -159,7 +162,7 @@ def _check_dependency(node: DraftNode, said: Said[GateUse], names: set[str]) -> 
 
 
 def _all_triggers(name: str, triggers: Mapping[str, Mapping[str, Said[str]]]) -> dict[str, Said[str]]:
-    """What else brings about a node, directly or by bringing about what does."""
+    """Return the direct and transitive triggers of a node."""
     found: dict[str, Said[str]] = {}
     waiting = [name]
     while waiting:
@@ -171,7 +174,7 @@ def _all_triggers(name: str, triggers: Mapping[str, Mapping[str, Said[str]]]) ->
 
 
 def _drop(draft: Draft, names: set[str]) -> None:
-    """Take the dependencies out of the children of other gates: they are no events, and fail never."""
+    """Remove the dependencies from the children of other gates, because they never fail."""
     for said in draft.toplevels:
         if said.value in names:
             raise _error(f"the root {said.value} is a dependency, which fails never", said.place)

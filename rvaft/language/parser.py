@@ -1,4 +1,4 @@
-"""Texts and files to drafts, patterns and guards. Whatever is wrong with a text, `LanguageError` is what comes out."""
+"""The parser of trees, patterns and guards; every error in a text is a `LanguageError`."""
 
 import os
 import re
@@ -22,14 +22,14 @@ from rvaft.model.guards import Guard
 from rvaft.model.patterns import Pattern
 
 MAX_FILE: Final = 16 * 1024 * 1024
-"""The largest file, in bytes: a tree of ten thousand nodes takes less than one mebibyte."""
+"""The maximum size of a file in bytes; a tree of ten thousand nodes needs less than 1 MiB."""
 _NO_TEXT: Final = re.compile("[\0\ud800-\udfff]")
 _REMEMBERED: Final = 1024
-"""Texts of which the pattern or guard is kept: specifications repeat them."""
+"""The number of cached patterns and guards; specifications repeat them."""
 
 
 class NoTree(LanguageError):
-    """A text says nothing about a node; `is_part` is whether it declares something that trees can import."""
+    """A text without a node; `is_part` is whether trees can import its declarations."""
 
     def __init__(self, draft: Draft) -> None:
         self.is_part = bool(draft.events or draft.ignores or draft.topics)
@@ -57,7 +57,7 @@ def _parse(text: str, file: str, start: str) -> Any:
 
 @lru_cache(maxsize=_REMEMBERED)
 def parse_pattern(text: str, file: str = "<pattern>") -> Pattern:
-    """The pattern that a text stands for; every word in it is a variable. Raises `LanguageError`.
+    """Return the pattern of a text, in which every word is a variable. Raises `LanguageError`.
 
     >>> parse_pattern('{topic: "/command", time: T}').fields[1]
     ('time', Variable(name='T'))
@@ -68,7 +68,7 @@ def parse_pattern(text: str, file: str = "<pattern>") -> Pattern:
 
 @lru_cache(maxsize=_REMEMBERED)
 def parse_guard(text: str, file: str = "<guard>") -> Guard:
-    """The guard that a text stands for; raises `LanguageError`.
+    """Return the guard of a text; raises `LanguageError`.
 
     >>> parse_guard("T2 >= T1 + 10").operator
     <Operator.GE: '>='>
@@ -78,7 +78,7 @@ def parse_guard(text: str, file: str = "<guard>") -> Guard:
 
 
 def parse_time(text: str, file: str = "<time>") -> EventTime:
-    """Where events have their time, as a statement says it without its end; raises `LanguageError`.
+    """Return the time declaration of a `time` statement without semicolon; raises `LanguageError`.
 
     >>> parse_time("time header.stamp as ros").field
     ('header', 'stamp')
@@ -88,14 +88,15 @@ def parse_time(text: str, file: str = "<time>") -> EventTime:
 
 
 def parse(text: str, file: str = "<text>", *, strict_galileo: bool = False, confine_imports: bool = False) -> Draft:
-    """The draft that a text and its imports make; paths of imports are relative to the folder of `file`.
+    """Return the draft of a text and its imports; import paths are relative to the folder of
+    `file`.
 
-    With `confine_imports` a file outside that folder is not read. Without it, no error quotes the text of such a file.
+    With `confine_imports`, files outside that folder are not read. Without it, no error quotes
+    their text.
 
-    Raises `LanguageError` for what is not in the language, here or in an imported file, and
-    `NoTree` where no statement is about a node. What is in the language and still no tree (a cycle,
-    a part set twice, …) stays in the draft. Galileo's dynamic gates are said in words of this
-    language, or, with `strict_galileo`, refused.
+    Raises `LanguageError` for a syntax error, here or in an imported file, and `NoTree` if no
+    statement declares a node. Other errors (a cycle, a duplicate setting, …) stay in the draft.
+    Galileo's dynamic gates are translated to this language, or refused with `strict_galileo`.
 
     >>> sorted(parse("top or a b; a fault;").nodes)
     ['a', 'top']
@@ -110,8 +111,8 @@ def parse(text: str, file: str = "<text>", *, strict_galileo: bool = False, conf
 
 
 def parse_file(path: os.PathLike[str] | str, *, strict_galileo: bool = False, confine_imports: bool = False) -> Draft:
-    """The draft of a file and its imports; raises `LanguageError` as `parse` does, and `OSError`
-    where it cannot be read.
+    """Return the draft of a file and its imports; raises `LanguageError` as `parse` does, and
+    `OSError`.
     """
     name = os.fspath(path)
     return parse(_text_of(name), name, strict_galileo=strict_galileo, confine_imports=confine_imports)
@@ -120,16 +121,16 @@ def parse_file(path: os.PathLike[str] | str, *, strict_galileo: bool = False, co
 def _text_of(name: str) -> str:
     try:
         with Path(name).open("rb") as stream:
-            data = stream.read(MAX_FILE + 1)  # never more: a device has no end
+            data = stream.read(MAX_FILE + 1)  # bounded, because a device has no end
     except OSError as error:
         raise OSError(error.errno, f"cannot read the file: {error.strerror}", name) from error
-    except ValueError as error:  # a path that no system can have
+    except ValueError as error:  # a path that is invalid on every system
         raise LanguageError(f"cannot read the file: {error}", file=name) from error
     return decoded(data, name)
 
 
 def decoded(data: bytes, name: str) -> str:
-    """The text in the bytes of a file; raises `LanguageError` for what is too large, or no UTF-8."""
+    """Return the text of a file; raises `LanguageError` if it is too large or not UTF-8."""
     if len(data) > MAX_FILE:
         raise LanguageError(f"the file is larger than {MAX_FILE // 1024**2} MiB, which is no tree", file=name)
     try:
@@ -141,7 +142,7 @@ def decoded(data: bytes, name: str) -> str:
 
 @dataclass(slots=True)
 class _Source(Page):
-    """A file being read: its statements as far as they are not read yet, and the files that it imports."""
+    """A file being read: its remaining statements, and the files that it imports."""
 
     identity: str
     text: str
@@ -149,7 +150,6 @@ class _Source(Page):
     imported: list[str] = field(default_factory=list)
 
     def begin(self) -> "_Source":
-        """Parse the file, all of it."""
         self.statements = iter(_parse(self.text, self.file, "tree"))
         return self
 
@@ -158,7 +158,7 @@ class _Source(Page):
 def _read_all(main: _Source, *, confined: bool) -> None:
     """Read a file and its imports into its draft, depth first, each file once.
 
-    The importing file's `toplevel` counts.
+    The `toplevel` of the importing file takes precedence.
     """
     toplevels: dict[str, list[Said[str]]] = {}
     folder = Path(os.path.realpath(os.path.dirname(main.file)))  # noqa: PTH120 - of a text, the current folder
@@ -182,12 +182,12 @@ def _read_all(main: _Source, *, confined: bool) -> None:
 
 
 def _is_outside(identity: str, folder: Path) -> bool:
-    """Whether a file is outside a folder, links followed."""
+    """Whether a file is outside a folder, after resolving links."""
     return not Path(identity).is_relative_to(folder)
 
 
 def _begun(source: _Source, folder: Path) -> _Source:
-    """An imported file, parsed; an error does not quote its text if it is outside the folder of the tree."""
+    """Parse an imported file; an error does not quote a file outside the folder of the tree."""
     try:
         return source.begin()
     except LanguageError as error:
@@ -204,7 +204,7 @@ def _imported(source: _Source, path: Token, open_files: list[_Source], folder: P
     name = os.path.join(os.path.dirname(source.file), path)  # noqa: PTH118, PTH120 - keeps "./" as written
     try:
         identity = os.path.realpath(name)
-    except ValueError as inner:  # a path that no system can have
+    except ValueError as inner:  # a path that is invalid on every system
         raise error(f"cannot import {shown(path)}: cannot read the file: {inner}") from inner
     if confined and _is_outside(identity, folder):
         raise error(

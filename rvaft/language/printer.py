@@ -1,4 +1,4 @@
-"""A tree as canonical text: reading it back gives an equal tree."""
+"""A tree as canonical text, which the parser reads back as an equal tree."""
 
 from collections.abc import Iterable, Iterator
 from typing import Final
@@ -20,16 +20,16 @@ from rvaft.model.nodes import Causality, Node, Topic
 from rvaft.model.tree import RVAFT
 
 _WIDEST: Final = 40
-"""A cell wider than this does not push the rest of its column to the right."""
+"""Wider cells are not aligned."""
 
 
 def dumps(tree: RVAFT) -> str:
-    """The canonical text of a tree: `loads(dumps(tree)) == tree` for every tree that can be written.
+    """Return the canonical text of a tree; `loads(dumps(tree)) == tree`.
 
     The order is causality, semantics, time, event types, topics, ignores, toplevel, nodes (parents
-    before children, then the unreachable ones); a child that no statement defined stays undefined.
-    What a restricted tree keeps of the alphabet of the whole is not text, and a text with half a
-    surrogate pair or a pattern or guard nested deeper than 100 is a `LanguageError`.
+    before children, then unreachable ones). A child without a statement stays undeclared. The
+    alphabet of a restricted tree's whole is lost. Raises `LanguageError` for an unpaired surrogate,
+    and for a pattern or guard nested deeper than 100.
 
     >>> import rvaft
     >>> print(dumps(rvaft.loads("top   and a b;")), end="")
@@ -61,7 +61,7 @@ def _settings(tree: RVAFT) -> Iterator[str]:
 
 
 def _stated(tree: RVAFT) -> Iterator[Node]:
-    """The nodes that need a statement, in canonical order."""
+    """Return the nodes that need a statement, in canonical order."""
     children = {child for node in tree.nodes.values() for child in node.children}
     for name in dict.fromkeys([*tree.order, *sorted(tree.nodes)]):
         node = tree.nodes[name]
@@ -93,7 +93,7 @@ def _node_cells(node: Node) -> list[str]:
 
 
 def _aligned(rows: Iterable[list[str]]) -> list[str]:
-    """Each row as one statement, the cells of a column below each other where they are not too wide."""
+    """Return each row as one statement, with aligned columns."""
     table = list(rows)
     widths = [max((len(c) for c in column if len(c) <= _WIDEST), default=0) for column in zip(*table, strict=True)]
     lines = []

@@ -1,7 +1,7 @@
-"""The time of an event (semantics, section 1.1): where a tree says it stands, and how it is read.
+"""The time of an event (semantics, section 1.1): its field and its formats.
 
-A time is a whole number of nanoseconds. Decimals are read as they are written, exactly, and rounded
-to nanoseconds, half to even; a double is read as the shortest decimal that denotes it.
+A time is an integer in nanoseconds. Decimals are read exactly and rounded to nanoseconds, half to
+even. A double is read as its shortest decimal.
 """
 
 import re
@@ -19,7 +19,7 @@ from rvaft.model.values import NUMBER, Json, at
 
 
 class _TimeKey(str):
-    """A key of an event that equals no field's name, also one with the same letters."""
+    """A key that equals no field name, not even the same text."""
 
     __slots__ = ()
 
@@ -37,7 +37,7 @@ class _TimeKey(str):
 
 
 TIME: Final = _TimeKey("time of the event")
-"""The key of an event's time where patterns bind it (`EventTime.stamped`); no text names it."""
+"""The key of an event's time in patterns (`EventTime.stamped`); no text equals it."""
 UNITS: Final[Mapping[str, int]] = {
     "d": 86_400_000_000_000,
     "h": 3_600_000_000_000,
@@ -51,7 +51,7 @@ UNITS: Final[Mapping[str, int]] = {
 
 
 class TimeFormat(StrEnum):
-    """What the field with the time of an event holds."""
+    """The format of the time field."""
 
     SECONDS = "s"
     MILLISECONDS = "ms"
@@ -65,7 +65,7 @@ class TimeFormat(StrEnum):
 class EventTime:
     """`time FIELD as FORMAT [late DURATION];`.
 
-    The way to the field from the outside in, and how late an event may be, in nanoseconds.
+    `field` is the path to the field, `late` the allowed lateness in nanoseconds.
 
     >>> import rvaft
     >>> rvaft.loads("time header.stamp as ros late 2 s; top and a b;").time
@@ -78,7 +78,7 @@ class EventTime:
     place: Place = part(default=Place(), compare=False, repr=False)
 
     def written(self, event: Json) -> Json:
-        """The time as it stands in an event, None where it is absent.
+        """Return the value of an event's time field, or None if absent.
 
         >>> EventTime(("header", "stamp"), TimeFormat.SECONDS).written({"header": {"stamp": "12.5"}})
         '12.5'
@@ -86,7 +86,7 @@ class EventTime:
         return at(event, self.field)
 
     def read(self, event: Json) -> int | None:
-        """The time of an event in nanoseconds, or None where it is undefined.
+        """Return the time of an event in nanoseconds, or None if undefined.
 
         >>> EventTime(("ts",), TimeFormat.MILLISECONDS).read({"ts": "1.5"})
         1500000
@@ -94,8 +94,9 @@ class EventTime:
         return _READERS[self.format](at(event, self.field))
 
     def is_late(self, event: Json, latest: int | None) -> tuple[bool, int | None]:
-        """Whether an event is late (semantics, section 1.1) behind the greatest time so far, and
-        that time with the event.
+        """Return whether an event is late (semantics, section 1.1), and the new maximum time.
+
+        `latest` is the maximum time of the events before.
 
         >>> EventTime(("ts",), TimeFormat.SECONDS, late=0).is_late({"ts": 2}, 3_000_000_000)
         (True, 3000000000)
@@ -106,7 +107,7 @@ class EventTime:
         return latest - time > (self.late or 0), max(latest, time)
 
     def stamped(self, event: Json) -> Json:
-        """The event with its time in nanoseconds at the key `TIME`, or null there where the time is undefined.
+        """Return the event with its time in nanoseconds (or null) at the key `TIME`.
 
         >>> EventTime(("ts",), TimeFormat.SECONDS).stamped({"ts": 2})
         {'ts': 2, 'time of the event': 2000000000}
@@ -115,7 +116,7 @@ class EventTime:
 
 
 def duration_text(nanoseconds: int) -> str:
-    """A duration with the longest unit of which it is a whole number.
+    """Return a duration in the longest unit that divides it.
 
     >>> duration_text(5_400_000_000_000), duration_text(0)
     ('90 min', '0 s')
@@ -127,7 +128,7 @@ def duration_text(nanoseconds: int) -> str:
 
 
 def scaled(number: str, unit: str) -> int | None:
-    """A decimal number of a unit in nanoseconds, or None for what is too large to be a time.
+    """Return a decimal number of a unit in nanoseconds, or None if it is too large for a time.
 
     >>> scaled("1.5", "h"), scaled("2e-10", "s"), scaled("0e31", "s"), scaled("1e999999", "s")
     (5400000000000, 0, 0, None)
@@ -144,7 +145,7 @@ def scaled(number: str, unit: str) -> int | None:
 
 
 def duration(text: str) -> int:
-    """A duration as an option has it, in nanoseconds, more than none; raises `OptionError`.
+    """Return a duration option in nanoseconds, greater than 0; raises `OptionError`.
 
     >>> duration("10 min")
     600000000000
@@ -157,10 +158,10 @@ def duration(text: str) -> int:
 
 
 _MOST: Final = 30
-"""The largest power of ten that a time may have, whatever its unit: no clock has more."""
+"""The maximum power of ten of a time in any unit."""
 _EXACT: Final = Context(prec=5_000, Emax=999_999, Emin=-999_999)
 _LONGEST: Final = 1_000
-"""The longest text of a time, in characters."""
+"""The maximum length of a time text, in characters."""
 _ISO: Final = re.compile(
     r"""(\d{4})-(\d\d)-(\d\d) [Tt\ ] (\d\d):(\d\d) (?: :(\d\d) (?: [.,](\d+) )? )?
         (?: [Zz] | ([+-])(\d\d) (?: :?(\d\d) )? )?""",

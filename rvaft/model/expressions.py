@@ -1,4 +1,4 @@
-"""Names, patterns and guards as text that reads back equal."""
+"""Names, patterns and guards as text that the parser reads back."""
 
 import json
 import re
@@ -25,7 +25,7 @@ from rvaft.model.values import Scalar, has_surrogate
 
 STATEMENTS: Final = ("toplevel", "event", "ignore", "import", "prune", "causality", "param")
 TOPIC: Final = "topic"
-"""Starts a statement, but only before a string, `type` and a string: nodes of this name are read without quotes too."""
+"""A statement only before a string, `type` and a string; otherwise a possible name of a node."""
 GATES: Final = tuple(gate.value for gate in Gate if not gate.counts)
 """The gates that are written as a word; a vote is written with its numbers."""
 CLAUSES: Final = ("on", "when", "fault", "attack", "label", "times", "within")
@@ -34,7 +34,9 @@ DYNAMIC: Final = frozenset(
     {"xor", "nor", "nand", "not", "por", "pxor", "sor", "seq", "mutex", "inhibit"}
     | {"spare", "wsp", "csp", "hsp", "fdep", "pdep", "rdep"}
 ).difference(GATES)
-"""Gates of other fault-tree languages: reserved, so that a forgotten semicolon does not make them names."""
+"""Gates of other fault-tree languages, reserved so that a missing semicolon does not turn them into
+names.
+"""
 
 RESERVED: Final = frozenset({*STATEMENTS, *GATES, *CLAUSES, *OPERATOR_WORDS, *DYNAMIC})
 
@@ -42,38 +44,38 @@ WORD: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _NUMBERED_GATE: Final = re.compile(r"vot[0-9]+")
 _VALUE: Final = re.compile(r'(?!=)(?:(?!//|/\*)[^\s;"#])+')
 _ATOM: Final = 8
-"""How tightly a text binds that no operator can take apart."""
+"""The precedence level of an atomic text."""
 
 
 def bare_name(name: str) -> bool:
-    """Whether a node's name can stand without quotes."""
+    """Whether a node's name needs no quotes."""
     return bool(WORD.fullmatch(name)) and name not in RESERVED and name != TOPIC and not _NUMBERED_GATE.fullmatch(name)
 
 
 def quoted(text: str) -> str:
-    """A text as a string of the language, which is a JSON string; raises `LanguageError` for half a surrogate pair."""
+    """Return a text as a JSON string; raises `LanguageError` for an unpaired surrogate."""
     if has_surrogate(text):
         raise LanguageError("half of a surrogate pair cannot be written")
     return json.dumps(text, ensure_ascii=False)
 
 
 def name_text(name: str) -> str:
-    """A node's name, in quotes where it needs them."""
+    """Return a node's name, quoted if necessary."""
     return name if bare_name(name) else quoted(name)
 
 
 def word_text(word: str) -> str:
-    """The name of a field or an event type, in quotes where it is no word."""
+    """Return the name of a field or event type, quoted if necessary."""
     return word if WORD.fullmatch(word) else quoted(word)
 
 
 def time_text(time: EventTime) -> str:
-    """Where events have their time, as a statement says it without its end."""
+    """Return a `time` statement without `late` and semicolon."""
     return f"time {'.'.join(map(name_text, time.field))} as {time.format}"
 
 
 def literal_text(value: Scalar) -> str:
-    """A literal; raises `LanguageError` for a number that the language cannot write."""
+    """Return a literal; raises `LanguageError` for a number that the language cannot write."""
     if isinstance(value, str):
         return quoted(value)
     try:
@@ -83,7 +85,9 @@ def literal_text(value: Scalar) -> str:
 
 
 def pattern_text(pattern: Pattern, depth: int = 0) -> str:
-    """A pattern; `parse_pattern` reads it back equal. Raises `LanguageError` when nested deeper than 100."""
+    """Return a pattern as text for `parse_pattern`; raises `LanguageError` beyond 100 levels of
+    nesting.
+    """
     if depth > MAX_DEPTH:
         raise LanguageError(f"a pattern nested deeper than {MAX_DEPTH} cannot be written")
     match pattern:
@@ -107,9 +111,9 @@ SIGNS: Final = {operator: facts.sign for operator, facts in OPERATORS.items()}
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """How guards and events are written.
+    """The notation of guards and events.
 
-    `signs` of the operators without the spaces around them, those before an operand with theirs.
+    `signs` are the operators; prefix operators include their space.
     """
 
     node: Callable[[str], str] = name_text
@@ -118,20 +122,20 @@ class Style:
     variable: Callable[[str], str] = str
     literal: Callable[[Scalar], str] = literal_text
     anything: str = "_"
-    """The argument that may have any value."""
+    """The argument that matches any value."""
     signs: Mapping[Operator, str] = field(default_factory=SIGNS.copy)
     brackets: tuple[str, str] = ("(", ")")
     point: str = "{}({})"
-    """The time `at`, `start` or `end` of a node."""
+    """The format of the time `at`, `start` or `end` of a node."""
     duration: Callable[[int], str] = duration_text
     listed: tuple[str, str] = ("(", ")")
-    """Around the literals behind `in`."""
+    """The brackets around the literals after `in`."""
     fraction: Callable[[str, str], str | None] | None = None
-    """A quotient with its operands one above the other, which need no brackets."""
+    """A quotient with stacked operands, which need no brackets."""
     minus_level: int = OPERATORS[Operator.NEGATE].level
-    """How tightly a minus before an operand, or before a number, binds to what is outside."""
+    """The precedence level of a minus before an operand or a number."""
     not_operand: int = OPERATORS[Operator.NOT].level
-    """How tightly the operand of `not` has to bind to stand without brackets."""
+    """The minimum level at which the operand of `not` needs no brackets."""
 
 
 SUM_LEVEL: Final = OPERATORS[Operator.ADD].level
@@ -140,7 +144,7 @@ PLAIN: Final = Style()
 
 
 def on_text(on: On, style: Style = PLAIN) -> str:
-    """An event type applied to arguments: `move(Waypoint, _)`."""
+    """Return an event type applied to arguments: `move(Waypoint, _)`."""
 
     def argument_text(argument: Argument) -> str:
         match argument:
@@ -155,20 +159,20 @@ def on_text(on: On, style: Style = PLAIN) -> str:
 
 
 def event_text(node: Node, style: Style = PLAIN) -> str:
-    """The runtime event of a node: its name where it is the default one."""
+    """Return the runtime event of a node; the default event is the node's name."""
     return style.node(node.name) if node.on is None else on_text(node.on, style)
 
 
 def guard_text(guard: Guard, style: Style = PLAIN) -> str:
-    """A guard, with no more brackets than needed; in the plain style `parse_guard` reads it back equal.
+    """Return a guard with minimal brackets; `parse_guard` reads the plain style back.
 
-    Raises `LanguageError` when nested deeper than 100.
+    Raises `LanguageError` beyond 100 levels of nesting.
     """
     return _guard(guard, style, 0)[0]
 
 
 def _guard(guard: Guard, style: Style, depth: int) -> tuple[str, int]:
-    """The text, and how tightly its outermost operator binds."""
+    """Return the text, and the level of its outermost operator."""
     if depth > MAX_DEPTH:
         raise LanguageError(f"a guard nested deeper than {MAX_DEPTH} cannot be written")
     match guard:
@@ -193,7 +197,7 @@ def _guard(guard: Guard, style: Style, depth: int) -> tuple[str, int]:
         case Operator.NOT:
             return f"{sign}{least(style.not_operand, parts[0])}", level
         case Operator.NEGATE:
-            # -1 is the number; the operator applied to the number 1 is -(1)
+            # -1 is a number; the operator applied to the number 1 is -(1)
             number = parts[0][1] == _ATOM and parts[0][0][0].isdigit()
             return f"{sign}{least(_ATOM + 1 if number else level, parts[0])}", style.minus_level
         case Operator.AND | Operator.OR:
@@ -205,16 +209,16 @@ def _guard(guard: Guard, style: Style, depth: int) -> tuple[str, int]:
             return f"{sign}({', '.join(least(SUM_LEVEL, part) for part in parts)})", _ATOM
         case Operator.DIV if style.fraction and (stacked := style.fraction(parts[0][0], parts[1][0])) is not None:
             return stacked, SIGNED_LEVEL
-        case _:  # arithmetic is read from the left, comparisons are not chained
+        case _:  # arithmetic is left-associative; comparisons do not chain
             left, right = parts
             return f"{least(level + (operator in COMPARISONS), left)} {sign} {least(level + 1, right)}", level
 
 
 def bare_value(value: str) -> bool:
-    """Whether the value of a Galileo attribute can stand without quotes."""
+    """Whether the value of a Galileo attribute needs no quotes."""
     return value.isprintable() and _VALUE.fullmatch(value) is not None
 
 
 def value_text(value: str) -> str:
-    """The value of a Galileo attribute, in quotes where it needs them."""
+    """Return the value of a Galileo attribute, quoted if necessary."""
     return value if bare_value(value) else quoted(value)

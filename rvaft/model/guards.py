@@ -1,9 +1,8 @@
-"""Guards: the expression type, the table of operators, and the value of a guard under an assignment of the variables.
+"""Guards: the expression type, the table of operators, and evaluation under a binding.
 
-A value is JSON or `UNDEFINED` (wrong types, division by zero, overflow, what is not finite).
-Undefined propagates through every operator, except that `and` and `or` read left to right and do
-not look at the right side when the left decides. The parser bounds the nesting of an expression
-(`MAX_DEPTH`), so the recursion here is bounded too.
+A value is JSON or `UNDEFINED` (wrong types, division by zero, overflow, non-finite results).
+`UNDEFINED` propagates through every operator, except that `and` and `or` short-circuit from the
+left. The parser bounds the nesting (`MAX_DEPTH`), and so the recursion here.
 """
 
 import json
@@ -62,13 +61,13 @@ class _Undefined(Enum):
 
 
 UNDEFINED: Final = _Undefined.UNDEFINED
-"""The one value that is no JSON value."""
+"""The only value that is not JSON."""
 
 
 class Sort(StrEnum):
-    """What the value of a term is.
+    """The sort of a term's values.
 
-    Of a variable it is UNKNOWN, or it is the TIME of an event. A term that is VOID has no value under any binding.
+    A variable is UNKNOWN, or the TIME of an event. A VOID term is undefined under every binding.
     """
 
     NUMBER = "number"
@@ -81,14 +80,15 @@ class Sort(StrEnum):
 
 
 class OperatorFacts(NamedTuple):
-    """What every module but the reference and the backends knows about an operator.
+    """The properties of an operator, for all modules but the reference and the backends.
 
-    `level` says how tightly it binds. `takes` has the sorts of its operands, and is None where it
-    takes every value; an operand of another sort makes it undefined. `gives` is the sort of its
-    value. `function` gives the value of defined operands, and is None where not all of them are
-    evaluated. `arity` is None for two operands or more. A comparison has three more facts:
-    `negated` is true where it is false (both are defined there), `mirrored` is the same comparison
-    with its sides exchanged, and `compare` is Python's.
+    - `level`: the precedence level.
+    - `takes`: the sorts of operands (None: any); other operands make it undefined.
+    - `gives`: the sort of the result.
+    - `function`: the result for defined operands (None: operands are evaluated lazily).
+    - `arity`: the number of operands (None: two or more).
+    - Of a comparison: `negated` is its complement on defined operands, `mirrored` has exchanged
+      sides, `compare` is Python's operator.
     """
 
     level: int
@@ -111,7 +111,6 @@ def _denied(truth: Json) -> Json:
 
 
 def _ordered(compare: Callable[[Any, Any], bool]) -> Callable[[Json, Json], Json]:
-    """A comparison of two numbers or two strings."""
 
     def compared(left: Json, right: Json) -> Json:
         if is_number(left) and is_number(right):
@@ -122,10 +121,7 @@ def _ordered(compare: Callable[[Any, Any], bool]) -> Callable[[Json, Json], Json
 
 
 def _calculating(calculate: Callable[..., Any]) -> Callable[..., Json]:
-    """An operation on numbers.
-
-    A double with an integral value is that integer, so equal operands give equal results.
-    """
+    """Return an operation on numbers; a double with an integral value is treated as that integer."""
 
     def calculated(*arguments: Json) -> Json:
         numbers = []
@@ -146,7 +142,6 @@ def _calculating(calculate: Callable[..., Any]) -> Callable[..., Json]:
 
 
 def _texts(calculate: Callable[..., Any]) -> Callable[..., Json]:
-    """An operation on texts."""
 
     def calculated(*arguments: Json) -> Json:
         return calculate(*arguments) if all(isinstance(one, str) for one in arguments) else UNDEFINED
@@ -156,9 +151,10 @@ def _texts(calculate: Callable[..., Any]) -> Callable[..., Json]:
 
 @lru_cache(maxsize=1_000)
 def _glob(glob: str) -> re.Pattern[str]:
-    """What matches the whole of a text.
+    """Return a pattern that matches a whole text, in linear time.
 
-    The pieces between stars are looked for from the left, each once, and the last at the end.
+    Atomic groups match the pieces between stars from the left without backtracking, and the last
+    piece at the end.
     """
     first, *others = [["." if sign == "?" else re.escape(sign) for sign in piece] for piece in re.split(r"\*+", glob)]
     inner = "".join(f"(?>.*?{''.join(piece)})" for piece in others[:-1])
@@ -167,7 +163,7 @@ def _glob(glob: str) -> re.Pattern[str]:
 
 
 def _number(value: Json) -> Json:
-    """A number as it is; of a text the number that it writes as JSON does."""
+    """Return a number itself, or the number that a text denotes in JSON."""
     if isinstance(value, str) and NUMBER.fullmatch(value):
         try:
             value = json.loads(value)
@@ -189,7 +185,7 @@ def _lower(text: str) -> str:
 
 
 MAX_GLOB: Final = 1_000
-"""The longest glob, in characters."""
+"""The maximum length of a glob, in characters."""
 
 _O = Operator
 _TRUTHS: Final = frozenset({Sort.TRUTH})
@@ -231,10 +227,10 @@ OPERATORS: Final[Mapping[Operator, OperatorFacts]] = {
     _O.MAX: OperatorFacts(8, "max", _calculating(max), _NUMERALS, Sort.NUMBER, None),
     _O.NUMBER: OperatorFacts(8, "number", _number, _ORDERED, Sort.NUMBER, 1),
 }
-"""The one table of operators. A function (level 8) is written before its operands, which stand in parentheses."""
+"""The table of operators. A function (level 8) is written before its operands in parentheses."""
 
 JUNCTIONS: Final = frozenset({Operator.AND, Operator.OR})
-"""Two operands or more, read from the left."""
+"""Operators with two or more operands, evaluated from the left."""
 COMPARISONS: Final = frozenset(operator for operator, facts in OPERATORS.items() if facts.negated)
 ORDERINGS: Final = COMPARISONS - {Operator.EQ, Operator.NE}
 ARITHMETIC: Final = frozenset(operator for operator, facts in OPERATORS.items() if 4 < facts.level < 8)
@@ -243,7 +239,7 @@ FUNCTIONS: Final = frozenset(operator for operator, facts in OPERATORS.items() i
 NUMERIC: Final = frozenset(
     operator for operator, facts in OPERATORS.items() if facts.takes == _NUMERALS and facts.gives is Sort.NUMBER
 )
-"""From numbers to a number."""
+"""Operators from numbers to a number."""
 
 assert set(OPERATORS) == set(Operator), f"not in OPERATORS: {set(Operator) - set(OPERATORS)}"
 assert JUNCTIONS | COMPARISONS | ARITHMETIC | FUNCTIONS | {Operator.NOT, Operator.IN} == set(Operator)
@@ -256,12 +252,11 @@ for _operator in COMPARISONS:
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """An operator applied.
+    """An operator applied to operands.
 
-    One operand for NOT and NEGATE, two or more for AND, OR, MIN and MAX, else two; of IN the value
-    and the literals.
-
-    Operations are equal where their operators and operands are; 1 and 1.0 are one operand, since they are one number.
+    NOT, NEGATE and some functions have one operand; AND, OR, MIN and MAX have two or more; IN has
+    the value and the literals. Operations with equal operators and operands are equal; 1 and 1.0
+    are one operand.
     """
 
     operator: Operator
@@ -270,9 +265,10 @@ class Operation:
 
 @dataclass(frozen=True, slots=True)
 class TimePoint(Variable):
-    """`at(NODE)`, `start(NODE)` or `end(NODE)`: a variable that the times of events bind; `name` identifies it.
+    """`at(NODE)`, `start(NODE)` or `end(NODE)`: a variable bound by times of events, identified by
+    `name`.
 
-    `number` is 0 in a tree. In a property it is the occurrence of the event (`at`), or the copy of
+    `number` is 0 in a tree. In a property it is the occurrence of the event (`at`) or the copy of
     the node (`start`, `end`).
     """
 
@@ -282,7 +278,7 @@ class TimePoint(Variable):
 
     @classmethod
     def of(cls, point: str, node: str, number: int = 0) -> "TimePoint":
-        """The time point of a node.
+        """Return the time point of a node.
 
         >>> TimePoint.of("start", "login").name, TimePoint.of("at", "login", 2).name
         ('start(login)', 'at(login)#2')
@@ -292,7 +288,7 @@ class TimePoint(Variable):
 
 
 POINTS: Final = ("at", "start", "end")
-"""The time points that a node has."""
+"""The time points of a node."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -304,17 +300,17 @@ Guard: TypeAlias = Literal | Variable | Operation
 
 
 def variables(guard: Guard | None) -> tuple[str, ...]:
-    """The variables of a guard, each once, in order of first occurrence."""
+    """Return the variables of a guard in order of first occurrence."""
     return tuple(dict.fromkeys(part.name for part in walk(guard) if isinstance(part, Variable)))
 
 
 def time_points(guard: Guard | None) -> tuple[TimePoint, ...]:
-    """The time points of a guard, each once, in order of first occurrence."""
+    """Return the time points of a guard in order of first occurrence."""
     return tuple(dict.fromkeys(part for part in walk(guard) if isinstance(part, TimePoint)))
 
 
 def walk(guard: Guard | None) -> Iterator[Guard]:
-    """The guard and all its parts, outermost first, in order; nothing where there is none."""
+    """Iterate over the guard and all its parts in preorder; over nothing for None."""
     todo = [] if guard is None else [guard]
     while todo:
         part = todo.pop()
@@ -324,14 +320,16 @@ def walk(guard: Guard | None) -> Iterator[Guard]:
 
 
 def conjuncts(guard: Guard | None) -> tuple[Guard, ...]:
-    """The guards that must all hold for this one to hold, nested conjunctions taken apart; none where there is none."""
+    """Return the guards whose conjunction this one is, nested conjunctions flattened; none for
+    None.
+    """
     if isinstance(guard, Operation) and guard.operator is Operator.AND:
         return tuple(part for operand in guard.operands for part in conjuncts(operand))
     return () if guard is None else (guard,)
 
 
 def substitute(guard: Guard, by: Mapping[str, Guard]) -> Guard:
-    """The guard with every variable named in `by` replaced."""
+    """Return the guard with the variables in `by` replaced."""
     match guard:
         case Variable(name):
             return by.get(name, guard)
@@ -342,7 +340,7 @@ def substitute(guard: Guard, by: Mapping[str, Guard]) -> Guard:
 
 
 def renamed(guard: Guard, names: Mapping[str, str]) -> Guard:
-    """The guard with other names for its variables.
+    """Return the guard with renamed variables.
 
     >>> renamed(Operation(Operator.LT, (Variable("X"), Literal(3))), {"X": "Speed"})
     Operation(operator=<Operator.LT: '<'>, operands=(Variable(name='Speed'), Literal(value=3)))
@@ -351,7 +349,7 @@ def renamed(guard: Guard, names: Mapping[str, str]) -> Guard:
 
 
 def folded(guard: Guard) -> Guard:
-    """The guard with its parts without variables replaced by their values, where these are defined.
+    """Return the guard with constant parts replaced by their values, if defined.
 
     >>> folded(Operation(Operator.GT, (Variable("X"), Operation(Operator.ADD, (Literal(1), Literal(2))))))
     Operation(operator=<Operator.GT: '>'>, operands=(Variable(name='X'), Literal(value=3)))
@@ -365,12 +363,12 @@ def folded(guard: Guard) -> Guard:
 
 
 def holds(guard: Guard, binding: Binding) -> bool:
-    """Whether the guard's value is `true`; every variable of it must be bound (KeyError otherwise)."""
+    """Whether the guard's value is `true`; every variable must be bound (KeyError otherwise)."""
     return value(guard, binding) is True
 
 
 def value(guard: Guard, binding: Binding) -> Json:
-    """The value of a guard, or UNDEFINED; never raises on any JSON value.
+    """Return the value of a guard, or UNDEFINED; never raises for JSON values.
 
     >>> value(Operation(Operator.DIV, (Variable("X"), Literal(2))), {"X": 3})
     1.5
@@ -398,7 +396,7 @@ def value(guard: Guard, binding: Binding) -> Json:
 
 
 def is_total(guard: Guard) -> bool:
-    """Whether a guard surely is true or false, and never undefined, whichever JSON values its variables have.
+    """Whether a guard is defined for all JSON values of its variables.
 
     >>> is_total(Operation(Operator.NE, (Variable("X"), Literal("a"))))
     True
@@ -420,15 +418,16 @@ _NUMBERS: Final = (int, float)
 _NUMBER_TYPES: Final = frozenset(_NUMBERS)
 _LARGEST: Final = sys.float_info.max
 MEMORY: Final = 4096
-"""How many outcomes of guards are remembered; then the memory starts afresh."""
+"""The maximum number of cached outcomes of guards; then the cache is cleared."""
 FEW: Final = 16
-"""How many different values are asked for all that have them."""
+"""The maximum number of distinct values for which a guard is evaluated per value."""
 
 
 def predicate(guard: Guard) -> Predicate:
-    """`holds` as a function of a binding, made ready once for a guard that is asked of very many events.
+    """Return `holds` as a fast function of a binding, for guards evaluated on many events.
 
-    Made faster is a variable compared with a constant of its type, and `and` over such; else `holds` itself is asked.
+    The fast cases are comparisons of a variable with a constant of its type, and conjunctions of
+    these.
     """
     match guard:
         case Operation(Operator.AND, operands):

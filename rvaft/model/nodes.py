@@ -1,7 +1,7 @@
-"""The parts of a tree: gates, nodes, event types, declarations, topics of ROS. All immutable values.
+"""The parts of a tree: gates, nodes, event types, declarations and ROS topics. All values are
+immutable.
 
-Places in a file (`Place`) never take part in equality: two trees that say the same are equal
-wherever they were written.
+Positions in a file (`Place`) are not compared: trees with the same content are equal.
 """
 
 import re
@@ -43,7 +43,7 @@ class Gate(StrEnum):
 
 
 class Causality(StrEnum):
-    """Whether a node's event comes before (top_down) or after (bottom_up) those of its descendants.
+    """Whether a node's event precedes (top_down) or follows (bottom_up) those of its descendants.
 
     >>> import rvaft
     >>> rvaft.loads("causality bottom_up; top and a b;").causality
@@ -55,7 +55,7 @@ class Causality(StrEnum):
 
 
 class Kind(StrEnum):
-    """What a node is, where it is one of the two.
+    """The kind of a node: fault or attack.
 
     >>> import rvaft
     >>> [kind.value for kind in next(rvaft.branches(rvaft.loads("top or a b; a attack;"))).kinds]
@@ -67,7 +67,7 @@ class Kind(StrEnum):
 
 
 class Place(NamedTuple):
-    """Where something stands in a text; line and column count from 1."""
+    """A position in a text; line and column start at 1."""
 
     file: str = "<code>"
     line: int = 1
@@ -79,7 +79,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class EventType:
-    """`event NAME(parameters) = pattern;` — in the pattern the parameters are variables.
+    """`event NAME(parameters) = pattern;`, where the parameters are variables of the pattern.
 
     >>> import rvaft
     >>> rvaft.loads("event at(place) = { at: place }; top on at(Place);").events["at"].parameters
@@ -115,7 +115,7 @@ class On:
 
 @dataclass(frozen=True, slots=True)
 class Ignore:
-    """`ignore on when guard;` — such events are never relevant; its variables are its own.
+    """`ignore on when guard;`: such events are never relevant; the variables are local.
 
     >>> import rvaft
     >>> tree = rvaft.loads("event level(v) = { level: v }; top on level(V); ignore level(X) when X < 250;")
@@ -130,9 +130,10 @@ class Ignore:
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """`topic NAME type TYPE from PUBLISHERS;` — where events come from in ROS; no verdict depends on it.
+    """`topic NAME type TYPE from PUBLISHERS;`: the source of events in ROS, without influence on
+    verdicts.
 
-    `type` is the message type as Python imports it, `package.msg.Name`; `publishers` are ROS nodes,
+    `type` is the message type as Python imports it, `package.msg.Name`. `publishers` are ROS nodes,
     not nodes of the tree.
 
     >>> import rvaft
@@ -152,15 +153,15 @@ class Topic:
 class Node:
     """One node. A leaf has neither gate nor children; `threshold` is the K of a VOT gate.
 
-    `times` is how many events a leaf observes, `within` how long the part of a gate may last, in
-    nanoseconds. `declared` is False for a child that no statement defines. `places` holds where the
-    parts `name`, `gate`, `on`, `when`, `kind`, `label` stand. A gate and a kind may be given by
-    their words, the children as a list.
+    `times` is the number of events of a leaf. `within` is the window of a gate in nanoseconds.
+    `declared` is False for a child without a statement. `places` has the positions of `name`,
+    `gate`, `on`, `when`, `kind` and `label`. A gate and a kind may be strings, and the children a
+    list.
 
     >>> Node("top", "or", ["a", "b"]) == Node("top", Gate.OR, ("a", "b"))
     True
 
-    Raises `WrongType` for a part of a type that it cannot have, and `OptionError` for a word that is no gate or kind.
+    Raises `WrongType` for a part of the wrong type, and `OptionError` for an unknown gate or kind.
     """
 
     name: str
@@ -207,7 +208,7 @@ class Node:
                 expect(what, stated, kind, expected)
 
     def place(self, part: str = "name") -> Place:
-        """Where a part of the node stands, or, where that is not known, its name."""
+        """Return the position of a part of the node, or of its name if unknown."""
         return self.places.get(part) or self.places.get("name") or Place()
 
     @property
@@ -217,40 +218,44 @@ class Node:
 
     @property
     def has_event(self) -> bool:
-        """Whether the node has a runtime event, its own or, for a leaf with neither event nor
-        guard, the default one.
+        """Whether the node has a runtime event: its own, or the default event of a leaf without
+        event and guard.
         """
         return self.on is not None or (self.gate is None and self.when is None)
 
 
 @dataclass(frozen=True, slots=True)
 class Relevant:
-    """One entry of a tree's alphabet: a node's event, and its own guard where the event binds all its variables."""
+    """One entry of a tree's alphabet: a node's event, with the node's guard if the event binds all
+    its variables.
+    """
 
     node: str
     pattern: Pattern
     when: Guard | None = None
 
 
-# Topics of ROS.
+# ROS topics.
 
 _NAME: Final = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z0-9_]+)*")
 
 
 def absolute(name: str) -> str:
-    """A name as it is from the root of ROS: `/command` and `command` are one."""
+    """Return an absolute ROS name: `command` becomes `/command`."""
     return name if name.startswith("/") else f"/{name}"
 
 
 def wrong_name(name: str) -> str | None:
-    """Why no topic or node of ROS can have this name, in a sentence, or None where one can."""
+    """Return why no ROS topic or node can have this name, or None if it is valid."""
     if _NAME.fullmatch(name):
         return None
     return f'"{visible(name)}" is no name in ROS: a name is words of letters, digits and _ with / between them'
 
 
 def wrong_type(type_: str) -> str | None:
-    """Why this is no message type as Python imports it, in a sentence that mends it, or None where it is one."""
+    """Return why this is not a message type as Python imports it, with a correction, or None if it
+    is.
+    """
     if _importable(type_.split(".")):
         return None
     words = [word for word in re.split(r"[./:]+", type_) if word]
@@ -260,7 +265,7 @@ def wrong_type(type_: str) -> str | None:
 
 
 def by_name(topics: Iterable[Topic]) -> dict[str, Topic]:
-    """Topics by absolute name; raises `TreeError` for one declared twice, and for a name or type that cannot be."""
+    """Return topics by absolute name; raises `TreeError` for duplicates and invalid names or types."""
     found: dict[str, Topic] = {}
     for topic in topics:
         name = absolute(topic.name)
@@ -278,6 +283,6 @@ def _importable(words: list[str]) -> bool:
 
 
 def topic_of(pattern: Pattern) -> Pattern | None:
-    """What a pattern asks of the topic, or None where it asks nothing."""
+    """Return what a pattern requires of the field `topic`, or None."""
     fields = pattern.fields if isinstance(pattern, ObjectPattern) else ()
     return next((inner for name, inner in fields if name == "topic"), None)

@@ -1,9 +1,9 @@
-"""Event patterns: what an event must look like, and the matching of an event against one.
+"""Event patterns, and matching of events against them.
 
-A pattern is an immutable term. `Variable` names that start with a capital are the tree's rigid
-variables; names that start with `_` are local to one pattern (a parameter used twice and called
-with `_` demands equal values, but shares them with nothing else). In the pattern of an event type
-the parameters, lower case, are variables too; `substitute` replaces them by arguments.
+A pattern is an immutable term. Names of rigid variables, shared by the whole tree, start with a
+capital. Names that start with `_` are local to one pattern: a parameter that occurs twice and has
+the argument `_` requires equal values. In the pattern of an event type, the lower-case parameters
+are variables too; `substitute` replaces them by arguments.
 """
 
 from collections.abc import Iterator, Mapping
@@ -17,7 +17,7 @@ Binding: TypeAlias = Mapping[str, Json]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Literal:
-    """A string, number, boolean or null; equal literals are those of equal JSON value."""
+    """A string, number, boolean or null; literals are equal if their JSON values are."""
 
     value: Scalar
 
@@ -30,19 +30,19 @@ class Literal:
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """A variable (`Value`), a local one (`_1`), or, in an event type, a parameter (`value`)."""
+    """A variable (`Value`), a local variable (`_1`), or a parameter of an event type (`value`)."""
 
     name: str
 
     @property
     def local(self) -> bool:
-        """Whether the variable belongs to its own pattern only."""
+        """Whether the variable is local to its pattern."""
         return self.name.startswith("_")
 
 
 @dataclass(frozen=True, slots=True)
 class Anything:
-    """`_`: any value, null included, but not an absent field."""
+    """`_`: any value, including null, but not an absent field."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ Pattern: TypeAlias = Literal | Variable | Anything | ObjectPattern | ListPattern
 
 
 def walk(pattern: Pattern) -> Iterator[Pattern]:
-    """The pattern and all its parts, outermost first, in order."""
+    """Iterate over the pattern and all its parts in preorder."""
     todo = [pattern]
     while todo:
         part = todo.pop()
@@ -75,17 +75,17 @@ def walk(pattern: Pattern) -> Iterator[Pattern]:
 
 
 def variables(pattern: Pattern) -> tuple[str, ...]:
-    """The names of the variables, each once, in order of first occurrence; local ones included."""
+    """Return the names of the variables, including local ones, in order of first occurrence."""
     return tuple(dict.fromkeys(part.name for part in walk(pattern) if isinstance(part, Variable)))
 
 
 def rigid_variables(pattern: Pattern) -> tuple[str, ...]:
-    """The variables that the pattern shares with the rest of the tree."""
+    """Return the variables that the pattern shares with the rest of the tree."""
     return tuple(name for name in variables(pattern) if not name.startswith("_"))
 
 
 def substitute(pattern: Pattern, by: Mapping[str, Pattern]) -> Pattern:
-    """The pattern with every variable named in `by` replaced. Nesting is bounded by the parser."""
+    """Return the pattern with the variables in `by` replaced. The parser bounds the nesting."""
     match pattern:
         case Variable(name):
             return by.get(name, pattern)
@@ -98,9 +98,9 @@ def substitute(pattern: Pattern, by: Mapping[str, Pattern]) -> Pattern:
 
 
 def match(pattern: Pattern, event: Json, binding: Binding) -> dict[str, Json] | None:
-    """The binding extended so that the pattern matches the event, or None; `binding` itself is left alone.
+    """Return the binding extended to match the event, or None; `binding` is not modified.
 
-    Names of local variables are part of the result; callers that keep it drop them with `rigid`.
+    The result includes local variables; `rigid` removes them.
     """
     bound = dict(binding)
     todo: list[tuple[Pattern, Json]] = [(pattern, event)]
@@ -132,5 +132,5 @@ def match(pattern: Pattern, event: Json, binding: Binding) -> dict[str, Json] | 
 
 
 def rigid(binding: Binding) -> dict[str, Json]:
-    """The binding without the variables that are local to one pattern."""
+    """Return the binding without local variables."""
     return {name: value for name, value in binding.items() if not name.startswith("_")}

@@ -1,6 +1,6 @@
-"""The tree itself: an immutable RVAFT (semantics, section 1), and walks over graphs of nodes.
+"""The immutable attack-fault tree (semantics, section 1), and traversals of graphs.
 
-The constructor checks what makes a structure a tree at all; the rules about scenarios are in `rvaft.rules`.
+The constructor checks the structure; the rules about scenarios are in `rvaft.rules`.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
@@ -27,7 +27,7 @@ T = TypeVar("T", bound=Hashable)
 
 @dataclass(frozen=True, slots=True)
 class Whole:
-    """What a restricted tree was made from, and by which selection."""
+    """The tree and the selection from which a restricted tree was made."""
 
     tree: "RVAFT"
     branch: int | None = None
@@ -37,19 +37,17 @@ class Whole:
 class RVAFT:
     """An attack-fault tree with runtime events.
 
-    `nodes` keeps the order of declaration. `alphabet` decides relevance under `projected`. A tree that is
-    restricted to some branches of another tree is `part_of` it and keeps the alphabet of the whole.
+    `nodes` has the order of declaration. `alphabet` determines the relevant events. A restricted
+    tree has its origin in `part_of` and keeps the alphabet of the whole tree. `topics` are the ROS
+    topics by absolute name (`/command`), `time` is the time field, `semantics` the declared
+    semantics; the latter two may be None.
 
-    `topics` says where events come from in ROS, by absolute name (`/command`), `time` where an
-    event has its time, `semantics` which one its author means; either may be None.
+    Trees are equal if their content is, regardless of order and positions. Topics are compared,
+    although no verdict depends on them.
 
-    Trees are equal that are written the same way but for order and places; topics count, although
-    no verdict depends on them.
-
-    Raises `TreeError` for what is no tree: an unknown root or child, a cycle, a child listed twice,
-    a threshold out of range, an unknown event type, a wrong number of arguments, a parameter that
-    is not in its pattern, a topic declared twice, a name or type that no topic can have, a number
-    or a window that its node cannot have, a time of a node that is not there.
+    Raises `TreeError` for an unknown root or child, a cycle, a duplicate child, a threshold out of
+    range, an unknown event type, a wrong number of arguments, an unused parameter, a duplicate or
+    invalid topic, an invalid `times` or `within`, and a time point of an unknown node.
 
     >>> from rvaft import Gate, Node
     >>> tree = RVAFT("top", [Node("top", "and", ("a", "b")), Node("a"), Node("b")])
@@ -58,7 +56,7 @@ class RVAFT:
     """
 
     notebook_svg: "ClassVar[Callable[[RVAFT], str | None]]" = staticmethod(lambda _tree: None)
-    """How a notebook draws a tree; `rvaft.api` sets it, because drawing is above the model."""
+    """Draws a tree in a notebook; `rvaft.api` sets it, because drawing is above the model."""
 
     def __init__(
         self,
@@ -104,7 +102,7 @@ class RVAFT:
             raise TreeError(f"the tree has a cycle: {' -> '.join([*cycle, cycle[0]])}", rule="cycle", nodes=cycle)
 
     def changed(self, **parts: Any) -> "RVAFT":
-        """The tree with other arguments of the constructor; raises as that does.
+        """Return the tree with other arguments of the constructor; raises the same errors.
 
         >>> from rvaft import loads
         >>> loads("semantics strict; top and a b;").changed(semantics=None).semantics
@@ -116,7 +114,9 @@ class RVAFT:
 
     @cached_property
     def graph(self) -> "nx.DiGraph":
-        """The nodes and their children as a frozen graph of networkx; a node of it has its `Node` as `node`."""
+        """The nodes and their children as a frozen networkx graph; the attribute `node` has the
+        `Node`.
+        """
         import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
 
         graph = nx.DiGraph()
@@ -131,15 +131,15 @@ class RVAFT:
         return tuple(sorted_topologically({name: self.nodes[name].children for name in preorder}))
 
     def top_down(self) -> Iterator[Node]:
-        """The reachable nodes, parents before children."""
+        """Iterate over the reachable nodes, parents before children."""
         return (self.nodes[name] for name in self.order)
 
     def bottom_up(self) -> Iterator[Node]:
-        """The reachable nodes, children before parents."""
+        """Iterate over the reachable nodes, children before parents."""
         return (self.nodes[name] for name in reversed(self.order))
 
     def parents(self, name: str) -> tuple[str, ...]:
-        """The reachable parents of a node, in a stable order."""
+        """Return the reachable parents of a node, in a stable order."""
         return tuple(self._parents.get(name, ()))
 
     @cached_property
@@ -156,7 +156,7 @@ class RVAFT:
         return frozenset(name for name, parents in self._parents.items() if len(parents) > 1)
 
     def pattern(self, name: str) -> Pattern | None:
-        """The runtime event of a node with its arguments filled in, or None where it has none."""
+        """Return the pattern of a node's runtime event with its arguments, or None."""
         return self._patterns[name]
 
     @cached_property
@@ -168,9 +168,9 @@ class RVAFT:
         return found
 
     def instantiate(self, on: On) -> Pattern:
-        """The pattern of an event type with arguments for parameters.
+        """Return the pattern of an event type with arguments for parameters.
 
-        `_` is a fresh variable: where its parameter stands more than once in the pattern, a local one.
+        `_` is a fresh variable; if its parameter occurs more than once in the pattern, a local one.
         """
         event = self.events[on.event]
         by: dict[str, Pattern] = {}
@@ -182,17 +182,17 @@ class RVAFT:
 
     @cached_property
     def occurrences(self) -> tuple[str, ...]:
-        """The reachable nodes that have a runtime event, parents before children."""
+        """The reachable nodes with a runtime event, parents before children."""
         return tuple(node.name for node in self.top_down() if node.has_event)
 
     @property
     def restricted(self) -> bool:
-        """Whether the tree is a part of another one and keeps the alphabet of that."""
+        """Whether the tree is a restriction of another tree."""
         return self.part_of is not None
 
     @cached_property
     def alphabet(self) -> tuple[Relevant, ...]:
-        """Which events are relevant, before `ignore` (semantics, section 3): one entry per occurrence."""
+        """The relevant events before `ignore` (semantics, section 3): one entry per occurrence."""
         if self.part_of is not None:
             return self.part_of.tree.alphabet
         found: list[Relevant] = []
@@ -205,12 +205,12 @@ class RVAFT:
 
     @cached_property
     def variables(self) -> tuple[str, ...]:
-        """The rigid variables of the runtime events of reachable nodes, in order of first occurrence."""
+        """The rigid variables of the reachable nodes' events, in order of first occurrence."""
         names = (v for name in self.occurrences for v in pattern_variables(self._patterns[name] or Anything()))
         return tuple(dict.fromkeys(name for name in names if not name.startswith("_")))
 
     def _repr_svg_(self) -> str | None:
-        """The picture that a notebook shows, or None, for the plain `repr`."""
+        """Return the picture for a notebook, or None for the plain `repr`."""
         return type(self).notebook_svg(self)
 
     @cached_property
@@ -223,7 +223,7 @@ class RVAFT:
 
     @cached_property
     def _hash(self) -> int:
-        """Of what no nesting makes deep."""
+        """Exclude nested values, so that hashing does not recurse."""
         return hash((self.root, frozenset((node.name, node.gate, node.children) for node in self.nodes.values())))
 
     def __hash__(self) -> int:
@@ -234,7 +234,7 @@ class RVAFT:
 
 
 def reachable(start: T, children: Callable[[T], Sequence[T]]) -> Iterator[T]:
-    """The nodes that these children lead to, the first one included, each once, in preorder."""
+    """Iterate over the nodes reachable from `start`, each once, in preorder."""
     seen: set[T] = set()
     todo = [start]
     while todo:
@@ -246,8 +246,9 @@ def reachable(start: T, children: Callable[[T], Sequence[T]]) -> Iterator[T]:
 
 
 def sorted_topologically(children: Mapping[T, Sequence[T]]) -> Iterator[T]:
-    """The nodes, parents before children, the first one in the mapping first where several may
-    come; none that a cycle leads to.
+    """Iterate over the nodes, parents before children; ties follow the order of the mapping.
+
+    Nodes on or below a cycle are omitted.
     """
     names = tuple(children)
     rank = {name: index for index, name in enumerate(names)}
@@ -267,7 +268,7 @@ def sorted_topologically(children: Mapping[T, Sequence[T]]) -> Iterator[T]:
 
 
 def find_cycle(children: Mapping[T, Iterable[T]]) -> list[T]:
-    """The nodes of one cycle, in order, searched depth first from the first node on; none where there is none."""
+    """Return the nodes of one cycle in order, by depth-first search; an empty list if acyclic."""
     done: set[T] = set()
     for start in children:
         path = {start: iter(children[start])} if start not in done else {}
@@ -285,7 +286,7 @@ def find_cycle(children: Mapping[T, Iterable[T]]) -> list[T]:
 
 
 def knots(children: Mapping[T, Iterable[T]]) -> list[set[T]]:
-    """The largest sets of nodes of which each lies on a cycle with each."""
+    """Return the non-trivial strongly connected components."""
     import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
 
     graph = nx.DiGraph((name, child) for name in children for child in children[name])
@@ -293,7 +294,7 @@ def knots(children: Mapping[T, Iterable[T]]) -> list[set[T]]:
 
 
 def _stated(tree: RVAFT) -> dict[str, Any]:
-    """The arguments of the constructor that make a tree."""
+    """Return the arguments of the constructor for a tree."""
     kept = {name: getattr(tree, name) for name in ("root", "ignores", "causality", "time", "semantics", "part_of")}
     return {**kept, **{name: tuple(getattr(tree, name).values()) for name in ("nodes", "events", "topics")}}
 

@@ -1,7 +1,8 @@
-"""JSON values: equality by mathematical value, and hashable stand-ins.
+"""JSON values: equality by mathematical value, and hashable keys.
 
-Python's own `==` will not do: it makes `True == 1`. Values are what a JSON decoder returns (`dict`, `list`, `str`,
-`int`, `float`, `bool`, `None`). Nothing here recurses: a value may be nested arbitrarily deep.
+Python's `==` is unsuitable, because `True == 1`. Values are those of a JSON decoder (`dict`,
+`list`, `str`, `int`, `float`, `bool`, `None`). Functions are not recursive, so values may be nested
+arbitrarily deep.
 """
 
 import json
@@ -11,19 +12,19 @@ from collections.abc import Hashable, Iterable, Mapping
 from typing import Any, Final, TypeAlias
 
 NUMBER: Final = re.compile(r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?", re.ASCII)
-"""How JSON writes a number."""
+"""The syntax of numbers in JSON."""
 Json: TypeAlias = Any
 JsonObject: TypeAlias = Mapping[str, Json]
-"""A JSON object, as every event is one."""
+"""A JSON object; every event is one."""
 Scalar: TypeAlias = str | int | float | bool | None
 _LONG: Final = 16
-"""A decimal of fewer characters is the shortest that denotes its double."""
+"""A decimal with fewer characters is the shortest one of its double."""
 _PLAIN: Final = (str, int, float, bool, type(None))
 _KEYS: Final = (str, int, float)
 
 
 class Exact(float):
-    """A number with more digits than a double has, whose `repr` is how it was written."""
+    """A number with more digits than a double; its `repr` is the original text."""
 
     __slots__ = ("written",)
     written: str
@@ -33,7 +34,7 @@ class Exact(float):
 
 
 def decimal(written: str) -> float:
-    """The number with a point or an exponent that a text of JSON writes.
+    """Return the number that a JSON text with a point or an exponent denotes.
 
     >>> decimal("1772438400.123456789"), decimal("1772438400.123456789") + 1, decimal("2.50")
     (1772438400.123456789, 1772438401.1234567, 2.5)
@@ -47,7 +48,7 @@ def decimal(written: str) -> float:
 
 
 def at(value: Json, path: Iterable[str], missing: Json = None) -> Json:
-    """What stands at a path of fields, from the outside in.
+    """Return the value at a path of fields.
 
     >>> at({"header": {"stamp": 7}}, ["header", "stamp"]), at({"header": 7}, ["header", "stamp"])
     (7, None)
@@ -60,17 +61,17 @@ def at(value: Json, path: Iterable[str], missing: Json = None) -> Json:
 
 
 def is_number(value: Json) -> bool:
-    """Whether a value is a JSON number; a boolean is none."""
+    """Whether a value is a JSON number; a boolean is not."""
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def is_finite(value: Json) -> bool:
-    """Whether no number in a value is NaN or an infinity.
+    """Whether a value contains neither NaN nor an infinity.
 
     >>> is_finite({"a": [1.5]}), is_finite([float("nan")])
     (True, False)
     """
-    if type(value) in _PLAIN:  # by far most are
+    if type(value) in _PLAIN:  # the most frequent case
         return type(value) is not float or math.isfinite(value)
     todo = [value]
     while todo:
@@ -85,7 +86,8 @@ def is_finite(value: Json) -> bool:
 
 
 def has_larger(value: Json, bits: int, *, doubles: bool = False) -> bool:
-    """Whether a whole number in a value has more than so many bits, its sign among them; with `doubles` also a double.
+    """Whether a value contains an integer (with `doubles`, also a double) of more than `bits` bits,
+    with sign.
 
     >>> has_larger({"id": 2**63 - 1}, 64), has_larger([2**63], 64)
     (False, True)
@@ -107,7 +109,7 @@ def has_larger(value: Json, bits: int, *, doubles: bool = False) -> bool:
 
 
 def finite(value: Json) -> Json:
-    """The value, with null in place of numbers that are not finite.
+    """Return the value with null instead of non-finite numbers.
 
     >>> finite({"a": [float("inf"), 1]})
     {'a': [None, 1]}
@@ -116,12 +118,14 @@ def finite(value: Json) -> Json:
 
 
 def equal(left: Json, right: Json) -> bool:
-    """Deep equality: numbers by mathematical value, booleans only equal booleans, objects with the same keys."""
+    """Return deep equality: numbers by mathematical value, booleans distinct from numbers, objects
+    by keys.
+    """
     todo = [(left, right)]
     while todo:
         a, b = todo.pop()
         if is_number(a):
-            if not (is_number(b) and a == b and a - a == 0):  # what is not finite equals nothing
+            if not (is_number(b) and a == b and a - a == 0):  # a non-finite number equals nothing
                 return False
         elif isinstance(a, Mapping):
             if not (isinstance(b, Mapping) and a.keys() == b.keys()):
@@ -137,7 +141,7 @@ def equal(left: Json, right: Json) -> bool:
 
 
 def key(value: Json) -> Hashable:
-    """A hashable stand-in: two values are `equal` exactly when their keys are."""
+    """Return a hashable key: two values are `equal` if and only if their keys are."""
     return _flattened(value, exactly=False)
 
 
@@ -155,7 +159,8 @@ def _flattened(value: Json, *, exactly: bool) -> Hashable:
             todo.extend(v)
         elif isinstance(v, bool) or v is None:
             out.append(("=", repr(v)))
-        elif v - v != 0 if isinstance(v, float) else False:  # not finite: equal to nothing, and one like the other
+        # non-finite numbers equal nothing, but are indistinguishable
+        elif v - v != 0 if isinstance(v, float) else False:
             out.append("undefined" if exactly else object())
         else:
             out.append(v)
@@ -163,7 +168,7 @@ def _flattened(value: Json, *, exactly: bool) -> Hashable:
 
 
 def exact(value: Json) -> Hashable:
-    """A hashable stand-in for one value: equal where nothing can tell two values apart, also if both are undefined.
+    """Return a hashable key that is equal for indistinguishable values, including undefined ones.
 
     >>> exact(1) == exact(1.0), exact(1) == exact(True), exact([math.nan]) == exact([math.nan])
     (True, False, True)
@@ -172,12 +177,12 @@ def exact(value: Json) -> Hashable:
 
 
 def fingerprint(binding: Mapping[str, Json]) -> frozenset[tuple[str, Hashable]]:
-    """A hashable stand-in for a binding: equal where nothing can tell the values apart."""
+    """Return a hashable key of a binding that is equal for indistinguishable values."""
     return frozenset((name, exact(value)) for name, value in binding.items())
 
 
 def has_surrogate(text: str) -> bool:
-    r"""Whether a text has half of a surrogate pair, which no text of UTF-8 can hold.
+    r"""Whether a text has an unpaired surrogate, which UTF-8 cannot encode.
 
     >>> has_surrogate("a\ud800"), has_surrogate("a")
     (True, False)

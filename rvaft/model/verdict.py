@@ -4,7 +4,7 @@ from enum import StrEnum
 
 
 class Verdict(StrEnum):
-    """What is known after a prefix: detected, can no longer be detected, or neither.
+    """The verdict after a prefix: detected, no longer possible, or unknown.
 
     >>> [(verdict.symbol, verdict.final) for verdict in Verdict]
     [('⊤', True), ('⊥', True), ('?', False)]
@@ -21,12 +21,12 @@ class Verdict(StrEnum):
 
     @property
     def symbol(self) -> str:
-        """The sign the literature prints: ⊤, ⊥ or ?."""
+        """The symbol in the literature: ⊤, ⊥ or ?."""
         return {"true": "⊤", "false": "⊥", "unknown": "?"}[self.value]
 
 
 class Semantics(StrEnum):
-    """Which positions of a trace a match may use.
+    """The positions of a trace that a match may use.
 
     >>> Semantics("scattered") is Semantics.SCATTERED
     True
@@ -39,12 +39,10 @@ class Semantics(StrEnum):
 
     @property
     def projects(self) -> bool:
-        """Whether the relevant events alone count, and each of them does, one after the other."""
+        """Whether a match uses consecutive relevant events."""
         return self in (Semantics.PROJECTED, Semantics.CONSECUTIVE)
 
     @property
     def ends(self) -> bool:
-        """Whether the verdict can become false: where a match has to begin with the first event, or
-        the first relevant one.
-        """
+        """Whether the verdict can become false: a match must begin with the first (relevant) event."""
         return self in (Semantics.STRICT, Semantics.PROJECTED)

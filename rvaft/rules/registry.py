@@ -1,6 +1,6 @@
-"""All rules: one table, what every code means, and the checks that everything else relies on.
+"""The table of all rules, the explanation of codes, and the validation of trees.
 
-The documentation has the result of `page` as its reference of the rules.
+The documentation includes the result of `page`.
 """
 
 import tomllib
@@ -27,7 +27,7 @@ DRAFT_RULES: Final = (
     Rule("gate-without-children", Severity.ERROR, structure.gate_without_children),
     Rule("duplicate-child", Severity.ERROR, structure.duplicate_child),
     Rule("threshold", Severity.ERROR, structure.threshold),
-    # In a text a child that is not declared becomes a leaf, so only trees built in code break this.
+    # In a text an undeclared child becomes a leaf, so only trees built in code break this rule.
     Rule("unknown-child", Severity.ERROR, lambda _: ()),
     Rule("times", Severity.ERROR, structure.times),
     Rule("within", Severity.ERROR, structure.within),
@@ -44,10 +44,10 @@ DRAFT_RULES: Final = (
     Rule("malformed-topic", Severity.ERROR, structure.malformed_topic),
     Rule("dynamic-gate", Severity.INFORMATION, structure.dynamic_gate),
 )
-"""The rules that a draft must keep to be a tree."""
+"""The rules that a draft must satisfy to be a tree."""
 
 TREE_RULES: Final = (
-    # The constructor of a tree does not ask this, so a tree built in code is asked again.
+    # The constructor of a tree does not check this rule.
     Rule("ignore-variable", Severity.ERROR, lambda space: structure.ignore_variable(space.tree)),
     Rule("no-scenario", Severity.ERROR, scenarios.no_scenario),
     Rule("silent-scenario", Severity.ERROR, scenarios.silent_scenario),
@@ -75,16 +75,16 @@ UNDECIDED: Final = Rule("undecided", Severity.WARNING, lambda _: ())
 RULES: Final[dict[str, Rule]] = {rule.code: rule for rule in (*DRAFT_RULES, *TREE_RULES, UNDECIDED)}
 
 SYNTAX: Final = "syntax"
-"""The code under which `check --format json` reports a text that is no tree."""
+"""The code with which `check --format json` reports a syntax error."""
 CODES: Final = (SYNTAX, "no-branch")
-"""The codes of errors that are no findings on a tree."""
+"""The codes of errors that are no findings."""
 
 _ORDER: Final = attrgetter("place", "severity", "code")
 
 
 def check(draft: Draft, *, limit: int = DEFAULT_LIMIT) -> list[Finding]:
-    """All findings on a draft, in the order of their places; the rules about scenarios are asked
-    only where it is a tree.
+    """Return all findings on a draft by position; the rules about scenarios require a valid
+    structure.
     """
     found = check_draft(draft)
     if not any(finding.severity is Severity.ERROR for finding in found):
@@ -93,12 +93,14 @@ def check(draft: Draft, *, limit: int = DEFAULT_LIMIT) -> list[Finding]:
 
 
 def check_draft(draft: Draft) -> list[Finding]:
-    """The findings on the structure of a draft; without errors among them, `draft.build()` succeeds."""
+    """Return the findings on the structure of a draft; without errors, `draft.build()` succeeds."""
     return _findings(DRAFT_RULES, draft)
 
 
 def check_tree(tree: RVAFT, *, limit: int = DEFAULT_LIMIT) -> list[Finding]:
-    """The findings on a tree and its scenarios; each rule may spend `limit` steps before it says `undecided`."""
+    """Return the findings on a tree and its scenarios; a rule reports `undecided` after `limit`
+    steps.
+    """
     return _findings(TREE_RULES, ScenarioSpace(tree, limit))
 
 
@@ -106,9 +108,9 @@ _checked: "WeakKeyDictionary[RVAFT, Finding | None]" = WeakKeyDictionary()
 
 
 def require_valid(tree: RVAFT) -> None:
-    """Raise `TreeError` for the first error that `check_tree` finds, warnings aside. The result is remembered per tree.
+    """Raise `TreeError` for the first error of `check_tree`; the result is cached per tree.
 
-    A tree that is restricted to a kind is valid where one of the sub-DAGs that it consists of is valid.
+    A tree restricted to a kind is valid if one of its sub-DAGs is valid.
     """
     if tree not in _checked:
         errors = [_first_error(one) for one in alternatives(tree)]
@@ -126,7 +128,6 @@ def _first_error(tree: RVAFT) -> Finding | None:
 
 
 def _findings(rules: Iterable[Rule], subject: Any) -> list[Finding]:
-    """What these rules find on a draft or a scenario space."""
     found: list[Finding] = []
     for rule in rules:
         try:
@@ -141,10 +142,10 @@ def _findings(rules: Iterable[Rule], subject: Any) -> list[Finding]:
 
 
 class CodeMeaning(NamedTuple):
-    """The words that explain a code: `bad` is a smallest text that breaks the rule and `mended` the
-    same text put right.
+    """The explanation of a code: `bad` is a minimal text that breaks the rule, `mended` its
+    correction.
 
-    With `python` both are code that builds a tree, since no text leads there.
+    With `python`, both are code that builds a tree, because no text breaks the rule.
     """
 
     title: str
@@ -156,13 +157,13 @@ class CodeMeaning(NamedTuple):
 
 @cache
 def meanings() -> dict[str, CodeMeaning]:
-    """What every code means."""
+    """Return the explanations by code."""
     text = files("rvaft.rules").joinpath("rules.toml").read_text(encoding="utf-8")
     return {code: CodeMeaning(**words) for code, words in tomllib.loads(text).items()}
 
 
 class UnknownRule(RvaftError, KeyError):
-    """There is no rule of that code."""
+    """There is no rule with this code."""
 
     def __init__(self, code: str) -> None:
         self.code = code
@@ -175,7 +176,9 @@ class UnknownRule(RvaftError, KeyError):
 
 
 def explain(code: str) -> str:
-    """What this code means, for a finding with a tree that has it and the tree mended; raises `UnknownRule`.
+    """Return the explanation of a code, with a tree that breaks the rule and its correction.
+
+    Raises `UnknownRule`.
 
     >>> print(explain("no-scenario").splitlines()[0])
     no-scenario (error): no feasible scenario
@@ -223,9 +226,7 @@ But so:
 
 
 def page() -> str:
-    """The page in Markdown: a table of all rules, each with a tree that breaks it and the tree
-    mended, then the other codes.
-    """
+    """Return the page in Markdown: the table of rules, their explanations, and the other codes."""
     table, sections = "", ""
     for code, (_, severity, _) in RULES.items():
         said = meanings()[code]

@@ -1,4 +1,4 @@
-"""What a rule of `rvaft check` is, what it reports, and how reports speak of things."""
+"""The rules of `rvaft check`: their type, their reports, and wording shared by reports."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,8 @@ from rvaft.model.nodes import Place
 
 
 class Severity(StrEnum):
-    """An error makes the tree unusable; a warning does not, and an information says how something was understood.
+    """An error makes the tree unusable, a warning does not; an information describes an
+    interpretation.
 
     >>> Severity.ERROR.value
     'error'
@@ -26,7 +27,7 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One finding; `code` is what `rvaft explain` knows, `nodes` the culprits.
+    """One finding; `code` is the code for `rvaft explain`, `nodes` are the nodes concerned.
 
     >>> print(Finding(Place("t.rvaft", 2, 1), Severity.WARNING, "undeclared", "b is not declared", ("b",)))
     t.rvaft:2:1: warning: b is not declared [undeclared]
@@ -43,7 +44,9 @@ class Finding:
 
 
 class RuleReport(NamedTuple):
-    """What a rule found: what is wrong and how to mend it, or, `undecided`, that the rule could not tell."""
+    """A report of a rule: what is wrong and how to correct it; `undecided` if the rule could not
+    decide.
+    """
 
     place: Place
     message: str
@@ -52,7 +55,7 @@ class RuleReport(NamedTuple):
 
 
 class Rule(NamedTuple):
-    """One rule: `check` takes a draft or the scenario space of a tree and reports what breaks the rule."""
+    """A rule; `check` takes a draft or the scenario space of a tree."""
 
     code: str
     severity: Severity
@@ -64,14 +67,14 @@ _COMPARED = 2_000
 
 
 def listing(names: Sequence[str], conjunction: str = "and") -> str:
-    """`a`, `a and b`, `a, b and c`; long lists are cut."""
+    """Return `a`, `a and b`, or `a, b and c`; long lists are cut."""
     if len(names) > _SHOWN:
         return f"{', '.join(names[:_SHOWN])} {conjunction} {len(names) - _SHOWN} more"
     return f" {conjunction} ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def did_you_mean(name: str, known: Iterable[str], *, cutoff: float = 0.6) -> str:
-    """`; did you mean NAME?`, or nothing where no known name is close; capitals and small letters count as equal."""
+    """Return `; did you mean NAME?` for a similar known name, ignoring case, or an empty string."""
     candidates = [other for other in known if abs(len(other) - len(name)) <= 2][:_COMPARED]
     folded = {other.casefold(): other for other in reversed(candidates)}
     close = get_close_matches(name.casefold(), folded, n=1, cutoff=cutoff)
@@ -79,7 +82,9 @@ def did_you_mean(name: str, known: Iterable[str], *, cutoff: float = 0.6) -> str
 
 
 def branch_of(kept: Kept) -> str:
-    """The branch of a scenario as text: what it chooses at each `or`, and the children that it keeps at each `KofN`."""
+    """Return the branch of a scenario as text: the choice at each `or`, the children kept at each
+    `KofN`.
+    """
     gates = [part for part in kept if len(part.parts) > 1]
     choices = [f"{node_of(kept[gate][0])} at {node_of(gate)}" for gate in gates if isinstance(gate, One)]
     keeping = [(gate, " ".join(map(node_of, kept[gate]))) for gate in gates if isinstance(gate, AtLeast)]

@@ -1,4 +1,4 @@
-"""Rules about scenarios: whether there are any, what each of them binds, which of them guards and order leave out."""
+"""Rules about scenarios: existence, bound variables, ambiguity, order and contradictory guards."""
 
 from collections import Counter
 from collections.abc import Container, Iterable, Iterator
@@ -19,13 +19,13 @@ from rvaft.rules.rule import RuleReport, branch_of, did_you_mean, listing
 from rvaft.support.bits import bits, mask_of, union
 from rvaft.support.budget import Budget, Undecided
 
-# Rules about whether anything can be detected at all (semantics, section 2).
+# Whether anything can be detected (semantics, section 2).
 
 _EVENT, _NEVER = 1, 2
 
 
 def no_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """Some scenario must be feasible."""
+    """Some scenario is feasible."""
     if not space.is_empty:
         return
     tree = space.tree
@@ -38,9 +38,7 @@ def no_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 
 def silent_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """Every feasible scenario must have an occurrence; one without is feasible when its guards are:
-    it orders nothing.
-    """
+    """Every feasible scenario has an occurrence."""
     tree = space.tree
     if all(node.name in space.leaf for node in tree.top_down() if node.leaf):
         return
@@ -57,7 +55,7 @@ def silent_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 
 def infeasible_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """Scenarios that no trace can match are dropped, which is worth knowing."""
+    """No scenario is infeasible; infeasible scenarios are dropped."""
     if not space.resolutions:
         return
     tree = space.tree
@@ -83,13 +81,13 @@ def infeasible_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
         yield RuleReport(tree.nodes[gate].place("gate"), f"the parts of {gate} {where}; {mend}", (gate,))
 
 
-# Rules about events that two occurrences want, and nodes that two parents want.
+# Events that match two occurrences, and nodes with two parents.
 
 _LISTED = 50
 
 
 def ambiguous_event(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """Two occurrences that no order separates, and an event that could be either."""
+    """No event matches two unordered occurrences."""
     budget = space.budget()
     unordered = (pair for pair in _rivals(space, budget) if _unordered(space, *pair, budget))
     for count, (one, other) in enumerate(unordered):
@@ -103,8 +101,8 @@ def ambiguous_event(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 
 def _unordered(space: ScenarioSpace, one: str, other: str, budget: Budget) -> bool:
-    """Whether some feasible scenario contains both nodes and orders neither before the other."""
-    # What orders two nodes of a tree without shared nodes orders them in every scenario.
+    """Whether some feasible scenario contains both nodes unordered."""
+    # Without shared nodes, an order of two nodes is the same in every scenario.
     apart = bool(space.tree.shared) or space.ends
     if apart:
         budget.spend(5 * len(space.tree.order))
@@ -116,15 +114,16 @@ def _unordered(space: ScenarioSpace, one: str, other: str, budget: Budget) -> bo
 
 
 def _rivals(space: ScenarioSpace, budget: Budget) -> Iterator[tuple[str, str]]:
-    """Pairs of occurrences with overlapping events that may be unordered in a common scenario, in a stable order.
+    """Iterate over pairs of occurrences with overlapping events that may be unordered in a
+    scenario.
 
-    Sets of occurrences are bits by numbers that follow one another in every part of the forest.
+    Sets of occurrences are bit masks; numbers are consecutive in every part of the forest.
     """
     tree, kept = space.tree, space.resolutions.union
     groups = _by_event(tree, [name for name in tree.occurrences if space.leaf[name] in kept])
     many = Overlaps(list(groups))
     budget.spend(len(groups))
-    # A pattern overlaps itself, so the nodes that have it are rivals of each other too.
+    # A pattern overlaps itself, so its nodes are rivals of each other.
     group_of: dict[Part, int] = {
         space.leaf[name]: number
         for number, group in enumerate(groups.values())
@@ -142,7 +141,7 @@ def _rivals(space: ScenarioSpace, budget: Budget) -> Iterator[tuple[str, str]]:
     def rivals(group: int) -> int:
         return members[group] | union(members[other] for other in bits(many.exact(group, budget)))
 
-    free: dict[Part, int] = {}  # what neither order nor choice surely keeps apart from a part
+    free: dict[Part, int] = {}  # the events that are not surely separated from a part by order or choice
     for part in kept:
         around = parent.get(part)
         free[part] = _mask(range(len(events))) ^ _mask(below[part]) if around is None else free[around]
@@ -156,7 +155,7 @@ def _rivals(space: ScenarioSpace, budget: Budget) -> Iterator[tuple[str, str]]:
 
 
 def _by_event(tree: RVAFT, names: list[str]) -> dict[Pattern, list[str]]:
-    """Occurrences by event pattern; a variable that stands once in all the patterns stands for anything."""
+    """Return occurrences by event pattern; a variable that occurs only once matches anything."""
     patterns = {name: tree.pattern(name) or Anything() for name in names}
     parts = (part for pattern in set(patterns.values()) for part in walk(pattern))
     uses = Counter(part.name for part in parts if isinstance(part, Variable))
@@ -168,8 +167,8 @@ def _by_event(tree: RVAFT, names: list[str]) -> dict[Pattern, list[str]]:
 
 
 def _forest(kept: Kept, marked: Container[Part]) -> tuple[dict[Part, Part], dict[Part, range]]:
-    """For each part inside exactly one other part that one, and for each part the numbers of the
-    marked parts below it.
+    """Return the parent of each part with exactly one, and the numbers of the marked parts below
+    each part.
     """
     parents: dict[Part, list[Part]] = {}
     for part, inside in kept.items():
@@ -181,7 +180,7 @@ def _forest(kept: Kept, marked: Container[Part]) -> tuple[dict[Part, Part], dict
         if part in parent:
             size[parent[part]] += size[part]
     below: dict[Part, range] = {}
-    following: dict[Part | None, int] = {None: 0}  # the next number, below each part and outside of all
+    following: dict[Part | None, int] = {None: 0}  # the next number, below each part and at the top level
     for part in kept:
         start = following[parent.get(part)]
         following[parent.get(part)] += size[part]
@@ -195,7 +194,7 @@ def _mask(numbers: range) -> int:
 
 
 def shared_under_order(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """A node with two parents in one scenario whose possible places in the sequences of ordered gates differ."""
+    """No node has two parents in one scenario with different places under ordered gates."""
     tree, budget, kept = space.tree, space.budget(), space.resolutions.union
     if not tree.shared:
         return
@@ -229,20 +228,20 @@ def shared_under_order(space: ScenarioSpace) -> Iterator[RuleReport]:
             break
 
 
-# Rules about variables and guards.
+# Variables and guards.
 
 _ONE_OF_TWO_LETTERS: Final = 0.5
-"""How alike names must be to be taken for each other: T1 and T2 are."""
+"""The similarity of names that are suggested: T1 and T2 are similar."""
 
 
 def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """Every variable of a guard occurs in an `on` in every feasible scenario that contains the guard."""
+    """Every variable of a guard occurs in an `on` in every feasible scenario with the guard."""
     tree = space.tree
     binders: dict[str, list[str]] = {}
     for occurrence in tree.occurrences:
         for name in rigid_variables(tree.pattern(occurrence) or Anything()):
             binders.setdefault(name, []).append(occurrence)
-    asked: list[tuple[Node, str]] = []  # a guard with a variable that its node's own event does not bind
+    asked: list[tuple[Node, str]] = []  # guards with a variable that the node's own event does not bind
     for node in tree.top_down():
         bound_here = set(rigid_variables(tree.pattern(node.name) or Anything()))
         bound_here.update(one.name for one in time_points(node.when))
@@ -259,7 +258,7 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
         except Undecided:
             if not space.acyclic:
                 raise
-            kept = {}  # There surely is such a scenario, only it was not found in time to be named.
+            kept = {}  # Such a scenario exists, but the search for it reached the limit.
         if kept is not None:
             where = branch_of(kept) if kept else "some branch"
             mend = f"no `on` binds it{did_you_mean(name, tree.variables, cutoff=_ONE_OF_TWO_LETTERS)}"
@@ -270,14 +269,13 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
             yield RuleReport(node.place("when"), message, (node.name,))
 
 
-# Guards of one branch that cannot hold together.
+# Contradictory guards of one branch.
 #
-# Only guards that share variables, directly or through others, can contradict each other. For such
-# a group first look for one assignment under which all hold: where there is one, no scenario is
-# affected, and that is the whole work for ordinary trees. Otherwise take a smallest part of the
-# group without a witness. If a feasible scenario contains that part, it is reported; if none does,
-# mostly because two of its guards exclude each other, go on with the group without the one, and
-# with what can be together with it.
+# Only guards that share variables, directly or transitively, can contradict each other. For such a
+# group, first search one assignment that satisfies all guards; it exists for ordinary trees.
+# Otherwise compute a minimal subset without a witness. If a feasible scenario contains the subset,
+# it is reported. If none does, usually two of its nodes exclude each other: continue with the group
+# without one of them, and with the guards compatible with it.
 
 _PAIRS = 400
 _COST = 1_000
@@ -288,7 +286,7 @@ Core: TypeAlias = tuple[str, ...]
 
 
 def contradictory_guards(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """Some branch has guards that no values satisfy together."""
+    """No branch has contradictory guards."""
     budget = space.budget()
     for group in _groups(space):
         for core, kept in _conflicts(space, group, budget):
@@ -310,8 +308,8 @@ def contradictory_guards(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 
 def _groups(space: ScenarioSpace) -> Iterable[Group]:
-    """The guards with variables, grouped by shared variables."""
-    leader: dict[str, str] = {}  # of each variable another one of its group, or itself
+    """Return the guards with variables, grouped by shared variables."""
+    leader: dict[str, str] = {}  # union-find over variables
 
     def find(name: str) -> str:
         while leader.setdefault(name, name) != name:
@@ -332,15 +330,17 @@ def _groups(space: ScenarioSpace) -> Iterable[Group]:
 
 
 def _without_times(guard: Guard | None) -> Guard | None:
-    """What a guard says of values; conditions on time are looked at elsewhere."""
+    """Return the conjuncts without time points."""
     kept = [part for part in conjuncts(guard) if not time_points(part)]
     return Operation(Operator.AND, tuple(kept)) if len(kept) > 1 else kept[0] if kept else None
 
 
 def _conflicts(space: ScenarioSpace, group: Group, budget: Budget) -> Iterator[tuple[Core, Kept]]:
-    """Smallest sets of guards without a witness, each with a feasible scenario that contains it.
+    """Iterate over minimal sets of guards without a witness, each with a feasible scenario that
+    contains it.
 
-    At least one for each scenario whose guards have no witness, unless a set found before is part of it or overlaps it.
+    Every scenario without a witness has such a set, unless an earlier one is part of it or overlaps
+    it.
     """
 
     def possible(nodes: Core) -> bool:
@@ -369,7 +369,7 @@ def _conflicts(space: ScenarioSpace, group: Group, budget: Budget) -> Iterator[t
 
 
 def _core(names: Core, group: Group, budget: Budget, *, hopeful: bool) -> Core:
-    """A smallest part of the guards that has no witness; nothing where all together have one."""
+    """Return a minimal subset of the guards without a witness; empty if all have one."""
 
     def exclusive(pair: Core) -> bool:
         one, other = (group[name] for name in pair)
@@ -377,7 +377,7 @@ def _core(names: Core, group: Group, budget: Budget, *, hopeful: bool) -> Core:
 
     budget.spend(len(names))
     if not hopeful:
-        # Where the larger group had no witness, neighbours often are to blame; that is cheap to see.
+        # Neighbours are often the cause, and are cheap to test.
         for pair in islice(pairwise(names), 3):
             if exclusive(pair):
                 return _smallest(pair, group, budget)
@@ -392,10 +392,11 @@ def _core(names: Core, group: Group, budget: Budget, *, hopeful: bool) -> Core:
 
 
 def _smallest(names: Core, group: Group, budget: Budget, *, twice: bool = False) -> Core:
-    """A smallest part without a witness: again and again the guard that takes the last witness from those before it.
+    """Return a minimal subset without a witness, by repeatedly adding the guard that removes the
+    last witness.
 
-    Whether one is found depends on the order of the guards. Where the part has one in its own
-    order, every part is asked in both.
+    The search for witnesses depends on the order of guards. If the result has a witness in its own
+    order, both orders are tried.
     """
 
     def hopeless(some: Core) -> bool:

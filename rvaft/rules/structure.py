@@ -1,4 +1,4 @@
-"""Rules about what makes a text a tree at all, on drafts, and about what is written but does nothing, on trees."""
+"""Rules about the structure of drafts, and about statements without effect."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from rvaft.rules.rule import RuleReport, did_you_mean, listing
 
 
 def duplicate_setting(draft: Draft) -> Iterator[RuleReport]:
-    """Each part of a node is set once, in whichever files."""
+    """Each part of a node is set once, in all files together."""
     words = {"gate": "gate", "on": "runtime event (`on`)", "when": "guard (`when`)"}
     for node in draft.nodes.values():
         for part, places in node.settings().items():
@@ -72,7 +72,7 @@ def threshold(draft: Draft) -> Iterator[RuleReport]:
 
 
 def times(draft: Draft) -> Iterator[RuleReport]:
-    """Only the events of a leaf are counted."""
+    """`times` requires a leaf with an event."""
     for node in draft.nodes.values():
         for count, place in node.counts:
             if count > 1 and node.gates:
@@ -84,7 +84,7 @@ def times(draft: Draft) -> Iterator[RuleReport]:
 
 
 def within(draft: Draft) -> Iterator[RuleReport]:
-    """Only the part of a gate lasts."""
+    """`within` requires a gate."""
     for node in draft.nodes.values():
         for said in () if node.gates else node.withins:
             message = f"{node.name} is a leaf, and only the part of a gate lasts; put `within` at a gate above it"
@@ -92,7 +92,7 @@ def within(draft: Draft) -> Iterator[RuleReport]:
 
 
 def unknown_time(draft: Draft) -> Iterator[RuleReport]:
-    """Every time point is of a node of the tree."""
+    """Every time point refers to a node of the tree."""
     known = [*draft.nodes, *(child.value for child in draft.undeclared())]
     there = set(known)
     for node in draft.nodes.values():
@@ -104,7 +104,7 @@ def unknown_time(draft: Draft) -> Iterator[RuleReport]:
 
 
 def no_root(draft: Draft) -> Iterator[RuleReport]:
-    """One node is the root: what `toplevel` names, or the only node that is nobody's child."""
+    """One node is the root: the node of `toplevel`, or the only node without a parent."""
     if not draft.nodes:
         yield RuleReport(Place(draft.file), "the tree is empty; state at least its root")
     elif draft.toplevels:
@@ -141,7 +141,7 @@ def cycle(draft: Draft) -> Iterator[RuleReport]:
 
 
 def prune(draft: Draft) -> Iterator[RuleReport]:
-    """What is pruned exists, and what stays can do without it."""
+    """A pruned node exists, and the remaining tree does not need it."""
     for why, pruned, place, gate in draft.broken_prunes:
         guess = did_you_mean(pruned, draft.nodes) if why == UNMENTIONED else ""
         nodes = (pruned,) if gate is None else (gate, pruned)
@@ -149,15 +149,15 @@ def prune(draft: Draft) -> Iterator[RuleReport]:
 
 
 def dynamic_gate(draft: Draft) -> Iterator[RuleReport]:
-    """What the dynamic gates of Galileo are read as."""
+    """The translation of Galileo's dynamic gates."""
     yield from (RuleReport(*gate) for gate in draft.dynamic_gates)
 
 
-# Rules about event types and their use.
+# Event types and their use.
 
 
 def duplicate_event(draft: Draft) -> Iterator[RuleReport]:
-    """An event type is declared once, in whichever file."""
+    """An event type is declared once, in all files together."""
     first: dict[str, EventType] = {}
     for event in draft.events:
         if first.setdefault(event.name, event) is not event:
@@ -180,7 +180,7 @@ def _calls(draft: Draft) -> Iterator[tuple[On, Place, tuple[str, ...]]]:
 
 
 def unknown_event(draft: Draft) -> Iterator[RuleReport]:
-    """Every event type that is applied is declared."""
+    """Every event type used is declared."""
     known = {event.name for event in draft.events}
     for on, place, nodes in _calls(draft):
         if on.event not in known:
@@ -189,7 +189,7 @@ def unknown_event(draft: Draft) -> Iterator[RuleReport]:
 
 
 def event_arity(draft: Draft) -> Iterator[RuleReport]:
-    """An event type is applied to as many arguments as it has parameters."""
+    """An event type has as many arguments as parameters."""
     known = {event.name: event.parameters for event in reversed(draft.events)}
     for on, place, nodes in _calls(draft):
         parameters = known.get(on.event)
@@ -200,7 +200,7 @@ def event_arity(draft: Draft) -> Iterator[RuleReport]:
 
 
 def ignore_variable(tree: Draft | RVAFT) -> Iterator[RuleReport]:
-    """The guard of an `ignore` speaks of the event that is ignored, and of nothing else."""
+    """The guard of an `ignore` uses only variables of the ignored event."""
     for ignore in tree.ignores:
         own = ignore.on.variables
         missing = [name for name in guard_variables(ignore.when) if name not in own]
@@ -211,9 +211,7 @@ def ignore_variable(tree: Draft | RVAFT) -> Iterator[RuleReport]:
 
 
 def variable_once(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """A variable written once says nothing, but at a leaf that counts, where all events share it;
-    it is often misspelt.
-    """
+    """No variable is used once only, except at a counted leaf, whose events share it."""
     tree = space.tree
     uses: Counter[str] = Counter()
     where: dict[str, tuple[Place, str, tuple[str, ...]]] = {}
@@ -232,11 +230,11 @@ def variable_once(space: ScenarioSpace) -> Iterator[RuleReport]:
         yield RuleReport(place, f"variable {name} is used once only; write `_`{did_you_mean(name, known)}", nodes)
 
 
-# Rules about `topic` declarations.
+# Declarations of topics.
 
 
 def duplicate_topic(draft: Draft) -> Iterator[RuleReport]:
-    """All declarations of a topic give it one message type, in whichever files."""
+    """All declarations of a topic have the same message type."""
     first: dict[str, DraftTopic] = {}
     for topic in draft.topics:
         name, type_ = topic.name.value, topic.type.value
@@ -247,7 +245,7 @@ def duplicate_topic(draft: Draft) -> Iterator[RuleReport]:
 
 
 def malformed_topic(draft: Draft) -> Iterator[RuleReport]:
-    """Topics, publishers and message types are called as ROS calls them."""
+    """The names of topics and publishers and the message types are valid in ROS."""
     for topic in draft.topics:
         for said in (topic.name, *topic.publishers):
             if wrong := wrong_name(said.value):
@@ -257,7 +255,7 @@ def malformed_topic(draft: Draft) -> Iterator[RuleReport]:
 
 
 def unused_topic(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """A topic over which no event type comes."""
+    """Every topic occurs in an event type."""
     tree = space.tree
     calls = [node.on for node in tree.nodes.values() if node.on is not None] + [ignore.on for ignore in tree.ignores]
     used: set[str] = set()
@@ -268,7 +266,7 @@ def unused_topic(space: ScenarioSpace) -> Iterator[RuleReport]:
             index = event.parameters.index(asked.name)
             patterns = [call.arguments[index] for call in calls if call.event == event.name]
         if not all(isinstance(pattern, Literal) for pattern in patterns):
-            return  # any topic will do
+            return  # any topic matches
         used.update(absolute(str(pattern.value)) for pattern in patterns if isinstance(pattern, Literal))
     for name, topic in tree.topics.items():
         if name not in used:
@@ -276,16 +274,14 @@ def unused_topic(space: ScenarioSpace) -> Iterator[RuleReport]:
             yield RuleReport(topic.place, f"no event type has the topic {topic.name}; {mend}")
 
 
-# Rules about what is written but does nothing, or does what was perhaps not meant.
+# Statements without effect, or with an unintended one.
 
 _GUESSES = 100
-"""Children for which a similar name is looked for: whoever leaves out many does so on purpose, and
-each takes its time.
-"""
+"""The maximum number of undeclared children with a suggestion; each search takes time."""
 
 
 def undeclared(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """A child that no statement defines is perhaps misspelt."""
+    """Every child has a statement; one without is perhaps misspelt."""
     nodes = space.tree.nodes.values()
     declared = [node.name for node in nodes if node.declared]
     for number, node in enumerate(node for node in nodes if not node.declared):
@@ -296,7 +292,7 @@ def undeclared(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 
 def unreachable(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """A node that does not lie below the root takes part in nothing."""
+    """Every node is below the root."""
     reachable = set(space.tree.order)
     for node in space.tree.nodes.values():
         if node.name not in reachable and node.declared:
@@ -305,7 +301,7 @@ def unreachable(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 
 def unused_event(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """An event type that neither a node nor an `ignore` uses."""
+    """Every event type is used by a node or an `ignore`."""
     used = {node.on.event for node in space.tree.nodes.values() if node.on is not None}
     used.update(ignore.on.event for ignore in space.tree.ignores)
     for event in space.tree.events.values():
@@ -314,7 +310,7 @@ def unused_event(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 
 def root_event(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """The undesired event is what the tree concludes, not what it observes."""
+    """The root has no runtime event."""
     root = space.tree.nodes[space.tree.root]
     if root.name in space.leaf:
         message = f"the root {root.name} carries a runtime event, which every match must contain; move it to a child"

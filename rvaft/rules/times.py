@@ -1,6 +1,4 @@
-"""Rules about time: whether a tree says where its events have one, what time points are of, and
-whether conditions on time can hold together.
-"""
+"""Rules about time: the time declaration, the time points, and contradictory conditions on time."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -19,7 +17,7 @@ from rvaft.rules.rule import RuleReport, branch_of, listing
 
 
 def no_time(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """A tree with conditions on time says where an event has its time."""
+    """A tree with conditions on time declares the time field."""
     for node in space.tree.top_down() if space.tree.time is None else ():
         for part in dict.fromkeys(part for part, _ in _asked(node)):
             said = (
@@ -33,14 +31,15 @@ _WORDS: Final = {"when": "guard", "within": "window"}
 
 
 def _asked(node: Node) -> list[tuple[str, TimePoint]]:
-    """The time points of the conditions of a node, each with the part that asks for it."""
+    """Return the time points of a node's conditions, each with its clause."""
     asked = [("when", one) for one in time_points(node.when)]
     return asked if node.within is None else [*asked, ("within", TimePoint.of("end", node.name))]
 
 
 def unbound_time(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """Every time point is of a node with events in every feasible scenario that contains the guard,
-    `at` of one with one event.
+    """Every time point refers to a node with events in every feasible scenario with the guard.
+
+    `at` requires a node with one event.
     """
     tree = space.tree
     nodes = [node for node in tree.top_down() if space.whole[node.name] in space.resolutions]
@@ -78,14 +77,17 @@ def unbound_time(space: ScenarioSpace) -> Iterator[RuleReport]:
                 yield RuleReport(node.place(part), message, (name,))
 
 
-# Conditions on time that cannot hold together: differences of times (x - y <= c) that add up to less than nothing.
+# Contradictory conditions on time: differences of times (x - y <= c) whose sum around a cycle is
+# negative.
 
 Need: TypeAlias = str | Event | Times | Edge
-"""What a scenario must have for a bound on times: a node with its condition, an event, or a child below its parent."""
+"""A requirement of a bound on times: a node with its condition, an event, or a child below its
+parent.
+"""
 
 
 class TimeBound(NamedTuple):
-    """One time is at most another one and so many nanoseconds, in every scenario that has what it needs."""
+    """`time - other <= more` nanoseconds, in every scenario with `need`."""
 
     time: str
     other: str
@@ -94,7 +96,7 @@ class TimeBound(NamedTuple):
 
 
 def contradictory_times(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """Some branch has conditions on time that no times satisfy together."""
+    """No branch has contradictory conditions on time."""
     tree = space.tree
     nodes = [node for node in tree.top_down() if space.whole[node.name] in space.resolutions]
     bounds = [bound for node in nodes for bound in _conditions(node)]
@@ -132,7 +134,7 @@ def _impossible(space: ScenarioSpace, core: tuple[str, ...], kept: Kept) -> Rule
 
 
 def _conditions(node: Node) -> Iterator[TimeBound]:
-    """The bounds that a node's guard and its window ask for."""
+    """Return the bounds of a node's guard and window."""
     if node.within is not None:
         yield TimeBound(f"end({node.name})", f"start({node.name})", node.within, node.name)
     for guard in conjuncts(node.when):
@@ -140,8 +142,8 @@ def _conditions(node: Node) -> Iterator[TimeBound]:
 
 
 def _containments(space: ScenarioSpace) -> Iterator[TimeBound]:
-    """The bounds of every scenario: an event is between the start and the end of its node, a node
-    between those of its parent.
+    """Return the bounds of every scenario: each event and child lies between the start and end of
+    its part.
     """
     for part, inside in space.resolutions.union.items():
         at, start, end = (f"{point}({node_of(part)})" for point in POINTS)
@@ -156,7 +158,9 @@ def _containments(space: ScenarioSpace) -> Iterator[TimeBound]:
 
 
 def _contradiction(bounds: list[TimeBound]) -> list[Need]:
-    """What bounds need that contradict each other, each once; none where some times keep them all."""
+    """Return the requirements of contradictory bounds, each once; none if the bounds are
+    satisfiable.
+    """
     import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
 
     graph = nx.DiGraph()
@@ -174,7 +178,7 @@ def _contradiction(bounds: list[TimeBound]) -> list[Need]:
 
 
 def too_many_events(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """No leaf counts more events than monitors follow."""
+    """No leaf counts more events than monitors support."""
     for node in space.tree.top_down():
         if node.times > MOST:
             message = f"{node.name} counts {node.times:,} events, and monitors follow {MOST:,} at most; ask for fewer"
@@ -182,9 +186,7 @@ def too_many_events(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 
 def unstated_semantics(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """A tree that waits for several events of one kind says whether others of that kind may come
-    between and after them.
-    """
+    """A tree with `times N` declares its semantics, because further such events may occur."""
     tree = space.tree
     if tree.semantics is not None:
         return

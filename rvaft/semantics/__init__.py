@@ -1,9 +1,8 @@
-"""The reference: what a tree means, written out as the definition reads.
+"""The reference evaluator: the definition of the semantics as a program, slow and independent.
 
-Short, slow, obvious. Every function quotes the clause of the definition it implements. Nothing but
-`cross_check` and tests may import it, and it shares nothing with what it is held against except the
-tree itself: equality, matching, guards, scenarios, branches and relevance are all written here a
-second time.
+Each function quotes the clause of the definition that it implements. Only `cross_check` and tests
+may import it. It shares only the tree with the code under test: equality, matching, guards,
+scenarios, branches and relevance are implemented here again.
 """
 
 from rvaft.semantics.matches import matches

@@ -15,7 +15,7 @@ from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, 
 from rvaft.model.tree import RVAFT
 
 Binding = Mapping[str, Any]
-"""The values of variables and, by their names as they are written, the times of time points (None where undefined)."""
+"""The values of variables, and the times of time points by their text (None if undefined)."""
 
 
 def same(left: Any, right: Any) -> bool:
@@ -161,7 +161,8 @@ def holds(guard: Guard, binding: Binding) -> bool:
 
 
 def evaluate(guard: Guard, binding: Binding) -> Any:
-    """The value of a guard; raises `Undefined` (or what Python raises for division by zero and overflow).
+    """Return the value of a guard; raises `Undefined` (or Python's errors for division by zero and
+    overflow).
 
     Clause: undefined propagates through every operator, except that `and` and `or` read left to
     right and do not look at the right side when the left decides.
@@ -194,7 +195,7 @@ def evaluate(guard: Guard, binding: Binding) -> Any:
 def like(text: Any, glob: Any) -> bool:
     """Clause: `*` stands for any number of characters and `?` for exactly one."""
     typed(text, str), typed(glob, str)
-    ends = {0}  # how much of the text the pattern so far may be
+    ends = {0}  # the lengths of the text that the pattern so far may match
     for sign in glob:
         if sign == "*":
             ends = set(range(min(ends), len(text) + 1)) if ends else set()
@@ -214,7 +215,7 @@ def number(value: Any) -> Any:
 
 
 def finite(value: Any) -> Any:
-    """The value, which is undefined where it is not finite."""
+    """Return the value; raises `Undefined` if it is not finite."""
     if not defined(value):
         raise Undefined
     return value
@@ -258,14 +259,16 @@ def numeric(value: Any) -> int | float:
 
 
 def typed(value: Any, *types: type) -> Any:
-    """The value itself where it has one of the types (a boolean is not a number), else undefined."""
+    """Return the value if it has one of the types (a boolean is not a number); raises `Undefined`
+    otherwise.
+    """
     if isinstance(value, types) and (isinstance(value, bool) is (types == (bool,))):
         return value
     raise Undefined
 
 
 def names(term: Guard | Pattern) -> set[str]:
-    """The variables and time points of a guard or a pattern."""
+    """Return the variables and time points of a guard or a pattern."""
     match term:
         case Variable(name):
             return {name}
@@ -280,5 +283,5 @@ def names(term: Guard | Pattern) -> set[str]:
 
 
 def bound_by(node: Node) -> set[str]:
-    """The variables that occur in the `on` of a node."""
+    """Return the variables that occur in the `on` of a node."""
     return set() if node.on is None else {a.name for a in node.on.arguments if isinstance(a, Variable)}

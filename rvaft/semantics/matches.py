@@ -1,4 +1,4 @@
-"""All matches of a trace, tried one by one (definition, section 3)."""
+"""All matches of a trace, by enumeration (definition, section 3)."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -12,7 +12,7 @@ from rvaft.semantics.reference import Partial, chosen_scenarios, guards_hold, re
 from rvaft.semantics.scenarios import Scenario
 
 Match = frozenset[tuple[str, int]]
-"""The events of a match: the node of each, and its position, from 1. A counted node has several."""
+"""The events of a match as pairs of a node and a position (from 1). A counted node has several."""
 
 
 def matches(
@@ -25,11 +25,10 @@ def matches(
     scenarios: Sequence[Scenario] | None = None,
     limit: int = 10_000,
 ) -> frozenset[Match]:
-    """Every match of a feasible scenario in a trace.
+    """Return every match of a feasible scenario in a trace.
 
-    Raises `TooLarge` where more than `limit` events would be tried for occurrences.
-
-    `scenarios` are those of the branch or kind, where they are known.
+    `scenarios` are those of the branch or kind, if known. Raises `TooLarge` if more than `limit`
+    events would be tried for occurrences.
 
     >>> from rvaft import loads
     >>> found = matches(loads("top sand a b;"), Semantics.SCATTERED, [{"event": name} for name in "aab"])
@@ -73,7 +72,8 @@ def _windows(tree: RVAFT, semantics: Semantics, trace: Sequence[Any], size: int)
 def _served(
     scenario: Scenario, trace: Sequence[Any], positions: Sequence[int], limit: int
 ) -> Iterator[tuple[Match | None, int]]:
-    """The matches with these positions, each once, and how many events were tried since the one before.
+    """Iterate over the matches with these positions, each with the number of events tried since the
+    last one.
 
     Clauses: one position for each occurrence and no position twice; every event matches its
     occurrence under one assignment of the variables; precedence is kept; every guard holds.

@@ -1,7 +1,7 @@
-"""The second reference: the verdicts of a property, by trying its scenarios (definition, sections 2 to 4).
+"""The second reference: the verdicts of a property, by its scenarios (definition, sections 2 to 4).
 
-It reads the parts of a property and nothing else of `rvaft.core`; the build of a property and every
-pass are held against it.
+It reads only the parts of a property, nothing else of `rvaft.core`. Tests compare the build of a
+property and every pass with it.
 """
 
 from collections.abc import Hashable, Iterator, Mapping
@@ -57,13 +57,13 @@ def _resolved(root: Part) -> Iterator[Chosen]:
 
 @dataclass(frozen=True)
 class _Scenario:
-    """One way to make the choices; `patterns` are the events, each with the pattern it has to match."""
+    """One way to make the choices."""
 
     prop: Property
     kept: Chosen
 
     def below(self, part: Part) -> dict[Occurrence, Pattern]:
-        """The events of a part."""
+        """Return the patterns of the events of a part."""
         found: dict[Occurrence, Pattern] = {}
         agenda, seen = [part], {part}
         while agenda:
@@ -78,12 +78,12 @@ class _Scenario:
 
     @cached_property
     def patterns(self) -> dict[Occurrence, Pattern]:
-        """All events."""
+        """The patterns of all events."""
         return self.below(self.prop.root)
 
     @cached_property
     def orders(self) -> list[Mapping[Occurrence, frozenset[Occurrence]]]:
-        """Each precedence that is not cyclic: for every event all events before it."""
+        """Each acyclic precedence: for every event, all events before it."""
         fixed = set[tuple[Occurrence, Occurrence]]()
         ways: list[list[set[tuple[Occurrence, Occurrence]]]] = []
         for part, kept in self.kept.items():
@@ -117,17 +117,16 @@ class _Scenario:
 
     @cached_property
     def conditions(self) -> list[Condition]:
-        """The guards."""
         return [part for part in self.kept if isinstance(part, Condition)]
 
     @cached_property
     def windows(self) -> list[tuple[frozenset[Occurrence], int]]:
-        """The windows, each with its events."""
+        """The windows: their events and durations."""
         return [(frozenset(self.below(part)), part.duration) for part in self.kept if isinstance(part, Within)]
 
     @cached_property
     def points(self) -> dict[str, tuple[str, frozenset[Occurrence]]]:
-        """The time points of the guards by name, each with the events whose times it is of."""
+        """The time points of the guards by name, each with the events of its part."""
         found: dict[str, tuple[str, frozenset[Occurrence]]] = {}
         for condition in self.conditions:
             for one in walk(condition.guard):
@@ -148,7 +147,7 @@ class _Scenario:
         return bool(self.orders) and all(holds(guard, {}) for guard in constant)
 
     def allows(self, binding: Binding, times: Mapping[Occurrence, int | None]) -> bool:
-        """Whether all guards and windows hold of which everything is known."""
+        """Whether all guards and windows with known values hold."""
         known = dict(binding)
         for name, (point, events) in self.points.items():
             if events and events <= times.keys():
@@ -185,7 +184,9 @@ class _Partial(NamedTuple):
 
 
 class PropertyReference(Monitor):
-    """The verdict of a property after each prefix, by following every partial match of every feasible scenario."""
+    """The verdict of a property after each prefix, by following every partial match of every
+    feasible scenario.
+    """
 
     def __init__(self, prop: Property, semantics: Semantics | str) -> None:
         super().__init__()

@@ -13,9 +13,9 @@ from rvaft.semantics.scenarios import Resolution, Scenario, branches, feasible_s
 
 
 class Partial(NamedTuple):
-    """A downward-closed set of a scenario's occurrences, in one of its orders, that some positions of the prefix serve.
+    """A downward-closed set of a scenario's occurrences, in one of its orders, with their bindings.
 
-    `times` are the times of their events, None where these are undefined.
+    `times` are the times of their events, None if undefined.
     """
 
     scenario: int
@@ -34,8 +34,8 @@ class Partial(NamedTuple):
 class Reference(Monitor):
     """The verdict after each prefix, by following every partial match of every feasible scenario.
 
-    A restricted tree is the whole tree with the branch or kind that it is restricted to. Raises
-    `TreeError` where the branch or kind does not exist, no scenario is left, or a guard is unbound.
+    A restricted tree is evaluated as the whole tree with its branch or kind. Raises `TreeError` if
+    the branch or kind does not exist, no scenario is feasible, or a guard is unbound.
     """
 
     def __init__(
@@ -64,7 +64,9 @@ class Reference(Monitor):
         return self.verdict, frozenset(self._partials), self._latest
 
     def _advance(self, event: Any) -> Verdict:
-        """Clauses: *true*: some prefix contains a match. *false*: not true, and no partial match is left."""
+        """Clauses: *true*: some prefix contains a match. *false*: not true, and no partial match is
+        left.
+        """
         time = time_of(self.tree.time, event)
         late = self._is_late(time)
         found = {partial.key: partial for partial in self._after(event, time, late=late)}
@@ -76,7 +78,9 @@ class Reference(Monitor):
         return Verdict.UNKNOWN if found or lasting else Verdict.FALSE
 
     def _is_late(self, time: int | None) -> bool:
-        """Clause: an event whose time is more than D before the greatest time of the events before it is late."""
+        """Clause: an event whose time is more than D before the greatest time of the events before
+        it is late.
+        """
         allowed, greatest = self.tree.time.late if self.tree.time else None, self._latest
         if allowed is None or time is None:
             return False
@@ -103,7 +107,9 @@ class Reference(Monitor):
             yield from self._starts
 
     def _extended(self, partial: Partial, event: Any, time: int | None) -> Iterator[Partial]:
-        """Clause: precedence is kept, every event matches its occurrence under one assignment of the variables."""
+        """Clause: precedence is kept, every event matches its occurrence under one assignment of
+        the variables.
+        """
         scenario = self.scenarios[partial.scenario]
         before = scenario.orders[partial.order]
         for one in sorted(scenario.occurrences - partial.assigned):
@@ -116,7 +122,9 @@ class Reference(Monitor):
                         yield found
 
     def _complete(self, partial: Partial) -> bool:
-        """Clause: a match maps all its occurrences; every guard holds (all it asks for is known by then)."""
+        """Clause: a match maps all its occurrences; every guard holds (all its variables are known
+        by then).
+        """
         return partial.assigned == self.scenarios[partial.scenario].occurrences
 
 
@@ -176,8 +184,9 @@ def _served(entry: Relevant, event: Any) -> bool:
 
 
 def chosen_scenarios(tree: RVAFT, branch: int | None, kind: Kind | None) -> list[Scenario]:
-    """The feasible scenarios of the branches that are asked for; raises `TreeError` where there is
-    none, or a guard of one is unbound.
+    """Return the feasible scenarios of the selected branches.
+
+    Raises `TreeError` if there is none, or if a guard is unbound.
     """
     chosen = _chosen(tree, branch, kind)
     found = [scenario for scenario in feasible_scenarios(tree) if any(of_branch(scenario, one) for one in chosen)]
@@ -216,9 +225,9 @@ def _check_scenario(scenario: Scenario) -> None:
 
 
 def value_key(value: Any) -> Hashable:
-    """A key that is equal for values that no guard tells apart."""
+    """Return a key that is equal for values that no guard distinguishes."""
     if isinstance(value, dict):
         return "object", frozenset((name, value_key(inner)) for name, inner in value.items())
     if isinstance(value, list):
         return "list", tuple(map(value_key, value))
-    return isinstance(value, bool), value  # 1 and 1.0 are one number, `true` is none
+    return isinstance(value, bool), value  # 1 and 1.0 are one number, `true` is no number

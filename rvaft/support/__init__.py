@@ -1,1 +1,1 @@
-"""What every part of the toolkit stands on, and what knows nothing of trees."""
+"""Utilities without knowledge of trees."""

@@ -1,4 +1,4 @@
-"""Sets of small numbers as integers: bit i stands for the number i."""
+"""Sets of small integers as bit masks."""
 
 from collections.abc import Iterable, Iterator
 from functools import reduce
@@ -6,7 +6,7 @@ from operator import or_
 
 
 def bits(mask: int) -> Iterator[int]:
-    """The members of a set, in order.
+    """Iterate over the members of a set in increasing order.
 
     >>> list(bits(0b1011))
     [0, 1, 3]
@@ -18,7 +18,7 @@ def bits(mask: int) -> Iterator[int]:
 
 
 def mask_of(numbers: Iterable[int]) -> int:
-    """The set of these numbers.
+    """Return the set of these numbers.
 
     >>> bin(mask_of([0, 3]))
     '0b1001'
@@ -27,7 +27,7 @@ def mask_of(numbers: Iterable[int]) -> int:
 
 
 def union(sets: Iterable[int]) -> int:
-    """What is in some of the sets.
+    """Return the union of the sets.
 
     >>> bin(union([0b1001, 0b0011]))
     '0b1011'
@@ -36,7 +36,7 @@ def union(sets: Iterable[int]) -> int:
 
 
 def meet(pairs: Iterable[tuple[int, int]]) -> bool:
-    """Whether the second set of a pair has a member of the first set of a pair before it.
+    """Whether the second set of some pair intersects the first set of an earlier pair.
 
     >>> meet([(0b001, 0b110), (0b010, 0b100)]), meet([(0b001, 0b110), (0b010, 0b101)])
     (False, True)
@@ -50,7 +50,7 @@ def meet(pairs: Iterable[tuple[int, int]]) -> bool:
 
 
 def in_at_least(count: int, sets: Iterable[int]) -> int:
-    """What is in at least so many of the sets (`count` >= 1), counted in binary, all members side by side.
+    """Return the members of at least `count` sets (`count` >= 1), by bit-sliced binary counters.
 
     >>> bin(in_at_least(2, [0b1001, 0b0011, 0b0010]))
     '0b11'

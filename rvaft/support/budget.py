@@ -1,7 +1,7 @@
-"""Work that may be done before something is too large or late, and recursion that no stack limits.
+"""Limits on work and time, and recursion without a stack limit.
 
-Functions written as generators yield the calls they need: `result = yield other(…)` calls, `return
-value` answers. A tree may be thousands of gates deep; Python's own recursion may not.
+Recursive functions are generators: `result = yield other(…)` calls, `return value` returns. Trees
+may be thousands of gates deep, beyond Python's recursion limit.
 """
 
 import signal
@@ -18,18 +18,18 @@ T = TypeVar("T")
 Call: TypeAlias = Generator[Any, Any, T]
 
 DEFAULT_LIMIT: Final = 500_000
-"""Elementary steps that one question may cost on questions that are hard in general."""
+"""The default number of steps for a question that is hard in general."""
 QUICK: Final = 10_000_000
-"""So many steps take about a second, and are allowed under any limit."""
+"""The number of steps, about a second, that are allowed under any limit."""
 SHORT: Final = 1_000_000
-"""A text of so many characters is allowed under any limit."""
+"""The number of characters of a text that are allowed under any limit."""
 
 
 class Work:
-    """What a construction builds and does, counted; raises `TooLarge` beyond `limit` items, and what goes with them.
+    """A counter of the work of a construction; raises `TooLarge` beyond the limit.
 
-    `item` names what the limit counts. For each item, `steps` and `characters` are allowed, and
-    `QUICK` steps and a text of `SHORT` characters under any limit.
+    `item` names what `limit` counts. Each item allows `steps` and `characters`; `QUICK` steps and
+    `SHORT` characters are allowed under any limit.
     """
 
     def __init__(self, limit: int, *, item: str = "state", steps: int = 1000, characters: int = 100) -> None:
@@ -40,7 +40,7 @@ class Work:
         self._steps = 0
 
     def step(self, many: int) -> None:
-        """So many more steps are done; each takes about a tenth of a microsecond."""
+        """Count more steps, of about 0.1 microseconds each."""
         self._steps += many
         if self._steps > QUICK:
             self.check(
@@ -48,13 +48,13 @@ class Work:
             )
 
     def size(self, characters: int) -> None:
-        """Refuse a text that is longer."""
+        """Refuse a text that is too long."""
         if characters > SHORT:
             what = f"characters of the text, {self._characters} allowed for each {self._item}"
             self.check(characters, what, self._characters)
 
     def check(self, reached: int, what: str, each: int = 1) -> None:
-        """Refuse more of something than `each` for each item."""
+        """Raise `TooLarge` if more than `each` per item is reached."""
         if reached > self.limit * each:
             raise TooLarge(what, limit=self.limit)
 
@@ -65,7 +65,7 @@ class Undecided(RvaftError):
 
 @dataclass(slots=True)
 class Budget:
-    """Steps that are left; `spend` raises `Undecided` when there are none."""
+    """The remaining steps; `spend` raises `Undecided` when there are none."""
 
     left: int = DEFAULT_LIMIT
 
@@ -77,15 +77,17 @@ class Budget:
 
 
 class Expired(BaseException):
-    """The time is up; not an `Exception`, so that nobody takes it for a failure of what it interrupts."""
+    """The time limit is reached; not an `Exception`, so that the interrupted code does not handle
+    it.
+    """
 
 
 @contextmanager
 def within(seconds: float | None) -> Iterator[None]:
-    """Raise `Expired` inside the block after so many seconds; None is no limit.
+    """Raise `Expired` inside the block after this many seconds; None is no limit.
 
-    Works by a signal, so only in the main thread of a process and between two steps of the
-    interpreter; elsewhere there is no limit.
+    It uses a signal, so it works only in the main thread and between two steps of the interpreter;
+    elsewhere there is no limit.
     """
     if seconds is None or threading.current_thread() is not threading.main_thread() or not hasattr(signal, "SIGALRM"):
         yield
@@ -105,9 +107,9 @@ def within(seconds: float | None) -> Iterator[None]:
 
 @contextmanager
 def looking(look: Callable[[], object], seconds: float) -> Iterator[None]:
-    """Call a function again and again while the block lasts; what it raises is raised wherever the block is.
+    """Call a function periodically during the block; its exceptions are raised in the block.
 
-    Works as `within` does, and not at all where somebody else uses the signal.
+    It has the restrictions of `within`, and does nothing if the signal is already in use.
     """
     main = threading.current_thread() is threading.main_thread() and hasattr(signal, "SIGALRM")
     if not main or signal.getsignal(signal.SIGALRM) is not signal.SIG_DFL:
@@ -119,12 +121,12 @@ def looking(look: Callable[[], object], seconds: float) -> Iterator[None]:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
-        with suppress(ValueError):  # another thread may let go of it
+        with suppress(ValueError):  # another thread may leave the block
             signal.signal(signal.SIGALRM, signal.SIG_DFL)
 
 
 def run(call: Call[T]) -> T:
-    """The value of a call."""
+    """Return the value of a call."""
     stack: list[Call[Any]] = [call]
     value: Any = None
     while stack:

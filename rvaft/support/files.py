@@ -1,7 +1,4 @@
-"""Files: compressed ones read, one written whole, several put into a folder together.
-
-All or, where anything goes wrong, none.
-"""
+"""Files: reading compressed ones, and writing one or several atomically."""
 
 import errno
 import gzip
@@ -20,7 +17,8 @@ import click
 
 from rvaft.errors import ToolMissing, installed
 
-# Opening a file that may be compressed: `.gz` by the standard library, `.zst` by the package `zstandard`.
+# Opening a file that may be compressed: `.gz` by the standard library, `.zst` by the package
+# `zstandard`.
 
 SUFFIXES: Final = (".gz", ".zst")
 _CHUNK: Final = 1 << 16
@@ -28,9 +26,9 @@ _CHUNK: Final = 1 << 16
 
 @contextmanager
 def opened(path: Path) -> Iterator[BinaryIO]:
-    """The bytes of a file, decompressed where its suffix says that they are compressed.
+    """Open the bytes of a file, decompressed by its suffix.
 
-    Raises `OSError` where it cannot be opened, and `ToolMissing`; what reading raises for damaged data is in `damage`.
+    Raises `OSError` and `ToolMissing`; `damage` lists the exceptions for damaged data.
     """
     with path.open("rb") as stream:
         match path.suffix.lower():
@@ -44,7 +42,7 @@ def opened(path: Path) -> Iterator[BinaryIO]:
 
 
 class _Zstd(io.RawIOBase):
-    """Decompressed frames, one after the other; the package's own reader takes a truncated file for a whole one."""
+    """A stream of decompressed frames; the package's own reader accepts truncated files."""
 
     def __init__(self, source: BinaryIO) -> None:
         self._source = source
@@ -57,7 +55,9 @@ class _Zstd(io.RawIOBase):
         return True
 
     def readinto(self, buffer: Any) -> int:
-        """Fill the buffer as far as there is something; raises `EOFError` where the last frame is not whole."""
+        """Fill the buffer with the available data; raises `EOFError` if the last frame is
+        truncated.
+        """
         while not self._ready:
             if self._frame.eof:
                 data, self._frame, self._begun = self._frame.unused_data, self._start(), False
@@ -76,7 +76,7 @@ class _Zstd(io.RawIOBase):
 
 
 def damage() -> tuple[type[Exception], ...]:
-    """What reading compressed data raises where it is truncated or no such data."""
+    """Return the exceptions that reading truncated or invalid compressed data raises."""
     found: list[type[Exception]] = [EOFError, zlib.error, gzip.BadGzipFile]
     with suppress(ToolMissing):
         found.append(_zstandard().ZstdError)
@@ -88,12 +88,12 @@ def _zstandard() -> Any:
     return installed("zstandard", "zstandard", remedy)
 
 
-# Where the output of a command goes: standard output, or files that are whole or not there.
+# The output of a command: standard output, or files written atomically.
 
 
 @contextmanager
 def telling(what: str, path: Path) -> Iterator[None]:
-    """An `OSError` says what could not be done, and with which path."""
+    """Add the failed action and the path to an `OSError`."""
     try:
         yield
     except OSError as error:
@@ -101,7 +101,7 @@ def telling(what: str, path: Path) -> Iterator[None]:
 
 
 def deliver(data: bytes, output: str | None) -> None:
-    """Write to a file, or to standard output without one or for `-`."""
+    """Write to a file, or to standard output for None and `-`."""
     if output is not None and output != "-":
         write_whole(Path(output), data)
     else:
@@ -109,21 +109,21 @@ def deliver(data: bytes, output: str | None) -> None:
 
 
 def write_whole(path: Path, data: bytes, *, lasting: bool = False) -> None:
-    """Write a file under another name in its folder and rename it, so that nobody ever sees half of it.
+    """Write a file atomically, by renaming a temporary file in the same folder.
 
-    What is no regular file (a device, a pipe) is written to as it is; so are the links below /dev
-    and /proc, which stand for open files: `/dev/stdout` resolves to a name such as `pipe:[123]`,
-    which nobody can open. Raises `OSError` with the path in it.
+    Devices and pipes are written directly, and so are links below /dev and /proc, which stand for
+    open files: `/dev/stdout` may resolve to `pipe:[123]`, which cannot be opened. Raises `OSError`
+    with the path.
 
-    A `lasting` file is a regular one, for its owner alone, on the disk before it is there; the
-    other name is always the same, so that what a crash leaves is overwritten the next time.
+    A `lasting` file is a regular file with mode 0600, synced to disk before the rename. Its
+    temporary name is fixed, so that the next write replaces the remains of a crash.
     """
     with telling("cannot write", path):
         odd = path.exists() and not stat.S_ISREG(path.stat().st_mode)
         if odd and lasting:
             raise OSError(errno.EINVAL, "not a regular file")
         if odd or (path.absolute().parts[1:2] in (("dev",), ("proc",)) and path.is_symlink()):
-            with path.open("ab") as stream:  # what standard output holds already stays
+            with path.open("ab") as stream:  # keep what standard output already holds
                 stream.write(data)
             return
         target = path.resolve()
@@ -152,7 +152,7 @@ def write_whole(path: Path, data: bytes, *, lasting: bool = False) -> None:
             new.unlink(missing_ok=True)
             raise
         if lasting:
-            with suppress(OSError):  # some file systems have no such thing for folders, and the file is there
+            with suppress(OSError):  # some file systems cannot sync folders
                 folder = os.open(target.parent, os.O_RDONLY)
                 try:
                     os.fsync(folder)
@@ -161,14 +161,11 @@ def write_whole(path: Path, data: bytes, *, lasting: bool = False) -> None:
 
 
 def place(folder: Path, files: Mapping[str, str | None], *, force: bool = False) -> None:
-    """Write texts into a folder, which is made where it is not there.
+    """Write texts into a folder, which is created if absent; a file with None must not exist.
 
-    A file with None instead of a text must not be there.
-
-    Files that are already as they should be are left alone. Raises `OSError`, with everything as it
-    was, for one that is not (unless `force`, which replaces or removes it) and where the folder
-    cannot be made or written to. Only a crash between two renames can leave some files and not
-    others.
+    Unchanged files are not touched. Raises `OSError`, with all changes undone, if a file differs or
+    must not exist (`force` replaces or removes it), and if the folder cannot be created or written
+    to. Only a crash between two renames can leave a partial result.
     """
     data = {folder / name: None if text is None else os.fsencode(text) for name, text in files.items()}
     with ExitStack() as unmake:
@@ -200,7 +197,7 @@ def place(folder: Path, files: Mapping[str, str | None], *, force: bool = False)
 
 
 def _made(folder: Path) -> bool:
-    """Whether the folder had to be made."""
+    """Create the folder; return whether it was absent."""
     try:
         with telling("cannot make the folder", folder):
             folder.mkdir()
@@ -216,7 +213,7 @@ def _made(folder: Path) -> bool:
 
 
 def _differs(path: Path, content: bytes | None, *, force: bool) -> bool:
-    """Whether a file has to be written or removed."""
+    """Whether a file must be written or removed."""
     if not path.exists() and not path.is_symlink():
         return content is not None
     if not path.is_file():

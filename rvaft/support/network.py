@@ -1,10 +1,9 @@
-"""Addresses at which something is served, and who may ask there: hosts, origins, and what cannot be listened at.
+"""Addresses of servers, and the requests that a server accepts.
 
-A page in somebody's browser must not be able to speak to a server on their machine. A browser says
-with `Origin` where a page comes from, and with `Host` what it was told the server is called. A name
-that an attacker can point at this machine is no proof of anything, so only addresses, `localhost`
-and what was allowed are taken; and an origin only with the port that the request went to, since
-other servers have other pages.
+A page in a browser must not reach a server on the user's machine. A browser sends the origin of a
+page as `Origin`, and the requested server name as `Host`. An attacker can point a name at this
+machine, so only addresses, `localhost` and allowed names are accepted. An origin is accepted only
+with the port of the request, since other servers have other pages.
 """
 
 import errno
@@ -19,23 +18,25 @@ from urllib.parse import urlsplit
 from rvaft.errors import OptionError
 
 LOCAL: Final = "127.0.0.1"
-"""Reached from this machine alone."""
+"""The loopback address, reachable only from this machine."""
 _PORTS: Final = {"http": 80, "https": 443}
-"""The schemes of web pages, and the ports that their origins do not name."""
+"""The schemes of web pages, and their default ports."""
 _ADDRESS: Final = re.compile(r"[0-9A-Fa-f.:]+(?:%[A-Za-z0-9._-]+)?")
 _NAME: Final = re.compile(r"(?!-)[A-Za-z0-9_-]{1,63}(?<!-)(?:\.(?!-)[A-Za-z0-9_-]{1,63}(?<!-))*\.?")
 _NUMBER: Final = re.compile(r"(?:.*\.)?(?:[0-9]+|0[xX][0-9A-Fa-f]*)\.?")
-"""The system reads `0` and `0x7f.1` as addresses, the first as all of this machine; no name ends so."""
+"""Texts such as `0` and `0x7f.1`, which the system reads as addresses; no valid name ends so."""
 
 
 def require_host(text: str) -> None:
-    """Raise `OptionError` for what is no IP address and no host name (RFC 1123, and `_`, which containers have)."""
+    """Raise `OptionError` unless the text is an IP address or a host name (RFC 1123, and `_` for
+    containers).
+    """
     if not is_address(text) and (len(text) > 253 or not _NAME.fullmatch(text) or _NUMBER.fullmatch(text)):
         raise OptionError(f'"{text}" is no IP address and no host name: write it alone, as in 127.0.0.1 or robot.local')
 
 
 def is_address(text: str) -> bool:
-    """Whether a text is an IP address, of IPv6 also with a zone."""
+    """Whether a text is an IP address; IPv6 may have a zone."""
     try:
         return bool(_ADDRESS.fullmatch(text) and ip_address(text))
     except ValueError:
@@ -43,15 +44,15 @@ def is_address(text: str) -> bool:
 
 
 def origin(text: str) -> str:
-    """An origin as a browser sends it.
+    """Return an origin as a browser sends it, without a final slash and the scheme's default port.
 
-    A final slash and the scheme's own port are dropped; raises `OptionError` for what is none.
+    Raises `OptionError` for other texts.
     """
     try:
         parts = urlsplit(text.lower())
         name, port = parts.hostname or "", parts.port
         require_host(name)
-    except ValueError:  # an `OptionError` is one
+    except ValueError:  # `OptionError` is a `ValueError`
         parts, name, port = urlsplit(""), "", None
     number = "" if port in (None, _PORTS.get(parts.scheme)) else f":{port}"
     plain = f"{parts.scheme}://{f'[{name}]' if ':' in name else name}"
@@ -61,18 +62,18 @@ def origin(text: str) -> str:
 
 
 def allowed(origins: Sequence[str], host: str | None, extra: Collection[str]) -> bool:
-    """Whether a request with these `Origin` headers and this `Host` header is taken.
+    """Whether to accept a request with these `Origin` headers and this `Host` header.
 
-    `extra` are allowed, as `origin` gives them.
+    `extra` are allowed origins, as returned by `origin`.
     """
     if len(origins) != 1 or origins[0].lower() in extra:
         return len(origins) < 2
-    return host is not None and origins[0] == f"http://{host}" and own([host], ())  # nothing that is looked up
+    return host is not None and origins[0] == f"http://{host}" and own([host], ())  # without a name look-up
 
 
 def own(hosts: Sequence[str], extra: Collection[str]) -> bool:
-    """Whether a request with these `Host` headers asks for this server by an address, as
-    `localhost`, or as the host of one of these origins.
+    """Whether the `Host` headers name this server: an address, `localhost`, or the host of an
+    allowed origin.
     """
     if len(hosts) != 1:
         return False
@@ -85,7 +86,7 @@ def own(hosts: Sequence[str], extra: Collection[str]) -> bool:
 
 
 def unavailable(error: OSError, url: str) -> OSError:
-    """The error of an address that cannot be listened at, with what to do."""
+    """Return the error for an unavailable address, with a correction."""
     code = error.errno or 0
     remedy = {
         errno.EADDRINUSE: "the port is in use: choose another with --port",

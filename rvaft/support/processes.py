@@ -1,4 +1,4 @@
-"""Work on many things in several processes, with the results in the order of the things."""
+"""Parallel work in several processes, with results in the order of the items."""
 
 import signal
 from collections import deque
@@ -10,22 +10,23 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 _AHEAD: Final = 8
-"""Things that wait for each process."""
+"""The number of waiting items per process."""
 
 
 class Killed(Exception):
-    """A process that worked was killed; what it worked on, and what waited for it, has no result."""
+    """A worker process was killed; its item and the waiting items have no result."""
 
 
 def in_processes(
     work: Callable[[Item], Result], items: Iterable[Item], *, jobs: int
 ) -> Generator[tuple[Item, Result | Killed], None, None]:
-    """Each thing with its result, in order; close the iterator to stop early, and all processes end.
+    """Iterate over the items with their results, in order; closing the iterator stops all
+    processes.
 
-    Things are taken from `items` a few ahead of the `jobs` processes, which are all made at once. `work` is called in
-    processes that are copies of this one, made before the first result; things and results are sent by pickling.
+    A few items per process are read in advance. `jobs` processes are forked before the first
+    result; items and results are pickled.
     """
-    # Most commands need no other process, and these are slow to import.
+    # Slow to import, and seldom needed.
     import multiprocessing  # noqa: PLC0415
     from concurrent.futures import Future, ProcessPoolExecutor  # noqa: PLC0415
     from concurrent.futures.process import BrokenProcessPool  # noqa: PLC0415
@@ -56,18 +57,18 @@ def in_processes(
             submit(1)
         finished = True
     finally:
-        if not finished:  # nobody wants the rest
+        if not finished:  # the remaining results are not needed
             for process in multiprocessing.active_children():
                 process.terminate()
         pool.shutdown(wait=True, cancel_futures=True)
 
 
 _work: list[Callable[[Any], Any]] = []
-"""The work of a process, which is there because the process is a copy: it cannot be sent."""
+"""The function of a process, inherited by the fork because it cannot be pickled."""
 
 
 def _prepare(work: Callable[[Any], Any]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is for the parent to handle
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles interrupts
     _work[:] = [work]
 
 

@@ -1,4 +1,4 @@
-"""What a terminal shows: text made safe, aligned columns, the progress of a long run."""
+"""Output to a terminal: escaped text, aligned columns, a progress bar."""
 
 import io
 import sys
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 _JOINERS: Final = "\u200c\u200d"
 """Invisible, but parts of words in several scripts."""
 _WIDEST: Final = 1_000_000
-"""Columns of a terminal that is never too narrow."""
+"""The width of an unlimited terminal."""
 
 
 def visible(text: str) -> str:
-    """The text with every character that could move, hide or reorder others on a screen written as an escape."""
+    """Return the text with control, invisible and bidirectional characters escaped."""
 
     def shown(character: str) -> str:
         if character.isprintable() or character in _JOINERS:
@@ -30,7 +30,7 @@ def visible(text: str) -> str:
 
 
 def cut(text: str, most: int = 40) -> str:
-    """The text, or the start of one that is too long.
+    """Return the text, shortened if it is too long.
 
     >>> cut("a long story", 6)
     'a long…'
@@ -39,7 +39,9 @@ def cut(text: str, most: int = 40) -> str:
 
 
 def columns(rows: Iterable[Sequence[str]]) -> list[str]:
-    """Rows of cells as lines with aligned columns, two spaces between them; nothing is ever cut or wrapped."""
+    """Return rows of cells as lines with aligned columns, separated by two spaces, never cut or
+    wrapped.
+    """
     from rich.table import Table  # noqa: PLC0415 -- imported on use
     from rich.text import Text  # noqa: PLC0415 -- imported on use
 
@@ -50,9 +52,7 @@ def columns(rows: Iterable[Sequence[str]]) -> list[str]:
 
 
 def rendered(things: Iterable["RenderableType"], width: int | None = None) -> list[str]:
-    """The lines of what rich draws, without colours, on a terminal of so many columns or one that
-    is never too narrow.
-    """
+    """Return the lines of rich renderables without colours; the default width is unlimited."""
     from rich.console import Console  # noqa: PLC0415 -- imported on use
 
     wide = width or _WIDEST
@@ -64,15 +64,13 @@ def rendered(things: Iterable["RenderableType"], width: int | None = None) -> li
 
 
 _PATIENCE: Final = 0.5
-"""Seconds after which a run is long."""
+"""Seconds before the bar is shown."""
 _PAUSE: Final = 0.1
-"""Seconds between two drawings."""
+"""Seconds between two updates."""
 
 
 class ProgressBar:
-    """A bar on standard error; never shown where that is no terminal, where the run is short, or
-    where nothing is known of its length.
-    """
+    """A progress bar on standard error, shown only on a terminal, for long runs with a known total."""
 
     def __init__(self, total: int) -> None:
         self._total = total if total and sys.stderr is not None and sys.stderr.isatty() else 0
@@ -81,14 +79,12 @@ class ProgressBar:
         self._bar: Bar | None = None
 
     def finish(self, size: int) -> None:
-        """A file of that size has been read."""
+        """Record that a file of this size has been read."""
         self._before += size
         self.reach(None)
 
     def reach(self, stream: object) -> None:
-        """The present file has been read as far as this stream, or what a decompressor in it reads,
-        knows; None is not at all.
-        """
+        """Update the bar to the position of this stream, or of the file under a decompressor."""
         if not self._total or (now := time.monotonic()) < self._next:
             return
         self._next = now + _PAUSE
@@ -101,7 +97,7 @@ class ProgressBar:
         self._bar.update(self._bar.task_ids[0], completed=self._before + place, refresh=True)
 
     def hide(self) -> None:
-        """Make room for what is printed; the bar comes back with the next bytes."""
+        """Hide the bar until the next bytes, so that text can be printed."""
         if self._bar is not None and self._bar.live.is_started:
             self._bar.stop()
 
@@ -115,8 +111,8 @@ def _bar(total: int) -> "Bar":
         *(progress.DownloadColumn(), progress.TimeRemainingColumn()),
         console=Console(stderr=True),
         transient=True,
-        # no thread draws: processes may still be forked, and what is printed never meets it
-        # half-way
+        # No thread draws the bar: processes may still be forked, and printed text must not be
+        # interrupted.
         auto_refresh=False,
         redirect_stdout=False,
         redirect_stderr=False,

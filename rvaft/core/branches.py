@@ -1,10 +1,10 @@
 """Branches of a tree, their numbers, and restriction to a branch or a kind (semantics, section 2).
 
 A branch resolves the `or` gates and keeps `KofN`. Its digits are the choices of the `or` gates in
-breadth-first order; the first digit varies fastest, and a gate outside the branch has digit 0.
+breadth-first order. The first digit varies fastest; a gate outside the branch has digit 0.
 
-Enumeration is lazy and in the order of the numbers. It goes from the slowest digit to the fastest
-and propagates the choices that a digit above 0 requires, so it never backtracks from a dead end.
+Enumeration is lazy and in order. It proceeds from the slowest digit to the fastest. The choices
+that a digit above 0 requires are propagated, so there are no dead ends.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -40,7 +40,7 @@ class Branch:
     """
 
     text: "ClassVar[Callable[[Branch], str]]"
-    """The writer of a branch's property; `rvaft.api` sets it, because writing is above the core."""
+    """Writes a branch's property; set by `rvaft.api`, a higher layer."""
 
     tree: RVAFT
     number: int
@@ -91,10 +91,10 @@ def number_of(
     """Return the lowest number of a branch with these choices (and this kind), or None if the
     search takes too long.
 
-    With a kind, at most `limit` branches are enumerated. Otherwise the number is computed: 1 plus,
-    for each gate from the last to the first, the count of branches that agree on the later gates
-    and have a smaller digit at this gate. Such a count is a product over gates and a sum over the
-    children of an `or`. With shared nodes, counting goes from the root down.
+    With a kind, at most `limit` branches are enumerated. Otherwise smaller branches are counted per
+    gate, from the last: those with equal later digits and a smaller digit here. A count is a
+    product over gates and a sum over the children of an `or`. With shared nodes, counting goes from
+    the root down.
     """
     if tree.shared and kind is None:
         with suppress(TooLarge):
@@ -132,7 +132,7 @@ def number_of(
         return before != (ways[node.name], idle[node.name])
 
     def fix(name: str, own: range) -> bool:
-        """Restrict a gate's digits; return False if a required node has no resolution left."""
+        """Restrict a gate's digits; False if a required node has no resolution left."""
         digits[name] = own
         above: tuple[str, ...] = (name,)
         while above and count(tree.nodes[above[0]]):
@@ -233,11 +233,7 @@ def _depth_first(tree: RVAFT, gates: Iterable[str]) -> list[str]:
 
 
 class _Digits(NamedTuple):
-    """The digits of some gates as bit masks, so that all gates are compared in one step.
-
-    Each gate has a bit per child. `bits` has the bit of each kept child, `gates` all bits of the
-    gates.
-    """
+    """The digits of some gates: `bits` has a bit per kept child, `gates` all bits of the gates."""
 
     bits: int = 0
     gates: int = 0
@@ -252,8 +248,8 @@ class _Digits(NamedTuple):
 class _Search:
     """The enumeration of the digits of all branches of one tree.
 
-    A *way* holds the digits of the gates on a path from the root to a node, or on one path to each
-    gate with a digit above 0, because such a gate must be reached.
+    A *way* holds the digits on a path from the root to a node, or on paths to all gates with a
+    digit above 0.
     """
 
     def __init__(self, tree: RVAFT) -> None:
@@ -279,8 +275,8 @@ class _Search:
 
     def branches(self) -> Iterator[int]:
         """Iterate over the digits of all branches in the order of their numbers."""
-        # One level per gate, slowest first: its remaining digits, each with all digits so far and
-        # the ways that reach them.
+        # One level per gate, slowest first: its remaining digits, with all digits so far and their
+        # ways.
         levels = [iter([(_Digits(), [_Digits()])])]
         while levels:
             option = next(levels[-1], None)
@@ -329,7 +325,6 @@ class _Search:
 
 
 def _shortest(ways: Iterable[_Digits], name: str) -> list[_Digits]:
-    """Return the minimal ways; raises `TooLarge`."""
     found: dict[_Digits, None] = {}
     for way in ways:
         found[way] = None
@@ -344,11 +339,10 @@ def _shortest(ways: Iterable[_Digits], name: str) -> list[_Digits]:
 
 # Restriction to one branch or one kind (semantics, sections 2 and 3).
 #
-# The result is a tree with the alphabet of the whole tree and the restriction as `part_of`. A
-# branch is a sub-DAG. The branches of a kind are a union of sub-DAGs, each given by the children
-# that some `or` gates may keep. The restricted tree has the nodes and edges of all of them, so it
-# may have more branches than the kind. Its property (`rvaft.core.passes.property_of`) has only
-# those of the kind.
+# The result is a tree with the alphabet of the whole and the restriction as `part_of`. A branch is
+# a sub-DAG; a kind is a union of sub-DAGs. A tree restricted to a kind has the nodes and edges of
+# all of them, so it may have more branches than the kind. Its property
+# (`rvaft.core.passes.property_of`) has exactly those of the kind.
 
 COPIES: Final = 1_000
 """The maximum number of sub-DAGs for a kind."""
@@ -396,7 +390,6 @@ def alternatives(tree: RVAFT) -> tuple[RVAFT, ...]:
 
 
 def _part(tree: RVAFT, ways: Iterable[Allowed], part_of: Whole) -> RVAFT:
-    """Return the nodes and edges of a tree that at least one way allows."""
     kept: dict[str, set[str]] = {}
     for allowed in ways:
 

@@ -1,9 +1,8 @@
 """Classification of events: the patterns that an event can match, and the fields to read.
 
-The *shape* of an event is its field names, and its values in the fields for which some pattern has
-a literal. Logs have few shapes, so the result for a shape is cached. The shape decides most
-patterns: those of literals and present fields. The other candidates are *open*: they are matched
-against each event.
+The *shape* of an event is its field names, and its values in fields with a literal in some pattern.
+Logs have few shapes, so results are cached by shape. The shape decides patterns of literals and
+present fields. Other candidates are *open*: they are matched against each event.
 """
 
 import sys
@@ -156,9 +155,7 @@ def brief(values: Iterable[Json]) -> bool:
 
 
 def _shape_by(fields: tuple[str, ...], *, names: bool) -> Callable[[Mapping[str, Json]], tuple[Hashable, ...]]:
-    """Return the function from an event to its shape: the field names if `names`, then the values
-    of `fields`.
-    """
+    """Return the function from an event to its shape; few fields have a fast path."""
     if not names:
         return (lambda event: (event.get(fields[0]),)) if len(fields) == 1 else lambda event: (*map(event.get, fields),)
     match fields:
@@ -204,7 +201,7 @@ def key_at(event: Mapping[str, Json], field: str) -> Hashable:
     return _NOT_THERE if isinstance(value, (Mapping, list, tuple)) else key(value)
 
 
-# Discriminating fields: they tell event types apart.
+# Discriminating fields.
 
 _OTHER: Final = ("other",)
 """The key of a value that no pattern has as a literal."""
@@ -213,8 +210,8 @@ _OTHER: Final = ("other",)
 class Discriminators:
     """The discriminating fields of some patterns, usually one such as `topic`.
 
-    Every pattern with a string literal has one in a discriminating field. The values there
-    determine which patterns an event can match, and so which fields are read.
+    Every pattern with a string literal has one in a discriminating field. The values there limit
+    the patterns that an event can match, and the fields to read.
     """
 
     def __init__(self, patterns: Iterable[Pattern]) -> None:
@@ -257,7 +254,7 @@ class Discriminators:
         )
 
 
-# The fields to read: the discriminating fields always, the others if a pattern is still possible.
+# The fields to read.
 
 
 @dataclass(slots=True)
@@ -330,7 +327,7 @@ Scope: TypeAlias = Reads | TreeReads
 """Determines the parts of an event to read."""
 
 
-# Letters: patterns with guards over their variables, and how to read them off an event.
+# Letters.
 
 Values: TypeAlias = Callable[[Mapping[str, Json]], dict[str, Json]]
 
@@ -517,9 +514,7 @@ def _table_by_bits(guards: tuple[Guard | EventTest, ...], derive: Callable[[int]
         return GuardTable(guards, derived, held, derived_of)
     name, points = compared
     by_place: dict[int, H_co] = {}
-    """The results by the position of the value: below the first number, at it, between it and the
-    second, and so on.
-    """
+    """The results by position: below the first number, at it, between it and the second, …"""
 
     def placed(event: Mapping[str, Json]) -> H_co:
         value = event[name]

@@ -1,12 +1,10 @@
 """The conditions under which a guard is true, and those under which it is false.
 
-A condition is made of conjunctions and disjunctions of tests. A test holds or does not; it is never
-undefined.
+A condition combines tests by conjunction and disjunction; it is never undefined.
 
 A guard is undefined if an evaluated operand is undefined. So `not (X < Y)` is no complement of `X <
-Y`: each is true only for two numbers or two texts. The conditions for true and for false are
-therefore derived separately, and only tests are negated. The terms of tests are constants,
-variables and calculations. A backend only has to spell the tests.
+Y`: each is true only for two numbers or two texts. So the conditions for true and for false are
+derived separately, and only tests are negated. A backend only has to spell the tests.
 """
 
 from collections.abc import Callable, Collection, Iterable
@@ -118,7 +116,7 @@ class TruthConditions:
     def of(self, guard: Guard, *, wanted: bool = True) -> TruthCondition:
         """Return a condition that holds exactly where the guard has the truth value `wanted`.
 
-        The condition may contain the same object several times.
+        The same object may occur in several places.
         """
         return self._when(folded(guard), wanted)
 
@@ -158,7 +156,6 @@ class TruthConditions:
                 return TruthTest(guard, wanted) if self.sort(guard) is Sort.TRUTH else NEVER
 
     def _decided(self, guard: Guard, wanted: bool, rest: TruthCondition) -> TruthCondition:
-        """Return the condition that the guard decides a junction, or the operands to its right do."""
         opposite = () if rest is NEVER or self._is_total(guard) else (self._when(guard, not wanted),)
         return _any([self._when(guard, wanted), _all([*opposite, rest])])
 
@@ -249,9 +246,7 @@ def _any(parts: Iterable[TruthCondition]) -> TruthCondition:
 
 
 def _joined(every: bool, parts: Iterable[TruthCondition]) -> TruthCondition:
-    """Return the junction of the parts, without duplicates; nested junctions of the same kind are
-    flattened.
-    """
+    """Return the flattened junction of the parts."""
     found: dict[TruthCondition, None] = {}
     for part in parts:
         if part is (NEVER if every else ALWAYS):

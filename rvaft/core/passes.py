@@ -1,7 +1,7 @@
 """Passes from properties to equivalent properties with fewer constructs.
 
 No pass adds a construct that an earlier pass has removed. Tests compare each pass with the
-reference evaluators of properties and of trees.
+reference evaluators.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -160,7 +160,7 @@ def _expand_times(prop: Property, _: int) -> Property:
 
 
 expand_times: Final = Pass("expand_times", frozenset({Times}), _expand_times)
-"""A counted leaf becomes a sequence of events, each with the guard of the leaf unless it has time
+"""A counted leaf becomes a sequence of events, each with the leaf's guard unless that has time
 points.
 """
 
@@ -173,8 +173,7 @@ def chosen(prop: Property, limit: int = LIMIT) -> Iterator[Property]:
     """Iterate over the properties for each way to make the choices; their scenarios are those of
     the property.
 
-    Each keeps a `One` with the kept part, so that the choice can be read off. Raises `TooLarge`
-    beyond the limit.
+    A `One` keeps the chosen part. Raises `TooLarge` beyond the limit.
     """
     for kept in resolutions(prop, limit=limit):
 
@@ -191,10 +190,6 @@ def chosen(prop: Property, limit: int = LIMIT) -> Iterator[Property]:
 
 
 def _by_choices(prop: Property, limit: int, made: Callable[[Property, int], Iterator[Property]]) -> Property:
-    """Return the feasible alternatives from `made` for each way to make the choices.
-
-    `made` receives the number of alternatives that may still be made.
-    """
     found: dict[Part, Property] = {}
     for each in chosen(prop, limit):
         with suppress(_Open):  # a time point of an absent node: no feasible scenario makes these choices
@@ -208,8 +203,6 @@ def _by_choices(prop: Property, limit: int, made: Callable[[Property, int], Iter
 
 
 class _Ends:
-    """The possible last events of the parts of a property."""
-
     def __init__(self, prop: Property) -> None:
         most = most_events(prop.parts)
         self.silent = {part for part, events in most.items() if events == 0}
@@ -274,10 +267,6 @@ def _successors(root: Part) -> dict[Event, set[Event]]:
 
 
 def _with_ends(prop: Property, chosen_ends: Mapping[tuple[Event, ...], Event] | None) -> Property:
-    """Return the property with each `EndInOrder` as sequences of events.
-
-    Raises `_Open` if a choice or a last event is open.
-    """
     ends = _Ends(prop)
 
     def change(part: Part, parts: tuple[Part, ...]) -> Part:

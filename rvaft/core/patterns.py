@@ -1,12 +1,11 @@
 """Overlap and implication of event patterns.
 
-A pattern only requires fields and values, it never excludes any. So the events that match several
-patterns have a *least* common event: each undetermined value is unique, and each object has a
-unique additional field. If the least event matches a further pattern, every event that matches the
-given patterns does.
+Patterns never exclude fields or values. So the events that match several patterns have a *least*
+event: undetermined values are unique, and objects have a unique additional field. A pattern that
+matches the least event matches all of them.
 
-Rigid variables are shared between patterns, local variables are not. Guards are ignored. The quick
-tests `compatible` and `implies` are exact in one direction; they treat variables as wildcards.
+Rigid variables are shared between patterns; guards are ignored. `compatible` and `implies` are
+quick one-sided tests that treat variables as wildcards.
 """
 
 from collections import Counter
@@ -53,8 +52,7 @@ def _opened(pattern: Pattern) -> tuple[Head, Iterable[tuple[str | int, Pattern]]
 
 
 def compatible(left: Pattern, right: Pattern) -> bool:
-    """Whether one event might match both patterns: their requirements agree at all common paths.
-    False is certain.
+    """Whether one event might match both patterns; False is certain.
 
     >>> compatible(Literal(1), Literal(2)), compatible(Variable("X"), Literal(2))
     (False, True)
@@ -296,7 +294,7 @@ class Overlaps:
 
 
 def _members(group: list[int]) -> int | list[int]:
-    """Return the set as a list if it is small (less memory), else as a bit mask."""
+    """Return the set as a list if that needs less memory."""
     return group if len(group) < 16 else mask_of(group)
 
 

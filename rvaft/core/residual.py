@@ -1,21 +1,19 @@
 """Residuals of a property after some events, and the moves between them.
 
-A *residual* is what remains of a set of scenarios after some events have been matched. It drops
-everything without influence on the future, so equal residuals accept the same continuations.
-Residuals that differ only by interchangeable parts are merged. A *move* matches one more event. A
-scenario matches a word if and only if moves with its labels lead from a start to a complete
-residual.
+A *residual* is the remainder of a set of scenarios after some events. Equal residuals accept the
+same continuations; residuals that differ only by interchangeable parts are merged. A *move* matches
+one more event. A scenario matches a word if and only if moves with its labels lead from a start to
+a complete residual.
 
-A choice is decided by an event below an alternative, or silently (without an event) when a later
-event happens. It can wait if each part below an alternative is reached through that alternative
-alone. Otherwise the decision may order events that have already happened, so it is made in advance:
-each way to decide is a start.
+An event below an alternative decides a choice; a later event decides it silently. A choice can wait
+if the parts below its alternatives are not shared. Otherwise its decision may order past events, so
+each way to decide is a separate start.
 
 Events and choices of a start are bit sets; guards have the lowest bits, assigned by the caller.
 
-Automata (states are sets of residuals) and LTLf (one formula per set) use residuals. RML does not:
-its partial matches keep registers, and evaluate a guard once its last variable is bound. A residual
-drops the bindings, and requires a guard at each event with one of its variables.
+Automata and LTLf use residuals. RML does not, because its partial matches keep registers and
+evaluate each guard once. A residual drops the bindings and requires a guard at each event with one
+of its variables.
 """
 
 from collections import Counter
@@ -73,8 +71,8 @@ class ResidualSpace:
     """The residuals of a graph of parts. `label` maps the number of an event part to its label.
 
     `guards` maps each guard to its bit; all other bits are higher. `at_least` keeps the ways to
-    choose more than K parts of an `AtLeast`; they are redundant if events may be skipped. Raises
-    `TooLarge` when `work` exceeds its limit.
+    choose more than K parts of an `AtLeast`, which are redundant if events may be skipped. Raises
+    `TooLarge` by `work`.
 
     >>> import rvaft
     >>> from rvaft.core.build import build
@@ -172,9 +170,8 @@ def _urgent(form: NumberedParts, work: Work) -> int | None:
 class _Alternative(NamedTuple):
     """One child of a choice. `up` is the alternative that contains the choice, if any.
 
-    `mandatory` has the bits that choosing it requires, `whole` all bits below it, and `first` the
-    events that it can begin with. `silent` has the smallest sets of guards that complete it without
-    an event.
+    `mandatory` are the bits that it requires, `whole` all bits below it, `first` its possible first
+    events, `silent` the smallest sets of guards that complete it without an event.
     """
 
     choice: int
@@ -266,7 +263,6 @@ class _Start:
         self.start = self._tidy(Residual(number, mandatory[form.root]))
 
     def _has_alike(self) -> bool:
-        """Whether two unordered events have the same label and guards."""
         asking: dict[tuple[int, int], int] = {}
         for event, one in self.occurrences.items():
             asking[one.label, one.bound] = asking.get((one.label, one.bound), 0) | 1 << event
@@ -322,12 +318,10 @@ class _Start:
         yield from bits(union(self.alternatives[number].first for number in bits(self._untaken(left))))
 
     def _untaken(self, left: Residual) -> int:
-        """Return the untaken alternatives of undecided choices."""
         masks = (self.choices[choice].mask for choice in bits(left.open & self._choosing))
         return union(masks) & ~left.taken
 
     def _possible(self, left: Residual) -> int:
-        """Return the bits that a choice may still require."""
         return union(self.alternatives[number].whole for number in bits(self._untaken(left)))
 
     def _enter(self, left: Residual, event: int) -> Residual | None:
@@ -370,7 +364,6 @@ class _Start:
             yield left._replace(open=left.open & ~choices | guards, taken=taken)
 
     def _silently(self, left: Residual, number: int) -> tuple[int, ...]:
-        """Return the smallest sets of guards that decide a choice silently."""
         choice = self.choices[number]
         missing = choice.least - (left.taken & choice.mask).bit_count()
         if missing <= 0:
@@ -380,9 +373,7 @@ class _Start:
         return _smallest(union(one) for some in combinations(able, missing) for one in product(*some))
 
     def _tidy(self, left: Residual) -> Residual:
-        """Drop guards that no later event or choice can affect; return one representative of
-        equivalent residuals.
-        """
+        """Drop unaffected guards; return the representative of equivalent residuals."""
         required = left.open & self._guards
         if required or left.broken:
             possible = self._possible(left)
@@ -402,7 +393,6 @@ def _on_variables(event: Event, guards: Mapping[Guard, int]) -> int:
 
 
 def _laid_out(graph: dict[int, NumberedPart], least: int) -> tuple[dict[int, int], dict[int, int]]:
-    """Assign bits to choices and events, and to alternatives, by part, in the order of the graph."""
     bit: dict[int, int] = {}
     option: dict[int, int] = {}
     for part, this in graph.items():
@@ -417,8 +407,7 @@ class _Rests:
     """Canonical numbers for the remainders of parts: equal for remainders that differ by
     interchangeable events.
 
-    A shared part is equivalent only to itself. Number 0 is an empty remainder; `full` has the
-    numbers of whole parts.
+    A shared part is equivalent only to itself; 0 is an empty remainder.
     """
 
     def __init__(
@@ -483,9 +472,7 @@ class _Rests:
 def _extents(
     graph: dict[int, NumberedPart], bit: Mapping[int, int], guards: Mapping[Guard, int], work: Work
 ) -> tuple[dict[int, int], dict[int, int], dict[int, int], dict[int, tuple[int, ...]]]:
-    """Return for each part all its bits, the required ones, the possible first events, and the
-    silent sets of guards.
-    """
+    """Return for each part the fields of `_Alternative`."""
     whole: dict[int, int] = {}
     mandatory: dict[int, int] = {}
     first: dict[int, int] = {}
@@ -515,9 +502,6 @@ def _extents(
 
 
 def _silent(ways: list[tuple[int, ...]], part: NumberedPart, work: Work) -> tuple[int, ...]:
-    """Return the smallest sets of guards that complete a part silently, given those of its
-    children.
-    """
     able = [way for way in ways if way]
     need = part.need if part.chooses else len(ways)
     if part.chooses and need > 1:

@@ -1,7 +1,7 @@
 """Questions about the feasible scenarios of a property, without enumeration.
 
-A scenario keeps one part of each `One` and at least `need` parts of each `AtLeast`. It is feasible
-if no constant condition is false and the precedence is acyclic (semantics, section 2).
+A scenario is feasible if no constant condition is false and the precedence is acyclic (semantics,
+section 2).
 """
 
 from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence, Set
@@ -59,10 +59,10 @@ def is_edge(part: Part, inner: Part) -> bool:
 
 # The strict precedence of a scenario as a graph of linear size (semantics, section 2).
 #
-# Pairs of events would be quadratic. Each part has a vertex `start` before every event below it and
-# a vertex `end` after them. Each part in a sequence has a vertex `done` after its events and those
-# of the earlier parts. No edge leads from `start` to `end`: a part without events orders nothing.
-# So one event precedes another if and only if there is a path between them.
+# Each part has a vertex `start` before the events below it, and a vertex `end` after them. Each
+# part in a sequence has a vertex `done` after its events and those of earlier parts. No edge leads
+# from `start` to `end`, because a part without events orders nothing. One event precedes another if
+# and only if there is a path.
 
 
 def point_of(event: Part) -> Point:
@@ -118,10 +118,9 @@ def edges_along(graph: "nx.DiGraph", points: list[Point]) -> list[Edge]:
 
 # The order of ends: a union of partial orders per scenario.
 #
-# Read backwards, "a part ends before the next one ends" means that each event of the part waits for
-# *some* event of the next part. So the search starts at the last events: a vertex is free if all
-# its successors are free and one event of each awaited part is free. If vertices remain that wait
-# for each other, there is no order.
+# Read backwards, each event of a part waits for *some* event of the next part. So a vertex is free
+# if its successors and one event of each awaited part are free. If vertices remain that wait for
+# each other, there is no order.
 
 
 class Standstill(NamedTuple):
@@ -202,7 +201,7 @@ def with_single_ends(prop: Property) -> Property:
     return prop.rewritten(change)
 
 
-# Parts that some scenario has, and parts that every scenario has.
+# Parts of some scenario, and of every scenario.
 
 Demands: TypeAlias = dict[Part, frozenset[Part]]
 """Parts that must be kept, each with the direct subparts that it must keep."""
@@ -214,9 +213,9 @@ class Resolutions:
     """The ways to make the choices of a property without some parts and edges; event order is
     ignored.
 
-    A query for given parts walks from them to the root: the deepest demanded part needs one kept
-    parent, and a `One` with two demanded children fails. This is a path for one part, and a walk
-    over pairs for two. In general the number of attempts is exponential, so each step costs budget.
+    A query walks from the given parts to the root: the deepest part needs a kept parent, and a
+    `One` with two demanded children fails. The number of attempts may be exponential, so each step
+    costs budget.
 
     `everything` lists all parts, outer parts first, each with its direct subparts in search order.
     """
@@ -320,7 +319,6 @@ class Resolutions:
         return None
 
     def _ways(self, demands: Demands, part: Part) -> list[Part]:
-        """Return the possible parents of a part; a parent that is kept anyway is the only one."""
         ways: list[Part] = []
         for around in self._reached[part]:
             demanded, takes_one = demands.get(around), isinstance(around, One)
@@ -338,9 +336,8 @@ _RESOLUTIONS, _PRECEDENCE = 4, 15
 class ScenarioSpace:
     """The feasible scenarios of a tree; each hard question may cost `limit` steps.
 
-    A cycle in the precedence needs some tree edges, and every feasible scenario lacks one of them.
-    So the search bans tree edges until no cycle is left. If parts cannot end in order, the search
-    also requires more parts.
+    Every feasible scenario lacks a tree edge of each cycle, so the search bans tree edges until no
+    cycle is left. If parts cannot end in order, it also requires more parts.
 
     >>> from rvaft import loads
     >>> [node_of(part) for part in ScenarioSpace(loads("top or a b; a when 2 < 1; b;")).feasible(Budget())]
@@ -506,7 +503,6 @@ class ScenarioSpace:
 
 
 def _to_event(kept: Kept, start: Part) -> list[Edge]:
-    """Return the tree edges on a path from a kept part to an event below it, or an empty list."""
     way: dict[Part, list[Edge]] = {start: []}
     for part in (queue := [start]):
         for inner in kept[part]:
@@ -546,9 +542,9 @@ def inevitable(order: Sequence[Part], marks: Mapping[Part, int], full: int) -> d
     scenario; a part in no scenario has the result `full`. Event order is ignored.
 
     For one mark, let `avoid(v)` mean that some way to make the choices below v has no marked part.
-    Choices belong to parts, not to paths, so `avoid` is computed bottom-up even with shared parts.
-    A scenario with v and no marked part exists if and only if v can avoid the mark and is the root
-    or has a parent with the same property. The two loops compute the complement.
+    It is computed bottom-up even with shared parts, because choices belong to parts. Some scenario
+    has v and no marked part if and only if v can avoid the mark and is the root or has such a
+    parent. The two loops compute the complement.
     """
     below: dict[Part, int] = {}
     for part in reversed(order):

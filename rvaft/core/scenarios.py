@@ -89,7 +89,7 @@ def resolutions(prop: Property, *, minimal: bool = False, limit: int = LIMIT) ->
     place = {part: number for number, part in enumerate(order)}
     possible = observable(prop.parts)
     surely: dict[Part, int] = {}
-    """For each part, the parts that are kept with it: those below it up to the next choices."""
+    """For each part, the parts below it up to the next choices."""
     for part in prop.parts:
         below = 0
         for inner in () if isinstance(part, One | AtLeast) else part.parts:

@@ -1,10 +1,10 @@
 """Joint satisfiability of guards: a search for a witness, and proofs of contradiction.
 
-Positive results are certain. A *witness* is verified by evaluating the guards; a failed search
-proves nothing. *Refutation* uses the sorts of values and their order, which are exact even between
-integers and doubles. Of rounding arithmetic it uses only monotone facts: adding a larger integer
-gives no smaller result, and a difference has the sign of the comparison or is zero. Otherwise sympy
-decides inequalities that are weakened by possible rounding.
+A *witness* is verified by evaluating the guards; a failed search proves nothing. *Refutation* uses
+the sorts of values and their order, which are exact between integers and doubles. Of arithmetic it
+uses only facts that rounding keeps: adding a larger integer gives no smaller result, and a
+difference has the sign of the comparison or is zero. Otherwise sympy decides inequalities weakened
+by possible rounding.
 """
 
 import operator as python
@@ -51,10 +51,9 @@ def contradictory(guards: Iterable[Guard]) -> bool | None:
 
 # Necessary conditions of guards as alternatives of comparisons (a disjunctive normal form).
 #
-# If a guard is true, the comparisons that decided it were defined. `not (a < b)` is true if and
-# only if `a >= b` is. So an alternative is a list of *true* comparisons without negation.
-# Conditions without a comparison are omitted: the guards imply the alternatives, which suffices for
-# a proof of contradiction.
+# If a guard is true, its deciding comparisons are defined, so `not (a < b)` is `a >= b`. An
+# alternative is a list of *true* comparisons without negation. Other conditions are omitted: the
+# guards imply the alternatives, which suffices for a proof of contradiction.
 
 MAX_ALTERNATIVES: Final = 256
 
@@ -260,7 +259,6 @@ class _GuardFacts:
         )
 
     def _mixed(self, terms: set[Hashable]) -> bool:
-        """Whether terms of one sort would need two sorts, or a sort without an order."""
         sorts = set[Sort]().union(*(self.sorts[term] for term in terms))
         return len(sorts) > 1 or (not sorts <= {Sort.NUMBER, Sort.TEXT} and not self.compared.isdisjoint(terms))
 
@@ -300,8 +298,7 @@ def contradictory_over_reals(guards: Iterable[Guard], *, weaken: bool = False) -
 def _survives_rounding(comparison: GuardComparison) -> bool:
     """Whether no rounding occurs, or one, strictly compared with a representable number.
 
-    Rounding is monotone and keeps representable numbers. So `round(x) < c` implies `x < c` for a
-    representable c, if x is one operation on a variable and a small integer.
+    Rounding is monotone, so `round(x) < c` implies `x < c` for a representable c.
     """
 
     def representable(number: object) -> bool:
@@ -466,9 +463,6 @@ _INVERSE: Final = {
 
 
 def _near(guards: list[Guard], name: str, binding: Binding) -> Iterator[Json]:
-    """Return the known values of compared terms, and the values at which comparisons change for the
-    variable.
-    """
     for guard in guards:
         sides = (side for part in _comparisons(guard) for side in part.operands)
         yield from (known for side in sides if (known := _known(side, binding)) is not UNDEFINED)
@@ -477,9 +471,6 @@ def _near(guards: list[Guard], name: str, binding: Binding) -> Iterator[Json]:
 
 
 def _texts(guards: list[Guard], binding: Binding) -> Iterator[str]:
-    """Return texts that satisfy the prefixes, infixes and suffixes of guards, and minimal matches
-    of globs.
-    """
     found: dict[Operator, list[str]] = {}
     for part in chain(*map(walk, guards)):
         if isinstance(part, Operation) and part.operator in _TEXT_TESTS:

@@ -52,9 +52,8 @@ class LackingEvents:
     """The minimum number of missing events of a partial match, over its feasible scenarios in a
     branch.
 
-    In a branch only KofN gates still choose. Without shared nodes, the cheapest children are
-    optimal for each gate. Gates above shared nodes (the *core*) depend on each other, so their
-    choices are enumerated.
+    In a branch only KofN gates still choose. The cheapest children are optimal, except at gates
+    above shared nodes (the *core*), whose choices are enumerated.
     """
 
     def __init__(self, compiled: CompiledTree) -> None:
@@ -181,10 +180,8 @@ class Reach(NamedTuple):
 class AlternativeFollower(Engine):
     """The monitor of a branch, or of one of its alternatives, that keeps its best partial matches.
 
-    It reads only relevant events with their classification by the whole tree, since there may be
-    many branches. Under `scattered`, a partial match is only replaced by a better one, so one look
-    at the end suffices. Otherwise partial matches end, so they are compared whenever they grow.
-    Raises `TooLarge`.
+    Under `scattered`, only better partial matches replace others, so one comparison at the end
+    suffices. Otherwise they are compared whenever they grow. Raises `TooLarge`.
     """
 
     _apart = False  # the joint progress of all parts is measured
@@ -327,10 +324,9 @@ class BranchCoverage:
 class CoverageReport:
     """The coverage by all logs.
 
-    `infeasible` are the numbers of branches without a feasible scenario, which do not count.
-    `nodes` is the number of nodes with a runtime event in the other branches; `unseen` are those
-    without an event in any log. `data_warnings` are events that could have been part of a match
-    except for their data; `warnings` are the same as sentences.
+    `infeasible` are the numbers of branches without a feasible scenario. `nodes` counts the nodes
+    with a runtime event in the other branches; `unseen` are those without an event in any log.
+    `data_warnings` are events excluded by their data; `warnings` are the same as sentences.
     """
 
     semantics: Semantics

@@ -2,15 +2,14 @@
 
 Nodes are numbered in the order of the tree, parents first; sets of nodes are bit masks. The
 children of a sequence are in time order. Without shared nodes, the tree is one *part*. Otherwise
-shared nodes and their ancestors form the *core*, and every other child of a core node is the root
-of a part: a read-once tree that is related to the rest only through the core.
+shared nodes and their ancestors form the *core*. Every other child of a core node is the root of a
+*part*, a read-once tree.
 
-A node of the engine is a part of the property, joined with a condition on it and with the event
-directly before or after it, if nothing else refers to these.
+A node of the engine is a part of the property, joined with its unshared condition and its own
+event.
 
-If only one node's event and guard mention a variable, the event alone decides the guard, which is
-then a *filter*. The other variables are *exported*: a partial match remembers them, and the other
-guards wait for them.
+A guard over variables of its own event only is a *filter*. Other variables are *exported*: a
+partial match remembers them until the guards are decided.
 """
 
 from abc import ABC, abstractmethod
@@ -46,7 +45,6 @@ class _Node(NamedTuple):
 
 
 def _nodes(prop: Property) -> list[_Node]:
-    """Return the nodes, parents before children, in the order of the tree."""
     found: list[_Node] = []
     taken: set[Part] = set()
     direction: bool | None = None
@@ -65,7 +63,6 @@ def _nodes(prop: Property) -> list[_Node]:
 
 
 def _joined(part: Part, shared: frozenset[Part], direction: bool | None) -> _Node:
-    """Return a part as a node, joined with the condition and the event that only it refers to."""
     guard: Guard | None = None
     rest, current = part.parts, part
     if isinstance(part, core.All) and len(rest) > 1 and isinstance(last := rest[-1], core.Condition):
@@ -90,13 +87,11 @@ def _joined(part: Part, shared: frozenset[Part], direction: bool | None) -> _Nod
 
 
 def _belongs(inner: Part, part: Part, shared: frozenset[Part]) -> bool:
-    """Whether a part comes from the same node of the tree and is not shared."""
     same = inner.source is not None and part.source is not None and inner.source.node == part.source.node
     return same and inner not in shared
 
 
 def _is_gate(part: Part) -> bool:
-    """Whether a part has subparts, without a condition of the same node."""
     own = any(isinstance(one, core.Condition) and _belongs(one, part, frozenset()) for one in part.parts)
     return bool(part.parts) and not own
 
@@ -227,7 +222,7 @@ class CompiledTree:
         self.core, self.members = tuple(sorted(core)), frozenset(core)
         self.parent, self.slot, self.part_of = [-1] * size, [-1] * size, list(range(size))
         self.freezer = [-1] * size
-        """The nearest node, from the node upwards in its part, that a later event can end, or -1.
+        """The nearest node upwards in its part that a later event can end, or -1.
 
         Such a node is a child of a sequence other than the last, or of a gate whose own event
         follows its children.
@@ -323,7 +318,7 @@ class Inert(NamedTuple):
 
 
 class EngineLetters(ABC):
-    """The classification of events by their shape and by the guards that hold."""
+    """The classification of events by shape and guards."""
 
     def __init__(self, patterns: Iterable[Pattern]) -> None:
         self.patterns = tuple(patterns)

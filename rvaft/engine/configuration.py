@@ -1,17 +1,16 @@
 """A partial match (`Configuration`), and the progress of the nodes of its read-once parts.
 
 An event updates the flags along the path from its node to the root of the part. The four flags of a
-node concern the ways to resolve the choices below it, without nodes of failed guards, such that the
-occurrences taken are downward closed:
+node concern the ways to resolve the choices below it in which the occurrences taken are downward
+closed:
 
 - TOUCHED: an occurrence at or below the node is taken;
 - DONE: in some way, all occurrences are taken;
 - MORE: in some way, others remain;
 - SURE: in some way, all occurrences are taken and no guard is open.
 
-A touched node that is neither DONE nor MORE is in no scenario, and neither is its parent. A gate
-only counts the flags of its children, so an event costs a few additions per node on its path, for
-any width of the gates.
+A touched node that is neither DONE nor MORE is in no scenario, and neither is its parent. Gates
+count the flags of their children, so an event costs a few additions per node on its path.
 """
 
 from collections.abc import Hashable, Iterator, Mapping

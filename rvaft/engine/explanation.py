@@ -1,15 +1,12 @@
 """The explanation of a detection, and the awaited events of branches (semantics, sections 2 and 4).
 
-After a detection: one match of the lowest-numbered branch that has one, with its scenario. Before:
-the awaited events of the live branches. A node is pending in a branch if some partial match of the
-branch has all that precedes the node's event, but not that event. As for the verdict, it is ignored
-whether the variables and guards can ever agree.
+A node is pending in a branch if some partial match has all that precedes the node's event, but not
+that event. Whether the variables and guards can ever agree is ignored.
 
 Under `scattered`, only partial matches that the engine follows count. Under `consecutive` and
-`scattered`, those that the times rule out do not count; the engine drops them at once, because no ⊥
-depends on them. Otherwise a long `times N` leaf would keep N partial matches per event.
+`scattered`, the engine drops those that the times rule out, because no ⊥ depends on them.
 
-Explanations are computed on demand from the steps of partial matches; monitoring has no extra cost.
+Explanations are computed on demand.
 """
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping
@@ -126,7 +123,6 @@ class MatchFinder:
         yield from found.values()
 
     def _run(self, strategy: LinearMonitor, choices: Choices) -> LinearRun:
-        """Return the run under choices; -1 stands for a child that the gate does not have."""
         compiled = self.compiled
         made = {gate: child for gate, child in choices.items() if gate in compiled.choices}
         return strategy.run_under({compiled.choices[gate]: compiled.child(gate, child) for gate, child in made.items()})
@@ -167,9 +163,6 @@ class MatchFinder:
 
     @cached_property
     def _limits(self) -> tuple[set[int], set[int]]:
-        """Return the nodes that may be complete given the events so far, and those that the root
-        requires.
-        """
         strategy, compiled = self.strategy, self.compiled
         if isinstance(strategy, LinearMonitor):
             came = {node for node in range(len(compiled.names)) if strategy.came(node)}
@@ -204,7 +197,6 @@ def _found(compiled: CompiledTree, steps: list[Step], kept: Mapping[int, Iterabl
 
 
 def _scenario(matching: Matching, match: Configuration) -> dict[int, tuple[int, ...]]:
-    """Return one scenario of a match."""
     compiled = matching.compiled
     kept: dict[int, tuple[int, ...]] = {}
     agenda = [compiled.root]
@@ -255,8 +247,7 @@ def explain(strategy: Following | LinearMonitor) -> Explanation:
 def _lowest(tree: RVAFT, finder: MatchFinder, found: FoundMatch) -> tuple[FoundMatch, int | None]:
     """Return the match with the lowest branch, and its number if it is certain.
 
-    Digits are minimized from the most significant on. A choice that the best match does not reach
-    already has digit 0.
+    Digits are minimized from the most significant on; unreached choices have digit 0.
     """
     fixed: dict[str, str] = {}
     effort = 0

@@ -1,8 +1,7 @@
 """Independent parts of an AND (also of nested ANDs): no common variable, guard or event.
 
-Their partial matches are followed separately, so that their numbers add instead of multiplying. Any
-combination of matches of the parts is a match. All parts with choices are joined into one, because
-the branch depends on all choices.
+Their partial matches are followed separately, so that their numbers add instead of multiplying. All
+parts with choices are joined, because the branch depends on all choices.
 """
 
 from collections.abc import Sequence

@@ -32,9 +32,8 @@ _UNKNOWN: Final = Verdict.UNKNOWN  # a local constant for speed
 class Engine(Monitor):
     """The default monitor of a tree; for one branch or kind, pass the restricted tree.
 
-    The tree must have no errors by `rvaft check`. The constructor and `step` raise `TooLarge`
-    beyond `limit` partial matches, events kept for the explanation, or steps to resolve shared
-    choices. The message names the variables or nodes that are the cause.
+    The tree must pass `rvaft check`. The constructor and `step` raise `TooLarge` beyond `limit`
+    partial matches, kept events, or steps to resolve shared choices; the message names the cause.
 
     >>> import rvaft
     >>> monitor = Engine(rvaft.loads("top sand a b;"))

@@ -56,9 +56,8 @@ class Matching:
     ) -> Configuration | None:
         """Return the partial match after a node's event, or None if it is no (partial) match.
 
-        `values` are the values of the pattern's variables. With `reuse`, the argument is changed in
-        place. `judged` gives the outcomes of guards that can now be decided; otherwise they are
-        evaluated.
+        `reuse` changes the argument in place. `judged` gives the outcomes of guards that can now be
+        decided.
         """
         compiled, bound = self.compiled, configuration.binding
         names = compiled.exported[node]
@@ -96,7 +95,6 @@ class Matching:
         return new if any(self.standing(new)) else None
 
     def _taken(self, configuration: Configuration, node: int, *, reuse: bool = False) -> Configuration | None:
-        """Return the partial match with a node taken, or None if its part rules it out."""
         in_core = node in self.compiled.members
         if not in_core and self.progress.over(configuration, node):
             return None

@@ -2,13 +2,12 @@
 extensions.
 
 The progress of a partial match depends only on the outcomes of its decided guards, not on the bound
-values. So the structural effect of an event is computed once per *stage*, node and outcomes. Each
-partial match only needs its guards evaluated and its values stored.
+values. So the effect of an event is computed once per *stage*, node and outcomes.
 
-Most events of a long trace change nothing. So the strategy caches, while the partial matches stay
-the same, which letters, guard outcomes and values change nothing. Otherwise the partial matches
-that an event can extend are found by stage and by the values that it must repeat. Subsumed partial
-matches are dropped (see `subsumption`).
+Most events change nothing. The strategy caches which letters, guard outcomes and values change
+nothing, while the partial matches stay the same. Otherwise it finds the partial matches that an
+event can extend by stage and by the values to repeat. Subsumed partial matches are dropped (see
+`subsumption`).
 """
 
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
@@ -60,9 +59,7 @@ FEW: Final = 1_000
 DEARER: Final = 10
 """The cost of a stage, in partial matches."""
 _MANY: Final = 4
-"""The maximum number of guards for which all outcomes are tried, and of partial matches for a
-linear scan.
-"""
+"""The maximum number of guards to enumerate, and of partial matches to scan."""
 _UNKNOWN: Final = Verdict.UNKNOWN
 
 
@@ -293,7 +290,6 @@ def _time_bounds(asked: TimeDifference, far: Collection[str], own: Collection[st
 
 
 def _bound(part: Operation, name: str, sign: int) -> Bound:
-    """Return the bound of a comparison on a remembered variable, given the event's values."""
     left, right = part.operands
     facts, holds = OPERATORS[part.operator], predicate(part)
     other = right if left == Variable(name) else left
@@ -471,7 +467,6 @@ class ScatteredMatches(Following):
         return Inert([(one.admission.letter, one.fields) for one in found], self._quiet)
 
     def _find(self, event_class: EventClass) -> tuple[CandidateMove, ...]:
-        """Return the letters of a class with possible moves."""
         found = []
         for one, held in zip(event_class.serving, event_class.held, strict=True):
             watch = self._watch(one.letter, one.nodes)
@@ -485,7 +480,6 @@ class ScatteredMatches(Following):
         return self._candidates[event_class]
 
     def _watch(self, letter: int, nodes: tuple[int, ...]) -> LetterMoves:
-        """Return the updated moves of a letter."""
         watch = self._watches.get(letter)
         if watch is None:
             exported = dict.fromkeys(name for node in nodes for name in self.compiled.exported[node])
@@ -569,7 +563,6 @@ class ScatteredMatches(Following):
         return [(in_order(*lane, last_first=order.last_first), order.enough) for lane in lanes]
 
     def _note(self, new: NewMatch, found: dict[Hashable, NewMatch], others: int) -> None:
-        """Keep a new match unless it is subsumed; of equal ones, keep the first."""
         group = self._groups.get(new.stage)
         if group is None or not group.excels(new.rank):
             other = found.get((new.stage, new.rank))
@@ -578,7 +571,6 @@ class ScatteredMatches(Following):
                 self._bound(others + len(found))
 
     def _change(self, found: Iterable[NewMatch], ended: Iterable[tuple[StageGroup, Member]], position: int) -> Verdict:
-        """Add and remove partial matches; return the verdict."""
         self.matches = []
         for new in sorted(found, key=lambda new: new.order):
             group = self._groups.get(new.stage)

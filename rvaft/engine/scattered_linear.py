@@ -1,14 +1,13 @@
 """The strategy for `scattered` in linear time: every node starts once and completes once, as early
 as possible.
 
-It applies if no variable relates events and no event can serve two concurrent occurrences. Then
-skipping an event has no advantage, and a node depends only on its start. A node starts when its
-predecessors are complete, listens for its event, and notifies its parents when it is complete. So
-the total work is linear in the tree, plus the look-up per event.
+It applies if no variable relates events and no event matches two concurrent occurrences; then
+skipping an event has no advantage. A node starts when its predecessors are complete, listens for
+its event, and notifies its parents when complete. The total work is linear in the tree, plus a
+look-up per event.
 
-A shared node starts when its predecessors through all parents are complete. The first complete
-child of a choice is the choice for all parents. `linear_starts` decides whether the strategy
-applies.
+A shared node starts when its predecessors through all parents are complete; the first complete
+child decides a choice. `linear_starts` decides whether the strategy applies.
 """
 
 from collections import Counter
@@ -56,9 +55,8 @@ The number 0 stands for the gate's own event.
 class StartConditions(NamedTuple):
     """The start conditions of each node.
 
-    A node starts with its parents, with two exceptions: a later child of a sequence (when its
-    elders are complete) and a child of a gate whose own event comes first (after that event). All
-    predecessors of an event follow from the start conditions transitively.
+    A node starts with its parents. Exceptions are a later child of a sequence (after its elders)
+    and a child of a gate whose own event comes first (after that event).
     """
 
     parents: list[list[int]]
@@ -70,9 +68,9 @@ def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> StartConditio
     """Return the start conditions if no variable relates events and no events are contended, else
     None.
 
-    A condition on a shared node through one parent must apply in every scenario; it does if every
-    scenario with the node has that parent. A part that may have no events orders nothing, so its
-    conditions must be equal through all parents.
+    A shared node's condition through one parent must apply in every scenario: every scenario with
+    the node has that parent. A part that may have no events needs equal conditions through all
+    parents.
     """
     if any(compiled.exported):
         return None
@@ -110,7 +108,6 @@ def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> StartConditio
 
 
 def _may_be_silent(compiled: CompiledTree) -> list[bool]:
-    """Return for each node whether some scenario has no event in its part."""
     found = [False] * len(compiled.names)
     for node in range(len(found) - 1, -1, -1):
         found[node] = (
@@ -120,7 +117,6 @@ def _may_be_silent(compiled: CompiledTree) -> list[bool]:
 
 
 def _implied(compiled: CompiledTree) -> list[int]:
-    """Return for each node the nodes that all scenarios with it have."""
     below = [1 << node for node in range(len(compiled.names))]
     for node in range(len(below) - 1, -1, -1):
         if not compiled.chooses >> node & 1:
@@ -137,7 +133,7 @@ def _beside(compiled: CompiledTree, one: int, other: int) -> tuple[bool, int]:
     """Whether two nodes may be concurrent in a scenario, and the number of steps taken.
 
     They are not if one is above the other, or if their lowest common gate is a sequence or keeps
-    one child. For nodes related by sharing, the result is always True.
+    one child.
     """
     if not compiled.members.isdisjoint((one, other)) or compiled.part_of[one] != compiled.part_of[other]:
         return True, 1
@@ -156,10 +152,9 @@ def _beside(compiled: CompiledTree, one: int, other: int) -> tuple[bool, int]:
 class UsefulEvents:
     """The events to keep so that a detection can find the match of every branch.
 
-    A branch's match depends on the start of each node, which differs between branches. An event is
-    kept for an occurrence only if, since the last one kept for it, an event was kept that may
-    precede it: the earliest match of a branch takes the first event after its predecessors. So the
-    number of events kept depends on the tree, not on the trace.
+    The starts of nodes differ between branches, and the earliest match takes the first event after
+    its predecessors. So an event is kept for an occurrence only if a possible predecessor was kept
+    since the last one. The number of events kept depends on the tree, not on the trace.
     """
 
     def __init__(self, compiled: CompiledTree, starts: StartConditions) -> None:
@@ -279,7 +274,6 @@ class LinearRun:
         return found
 
     def _kept(self, node: int) -> tuple[int, ...]:
-        """Return the children of a node, or only the chosen one."""
         children = self.compiled.children[node]
         return tuple(child for child in children if self.choices.get(node, child) == child)
 
@@ -331,7 +325,6 @@ class LinearRun:
                 self._hear(parent, node)
 
     def _hear(self, gate: int, child: int) -> None:
-        """Handle the completion of a child."""
         compiled, complete = self.compiled, self._completed[gate]
         needed = compiled.need[gate]
         if len(complete) == needed or self.choices.get(gate, child) != child:
@@ -440,7 +433,6 @@ class LinearMonitor:
         return Inert([(one.letter, ()) for one in self._mattering(event_class)], frozenset())
 
     def _mattering(self, event_class: EventClass) -> tuple[Admission, ...]:
-        """Return the letters of a class that may change something."""
         deaf, useful = self.run.listening.isdisjoint, self.useful
         found = tuple(
             one

@@ -1,14 +1,13 @@
 """Trees with shared nodes: the scenarios of the core that are consistent with a partial match.
 
-The core (see `compiled_tree`) is the part of a tree that shared nodes relate: a shared gate is
-resolved once, and an order between events may depend on the gates above. Parts are single
-*elements* of it: an order between an event of a part and the rest of the tree applies to the whole
-part.
+A shared gate is resolved once, and an order between events may depend on the gates above. Parts are
+single *elements* of the core (see `compiled_tree`): an order relative to the rest of the tree
+applies to the whole part.
 
 The search for resolutions walks the core from the root and resolves only reached choices. A partial
 resolution is dropped as soon as an occurrence taken is unreachable or breaks an order, because
-later choices cannot repair this. Of partial resolutions that are equivalent for the remaining
-choices, only one is followed: they reach the same nodes with the same relevant orders.
+later choices cannot repair this. Of partial resolutions with the same reached nodes and relevant
+orders, one is followed.
 """
 
 from collections.abc import Hashable, Iterator, Mapping
@@ -108,7 +107,6 @@ class SharedNodes:
     # section 2).
 
     def _touched(self, configuration: Configuration) -> int:
-        """Return the elements with an occurrence taken."""
         parts = (part for part in self.compiled.parts if self.progress.flags(configuration, part) & TOUCHED)
         return configuration.taken & self._mask | mask_of(parts)
 
@@ -132,7 +130,6 @@ class SharedNodes:
         return present, finished | present & configuration.taken & self._mask
 
     def _has(self, configuration: Configuration, child: int, flag: int) -> bool:
-        """Whether a child of a core node is a part with a flag."""
         return child not in self.compiled.members and self.progress.flags(configuration, child) & flag > 0
 
     @cached_property
@@ -143,7 +140,6 @@ class SharedNodes:
         return self._precedence(kept, events | mask_of(self.compiled.parts))
 
     def _precedence(self, kept: Resolution, present: int) -> dict[int, int]:
-        """Return the direct predecessors of each present element."""
         compiled = self.compiled
         within: dict[int, int] = {}
         before = dict.fromkeys(bits(present), 0)
@@ -255,7 +251,6 @@ class SharedNodes:
                 agenda.extend((place + 1, reached | mask_of(c), {**kept, node: c}) for c in reversed(options))
 
     def _able(self, configuration: Configuration, *, complete: bool) -> int:
-        """Return the nodes that are possible in some scenario, each considered alone."""
         compiled, taken = self.compiled, configuration.taken
         wanted = SURE if complete else POSSIBLE
         able = mask_of(part for part in compiled.parts if self.progress.flags(configuration, part) & wanted)

@@ -1,7 +1,7 @@
 """The partial matches of one stage, indexed so that an event visits only those that it can extend.
 
-They are indexed by the values that an event must repeat, then sorted by a value that the event
-bounds. Subsumed partial matches are dropped (see `subsumption`); of equal ones, the first is kept.
+The index uses the values that an event must repeat, then the order of a value that it bounds.
+Subsumed partial matches are dropped (see `subsumption`).
 """
 
 from bisect import bisect_left, bisect_right, insort

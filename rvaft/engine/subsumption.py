@@ -2,8 +2,7 @@
 
 **Taken or skipped.** Under `scattered`, a partial match may skip every event. Skipping is
 superfluous if every continuation has the occurrence, and taking it binds no variable and makes no
-choice. Then the partial match with the event taken can do all that the other can, within the same
-branch. The same holds for a choice that every scenario makes and that nothing must precede, if the
+choice. The same holds for a choice that every scenario makes and that nothing must precede, if the
 event completes the child with the lowest branch.
 
 **Different values.** Take two partial matches with the same events taken, the same decided guards
@@ -11,8 +10,8 @@ and the same broken orders. Their bindings differ only in variables that no late
 mentions, so only open guards depend on these. An open guard is *rising* in a variable if, for all
 values of the others, it holds for y if it holds for some x < y; *falling* is the opposite. If all
 open guards with the variable are rising, each completion with x is one with y > x: the same events,
-scenario and branches. Several variables are replaced one by one. So the match with the lesser value
-may be dropped while a match at least as good is kept.
+scenario and branches. So the match with the lesser value may be dropped while a match at least as
+good is kept.
 
 A guard, as `rvaft.model.guards` evaluates it, is rising or falling by these rules:
 
@@ -39,9 +38,8 @@ A guard, as `rvaft.model.guards` evaluates it, is rising or falling by these rul
   false. So `or` is monotone if its operands are, and those before the last are steady.
 
 **Excluded values.** If a variable occurs only in inequalities (`!=`) with later values, k such
-values exclude at most k bindings. So enough of otherwise equal matches are kept that one is left
-whenever another one would be. A match is superfluous if each choice of later values that excludes
-all kept matches excludes it too.
+values exclude at most k of its values. A match is superfluous if each choice of later values that
+excludes all kept matches excludes it too.
 
 **Times.** Of a difference of times (`core.times`), only the extremes of the known times on each
 side matter, and integers are exact. Below the watermark, greatest times are equivalent.
@@ -145,8 +143,6 @@ class Rank(NamedTuple):
 
 
 class _Backwards(str):
-    """A text in the reverse order."""
-
     __slots__ = ()
     __lt__, __le__, __gt__, __ge__ = str.__gt__, str.__ge__, str.__lt__, str.__le__
 
@@ -261,7 +257,6 @@ def ranking(compiled: CompiledTree, configuration: Configuration) -> Ranking:
 
 
 def _differs(guard: Guard, name: str) -> Guard | None:
-    """Return the term that a guard requires a variable to differ from, if it is such an inequality."""
     match guard:
         case Operation(Operator.NE, sides) | Operation(Operator.NOT, (Operation(Operator.EQ, sides),)):
             return _beside(sides, name)

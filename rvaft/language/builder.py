@@ -1,7 +1,7 @@
 """From reductions of the grammar to statements: one method per rule, called during parsing.
 
-Nothing here recurses, because the parser keeps the stack; rules bound the nesting. Names stay
-tokens, with their positions, until a statement is added to a draft.
+Nothing here recurses. Names stay tokens, with their positions, until a statement is added to a
+draft.
 """
 
 import json
@@ -124,7 +124,7 @@ def text_of(token: Token) -> str:
     except ValueError:
         raise Slip("unknown escape in a string: a backslash is written \\\\", token) from None
     if has_surrogate(text):
-        raise Slip("half of a surrogate pair in a string: write the whole character", token)
+        raise Slip("unpaired surrogate in a string: write the whole character", token)
     return text
 
 
@@ -163,7 +163,7 @@ _SUMS: Final[dict[tuple[str, ...], str]] = {
     ("duration", "+", "point"): "point",
     ("point", "-", "point"): "span",
 }
-_ALONE: Final = "a time alone is no condition: compare it"
+_ALONE: Final = "a time is not a condition: compare it with another time"
 _COMPARED: Final = (("point", "point"), ("span", "duration"), ("duration", "span"))
 
 
@@ -200,9 +200,9 @@ def _check_parameter(word: Token, before: Items) -> None:
     if word in CONSTANTS or not "a" <= word[0] <= "z":
         lower = word.lstrip("_")[:1].lower() + word.lstrip("_")[1:]
         mend = f", as in {shown(lower)}" if lower not in ("", word, *CONSTANTS) else ""
-        raise Slip(f"{shown(word)} is no name for a parameter, which starts with a lower-case letter{mend}", word)
+        raise Slip(f"{shown(word)} is not a valid parameter name: it must start with a lower-case letter{mend}", word)
     if word in before:
-        raise Slip(f"the parameter {shown(word)} stands twice in one event type", word)
+        raise Slip(f"the parameter {shown(word)} occurs twice in one event type", word)
 
 
 class Build(Transformer[Token, Any]):
@@ -270,7 +270,7 @@ class Build(Transformer[Token, Any]):
         _, (name, on), token, guard, _ = items
         when = None if guard is None else self._condition(guard, token)
         if time_points(when):
-            raise Slip("an `ignore` looks at one event, and has no nodes whose times it could ask for", token)
+            raise Slip("the guard of an `ignore` applies to one event and cannot use time points of nodes", token)
         return lambda page: page.draft.ignores.append(Ignore(on, when, page.place(name)))
 
     def event(self, items: Items) -> Statement:
@@ -280,7 +280,7 @@ class Build(Transformer[Token, Any]):
         parameters = tuple([word.value for word in words])
         for word in term.words:
             if word not in parameters:
-                raise Slip(f"{shown(word)} is no parameter of {shown(name)}; text stands in quotes", word)
+                raise Slip(f"{shown(word)} is no parameter of {shown(name)}; write text in quotes", word)
 
         return lambda page: page.draft.events.append(EventType(name.value, parameters, term.value, page.place(name)))
 
@@ -384,7 +384,7 @@ class Build(Transformer[Token, Any]):
         for key, inner in fields:
             name = self.name([key]).value
             if name in named:
-                raise Slip(f"the field {shown(name)} stands twice in one object", key)
+                raise Slip(f"the field {shown(name)} occurs twice in one object", key)
             named[name] = inner.value
         parts = [inner for _, inner in fields]
         return _compound(ObjectPattern(tuple(named.items())), parts, "pattern", items[0])
@@ -424,9 +424,9 @@ class Build(Transformer[Token, Any]):
         number = token.rstrip("abcdefghijklmnopqrstuvwxyz")
         length = scaled(number.strip(), token[len(number) :])
         if length is not None and length < 0:
-            raise Slip("a duration is not negative; a difference is turned round: at(a) - at(b)", token)
+            raise Slip("a duration cannot be negative; swap the difference: at(a) - at(b)", token)
         if length is None:
-            raise Slip(f"{shown(token)} is no duration: no clock counts that far", token)
+            raise Slip(f"{shown(token)} is not a duration: it is too long", token)
         return Operand(Duration(length), sort="duration")
 
     def time_point(self, items: Items) -> Operand:

@@ -1,8 +1,8 @@
 """Messages for texts that are not in the language: the position, what was expected, and a
 correction.
 
-Common mistakes are recognised by the lexemes around the position; the first that applies determines
-the message. Otherwise the message lists what the grammar expected.
+The first common mistake that the lexemes around the position show determines the message. Otherwise
+it lists what the grammar expected.
 """
 
 import re
@@ -182,7 +182,6 @@ def error_at(message: str, text: str, position: int, file: str) -> LanguageError
 
 
 def _situation(text: str, position: int, possible: frozenset[str]) -> _Situation:
-    """Return the lexemes around a position of a text that did not parse."""
     before: list[_Lexeme] = []
     around: list[_Lexeme] = []
     line = 1
@@ -206,7 +205,6 @@ def _situation(text: str, position: int, possible: frozenset[str]) -> _Situation
 
 
 def _meant(word: str, known: tuple[str, ...]) -> str | None:
-    """Return the known word that a misspelt one resembles."""
     if len(word) > 20:  # difflib is slow for long words
         return None
     if word.lower() in known:
@@ -257,7 +255,7 @@ def _topic_slips(at: _Situation) -> Advice:
         yield _NAME_IN_QUOTES.format(visible(bad.text + following.text)), bad.start
 
 
-WHOLE_NUMBER: Final = "`times` counts events: a whole number from 1, as in times 20"
+WHOLE_NUMBER: Final = "`times` needs an integer of at least 1, as in times 20"
 _UNIT_NAMES: Final = {
     **dict.fromkeys(("sec", "secs", "second", "seconds", "S"), "s"),
     **dict.fromkeys(("m", "mins", "minute", "minutes", "M"), "min"),
@@ -285,7 +283,7 @@ def _time_slips(at: _Situation) -> Advice:
             at_sign = f'"@{following.text}"' if bad.text == "@" else "FIELD"
             own = (bad.is_word or bad.is_string) and bad.text not in ("as", "in")
             field = shown(bad.text)[1:-1] if own else at_sign
-            yield f"`time` says where events have their time, as in time {field} as iso8601;", bad.start
+            yield f"`time` declares the time field of events, as in time {field} as iso8601;", bad.start
         if last.text == "semantics":
             yield f"`semantics` is followed by one word, {', '.join(Semantics)}, and `;`", bad.start
     if at.possible == {"WORD"} and last.text == "as":
@@ -315,10 +313,10 @@ def _statement_slips(at: _Situation) -> Advice:
     # gates of Galileo and related languages
     if names_node and gate.text.lower() in DYNAMIC.difference(DYNAMIC_GATES):
         of = shown(name.text.strip('"'))
-        yield f"the gate {shown(gate.text)} of {of} has no meaning here yet", gate.start
+        yield f"the gate {shown(gate.text)} of {of} is not supported", gate.start
     if names_node and gate.text in DYNAMIC_GATES and bad.text == "-" and bad.start == gate.end:
         of = shown(name.text.strip('"'))
-        yield f"the gate {shown(f'{gate.text}-{following.text}')} of {of} has no meaning here yet", gate.start
+        yield f"the gate {shown(f'{gate.text}-{following.text}')} of {of} is not supported", gate.start
     if at.can("K_OF_N") and bad.text[:1].isdigit():
         found = re.match(r"([0-9]+)of([0-9]+)", "".join(x.text for x in (bad, *at.after)))
         yield f"K of N is written without spaces, as in {f'{found[1]}of{found[2]}' if found else '2of3'}", bad.start
@@ -359,7 +357,7 @@ def _second_gate(at: _Situation) -> Advice:
     if bad.is_gate and not at.before[1].is_gate:
         yield "the gate stands right after the name, before on, when and the rest", bad.start
     if bad.is_gate and not at.can("NAME"):
-        yield "a node has one gate, and this one has one already", bad.start
+        yield "this node already has a gate", bad.start
     if bad.is_gate:
         mend = f"end the statement before {shown(name.text)} with `;`, or give the inner gate a node of its own"
         yield f"a node has one gate: {mend}", bad.start
@@ -404,7 +402,7 @@ def _function_slips(at: _Situation) -> Advice:
     if at.possible == {"LPAR"} and last.text in _FUNCTIONS:
         yield f"a function has parentheses: {last.text}(…)", last.end
     if at.possible == {"LPAR"} and last.text in POINTS and "when" in {lexeme.text for lexeme in at.before}:
-        yield f"a time is that of a node: {last.text}(NODE)", last.end
+        yield f"a time point needs a node: {last.text}(NODE)", last.end
     if bad.text == "*" and len(at.before) > 3 and [one.text for one in at.before[-4:-2]] == ["like", "("]:
         yield 'the pattern of like stands in quotes: "*"', bad.start
     if at.can("COMMA", "RPAR", "PLUS") and (bad.is_word or bad.is_string or bad.text[:1].isdigit()):
@@ -432,7 +430,7 @@ def _term_slips(at: _Situation) -> Advice:
     if at.can("VARIABLE") and bad.is_word:
         bare = bad.text.lstrip("_")
         mend = f": {bare[:1].upper()}{bare[1:]}" if bare[:1].isalpha() else ""
-        message = f'{shown(bad.text)} is no variable, which starts with a capital{mend}; for text write "{bad.text}"'
+        message = f'{shown(bad.text)} is not a variable, which starts with a capital{mend}; for text write "{bad.text}"'
         yield message if len(bad.text) <= 40 else "a variable starts with a capital", bad.start
     if at.can("NUMBER") and (bad.text[:1].isdigit() or bad.text in (".", "+")):
         yield "a number is written as in JSON: 10, -0.5, 1e-3", bad.start

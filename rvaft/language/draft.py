@@ -1,8 +1,7 @@
 """The mutable form of a tree: all statements with their positions, including contradictory ones.
 
-An `RVAFT` is always valid, a `Draft` need not be. It keeps a list of each setting of each node, so
-that `rvaft.rules` can report all errors of a file. `Draft.build` returns the tree of a draft
-without errors.
+An `RVAFT` is always valid, a `Draft` need not be. It keeps all settings of each node, so that
+`rvaft.rules` can report all errors. `Draft.build` returns the tree of a draft without errors.
 """
 
 import gc
@@ -232,7 +231,7 @@ class Draft:
         """Return the tree of a draft without errors; raises `TreeError` if the draft is no tree."""
         root = self.root
         if root is None:
-            raise TreeError("the tree has no root: say which node is `toplevel`", rule="no-root")
+            raise TreeError("the tree has no root: declare it with `toplevel NAME;`", rule="no-root")
         nodes = [node.build() for node in self.nodes.values()]
         nodes += [Node(c.value, declared=False, places={"name": c.place}) for c in self.undeclared()]
         topics: dict[tuple[str, str], Topic] = {}  # one per name and type, with the publishers of all its statements
@@ -292,7 +291,6 @@ class Draft:
         return gone
 
     def _without(self, use: GateUse, gone: set[str], name: str, pruned: dict[str, Place]) -> GateUse:
-        """Return a gate without the removed children, or unchanged if it needs them."""
         left = tuple(child for child in use.children if child.value not in gone)
         if len(left) == len(use.children):
             return use

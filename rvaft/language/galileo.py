@@ -3,8 +3,7 @@
 A monitor observes which parts failed, and in which order. A warm or hot spare may fail before it is
 used, so its gate becomes an `and`. A cold spare cannot, so its gate becomes a `sand`; so does
 `seq`. `fdep T D …` replaces every D by `D or T`; T stays one node with one occurrence. Gates that
-depend on probabilities, or on which of two gates takes a spare first, are refused, because failures
-do not determine them.
+failures do not determine are refused: those with probabilities or shared spares.
 """
 
 from collections.abc import Mapping
@@ -26,7 +25,7 @@ _WHY: Final = {
     "wsp": "a warm spare may fail before it is used",
     "hsp": "a hot spare may fail before it is used",
 }
-_IDLE: Final = "it is nobody's child, and other orders are detected, too"
+_IDLE: Final = "it has no parent, so other orders are detected, too"
 _SHOWN: Final = 3
 """The maximum number of triggers in the name of a new node."""
 _MOST: Final = 1_000_000
@@ -43,7 +42,7 @@ def read_dynamic_gates(draft: Draft, *, strict: bool = False) -> None:
     uses = [(n, said) for n, said in uses if said.value.dynamic != "pand" or said.place.file.endswith(SUFFIXES)]
     if strict and uses:
         node, (use, place) = min(uses, key=lambda found: found[1].place)
-        raise _error(f"the dynamic gate `{use.dynamic}` of `{node.name}` is refused, as the reading is strict", place)
+        raise _error(f"the dynamic gate `{use.dynamic}` of `{node.name}` is refused by strict Galileo", place)
     _check_spares(uses)
     dependencies = [(node, said) for node, said in uses if said.value.is_dependency and len(node.gates) == 1]
     below = {child.value for node in draft.nodes.values() for child in node.children()} if uses else set()
@@ -61,7 +60,6 @@ def _error(message: str, place: Place) -> LanguageError:
 
 
 def _static(draft: Draft, node: DraftNode, said: Said[GateUse], note: str) -> DynamicGate:
-    """Translate a gate to a single gate."""
     use, place = said
     kind = use.dynamic
     if kind == "spare":
@@ -70,8 +68,8 @@ def _static(draft: Draft, node: DraftNode, said: Said[GateUse], note: str) -> Dy
         kind = "csp" if cold else "wsp"
         use = use._replace(gate=DYNAMIC_GATES[kind])
         node.gates = [Said(use, other.place) if other == said else other for other in node.gates]
-    how = "is read so" if use.dynamic == use.gate else f"is read as `{use.gate}`"
-    return DynamicGate(place, f"`{use.dynamic}` of {node.name} {how}: {_WHY[kind]}{note}", (node.name,))
+    how = f"is read as `{use.gate}`: {_WHY[kind]}{note}"
+    return DynamicGate(place, f"`{use.dynamic}` of {node.name} {how}", (node.name,))
 
 
 def _is(text: str, number: float) -> bool:
@@ -82,7 +80,6 @@ def _is(text: str, number: float) -> bool:
 
 
 def _check_spares(uses: list[tuple[DraftNode, Said[GateUse]]]) -> None:
-    """Refuse a spare that several gates share."""
     seen: dict[str, tuple[str, bool]] = {}
     for node, (use, _) in uses:
         if use.dynamic not in _SPARES:
@@ -90,7 +87,7 @@ def _check_spares(uses: list[tuple[DraftNode, Said[GateUse]]]) -> None:
         for number, child in enumerate(use.children):
             other, spare = seen.setdefault(child.value, (node.name, number > 0))
             if other != node.name and (spare or number):
-                why = "who takes it depends on who needs it first, which failures do not tell"
+                why = "failures do not determine which gate takes it"
                 message = f"the spare {child.value} is shared by {other} and {node.name}: {why}; give each its own"
                 raise _error(message, child.place)
 
@@ -117,7 +114,7 @@ def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Said[Ga
         size += len(causes)
         if size > _MOST:
             place = next(iter(triggers[dependent].values())).place
-            raise _error(f"the dependencies follow from each other in more than {_MOST:,} ways; leave some out", place)
+            raise _error(f"the dependencies have more than {_MOST:,} pairs of a node and a trigger; remove some", place)
         first, place = next((name, said.place) for name, said in causes.items())
         name = " or ".join([dependent, *(causes if len(causes) <= _SHOWN else [first, f"{len(causes) - 1} more"])])
         while name in draft.nodes or name in used or name in made:
@@ -136,28 +133,30 @@ def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Said[Ga
     if inside := [node for name, node in made.items() if name in circle]:
         named = [name for name in circle if name not in new.values()]
         why = f"{', '.join(named)} would bring about {'each other' if len(named) > 1 else 'itself'}"
-        raise _error(f"the dependencies form a circle, in which {why}; leave out one of them", inside[0].place)
+        raise _error(f"the dependencies form a cycle, in which {why}; remove one of them", inside[0].place)
     for node, (use, place) in dependencies:
         if use.children:
             trigger, *dependents = (child.value for child in use.children)
-            how = f"a failure of {trigger} stands for one of {', '.join(dependents)}, too"
-            draft.dynamic_gates.append(DynamicGate(place, f"`{use.dynamic}` of {node.name} is read so: {how}", ()))
+            how = f"a failure of {trigger} counts as a failure of {', '.join(dependents)}, too"
+            draft.dynamic_gates.append(DynamicGate(place, f"`{use.dynamic}` of {node.name}: {how}", ()))
 
 
 def _check_dependency(node: DraftNode, said: Said[GateUse], names: set[str]) -> None:
     use, place = said
     kind, _, chance = use.dynamic.partition("=")
     if chance and not _is(chance, 1):
-        why = "with a probability below 1 a failure does not tell of what depends on it"
+        why = "with a probability below 1, a failure of the trigger does not imply one of its dependents"
         raise _error(f"the gate `{use.dynamic}` of `{node.name}` cannot be read: {why}; leave it out", place)
     if len(use.children) == 1:
-        raise _error(f"`{kind.strip()}` of {node.name} names its trigger first, and then what depends on it", place)
+        raise _error(f"`{kind.strip()}` of {node.name} needs a trigger, followed by at least one dependent", place)
     for child in use.children:
         if child.value in names:
-            raise _error(f"{child.value} is a dependency and fails never: {node.name} cannot name it", child.place)
+            raise _error(
+                f"{child.value} is a dependency, which never fails: {node.name} cannot have it as a child", child.place
+            )
     extra = [*node.ons, *node.whens, *node.kinds, *node.counts, *node.withins]
     if extra:
-        message = f"{node.name} is a dependency and no event: it has neither `on` nor `when`, and no kind"
+        message = f"{node.name} is a dependency, not an event: it cannot have `on`, `when`, `times`, `within` or a kind"
         raise _error(message, extra[0].place)
 
 
@@ -174,10 +173,9 @@ def _all_triggers(name: str, triggers: Mapping[str, Mapping[str, Said[str]]]) ->
 
 
 def _drop(draft: Draft, names: set[str]) -> None:
-    """Remove the dependencies from the children of other gates, because they never fail."""
     for said in draft.toplevels:
         if said.value in names:
-            raise _error(f"the root {said.value} is a dependency, which fails never", said.place)
+            raise _error(f"the root {said.value} is a dependency, which never fails", said.place)
     for node in draft.nodes.values():
         for place, (use, where) in enumerate(node.gates):
             gone = [child for child in use.children if child.value in names]
@@ -185,6 +183,6 @@ def _drop(draft: Draft, names: set[str]) -> None:
                 continue
             left = tuple(child for child in use.children if child.value not in names)
             if use.gate.counts or not left:
-                why = f"{gone[0].value} is a dependency and fails never"
-                raise _error(f"{why}: the gate {node.name} cannot do without this child", gone[0].place)
+                why = f"{gone[0].value} is a dependency, which never fails"
+                raise _error(f"{why}: the gate {node.name} needs this child", gone[0].place)
             node.gates[place] = Said(use._replace(children=left), where)

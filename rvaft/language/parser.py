@@ -33,7 +33,7 @@ class NoTree(LanguageError):
 
     def __init__(self, draft: Draft) -> None:
         self.is_part = bool(draft.events or draft.ignores or draft.topics)
-        super().__init__("there is no tree here: no statement is about a node", file=draft.file)
+        super().__init__("the text has no tree: no statement declares a node", file=draft.file)
 
 
 @cache
@@ -45,7 +45,9 @@ def _parser() -> Lark:
 def _parse(text: str, file: str, start: str) -> Any:
     text = text.removeprefix("\ufeff")
     if found := _NO_TEXT.search(text):
-        what = "binary data (a zero byte), not a text" if found[0] == "\0" else "half of a surrogate pair is no text"
+        what = (
+            "the text has a zero byte: it is binary data" if found[0] == "\0" else "the text has an unpaired surrogate"
+        )
         raise error_at(what, text, found.start(), file)
     try:
         return _parser().parse(text, start=start)
@@ -94,9 +96,9 @@ def parse(text: str, file: str = "<text>", *, strict_galileo: bool = False, conf
     With `confine_imports`, files outside that folder are not read. Without it, no error quotes
     their text.
 
-    Raises `LanguageError` for a syntax error, here or in an imported file, and `NoTree` if no
-    statement declares a node. Other errors (a cycle, a duplicate setting, …) stay in the draft.
-    Galileo's dynamic gates are translated to this language, or refused with `strict_galileo`.
+    Raises `LanguageError` for a syntax error, here or in an imported file, and `NoTree` without a
+    node. Other errors (a cycle, a duplicate setting, …) stay in the draft. Galileo's dynamic gates
+    are translated, or refused with `strict_galileo`.
 
     >>> sorted(parse("top or a b; a fault;").nodes)
     ['a', 'top']
@@ -132,12 +134,12 @@ def _text_of(name: str) -> str:
 def decoded(data: bytes, name: str) -> str:
     """Return the text of a file; raises `LanguageError` if it is too large or not UTF-8."""
     if len(data) > MAX_FILE:
-        raise LanguageError(f"the file is larger than {MAX_FILE // 1024**2} MiB, which is no tree", file=name)
+        raise LanguageError(f"the file is larger than {MAX_FILE // 1024**2} MiB, the limit for trees", file=name)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise LanguageError("this is no UTF-8 text", file=name, line=line) from error
+        raise LanguageError("the file is not valid UTF-8", file=name, line=line) from error
 
 
 @dataclass(slots=True)
@@ -182,7 +184,6 @@ def _read_all(main: _Source, *, confined: bool) -> None:
 
 
 def _is_outside(identity: str, folder: Path) -> bool:
-    """Whether a file is outside a folder, after resolving links."""
     return not Path(identity).is_relative_to(folder)
 
 
@@ -220,5 +221,5 @@ def _imported(source: _Source, path: Token, open_files: list[_Source], folder: P
     except OSError as inner:
         raise error(f"cannot import {shown(path)}: {inner.strerror}") from inner
     if any(identity == other.identity for other in open_files):
-        raise error(f"the files import each other in a circle: {shown(path)} is being read already")
+        raise error(f"import cycle: {shown(path)} is being read already")
     return _Source(name, source.draft, [], identity, text)

@@ -61,7 +61,6 @@ def _settings(tree: RVAFT) -> Iterator[str]:
 
 
 def _stated(tree: RVAFT) -> Iterator[Node]:
-    """Return the nodes that need a statement, in canonical order."""
     children = {child for node in tree.nodes.values() for child in node.children}
     for name in dict.fromkeys([*tree.order, *sorted(tree.nodes)]):
         node = tree.nodes[name]
@@ -93,7 +92,6 @@ def _node_cells(node: Node) -> list[str]:
 
 
 def _aligned(rows: Iterable[list[str]]) -> list[str]:
-    """Return each row as one statement, with aligned columns."""
     table = list(rows)
     widths = [max((len(c) for c in column if len(c) <= _WIDEST), default=0) for column in zip(*table, strict=True)]
     lines = []

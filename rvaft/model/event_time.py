@@ -1,7 +1,7 @@
 """The time of an event (semantics, section 1.1): its field and its formats.
 
-A time is an integer in nanoseconds. Decimals are read exactly and rounded to nanoseconds, half to
-even. A double is read as its shortest decimal.
+A time is an integer in nanoseconds. Decimals are read exactly and rounded, half to even; a double
+is read as its shortest decimal.
 """
 
 import re
@@ -153,7 +153,7 @@ def duration(text: str) -> int:
     found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)\s*([a-z]+)", text.strip(), re.ASCII)
     size = scaled(*found.groups()) if found is not None and found[2] in UNITS else None
     if not size:
-        raise OptionError(f"{text!r} is no duration: write a number and one of {', '.join(UNITS)}, as in 10 min")
+        raise OptionError(f"{text!r} is not a duration: write a number and one of {', '.join(UNITS)}, as in 10 min")
     return size
 
 

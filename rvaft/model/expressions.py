@@ -55,7 +55,7 @@ def bare_name(name: str) -> bool:
 def quoted(text: str) -> str:
     """Return a text as a JSON string; raises `LanguageError` for an unpaired surrogate."""
     if has_surrogate(text):
-        raise LanguageError("half of a surrogate pair cannot be written")
+        raise LanguageError("an unpaired surrogate cannot be written")
     return json.dumps(text, ensure_ascii=False)
 
 

@@ -249,7 +249,7 @@ def wrong_name(name: str) -> str | None:
     """Return why no ROS topic or node can have this name, or None if it is valid."""
     if _NAME.fullmatch(name):
         return None
-    return f'"{visible(name)}" is no name in ROS: a name is words of letters, digits and _ with / between them'
+    return f'"{visible(name)}" is not a valid ROS name: use letters, digits and _, with / between words'
 
 
 def wrong_type(type_: str) -> str | None:
@@ -261,7 +261,7 @@ def wrong_type(type_: str) -> str | None:
     words = [word for word in re.split(r"[./:]+", type_) if word]
     words = [words[0], "msg", words[1]] if len(words) == 2 else words
     meant = ".".join(words) if _importable(words) else "package.msg.Name"
-    return f'"{visible(type_)}" is no message type: it is written as Python imports it, "{meant}"'
+    return f'"{visible(type_)}" is not a message type: write it as Python imports it, "{meant}"'
 
 
 def by_name(topics: Iterable[Topic]) -> dict[str, Topic]:

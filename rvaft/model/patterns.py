@@ -1,9 +1,8 @@
 """Event patterns, and matching of events against them.
 
 A pattern is an immutable term. Names of rigid variables, shared by the whole tree, start with a
-capital. Names that start with `_` are local to one pattern: a parameter that occurs twice and has
-the argument `_` requires equal values. In the pattern of an event type, the lower-case parameters
-are variables too; `substitute` replaces them by arguments.
+capital. Names that start with `_` are local to one pattern. In the pattern of an event type, the
+lower-case parameters are variables too; `substitute` replaces them by arguments.
 """
 
 from collections.abc import Iterator, Mapping

@@ -39,8 +39,7 @@ class RVAFT:
 
     `nodes` has the order of declaration. `alphabet` determines the relevant events. A restricted
     tree has its origin in `part_of` and keeps the alphabet of the whole tree. `topics` are the ROS
-    topics by absolute name (`/command`), `time` is the time field, `semantics` the declared
-    semantics; the latter two may be None.
+    topics by absolute name; `time` and `semantics` may be None.
 
     Trees are equal if their content is, regardless of order and positions. Topics are compared,
     although no verdict depends on them.
@@ -90,7 +89,7 @@ class RVAFT:
             _check_node(node, self.nodes)
             for point in time_points(node.when) if part_of is None else ():
                 if point.node not in self.nodes:
-                    message = f"the guard of {node.name} asks for {point.name}, and there is no node {point.node}"
+                    message = f"the guard of {node.name} uses {point.name}, but there is no node {point.node}"
                     raise TreeError(message, rule="unbound-time", nodes=[node.name])
             if node.on is not None:
                 _check_call(node.on, self.events, [node.name])
@@ -294,7 +293,6 @@ def knots(children: Mapping[T, Iterable[T]]) -> list[set[T]]:
 
 
 def _stated(tree: RVAFT) -> dict[str, Any]:
-    """Return the arguments of the constructor for a tree."""
     kept = {name: getattr(tree, name) for name in ("root", "ignores", "causality", "time", "semantics", "part_of")}
     return {**kept, **{name: tuple(getattr(tree, name).values()) for name in ("nodes", "events", "topics")}}
 
@@ -304,15 +302,17 @@ def _check_node(node: Node, nodes: Mapping[str, Node]) -> None:
     if (node.gate is None) != (not children):
         raise TreeError(f"{name} needs a gate and children, or neither", rule="gate-without-children", nodes=[name])
     if (node.gate is not None and node.gate.counts) != (node.threshold is not None):
-        raise TreeError(f"{name}: a threshold belongs to a VOT gate alone", rule="threshold", nodes=[name])
+        raise TreeError(
+            f"{name}: a VOT gate needs a threshold, and no other gate has one", rule="threshold", nodes=[name]
+        )
     if node.threshold is not None and not 1 <= node.threshold <= len(children):
         message = f"{name}: the threshold {node.threshold} is not between 1 and {len(children)}"
         raise TreeError(message, rule="threshold", nodes=[name])
     if node.times < 1 or (node.times > 1 and not (node.leaf and node.has_event)):
-        message = f"{name}: `times {node.times}` counts the events of a leaf, and 1 at the least"
+        message = f"{name}: `times {node.times}` requires a leaf with an event, and a number of at least 1"
         raise TreeError(message, rule="times", nodes=[name])
     if node.within is not None and (node.within < 0 or node.leaf):
-        message = f"{name}: `within` says how long the part of a gate may last, and no less than 0 s"
+        message = f"{name}: `within` requires a gate, and a duration of at least 0 s"
         raise TreeError(message, rule="within", nodes=[name])
     for child in children:
         if child not in nodes:

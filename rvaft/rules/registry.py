@@ -189,16 +189,16 @@ def explain(code: str) -> str:
     severity = RULES[code].severity if code in RULES else Severity.ERROR
     said = f"{code} ({severity}): {title}\n\n{explanation}\n"
     bad, mended = (indent(text.rstrip("\n"), "    ", lambda _: True) for text in examples)
-    return f"{said}\nNot so:\n\n{bad}\n\nBut so:\n\n{mended}\n" if bad.strip() else said
+    return f"{said}\nIncorrect:\n\n{bad}\n\nCorrect:\n\n{mended}\n" if bad.strip() else said
 
 
-_PAGE: Final = """# What `rvaft check` looks for
+_PAGE: Final = """# The rules of `rvaft check`
 
 Every finding ends with the code of its rule, as in `robot.rvaft:7:6: error: unknown event type radiaton; did you mean
-radiation? [unknown-event]`. `rvaft explain CODE` prints what is written here. An error makes a tree
-unusable, a warning does not, and an information says how something was understood.
-The rules about scenarios are asked only where the structure has no error. None of them enumerates
-branches, save where the parts of a `pand` share nodes (`infeasible-scenario`).
+radiation? [unknown-event]`. `rvaft explain CODE` prints the explanations below. An error makes a tree unusable, a
+warning does not, and an information describes an interpretation. The rules about scenarios are checked only if the
+structure has no error. They do not enumerate branches, except if the parts of a `pand` share nodes
+(`infeasible-scenario`).
 
 | code | severity | finding |
 | --- | --- | --- |
@@ -213,12 +213,12 @@ _SECTION: Final = """
 
 *{severity}: {said.title}.* {said.explanation}
 
-Not so:
+Incorrect:
 
 ```{language}
 {said.bad}```
 
-But so:
+Correct:
 
 ```{language}
 {said.mended}```

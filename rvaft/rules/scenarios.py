@@ -30,10 +30,10 @@ def no_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
         return
     tree = space.tree
     dead: tuple[str, ...] = ()
-    why = "some event always has to come before itself; do not share a node between the children of an ordered gate"
+    why = "in every scenario some event precedes itself; do not share a node between the children of an ordered gate"
     if not space.resolutions:
         dead = tuple(name for name in tree.order if name in space.dead)
-        why = f"the guard of {listing(dead)} never holds; mend the guard or take the node out"
+        why = f"the guard of {listing(dead)} never holds; correct the guard or remove the node"
     yield RuleReport(tree.nodes[tree.root].place(), f"the tree has no feasible scenario: {why}", (tree.root, *dead))
 
 
@@ -49,7 +49,7 @@ def silent_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
     kept = space.feasible(space.budget(), without=tree.occurrences)
     assert kept is not None
     guards = tuple(node_of(part) for part in kept if isinstance(part, Condition)) or (tree.root,)
-    message = f"{branch_of(kept)}, has no runtime event and would be detected before anything happened"
+    message = f"{branch_of(kept)}, has no runtime event and would be detected before the first event"
     mend = f"; give {listing(guards[:3], 'or')} an event with `on`"
     yield RuleReport(tree.nodes[guards[0]].place(), message.replace(", has", " has") + mend, guards)
 
@@ -71,7 +71,7 @@ def infeasible_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
         if found is not None:
             kept, nodes = found
             where = f"before itself in {branch_of(kept)}, so that scenario is dropped"
-            mend = "let no event be part of two children of one ordered gate"
+            mend = "do not put an event below two children of one ordered gate"
             message = f"{listing(nodes)} would have to come {where}; {mend}"
             yield RuleReport(tree.nodes[nodes[0]].place(), message, nodes)
     if (unending := space.endless(budget)) is not None:
@@ -96,8 +96,8 @@ def ambiguous_event(space: ScenarioSpace) -> Iterator[RuleReport]:
             message = f"more than {_LISTED} pairs of unordered nodes share events; the others are not listed"
             yield RuleReport(place, message)
             return
-        said = f"{one} and {other} are not ordered and one event can serve either (never both)"
-        yield RuleReport(place, f"{said}; order them with `sand`, or tell their events apart", (one, other))
+        said = f"{one} and {other} are not ordered, and one event can match either (but not both)"
+        yield RuleReport(place, f"{said}; order them with `sand`, or make their patterns differ", (one, other))
 
 
 def _unordered(space: ScenarioSpace, one: str, other: str, budget: Budget) -> bool:
@@ -222,8 +222,8 @@ def shared_under_order(space: ScenarioSpace) -> Iterator[RuleReport]:
             name, one, other = node_of(part), node_of(first), node_of(second)
             by, too = (one, other) if sides[first] >> slot & 1 else (other, one)
             said = f"{name} is shared by {one} and {other} and happens once"
-            so = f"so the order that {owners[slot]} asks for by way of {by} also binds it below {too}"
-            message = f"{said}, {so}; use two nodes if two events are meant"
+            so = f"so the order that {owners[slot]} requires below {by} also applies below {too}"
+            message = f"{said}, {so}; use two nodes for two events"
             yield RuleReport(tree.nodes[name].place(), message, (name, one, other))
             break
 
@@ -263,7 +263,7 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
             where = branch_of(kept) if kept else "some branch"
             mend = f"no `on` binds it{did_you_mean(name, tree.variables, cutoff=_ONE_OF_TWO_LETTERS)}"
             if name in binders:
-                there = f"use it in the `on` of a node that is there whenever {node.name} is"
+                there = f"add it to the `on` of a node that is in every scenario with {node.name} is"
                 mend = f"only {listing(binders[name])} binds it: {there}"
             message = f"variable {name} in the guard of {node.name} is not bound in {where}; {mend}"
             yield RuleReport(node.place("when"), message, (node.name,))
@@ -271,11 +271,11 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 # Contradictory guards of one branch.
 #
-# Only guards that share variables, directly or transitively, can contradict each other. For such a
-# group, first search one assignment that satisfies all guards; it exists for ordinary trees.
-# Otherwise compute a minimal subset without a witness. If a feasible scenario contains the subset,
-# it is reported. If none does, usually two of its nodes exclude each other: continue with the group
-# without one of them, and with the guards compatible with it.
+# Only guards that share variables can contradict each other. For each such group, search an
+# assignment that satisfies all guards; it usually exists. Otherwise compute a minimal subset
+# without a witness, and report it if a feasible scenario contains it. If none does, two of its
+# nodes usually exclude each other: continue without one of them, and with the guards compatible
+# with it.
 
 _PAIRS = 400
 _COST = 1_000
@@ -298,7 +298,7 @@ def contradictory_guards(space: ScenarioSpace) -> Iterator[RuleReport]:
             where = f"the guards of {listing(core)}" if len(core) > 1 else f"the guard of {core[0]}"
             branch, together = branch_of(kept), " together" * (len(core) > 1)
             if certain:
-                message = f"{where} cannot hold{together} in {branch}; mend one"
+                message = f"{where} cannot hold{together} in {branch}; change one"
             elif contradictory_over_reals(guards):
                 rounding = "contradict each other by exact arithmetic and can hold at most through rounding"
                 message = f"{where} {rounding}, in {branch}"
@@ -308,7 +308,6 @@ def contradictory_guards(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 
 def _groups(space: ScenarioSpace) -> Iterable[Group]:
-    """Return the guards with variables, grouped by shared variables."""
     leader: dict[str, str] = {}  # union-find over variables
 
     def find(name: str) -> str:
@@ -330,7 +329,6 @@ def _groups(space: ScenarioSpace) -> Iterable[Group]:
 
 
 def _without_times(guard: Guard | None) -> Guard | None:
-    """Return the conjuncts without time points."""
     kept = [part for part in conjuncts(guard) if not time_points(part)]
     return Operation(Operator.AND, tuple(kept)) if len(kept) > 1 else kept[0] if kept else None
 
@@ -395,8 +393,8 @@ def _smallest(names: Core, group: Group, budget: Budget, *, twice: bool = False)
     """Return a minimal subset without a witness, by repeatedly adding the guard that removes the
     last witness.
 
-    The search for witnesses depends on the order of guards. If the result has a witness in its own
-    order, both orders are tried.
+    The search depends on the order of guards; if the result has a witness in its own order, both
+    orders are tried.
     """
 
     def hopeless(some: Core) -> bool:

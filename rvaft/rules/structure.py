@@ -67,7 +67,7 @@ def threshold(draft: Draft) -> Iterator[RuleReport]:
             message = f"{name} is {k}of{total} but has {count} child{'ren' * (count != 1)}; {mend}"
             yield RuleReport(place, message, (name,))
         elif not 1 <= k <= count:
-            message = f"{name} asks for {k} of {count} children; K must be between 1 and {count}"
+            message = f"{name} requires {k} of {count} children; K must be between 1 and {count}"
             yield RuleReport(place, message, (name,))
 
 
@@ -76,10 +76,12 @@ def times(draft: Draft) -> Iterator[RuleReport]:
     for node in draft.nodes.values():
         for count, place in node.counts:
             if count > 1 and node.gates:
-                mend = "give `times` to the leaf whose events are meant"
-                yield RuleReport(place, f"{node.name} is a gate, whose part happens once; {mend}", (node.name,))
+                mend = "move it to that leaf"
+                yield RuleReport(
+                    place, f"{node.name} is a gate, but `times` counts the events of a leaf; {mend}", (node.name,)
+                )
             elif count > 1 and node.whens and not node.ons:
-                message = f"{node.name} observes no event, so there is nothing to count; give it an event with `on`"
+                message = f"{node.name} has no event to count; add one with `on`"
                 yield RuleReport(place, message, (node.name,))
 
 
@@ -87,7 +89,7 @@ def within(draft: Draft) -> Iterator[RuleReport]:
     """`within` requires a gate."""
     for node in draft.nodes.values():
         for said in () if node.gates else node.withins:
-            message = f"{node.name} is a leaf, and only the part of a gate lasts; put `within` at a gate above it"
+            message = f"{node.name} is a leaf, but `within` applies to a gate; move it to a gate above the leaf"
             yield RuleReport(said.place, message, (node.name,))
 
 
@@ -99,27 +101,27 @@ def unknown_time(draft: Draft) -> Iterator[RuleReport]:
         for guard, place in node.whens:
             for one in time_points(guard):
                 if one.node not in there:
-                    said = f"the guard of {node.name} asks for {guard_text(one)}, and there is no node {one.node}"
+                    said = f"the guard of {node.name} uses {guard_text(one)}, but there is no node {one.node}"
                     yield RuleReport(place, f"{said}{did_you_mean(one.node, known)}", (node.name,))
 
 
 def no_root(draft: Draft) -> Iterator[RuleReport]:
     """One node is the root: the node of `toplevel`, or the only node without a parent."""
     if not draft.nodes:
-        yield RuleReport(Place(draft.file), "the tree is empty; state at least its root")
+        yield RuleReport(Place(draft.file), "the tree is empty; declare at least its root")
     elif draft.toplevels:
         first = draft.toplevels[0]
         known = set(draft.nodes) | {child.value for child in draft.undeclared()}
         for said in draft.toplevels:
             if said.value != first.value:
-                message = f"`toplevel` names {said.value}, but {first.value} at {first.place}; there is one root"
+                message = f"`toplevel` names {said.value}, but {first.value} at {first.place}; keep one of them"
                 yield RuleReport(said.place, message, (first.value, said.value))
             elif said.value not in known:
                 guess = did_you_mean(said.value, draft.nodes)
-                yield RuleReport(said.place, f"the root {said.value} is not stated anywhere{guess}", (said.value,))
+                yield RuleReport(said.place, f"the root {said.value} is not declared{guess}", (said.value,))
     elif len(roots := draft.parentless()) > 1:
         names = tuple(node.name for node in roots)
-        message = f"{listing(names)} are nobody's child; say which is the root with `toplevel NAME;`"
+        message = f"{listing(names)} have no parent; declare the root with `toplevel NAME;`"
         yield RuleReport(roots[1].place, message, names)
 
 
@@ -206,7 +208,7 @@ def ignore_variable(tree: Draft | RVAFT) -> Iterator[RuleReport]:
         missing = [name for name in guard_variables(ignore.when) if name not in own]
         if missing:
             used = f"uses {listing(missing)}, which {ignore.on.event}(...) does not bind"
-            message = f"the guard of this `ignore` {used}; the variables of an `ignore` are its own"
+            message = f"the guard of this `ignore` {used}; the variables of an `ignore` are local to it"
             yield RuleReport(ignore.place, message)
 
 

@@ -20,11 +20,8 @@ def no_time(space: ScenarioSpace) -> Iterator[RuleReport]:
     """A tree with conditions on time declares the time field."""
     for node in space.tree.top_down() if space.tree.time is None else ():
         for part in dict.fromkeys(part for part, _ in _asked(node)):
-            said = (
-                f"the {_WORDS[part]} of {node.name} asks for times, and the tree does not say where an "
-                "event has its time"
-            )
-            yield RuleReport(node.place(part), f"{said}; write it, as in `time timestamp as iso8601;`", (node.name,))
+            said = f"the {_WORDS[part]} of {node.name} uses times, but the tree has no `time` declaration"
+            yield RuleReport(node.place(part), f"{said}; add one, as in `time timestamp as iso8601;`", (node.name,))
 
 
 _WORDS: Final = {"when": "guard", "within": "window"}
@@ -59,21 +56,21 @@ def unbound_time(space: ScenarioSpace) -> Iterator[RuleReport]:
                 has = "has no event of its own" if other.times == 1 else f"has {other.times} events"
                 mend = f"write start({text[3:-1]}) or end({text[3:-1]})"
                 mend = "give it one with `on`" if other.leaf and other.times == 1 else mend
-                message = f"{said} is the time of one event, and {one.node} {has}; {mend}"
+                message = f"{said} is the time of one event, but {one.node} {has}; {mend}"
                 yield RuleReport(node.place(part), message, (name,))
             continue
         if (name, one.node) not in there:
             kept = space.feasible(budget, [name], without=[one.node])
         if kept is not None:
             where = f"{one.node} is not in {branch_of(kept)}"
-            message = f"{said} has no event: {where}; ask for the time of a node that is there whenever {name} is"
+            message = f"{said} has no event: {where}; use a node that is in every scenario with {name} is"
             yield RuleReport(node.place(part), message, (name,))
         elif one.point != "at" and one.node in silent:
             kept = space.feasible(budget, [name], silent=one.node)
             if kept is not None:
                 said = said if part == "when" else f"the window of {name}"
                 where = f"the part of {one.node} has no event in {branch_of(kept)}"
-                message = f"{said} has no time: {where}; let a node of that part observe an event with `on`"
+                message = f"{said} has no time: {where}; add an event with `on` to a node of that part"
                 yield RuleReport(node.place(part), message, (name,))
 
 
@@ -129,12 +126,11 @@ def _impossible(space: ScenarioSpace, core: tuple[str, ...], kept: Kept) -> Rule
     named = [(word, [name for own, name in found if own == part]) for part, word in _WORDS.items()]
     told = " and ".join(f"the {word}{'s' * (len(names) > 1)} of {listing(names)}" for word, names in named if names)
     together = " together" * (len(found) > 1)
-    message = f"{told} cannot hold{together} in {branch_of(kept)}, whatever the times are; mend one"
+    message = f"{told} cannot hold{together} in {branch_of(kept)}, whatever the times are; change one"
     return RuleReport(space.tree.nodes[core[0]].place(found[0][0]), message, core)
 
 
 def _conditions(node: Node) -> Iterator[TimeBound]:
-    """Return the bounds of a node's guard and window."""
     if node.within is not None:
         yield TimeBound(f"end({node.name})", f"start({node.name})", node.within, node.name)
     for guard in conjuncts(node.when):
@@ -181,7 +177,9 @@ def too_many_events(space: ScenarioSpace) -> Iterator[RuleReport]:
     """No leaf counts more events than monitors support."""
     for node in space.tree.top_down():
         if node.times > MOST:
-            message = f"{node.name} counts {node.times:,} events, and monitors follow {MOST:,} at most; ask for fewer"
+            message = (
+                f"{node.name} counts {node.times:,} events, but monitors support at most {MOST:,}; count fewer events"
+            )
             yield RuleReport(node.place("times"), message, (node.name,))
 
 
@@ -193,7 +191,7 @@ def unstated_semantics(space: ScenarioSpace) -> Iterator[RuleReport]:
     for node in tree.top_down():
         alone = tree.occurrences == (node.name,) and not rigid_variables(tree.pattern(node.name) or Anything())
         if node.times > 1 and not alone:
-            said = f"{node.name} waits for {node.times} events, and the tree states no semantics"
-            so = "under `projected`, which then is meant, one more of them, or one with other values, ends the match"
-            mend = "write `semantics scattered;`, or the one that you mean"
+            said = f"{node.name} waits for {node.times} events, but the tree declares no semantics"
+            so = "under the default, `projected`, another such event, or one with other values, ends the match"
+            mend = "add `semantics scattered;`, or the intended semantics"
             yield RuleReport(node.place("times"), f"{said}: {so}; {mend}", (node.name,))

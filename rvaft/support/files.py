@@ -111,9 +111,8 @@ def deliver(data: bytes, output: str | None) -> None:
 def write_whole(path: Path, data: bytes, *, lasting: bool = False) -> None:
     """Write a file atomically, by renaming a temporary file in the same folder.
 
-    Devices and pipes are written directly, and so are links below /dev and /proc, which stand for
-    open files: `/dev/stdout` may resolve to `pipe:[123]`, which cannot be opened. Raises `OSError`
-    with the path.
+    Devices and pipes are written directly, and so are links below /dev and /proc: `/dev/stdout` may
+    resolve to `pipe:[123]`, which cannot be opened. Raises `OSError` with the path.
 
     A `lasting` file is a regular file with mode 0600, synced to disk before the rename. Its
     temporary name is fixed, so that the next write replaces the remains of a crash.
@@ -217,7 +216,7 @@ def _differs(path: Path, content: bytes | None, *, force: bool) -> bool:
     if not path.exists() and not path.is_symlink():
         return content is not None
     if not path.is_file():
-        raise OSError(errno.EEXIST, "there is something else than a file of this name; move it away", str(path))
+        raise OSError(errno.EEXIST, "there is something other than a file of this name; move it away", str(path))
     if content is not None and path.read_bytes() == content:
         return False
     if not force:

@@ -1,9 +1,8 @@
 """Addresses of servers, and the requests that a server accepts.
 
-A page in a browser must not reach a server on the user's machine. A browser sends the origin of a
-page as `Origin`, and the requested server name as `Host`. An attacker can point a name at this
-machine, so only addresses, `localhost` and allowed names are accepted. An origin is accepted only
-with the port of the request, since other servers have other pages.
+A foreign page in a browser must not reach a server on the user's machine. An attacker can point a
+name at this machine, so only addresses, `localhost` and allowed names are accepted as `Host`. An
+`Origin` is accepted only with the port of the request, since other servers have other pages.
 """
 
 import errno
@@ -32,7 +31,9 @@ def require_host(text: str) -> None:
     containers).
     """
     if not is_address(text) and (len(text) > 253 or not _NAME.fullmatch(text) or _NUMBER.fullmatch(text)):
-        raise OptionError(f'"{text}" is no IP address and no host name: write it alone, as in 127.0.0.1 or robot.local')
+        raise OptionError(
+            f'"{text}" is not an IP address or a host name; write only that, as in 127.0.0.1 or robot.local'
+        )
 
 
 def is_address(text: str) -> bool:
@@ -57,7 +58,7 @@ def origin(text: str) -> str:
     number = "" if port in (None, _PORTS.get(parts.scheme)) else f":{port}"
     plain = f"{parts.scheme}://{f'[{name}]' if ':' in name else name}"
     if parts.scheme not in _PORTS or text.lower().removesuffix("/") not in (f"{plain}{number}", f"{plain}:{port}"):
-        raise OptionError(f'"{text}" is no origin: write http:// or https://, a host and, where there is one, a port')
+        raise OptionError(f'"{text}" is not an origin; write http:// or https://, a host and optionally a port')
     return f"{plain}{number}"
 
 
@@ -91,7 +92,7 @@ def unavailable(error: OSError, url: str) -> OSError:
     remedy = {
         errno.EADDRINUSE: "the port is in use: choose another with --port",
         errno.EACCES: "not permitted: choose a --port above 1023",
-        errno.EADDRNOTAVAIL: "no address of this machine: choose another --host",
+        errno.EADDRNOTAVAIL: "not an address of this machine: choose another --host",
     }
     unknown = f"no such host: {error.strerror}" if isinstance(error, socket.gaierror) else os.strerror(code)
     return OSError(code, remedy.get(code, unknown), url)

@@ -16,7 +16,7 @@ def test_every_code_is_listed_and_explained() -> None:
 def test_bytes_that_are_no_text_and_a_standard_input_that_cannot_be_read() -> None:
     result = run("check", "-", data=b"a;\n\xff")
     assert result.exit_code == 2
-    assert result.stderr.startswith("rvaft: error: <stdin>:2:1: this is no UTF-8 text")
+    assert result.stderr.startswith("rvaft: error: <stdin>:2:1: the file is not valid UTF-8")
     with Path(os.devnull).open("wb") as writable:
         done = process("check", "-", stdin=writable)
     assert done.returncode == 2

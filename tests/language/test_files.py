@@ -66,7 +66,7 @@ def test_imports_that_contradict_each_other_leave_both_toplevels(tmp_path: Path)
         (
             'a;\nimport "b.dft";',
             {"b_dft": 'b; import "c.dft";', "c_dft": '  import "main.rvaft";'},
-            "c.dft:1:10: the files import each other in a circle",
+            "c.dft:1:10: import cycle",
         ),
         ('import "a.dft";', {"a_dft": 'toplevel "A";\n"A" por "B" "C";'}, "a.dft:2:5: the gate `por` of `A`"),
         ('a;\nimport "absent.dft";', {}, "main.rvaft:2:8: cannot import `absent.dft`: cannot read the file: No such"),
@@ -136,11 +136,11 @@ def test_a_prune_that_cannot_be_is_noted(
 @pytest.mark.parametrize(
     ("data", "line", "message"),
     [
-        (b"", 1, "no tree here"),
-        (b"\xef\xbb\xbf \r\n", 1, "no tree here"),
-        (b"a;\nb\xff;", 2, "no UTF-8 text"),
+        (b"", 1, "the text has no tree"),
+        (b"\xef\xbb\xbf \r\n", 1, "the text has no tree"),
+        (b"a;\nb\xff;", 2, "not valid UTF-8"),
         (b"\x7fELF\x02\x01\x01\x00\x00", 1, "binary data"),
-        ("a;".encode("utf-16"), 1, "no UTF-8 text"),
+        ("a;".encode("utf-16"), 1, "not valid UTF-8"),
     ],
 )
 def test_files_that_are_no_trees(tmp_path: Path, data: bytes, line: int, message: str) -> None:

@@ -24,7 +24,7 @@ CORPUS = Path(__file__).parents[3] / "shared" / "corpus" / "galileo"
 FILES = sorted(CORPUS.rglob("*.dft"))
 DYNAMIC = re.compile(r"(?m)^\s*\"?[\w']+\"?\s+(wsp|csp|hsp|spare|fdep|seq|pand|por|mutex|rdep|pdep)\b")
 """Found by looking at the words of the files, independently of the parser."""
-REASONS = ("shared by", "`por`", "`rdep`", "`mutex`", "`pdep=", "form a circle")
+REASONS = ("shared by", "`por`", "`rdep`", "`mutex`", "`pdep=", "form a cycle")
 
 needs_corpus = pytest.mark.skipif(not FILES, reason="the corpus of Galileo files is not there")
 
@@ -54,7 +54,8 @@ def test_every_command_can_be_strict_and_tells_of_pand_in_files_of_galileo(tmp_p
     files[2].write_text('{"event": "B"}\n')
     told = run("check", "--strict", *files[:2])
     assert (
-        told.stdout == f"{files[0]}:1:19: information: `pand` of A is read so: the parts below it end from left to "
+        told.stdout
+        == f"{files[0]}:1:19: information: `pand` of A is read as `pand`: the parts below it end from left to "
         "right [dynamic-gate]\n"
     )
     assert told.exit_code == 0
@@ -100,7 +101,7 @@ def test_how_many_files_are_read_and_why_others_are_not() -> None:
         "`rdep`": 7,
         "`pdep=": 5,
         "`mutex`": 1,
-        "form a circle": 8,
+        "form a cycle": 8,
     }
 
 
@@ -163,7 +164,7 @@ def test_dependencies_bring_about_what_the_structure_of_the_fault_tree_says(seed
         causes = [[random.choice([*leaves, "g0"]), *random.sample(leaves, 2)] for _ in range(2)]
         text = [f"{name} {word} {' '.join(below)};" for name, (word, below) in gates.items()]
         text += [f"f{number} fdep {' '.join(names)};" for number, names in enumerate(causes)]
-        with suppress(LanguageError):  # a spare is shared, or the dependencies form a circle
+        with suppress(LanguageError):  # a spare is shared, or the dependencies form a cycle
             tree = loads(f"toplevel g3; {' '.join(text)}")
             break
 

@@ -96,7 +96,7 @@ def test_a_folder_that_cannot_be(tmp_path: Path) -> None:
         failed(run("rosmonitoring", ROS, "-o", folder), part)
     (tmp_path / "taken" / "monitors.yaml").mkdir(parents=True)
     failed(
-        run("rosmonitoring", ROS, "-o", tmp_path / "taken", "--force"), "monitors.yaml", "something else than a file"
+        run("rosmonitoring", ROS, "-o", tmp_path / "taken", "--force"), "monitors.yaml", "something other than a file"
     )
     assert [path.name for path in (tmp_path / "taken").iterdir()] == ["monitors.yaml"]
 

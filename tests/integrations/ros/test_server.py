@@ -277,12 +277,12 @@ def test_hosts_and_origins(what: str, first: str, second: str | None) -> None:
             assert second is not None
             assert allowed([second], "127.0.0.1:8080", (origin_of(first),))
         case "no origin":
-            with pytest.raises(OptionError, match="is no origin"):
+            with pytest.raises(OptionError, match="is not an origin"):
                 origin_of(first)
         case "host":
             require_host(first)
         case "no host":
-            with pytest.raises(OptionError, match="is no IP address and no host name"):
+            with pytest.raises(OptionError, match="is not an IP address or a host name"):
                 require_host(first)
         case _:
             raise AssertionError(what)

@@ -92,9 +92,7 @@ def number_of(
     search takes too long.
 
     With a kind, at most `limit` branches are enumerated. Otherwise smaller branches are counted per
-    gate, from the last: those with equal later digits and a smaller digit here. A count is a
-    product over gates and a sum over the children of an `or`. With shared nodes, counting goes from
-    the root down.
+    gate, from the last: those with equal later digits and a smaller digit here.
     """
     if tree.shared and kind is None:
         with suppress(TooLarge):
@@ -172,8 +170,7 @@ def _or_gates(tree: RVAFT) -> tuple[str, ...]:
 def _number_among_shared(tree: RVAFT, choices: Mapping[str, str]) -> int | None:
     """Return the number of a branch if nodes are shared; raises `TooLarge`.
 
-    Gates are resolved parents first. The state is the set of later gates that are reached; branches
-    with the same state are counted together.
+    Gates are resolved parents first; branches that reach the same later gates are counted together.
     """
     gates = or_gates(tree)
     place = {name: number for number, name in enumerate(_depth_first(tree, gates))}
@@ -429,8 +426,8 @@ def ways_to_kind(tree: RVAFT, kind: Kind, limit: int = COPIES) -> list[Allowed]:
 
 
 def _through_or(tree: RVAFT, node: Node, ways: Mapping[str, list[Allowed]], above: Mapping[str, str]) -> list[Allowed]:
-    """Return one way per child and way of the child; merge those that constrain only gates
-    dominated by their child.
+    """Return the ways of all children; merge those that constrain only gates dominated by their
+    child.
     """
 
     def dominates(child: str, gate: str) -> bool:

@@ -418,8 +418,7 @@ class GuardTable(Generic[H_co]):
     """A table from the outcomes of some guards on an event to a result, computed once per
     combination.
 
-    `of` returns the result for an event, `held` the guards that hold as bits, `at` the result for
-    such bits.
+    `of` returns the result for an event, `held` its guards as bits, `at` the result for such bits.
     """
 
     guards: tuple[Guard | EventTest, ...]
@@ -482,8 +481,7 @@ def joined_tables(tables: Sequence[GuardTable[H]], join: Callable[[tuple[H, ...]
 def _table_by_bits(guards: tuple[Guard | EventTest, ...], derive: Callable[[int], H_co]) -> GuardTable[H_co]:
     """Return the table of what `derive` returns for the guards that hold, as bits.
 
-    If all guards compare one variable with numbers, binary search among these numbers finds the
-    result.
+    Comparisons of one variable with numbers use binary search.
     """
     memory: dict[int, H_co] = {}
     asked = [(1 << at, one.holds if isinstance(one, EventTest) else predicate(one)) for at, one in enumerate(guards)]

@@ -93,9 +93,8 @@ _EQUAL: Final = {True: "=", False: "<>"}
 class TruthConditions:
     """Derives the conditions of guards.
 
-    `times` are the variables that hold times of events. A condition that mixes them with other
-    numbers raises `Unsayable`; a null time is undefined. Terms for which `is_whole` is true are
-    treated as variables.
+    `times` are the variables that hold times of events. Mixing them with other numbers raises
+    `Unsayable`; a null time is undefined. `is_whole` selects terms to treat as variables.
 
     >>> from rvaft.language.parser import parse_guard
     >>> guard = parse_guard("not (X < 2 or Y)")

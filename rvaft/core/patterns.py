@@ -39,7 +39,6 @@ requirement.
 
 
 def _opened(pattern: Pattern) -> tuple[Head, Iterable[tuple[str | int, Pattern]]]:
-    """Return the requirement on a value, and the patterns of its parts."""
     match pattern:
         case Literal():
             return pattern, ()
@@ -65,8 +64,7 @@ def implies(special: Pattern, general: Pattern, bound: Set[str] = frozenset()) -
     """Whether every event that matches the special pattern matches the general one; True is
     certain.
 
-    `bound` names the variables that have a value already. Another variable that occurs once in the
-    general pattern matches any value.
+    `bound` names variables with a value; another variable that occurs once matches any value.
     """
     names = Counter(part.name for part in walk(general) if isinstance(part, Variable))
     todo = [(special, general)]
@@ -303,7 +301,6 @@ def _mask(members: int | list[int]) -> int:
 
 
 def _heads(pattern: Pattern) -> list[tuple[Path, Head]]:
-    """Return the requirements of a pattern with their paths."""
     found: list[tuple[Path, Head]] = []
     todo: list[tuple[Path, Pattern]] = [((), pattern)]
     while todo:

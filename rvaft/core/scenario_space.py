@@ -77,7 +77,7 @@ def precedence(kept: Kept, *, ends: bool = False) -> "nx.DiGraph":
     The order of ends of an `EndInOrder` is omitted; `ends` treats it as a sequence, which is
     stronger.
     """
-    import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
+    import networkx as nx  # noqa: PLC0415 -- slow to import
 
     graph = nx.DiGraph()
     for part, inside in kept.items():
@@ -102,7 +102,7 @@ def precedence(kept: Kept, *, ends: bool = False) -> "nx.DiGraph":
 
 def path(graph: "nx.DiGraph", before: Part, after: Part) -> list[Point]:
     """Return the vertices of a shortest path between two events, or an empty list."""
-    import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
+    import networkx as nx  # noqa: PLC0415 -- slow to import
 
     points: list[Point] = []
     with suppress(nx.NetworkXNoPath, nx.NodeNotFound):
@@ -217,7 +217,7 @@ class Resolutions:
     `One` with two demanded children fails. The number of attempts may be exponential, so each step
     costs budget.
 
-    `everything` lists all parts, outer parts first, each with its direct subparts in search order.
+    `everything` maps all parts, outer parts first, to their subparts in search order.
     """
 
     def __init__(self, everything: Kept, banned: Container[Part] = (), without: Container[Edge] = frozenset()) -> None:
@@ -515,7 +515,7 @@ def _to_event(kept: Kept, start: Part) -> list[Edge]:
 
 
 def _first_without(attempt: Callable[[frozenset[Edge], frozenset[Edge]], T | Standstill]) -> T | None:
-    """Return the result of the first successful attempt, by breadth of banned and required edges.
+    """Return the result of the first successful attempt; the first one bans and requires no edges.
 
     A failed attempt returns a `Standstill`: one more of its `edges` is banned, or one of `lacking`
     required.
@@ -538,8 +538,8 @@ def _first_without(attempt: Callable[[frozenset[Edge], frozenset[Edge]], T | Sta
 def inevitable(order: Sequence[Part], marks: Mapping[Part, int], full: int) -> dict[Part, int]:
     """Return for each part the marks (bits) that every scenario with the part has.
 
-    `order` lists the parts, outer parts first. `full` has all bits. A part marked `full` is in no
-    scenario; a part in no scenario has the result `full`. Event order is ignored.
+    `order` lists the parts, outer parts first. `full` has all bits: the mark and the result of a
+    part in no scenario. Event order is ignored.
 
     For one mark, let `avoid(v)` mean that some way to make the choices below v has no marked part.
     It is computed bottom-up even with shared parts, because choices belong to parts. Some scenario

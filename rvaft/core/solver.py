@@ -159,7 +159,7 @@ def refuted(guards: Iterable[Guard]) -> bool:
 class _GuardFacts:
     """Terms with their known sorts and order: pairs of terms with `<=`, `<` and `!=`.
 
-    A term in a true comparison is defined, which determines the sorts of its operands.
+    A term in a true comparison is defined, so its operands have known sorts.
     """
 
     def __init__(self, way: Way) -> None:
@@ -217,7 +217,6 @@ class _GuardFacts:
                 pass
 
     def _difference(self, operator: Operator, side: Guard, limit: Guard) -> None:
-        """Derive the order of a and b from comparisons such as `a - b > c` with c >= 0."""
         match side, limit:
             case Operation(Operator.SUB, (a, b)), Literal(int() | float() as c) if is_number(c):
                 at_least = operator in (Operator.GE, Operator.EQ)
@@ -324,7 +323,7 @@ def _survives_rounding(comparison: GuardComparison) -> bool:
 
 def _real_solutions(way: list[GuardComparison]) -> bool:
     """Whether real numbers may satisfy the comparisons; True if sympy cannot decide."""
-    import sympy  # noqa: PLC0415  (slow to import, and seldom needed)
+    import sympy  # noqa: PLC0415 -- slow to import
     from sympy.logic.inference import satisfiable  # noqa: PLC0415
 
     symbols: dict[str, Any] = {}  # numbered, so that no name of a tree has a meaning in sympy

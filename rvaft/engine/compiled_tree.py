@@ -309,8 +309,8 @@ class EventClass:
 class Inert(NamedTuple):
     """The events of a class that change nothing in the current state.
 
-    `letters` are the letters that may change something, each with the relevant fields (None if
-    unknown). A letter whose values are in `known` changes nothing.
+    `letters` may change something, unless the values of their relevant fields (None if unknown) are
+    in `known`.
     """
 
     letters: Sequence[tuple[int, Collection[str] | None]]

@@ -50,8 +50,7 @@ class Configuration:
     - `taken`: the occurrences that have their event.
     - `dead`: the nodes whose guard failed; `closed`: those without a waiting guard.
     - `binding`: the variables that are still needed.
-    - `inversions`: the broken orders between two core elements. They are harmless while some
-      scenario does not require them; empty without shared nodes.
+    - `inversions`: the broken orders between core elements, which some scenario must not require.
     - `flags`, `tallies`: derived data of `PartProgress` where it differs from the start.
     - `witness`: the steps so far; not part of the state.
     """
@@ -89,8 +88,8 @@ class Snapshot(NamedTuple):
     """Groups of partial matches in a flat form for pickling; long chains of steps exceed the
     recursion limit.
 
-    A shared step is written once: the index of the step before it (or -1), node, position, values.
-    Each partial match is stored with the index of its last step instead of its witness.
+    A step is the index of the step before it (or -1), node, position and values. A partial match is
+    stored with the index of its last step instead of its witness.
     """
 
     steps: list[tuple[int, int, int, Mapping[str, Json]]]

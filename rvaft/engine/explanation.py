@@ -130,9 +130,6 @@ class MatchFinder:
     def _replayed(
         self, histories: Iterable[list[Witness]], choices: Choices | None
     ) -> Iterator[tuple[Matching, Configuration]]:
-        """Iterate over the matches with these steps that are possible under choices; None keeps all
-        choices open.
-        """
         assert isinstance(self.strategy, Following), "the linear way follows no matches"
         matching, sources = self.strategy.matching, self.compiled.events
         if choices:
@@ -271,8 +268,8 @@ def _lowest(tree: RVAFT, finder: MatchFinder, found: FoundMatch) -> tuple[FoundM
 def pending(strategy: Following | LinearMonitor, *, limit: int, before: int | None = None) -> tuple[Pending, ...]:
     """Return the awaited events of each live branch.
 
-    With `before`, the state is that before the event at this position. Beyond `limit` branches, all
-    are joined, without a number. Raises `TooLarge` as the monitor does.
+    `before` selects the state before the event at this position. Beyond `limit` branches, all are
+    joined. Raises `TooLarge`.
     """
     finder = MatchFinder(strategy)
     prop, tree = finder.prop, finder.prop.tree

@@ -68,9 +68,8 @@ def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> StartConditio
     """Return the start conditions if no variable relates events and no events are contended, else
     None.
 
-    A shared node's condition through one parent must apply in every scenario: every scenario with
-    the node has that parent. A part that may have no events needs equal conditions through all
-    parents.
+    A condition of a shared node through one parent must apply in every scenario with the node. A
+    part that may have no events needs equal conditions through all parents.
     """
     if any(compiled.exported):
         return None

@@ -134,7 +134,6 @@ class SharedNodes:
 
     @cached_property
     def _before(self) -> dict[int, int]:
-        """For each element, the elements that may precede it in some scenario."""
         kept = {node: self.compiled.children[node] for node in self.compiled.core}
         events = mask_of(node for node in self.compiled.core if self.compiled.own[node])
         return self._precedence(kept, events | mask_of(self.compiled.parts))

@@ -204,7 +204,6 @@ def _first(member: Member) -> Json:
 def _lane(
     names: tuple[str, ...], term: Term | None, member: Member
 ) -> tuple[_Place, tuple[Hashable, ...], Json] | None:
-    """Return a member's position in an order; None if its value is not comparable."""
     binding = member.configuration.binding
     values = [binding[name] for name in names]
     if term is None:

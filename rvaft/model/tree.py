@@ -116,7 +116,7 @@ class RVAFT:
         """The nodes and their children as a frozen networkx graph; the attribute `node` has the
         `Node`.
         """
-        import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
+        import networkx as nx  # noqa: PLC0415 -- slow to import
 
         graph = nx.DiGraph()
         graph.add_nodes_from((name, {"node": node}) for name, node in self.nodes.items())
@@ -286,7 +286,7 @@ def find_cycle(children: Mapping[T, Iterable[T]]) -> list[T]:
 
 def knots(children: Mapping[T, Iterable[T]]) -> list[set[T]]:
     """Return the non-trivial strongly connected components."""
-    import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
+    import networkx as nx  # noqa: PLC0415 -- slow to import
 
     graph = nx.DiGraph((name, child) for name in children for child in children[name])
     return [knot for knot in nx.strongly_connected_components(graph) if graph.subgraph(knot).size()]

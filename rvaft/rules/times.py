@@ -157,7 +157,7 @@ def _contradiction(bounds: list[TimeBound]) -> list[Need]:
     """Return the requirements of contradictory bounds, each once; none if the bounds are
     satisfiable.
     """
-    import networkx as nx  # noqa: PLC0415 -- slow to import, and seldom needed
+    import networkx as nx  # noqa: PLC0415 -- slow to import
 
     graph = nx.DiGraph()
     for time, other, more, need in bounds:

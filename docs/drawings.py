@@ -20,17 +20,25 @@ def style(theme: str) -> str:
     return re.sub(r"var\(--(\w+)\)", lambda found: colours[found[1]], rules)
 
 
+def styled(svg: str, rules: str) -> str:
+    """Return an SVG with a style sheet."""
+    head, body = svg.split(">", 1)
+    return f"{head}><style>\n{rules}\n</style>{body}"
+
+
+def adaptive(svg: str, light: str, dark: str) -> str:
+    """Return an SVG with the style sheet for the colour scheme that the viewer prefers."""
+    return styled(svg, f"{light}\n@media (prefers-color-scheme: dark) {{\n{dark}\n}}")
+
+
 def drawing(tree: rvaft.RVAFT, theme: str) -> str:
     """Return a tree as SVG in the colours of a theme, without a background."""
-    head, body = svg_text(tree).split(">", 1)
-    return f"{head}><style>\n{style(theme)}\n</style>{body}"
+    return styled(svg_text(tree), style(theme))
 
 
 def both(tree: rvaft.RVAFT) -> str:
     """Return a tree as SVG in the colours that the viewer prefers."""
-    head, body = svg_text(tree).split(">", 1)
-    dark = f"@media (prefers-color-scheme: dark) {{\n{style('dark')}\n}}"
-    return f"{head}><style>\n{style('light')}\n{dark}\n</style>{body}"
+    return adaptive(svg_text(tree), style("light"), style("dark"))
 
 
 def style_sheet() -> str:

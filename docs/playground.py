@@ -4,6 +4,7 @@
 another host.
 """
 
+import json
 import shutil
 import subprocess
 import sys
@@ -39,7 +40,7 @@ def main() -> None:
     subprocess.run([*pip, "download", "--no-deps", "--dest", str(ASSETS), *LIBRARIES], check=True)
     subprocess.run([*pip, "wheel", "--no-deps", "--wheel-dir", str(ASSETS), str(ROOT)], check=True)
     names = sorted(file.name for file in ASSETS.glob("*.whl"))
-    (ASSETS / "wheels.json").write_text(f"[{', '.join(f'{name!r}' for name in names)}]\n".replace("'", '"'))
+    (ASSETS / "wheels.json").write_text(f"{json.dumps(names)}\n")
 
 
 if __name__ == "__main__":

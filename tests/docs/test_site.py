@@ -81,5 +81,6 @@ def test_pictures_are_those_that_the_script_makes() -> None:
     for theme in pictures.THEMES:
         drawn = pictures.drawing(rvaft.load(ROOT / pictures.TREE), theme)
         assert (ROOT / "docs" / "pictures" / f"break_in-{theme}.svg").read_text(encoding="utf-8") == drawn
+    assert (ROOT / "docs" / "pictures" / "semantics.svg").read_text(encoding="utf-8") == pictures.semantics()
     for file, drawn in pictures.cases().items():
         assert file.read_text(encoding="utf-8") == drawn

@@ -1,10 +1,8 @@
 """The conditions under which a guard is true, and those under which it is false.
 
-A condition combines tests by conjunction and disjunction; it is never undefined.
-
-A guard is undefined if an evaluated operand is undefined. So `not (X < Y)` is no complement of `X <
-Y`: each is true only for two numbers or two texts. So the conditions for true and for false are
-derived separately, and only tests are negated. A backend only has to spell the tests.
+A condition combines tests by conjunction and disjunction; it is never undefined. A guard may be: `X
+< Y` and `not (X < Y)` are each true only for two numbers or two texts. So the conditions for true
+and for false are derived separately. A backend only spells the tests.
 """
 
 from collections.abc import Callable, Collection, Iterable
@@ -32,12 +30,12 @@ T = TypeVar("T")
 
 
 class Unsayable(Exception):
-    """The reason why a guard has no conditions, in a few words."""
+    """The reason why a guard has no conditions."""
 
 
 @dataclass(frozen=True, slots=True)
 class TruthTest:
-    """A test that a Boolean term is true (or false). Terms of another type satisfy neither."""
+    """A test that a Boolean term is true (or false); terms of another type satisfy neither."""
 
     term: Guard
     wanted: bool
@@ -54,9 +52,8 @@ class EqualityTest:
 
 @dataclass(frozen=True, slots=True)
 class ComparisonTest:
-    """A test that two terms are both numbers (times, texts) and compare by `sign`.
-
-    `sign` is one of `=`, `<>`, `<`, `<=`, `>`, `>=`.
+    """A test that two terms are both numbers (times, texts) and compare by `sign` (`=` or `<>`,
+    too).
     """
 
     sort: Sort
@@ -93,7 +90,7 @@ _EQUAL: Final = {True: "=", False: "<>"}
 class TruthConditions:
     """Derives the conditions of guards.
 
-    `times` are the variables that hold times of events. Mixing them with other numbers raises
+    `times` are the variables that hold event times. Mixing them with other numbers raises
     `Unsayable`; a null time is undefined. `is_whole` selects terms to treat as variables.
 
     >>> from rvaft.language.parser import parse_guard
@@ -115,7 +112,7 @@ class TruthConditions:
     def of(self, guard: Guard, *, wanted: bool = True) -> TruthCondition:
         """Return a condition that holds exactly where the guard has the truth value `wanted`.
 
-        The same object may occur in several places.
+        One object may occur in several places.
         """
         return self._when(folded(guard), wanted)
 
@@ -179,9 +176,7 @@ class TruthConditions:
         return _any([*same, *(self._apart(one, other) for one, other in ((left, right), (right, left)))])
 
     def _apart(self, term: Guard, other: Guard) -> TruthCondition:
-        """Return the condition that `term`, a number or a text, has a value, and `other` has a
-        value of another sort.
-        """
+        """Return the condition that `term`, a number or a text, and `other` differ in sort."""
         sort, others = self.sort(term), self.sort(other)
         if sort not in (Sort.NUMBER, Sort.TEXT, Sort.TIME) or self._is_plain(term):
             return NEVER
@@ -245,7 +240,6 @@ def _any(parts: Iterable[TruthCondition]) -> TruthCondition:
 
 
 def _joined(every: bool, parts: Iterable[TruthCondition]) -> TruthCondition:
-    """Return the flattened junction of the parts."""
     found: dict[TruthCondition, None] = {}
     for part in parts:
         if part is (NEVER if every else ALWAYS):
@@ -262,10 +256,9 @@ def _joined(every: bool, parts: Iterable[TruthCondition]) -> TruthCondition:
 
 
 def spelled(condition: TruthCondition, test: Callable[[ConditionTest], T], join: Callable[[bool, list[T]], T]) -> T:
-    """Return the condition in a language.
+    """Return the condition in a language; a shared condition is spelled once.
 
-    `test` spells a test; `join` spells a conjunction (True) or a disjunction (False). A shared
-    condition is spelled once.
+    `test` spells a test; `join` spells a conjunction (True) or a disjunction (False).
     """
     known: dict[int, T] = {}
 

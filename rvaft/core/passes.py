@@ -1,7 +1,6 @@
 """Passes from properties to equivalent properties with fewer constructs.
 
-No pass adds a construct that an earlier pass has removed. Tests compare each pass with the
-reference evaluators.
+No pass adds a construct that an earlier pass removes.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -59,7 +58,7 @@ MOST: Final = 10_000
 
 @dataclass(frozen=True, slots=True)
 class Pass:
-    """A pass with the constructs that it removes; the call takes a limit on alternatives."""
+    """A pass with the constructs that it removes."""
 
     name: str
     removes: frozenset[type[Part]]
@@ -74,11 +73,9 @@ class Pass:
 
 
 def restrict(prop: Property, *, branch_number: int | None = None, kind: Kind | str | None = None) -> Property:
-    """Return the property restricted to one branch or to one kind; the alphabet stays that of the
-    tree.
+    """Return the property restricted to one branch or kind, with the alphabet of the tree.
 
-    Raises `TreeError` if there is no such branch or kind, `TooLarge` if a kind needs too many
-    alternatives.
+    Raises `TreeError` if there is none, and `TooLarge` if a kind needs too many alternatives.
     """
     kind = None if kind is None else Kind(kind)
     if branch_number is not None:
@@ -100,7 +97,7 @@ def restrict(prop: Property, *, branch_number: int | None = None, kind: Kind | s
 
 
 def of_branch(prop: Property, one: Branch) -> Property:
-    """Return the property with the scenarios of one branch of its tree."""
+    """Return the property restricted to one branch of its tree."""
     return _allowing(replace(prop, branch=one.number), _singly(one.choices), 0)
 
 
@@ -109,9 +106,7 @@ def _singly(choices: Mapping[str, str]) -> dict[str, frozenset[str]]:
 
 
 def _allowing(prop: Property, allowed: Mapping[str, frozenset[str]], copy: int) -> Property:
-    """Return the property with some choices restricted; `copy` is the number of the parts for its
-    time points.
-    """
+    """Return the property with restricted choices and its time points numbered `copy`."""
 
     def change(part: Part, parts: tuple[Part, ...]) -> Part:
         match part:
@@ -160,20 +155,19 @@ def _expand_times(prop: Property, _: int) -> Property:
 
 
 expand_times: Final = Pass("expand_times", frozenset({Times}), _expand_times)
-"""A counted leaf becomes a sequence of events, each with the leaf's guard unless that has time
+"""A counted leaf becomes a sequence of events, each with the leaf's guard unless it has time
 points.
 """
 
 
 class _Open(Exception):
-    """The events or the end of a part depend on an open choice."""
+    """The result depends on an open choice."""
 
 
 def chosen(prop: Property, limit: int = LIMIT) -> Iterator[Property]:
-    """Iterate over the properties for each way to make the choices; their scenarios are those of
-    the property.
+    """Iterate over the properties for each way to make the choices; raises `TooLarge`.
 
-    A `One` keeps the chosen part. Raises `TooLarge` beyond the limit.
+    A `One` keeps the chosen part.
     """
     for kept in resolutions(prop, limit=limit):
 
@@ -192,7 +186,7 @@ def chosen(prop: Property, limit: int = LIMIT) -> Iterator[Property]:
 def _by_choices(prop: Property, limit: int, made: Callable[[Property, int], Iterator[Property]]) -> Property:
     found: dict[Part, Property] = {}
     for each in chosen(prop, limit):
-        with suppress(_Open):  # a time point of an absent node: no feasible scenario makes these choices
+        with suppress(_Open):  # a time point of an absent node: no such scenario is feasible
             for alternative in made(each, limit - len(found)):
                 if not is_empty(alternative):
                     found[alternative.root] = alternative
@@ -234,7 +228,7 @@ class _Ends:
     def last(self, part: Part) -> tuple[Event, ...]:
         """Return the possible last events of a part; none if the precedence among them is cyclic.
 
-        Raises `_Open` if choices decide.
+        Raises `_Open` if they depend on choices.
         """
         lasts = self._lasts[part]
         if part in self._open:
@@ -246,7 +240,7 @@ class _Ends:
 
 
 def _successors(root: Part) -> dict[Event, set[Event]]:
-    """Return for each event below a part without choices the later events, by its sequences."""
+    """Return, for each event below a part without choices, the later events by its sequences."""
     inside: dict[Part, set[Event]] = {}
     after: dict[Event, set[Event]] = {}
     for part in parts_below(root):
@@ -320,10 +314,9 @@ def _order_ends(prop: Property, limit: int) -> Property:
 
 
 order_ends: Final = Pass("order_ends", frozenset({EndInOrder}), _order_ends)
-"""Ends in order become sequences of events, or alternatives if choices or several last events
-decide.
+"""Ends in order become sequences, or alternatives if choices or several last events decide.
 
-Counted leaves below such an order are expanded.
+Counted leaves below are expanded.
 """
 
 
@@ -338,10 +331,7 @@ def _windows_to_guards(prop: Property, limit: int) -> Property:
 
 
 def _with_guards(prop: Property, *, windows: bool = True) -> Property:
-    """Return the property without `start` and `end`, and with `windows` as guards.
-
-    Raises `_Open` if choices decide which events are involved.
-    """
+    """Return the property without `start` and `end`, with `windows` as guards; raises `_Open`."""
     below: dict[Part, tuple[Part, ...]] = {}
     rank = {name: place for place, name in enumerate(prop.tree.order)}
 
@@ -382,7 +372,7 @@ def _with_guards(prop: Property, *, windows: bool = True) -> Property:
 def _differences(guard: Guard) -> Guard:
     """Return the guard with durations as numbers, and with equalities of times as differences.
 
-    An undefined time is null, and null equals null; a difference of undefined times equals nothing.
+    Undefined times are null, and null equals null; a difference of undefined times equals nothing.
     """
     if not isinstance(guard, Operation):
         return Literal(guard.value) if isinstance(guard, Duration) else guard
@@ -393,8 +383,7 @@ def _differences(guard: Guard) -> Guard:
 
 
 windows_to_guards: Final = Pass("windows_to_guards", frozenset({Within}), _windows_to_guards)
-"""Windows, `start` and `end` become guards over single events, or alternatives if choices decide.
-"""
+"""Windows, `start` and `end` become guards over single events, or alternatives."""
 
 
 def _bind_times(prop: Property, _: int) -> Property:
@@ -435,14 +424,12 @@ def _variables(part: Part) -> tuple[str, ...]:
 bind_times: Final = Pass("bind_times", frozenset(), _bind_times)
 """The times that guards use become variables of the events' patterns (`rvaft.core.times.timed`).
 
-It follows `windows_to_guards`. If no time is used, the property has no `time` afterwards.
+It follows `windows_to_guards`. A property without used times loses its `time`.
 """
 
 
 def decide_constants(prop: Property) -> Property:
-    """Return the property without constant conditions, and without parts that a false one makes
-    impossible.
-    """
+    """Return the property with constant conditions decided and impossible parts removed."""
 
     def change(part: Part, parts: tuple[Part, ...]) -> Part:
         possible = tuple(inner for inner in parts if inner is not IMPOSSIBLE)
@@ -474,11 +461,11 @@ def _simplify(prop: Property, _: int) -> Property:
 
 
 simplify: Final = Pass("simplify", frozenset(), _simplify)
-"""Constant conditions are decided, and impossible parts removed. No window may be left."""
+"""`decide_constants` as a pass, after the windows are removed."""
 
 
 def with_choices(prop: Property, choices: Mapping[str, str]) -> Property:
-    """Return the simplified property with these choices of children; impossible if they conflict."""
+    """Return the simplified property with these choices; impossible if they conflict."""
     return simplify(_allowing(prop, _singly(choices), 0))
 
 
@@ -507,9 +494,7 @@ flatten: Final = Pass("flatten", frozenset(), _flatten)
 
 
 def reduced(prop: Property, limit: int = LIMIT) -> Property:
-    """Return the property in the form of the engine: events, guards over events, sequences and
-    choices.
-    """
+    """Return the property as events, guards over events, sequences and choices, for the engine."""
     return simplify(windows_to_guards(order_ends(expand_times(prop), limit), limit))
 
 

@@ -1,19 +1,15 @@
 """Residuals of a property after some events, and the moves between them.
 
-A *residual* is the remainder of a set of scenarios after some events. Equal residuals accept the
-same continuations; residuals that differ only by interchangeable parts are merged. A *move* matches
-one more event. A scenario matches a word if and only if moves with its labels lead from a start to
-a complete residual.
+A *residual* is the remainder of a set of scenarios after some events; residuals that differ only by
+interchangeable parts are merged. A *move* matches one more event. A scenario matches a word if and
+only if moves with its labels lead from a start to a complete residual.
 
 An event below an alternative decides a choice; a later event decides it silently. A choice can wait
 if the parts below its alternatives are not shared. Otherwise its decision may order past events, so
 each way to decide is a separate start.
 
-Events and choices of a start are bit sets; guards have the lowest bits, assigned by the caller.
-
-Automata and LTLf use residuals. RML does not, because its partial matches keep registers and
-evaluate each guard once. A residual drops the bindings and requires a guard at each event with one
-of its variables.
+Automata and LTLf use residuals, which drop the bindings and require a guard at each event with one
+of its variables. RML does not: its partial matches keep registers and evaluate each guard once.
 """
 
 from collections import Counter
@@ -34,7 +30,7 @@ _WIDE: Final = 1 << 61
 
 
 class Residual(NamedTuple):
-    """The remaining events, choices and guards, as bit sets. Equal residuals have equal futures.
+    """The remaining events, choices and guards, as bit sets.
 
     - `start`: the index of the start.
     - `open`: required events, undecided choices, and guards that must hold at a later event.
@@ -48,7 +44,7 @@ class Residual(NamedTuple):
     broken: int = 0
 
     def __hash__(self) -> int:
-        """Hash by bytes: Python hashes wide integers alike if one is a shift of the other."""
+        """Hash wide integers as bytes: Python gives shifted integers the same hash."""
         if self.open < _WIDE:
             return hash((self.start, self.open, self.taken, self.broken))
         return hash((self.start, self.open.to_bytes(self.open.bit_length() // 8 + 1), self.taken))
@@ -68,11 +64,11 @@ class Move(NamedTuple):
 
 
 class ResidualSpace:
-    """The residuals of a graph of parts. `label` maps the number of an event part to its label.
+    """The residuals of a graph of parts; `label` maps the number of an event part to its label.
 
     `guards` maps each guard to its bit; all other bits are higher. `at_least` keeps the ways to
-    choose more than K parts of an `AtLeast`, which are redundant if events may be skipped. Raises
-    `TooLarge` by `work`.
+    choose more than K parts, which are redundant if events may be skipped. `work` may raise
+    `TooLarge`.
 
     >>> import rvaft
     >>> from rvaft.core.build import build
@@ -102,16 +98,16 @@ class ResidualSpace:
         graphs = enumerate(_decided(form, at_least=at_least, work=work))
         self._of_start = [_Start(graph, number, asks, guards, at_least=at_least, work=work) for number, graph in graphs]
         self.starts = tuple(plan.start for plan in self._of_start)
-        """The residuals before any event; together they have all scenarios of the graph."""
+        """The residuals before any event; together they have all scenarios."""
         self.width = max(plan.width for plan in self._of_start)
         """The number of bits in the sets; the cost of a move is proportional to it."""
 
     def moves(self, left: Residual) -> tuple[Move, ...]:
-        """Return the moves from a residual, in a stable order; the result is cached."""
+        """Return the moves from a residual, in a stable order; cached."""
         return self._of_start[left.start].moves(left)
 
     def breaking(self, move: Move, holding: int) -> Residual:
-        """Return the target of a move if, of the guards that it notes, only these hold."""
+        """Return the target of a move if exactly the guards `holding` of those it notes hold."""
         return self._of_start[move.target.start].breaking(move, holding)
 
     def is_complete(self, left: Residual) -> bool:
@@ -127,10 +123,7 @@ class ResidualSpace:
 
 
 def _decided(form: NumberedParts, *, at_least: bool, work: Work) -> list[NumberedParts]:
-    """Return the graphs that decide all choices that cannot wait, in a stable order.
-
-    Together they have the scenarios of the form.
-    """
+    """Return equivalent graphs that decide all choices that cannot wait, in a stable order."""
     what = "ways to decide choices between parts that share nodes"
 
     def look(graph: NumberedParts) -> int | None:
@@ -148,7 +141,7 @@ def _decided(form: NumberedParts, *, at_least: bool, work: Work) -> list[Numbere
 
 
 def _urgent(form: NumberedParts, work: Work) -> int | None:
-    """The first choice with an alternative that reaches a part which is also reached otherwise."""
+    """Return the first choice with an alternative that reaches a part also reached otherwise."""
     kept = form.kept()
     references = Counter(child for number in kept for child in form.parts[number].parts)
     if all(count == 1 for count in references.values()):
@@ -183,10 +176,9 @@ class _Alternative(NamedTuple):
 
 
 class _Choice(NamedTuple):
-    """A choice: `mask` has the bits of its alternatives, `silent` those that can complete without
-    an event.
+    """A choice of at least `least` alternatives; `more` allows further ones.
 
-    At least `least` alternatives are taken; `more` allows further ones.
+    `mask` has the bits of the alternatives, `silent` those that can complete without an event.
     """
 
     mask: int
@@ -197,9 +189,9 @@ class _Choice(NamedTuple):
 
 class _Occurrence(NamedTuple):
     """An event of a graph: its part, label, guards on its variables (`bound`), and the alternative
-    above it.
+    above.
 
-    `before` and `after` are the bits ordered before and after the event.
+    The bits `before` and `after` are ordered before and after it.
     """
 
     part: int
@@ -211,7 +203,7 @@ class _Occurrence(NamedTuple):
 
 
 class _Start:
-    """The tables of one graph whose choices can all wait, and the moves of its residuals.
+    """The tables and moves of one graph whose choices can all wait.
 
     Raises `TooLarge` if a choice has too many silent ways.
     """
@@ -404,8 +396,7 @@ def _laid_out(graph: dict[int, NumberedPart], least: int) -> tuple[dict[int, int
 
 
 class _Rests:
-    """Canonical numbers for the remainders of parts: equal for remainders that differ by
-    interchangeable events.
+    """Canonical numbers of the remainders of parts, equal if only interchangeable events differ.
 
     A shared part is equivalent only to itself; 0 is an empty remainder.
     """
@@ -435,7 +426,6 @@ class _Rests:
         return self._numbers.setdefault(key, len(self._numbers))
 
     def of(self, left: Residual) -> dict[int, int]:
-        """Return the number of each part's remainder."""
         rests: dict[int, int] = {}
         for part, this in reversed(self._graph.items()):
             is_open = part in self._bit and left.open >> self._bit[part] & 1
@@ -458,7 +448,9 @@ class _Rests:
         return rests
 
     def repeated(self, left: Residual, whole: Mapping[int, int]) -> int:
-        """Return the bits of parts with the same remainder as another child of an unordered part."""
+        """Return the bits of children of unordered parts with the same remainder as an earlier
+        child.
+        """
         rests, found = self.of(left), 0
         for this in self._graph.values():
             seen: dict[tuple[int, int, int], int] = {}

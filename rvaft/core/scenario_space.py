@@ -41,10 +41,10 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 Edge: TypeAlias = tuple[Part, Part]
-"""An edge of the tree: a part, and a direct subpart that comes from another node."""
+"""An edge of the tree: a part, and a direct subpart of another node."""
 
 Point: TypeAlias = tuple[Literal["start", "event", "end", "done"], Part, Part | None]
-"""A vertex of the precedence graph: its kind, its part, and for `done` the subpart (else None)."""
+"""A vertex of the precedence graph: its kind, its part, and for `done` the subpart."""
 
 
 def node_of(part: Part) -> str:
@@ -57,12 +57,12 @@ def is_edge(part: Part, inner: Part) -> bool:
     return node_of(part) != node_of(inner)
 
 
-# The strict precedence of a scenario as a graph of linear size (semantics, section 2).
+# The strict precedence of a scenario as a graph of linear size.
 #
-# Each part has a vertex `start` before the events below it, and a vertex `end` after them. Each
-# part in a sequence has a vertex `done` after its events and those of earlier parts. No edge leads
-# from `start` to `end`, because a part without events orders nothing. One event precedes another if
-# and only if there is a path.
+# A part has a vertex `start` before the events below it, and `end` after them. A part in a sequence
+# has a vertex `done` after its events and those of earlier parts. No edge leads from `start` to
+# `end`, because a part without events orders nothing. One event precedes another if and only if
+# there is a path.
 
 
 def point_of(event: Part) -> Point:
@@ -71,11 +71,10 @@ def point_of(event: Part) -> Point:
 
 
 def precedence(kept: Kept, *, ends: bool = False) -> "nx.DiGraph":
-    """Return the precedence graph of kept parts; the edge attribute `via` is the required tree
-    edge, or None.
+    """Return the precedence graph of kept parts.
 
-    The order of ends of an `EndInOrder` is omitted; `ends` treats it as a sequence, which is
-    stronger.
+    The edge attribute `via` is the required tree edge, or None. The order of an `EndInOrder` is
+    omitted, or with `ends` treated as a sequence, which is stronger.
     """
     import networkx as nx  # noqa: PLC0415 -- slow to import
 
@@ -101,7 +100,7 @@ def precedence(kept: Kept, *, ends: bool = False) -> "nx.DiGraph":
 
 
 def path(graph: "nx.DiGraph", before: Part, after: Part) -> list[Point]:
-    """Return the vertices of a shortest path between two events, or an empty list."""
+    """Return a shortest path between two events, or an empty list."""
     import networkx as nx  # noqa: PLC0415 -- slow to import
 
     points: list[Point] = []
@@ -119,14 +118,12 @@ def edges_along(graph: "nx.DiGraph", points: list[Point]) -> list[Edge]:
 # The order of ends: a union of partial orders per scenario.
 #
 # Read backwards, each event of a part waits for *some* event of the next part. So a vertex is free
-# if its successors and one event of each awaited part are free. If vertices remain that wait for
-# each other, there is no order.
+# if its successors and one event of each awaited part are free. If vertices wait for each other,
+# there is no order.
 
 
 class Standstill(NamedTuple):
-    """The reason why the events of a scenario have no order: it has all `edges` and none of
-    `lacking`.
-    """
+    """Why the events have no order: the scenario has all `edges` and none of `lacking`."""
 
     edges: Iterable[Edge] = ()
     lacking: Iterable[Edge] = ()
@@ -135,7 +132,7 @@ class Standstill(NamedTuple):
 def standstill(kept: Kept, graph: "nx.DiGraph") -> Standstill | None:
     """Return why no order satisfies the precedence `graph` and the order of ends, or None.
 
-    `graph` may have more edges than the precedence of the kept parts.
+    `graph` may have additional edges.
     """
     bearing: set[Part] = set()
     above: dict[Part, list[Part]] = {}
@@ -182,8 +179,7 @@ def standstill(kept: Kept, graph: "nx.DiGraph") -> Standstill | None:
 
 
 def with_single_ends(prop: Property) -> Property:
-    """Return the property with a sequence for each order of ends between parts of at most one event
-    each.
+    """Return the property with sequences for the orders of ends of parts with at most one event.
 
     >>> import rvaft
     >>> type(with_single_ends(build(rvaft.loads("top pand a b;"))).root).__name__
@@ -201,21 +197,18 @@ def with_single_ends(prop: Property) -> Property:
     return prop.rewritten(change)
 
 
-# Parts of some scenario, and of every scenario.
-
 Demands: TypeAlias = dict[Part, frozenset[Part]]
-"""Parts that must be kept, each with the direct subparts that it must keep."""
+"""The required parts, each with its required direct subparts."""
 
 _NONE: frozenset[Part] = frozenset()
 
 
 class Resolutions:
-    """The ways to make the choices of a property without some parts and edges; event order is
-    ignored.
+    """The ways to make the choices of a property without some parts and edges, in any event order.
 
     A query walks from the given parts to the root: the deepest part needs a kept parent, and a
-    `One` with two demanded children fails. The number of attempts may be exponential, so each step
-    costs budget.
+    `One` with two demanded children fails. Each step costs budget: attempts may be exponentially
+    many.
 
     `everything` maps all parts, outer parts first, to their subparts in search order.
     """
@@ -247,9 +240,7 @@ class Resolutions:
         return {part: self._options[part] for part in self._order if part in self._reached}
 
     def scenario(self, parts: Iterable[Part], edges: Iterable[Edge], budget: Budget) -> Kept | None:
-        """Return a scenario with these parts and tree edges, or None; raises `Undecided` beyond the
-        budget.
-        """
+        """Return a scenario with these parts and tree edges, or None; raises `Undecided`."""
         demands = self._support(parts, edges, budget)
         if demands is None:
             return None
@@ -269,13 +260,10 @@ class Resolutions:
         return {part: kept[part] for part in self._order if part in kept}
 
     def possible(self, parts: Iterable[Part], budget: Budget, *, edges: Iterable[Edge] = ()) -> bool:
-        """Whether some scenario has these parts and tree edges; raises `Undecided` beyond the
-        budget.
-        """
+        """Whether `scenario` finds one."""
         return self._support(parts, edges, budget) is not None
 
     def _support(self, parts: Iterable[Part], edges: Iterable[Edge], budget: Budget) -> Demands | None:
-        """Return demands that connect all these parts and edges to the root, or None."""
         demands: Demands = {}
         if not self:
             return None
@@ -330,7 +318,7 @@ class Resolutions:
 
 
 _RESOLUTIONS, _PRECEDENCE = 4, 15
-"""The cost of resolutions and of a precedence graph per node, in budget steps."""
+"""The cost of resolutions and of a precedence graph, in budget steps per node."""
 
 
 class ScenarioSpace:
@@ -348,7 +336,6 @@ class ScenarioSpace:
         self.tree = tree
         self.limit = limit
         self.prop = with_single_ends(build(tree))
-        """The property of the tree."""
         rank = {name: place for place, name in enumerate(tree.order)}
         outer_first = self.prop.parts[::-1]
         self.order = tuple(sorted(outer_first, key=lambda part: rank[node_of(part)]))
@@ -362,7 +349,7 @@ class ScenarioSpace:
         self.gate: Mapping[str, Part] = {
             node_of(part): part for part in self.order if any(is_edge(part, inner) for inner in part.parts)
         }
-        """The part of the gate of each reachable node with children."""
+        """The gate's part of each reachable node with children."""
         written = {
             gate: tuple(self.whole[child] for child in tree.nodes[name].children) for name, gate in self.gate.items()
         }
@@ -396,9 +383,7 @@ class ScenarioSpace:
 
     @cached_property
     def widest(self) -> "nx.DiGraph":
-        """The precedence over all possible parts, with ends as sequences: a superset of every
-        scenario's.
-        """
+        """A superset of every scenario's precedence: all possible parts, with ends as sequences."""
         return precedence(self.resolutions.union, ends=True)
 
     @cached_property
@@ -409,7 +394,7 @@ class ScenarioSpace:
 
     @cached_property
     def is_empty(self) -> bool:
-        """Whether there is no feasible scenario; raises `Undecided` beyond the limit."""
+        """Whether there is no feasible scenario; raises `Undecided`."""
         return bool(self.dead or not self.acyclic) and self.feasible(self.budget()) is None
 
     def feasible(
@@ -425,8 +410,8 @@ class ScenarioSpace:
         """Return a feasible scenario with `nodes` and `edges` and without the nodes `without`, or
         None.
 
-        With `apart`, the scenario has the events of both nodes, unordered. With `silent`, it has
-        that node but no event of its part. Raises `Undecided` beyond the budget.
+        With `apart`, it has the events of both nodes, unordered. With `silent`, it has that node
+        but no event of its part. Raises `Undecided`.
         """
         parts = [self.whole[name] for name in (*nodes, *(apart or ()), *([] if silent is None else [silent]))]
         needed = [*edges]
@@ -450,7 +435,7 @@ class ScenarioSpace:
         return _first_without(attempt)
 
     def _disorder(self, kept: Kept, apart: tuple[Event | Times, Event | Times] | None) -> Standstill | None:
-        """Return why the events of a scenario have no order, or why two of them are ordered."""
+        """Return why the events have no order, or why two of them are ordered."""
         graph = precedence(kept)
         points = [] if self.acyclic else find_cycle(graph)
         points += points[:1]
@@ -470,9 +455,7 @@ class ScenarioSpace:
         return None
 
     def endless(self, budget: Budget) -> tuple[Kept, str] | None:
-        """Return a scenario with an acyclic precedence and a node whose parts cannot end in order,
-        or None.
-        """
+        """Return an acyclic scenario and a node whose parts cannot end in order, or None."""
         if not self.ends or self.acyclic:
             return None
         for kept in resolutions(self.prop, limit=self.limit):
@@ -484,8 +467,9 @@ class ScenarioSpace:
         return None
 
     def cyclic(self, budget: Budget, knot: Set[Point]) -> tuple[Kept, tuple[str, ...]] | None:
-        """Return a scenario without dead nodes with a cycle through `knot`, and the nodes of the
-        cycle, or None.
+        """Return a scenario with a cycle through `knot`, and the cycle's nodes, or None.
+
+        The scenario has no dead node.
         """
 
         def attempt(bans: frozenset[Edge], _: object) -> tuple[Kept, tuple[str, ...]] | Standstill:
@@ -515,10 +499,8 @@ def _to_event(kept: Kept, start: Part) -> list[Edge]:
 
 
 def _first_without(attempt: Callable[[frozenset[Edge], frozenset[Edge]], T | Standstill]) -> T | None:
-    """Return the result of the first successful attempt; the first one bans and requires no edges.
-
-    A failed attempt returns a `Standstill`: one more of its `edges` is banned, or one of `lacking`
-    required.
+    """Return the first result; a failed attempt bans one more of its `edges` or requires one
+    `lacking`.
     """
     todo: list[tuple[frozenset[Edge], frozenset[Edge]]] = [(frozenset(), frozenset())]
     seen = set(todo)
@@ -536,7 +518,7 @@ def _first_without(attempt: Callable[[frozenset[Edge], frozenset[Edge]], T | Sta
 
 
 def inevitable(order: Sequence[Part], marks: Mapping[Part, int], full: int) -> dict[Part, int]:
-    """Return for each part the marks (bits) that every scenario with the part has.
+    """Return, for each part, the marks (bits) of every scenario with the part.
 
     `order` lists the parts, outer parts first. `full` has all bits: the mark and the result of a
     part in no scenario. Event order is ignored.
@@ -560,21 +542,21 @@ def inevitable(order: Sequence[Part], marks: Mapping[Part, int], full: int) -> d
 
 
 _AT_ONCE: Final = 4096
-"""The number of marks processed together: each part has a bit for each."""
+"""The number of marks processed together; each part has a bit per mark."""
 
 
 def borne_surely(
     space: ScenarioSpace, asked: Collection[tuple[str, str]], bearers: Mapping[str, Iterable[Part]]
 ) -> set[tuple[str, str]]:
-    """Return the pairs of a node and a mark for which every scenario with the node has a bearer of
-    the mark.
+    """Return the pairs of a node and a mark such that every scenario with the node has a marked
+    part.
 
-    The pair is omitted if no scenario has the node.
+    `bearers` are the parts with a mark. A node in no scenario has no pair.
     """
     wanted, found = list(dict.fromkeys(mark for _, mark in asked)), set[tuple[str, str]]()
     for start in range(0, len(wanted), _AT_ONCE):
         bit = {mark: 1 << index for index, mark in enumerate(wanted[start : start + _AT_ONCE])}
-        # One additional bit distinguishes a scenario with all marks from no scenario.
+        # One more bit distinguishes a scenario with all marks from no scenario.
         everything = (1 << len(bit) + 1) - 1
         marks = dict.fromkeys(space.never, everything)
         for mark, own in bit.items():
@@ -585,12 +567,10 @@ def borne_surely(
     return found
 
 
-# The number of scenarios, and their sizes.
-
-
 def most_scenarios(prop: Property) -> int:
-    """Return an upper bound on the number of scenarios; exact if no part is shared and all are
-    feasible.
+    """Return an upper bound on the number of scenarios.
+
+    It is exact if no part is shared and all are feasible.
 
     >>> import rvaft
     >>> most_scenarios(build(rvaft.loads("top 2of3 a b c;")))
@@ -624,9 +604,9 @@ class Fewest(NamedTuple):
 def fewest_events(
     parts: Iterable[Part], *, without: Container[Part] = frozenset(), without_edges: Container[Edge] = frozenset()
 ) -> dict[Part, Fewest]:
-    """Return the minimum number of events of each possible part (inner parts first).
+    """Return the minimum number of events of each possible part; a shared part counts each time.
 
-    A shared part counts each time.
+    `parts` lists inner parts first.
 
     >>> import rvaft
     >>> prop = build(rvaft.loads("top 2of3 a b c;"))

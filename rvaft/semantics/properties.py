@@ -1,7 +1,7 @@
 """The second reference: the verdicts of a property, by its scenarios (definition, sections 2 to 4).
 
-It reads only the parts of a property, nothing else of `rvaft.core`. Tests compare the build of a
-property and every pass with it.
+It imports only the parts of a property from `rvaft.core`. Tests compare the build of a property and
+every pass with it.
 """
 
 from collections.abc import Hashable, Iterator, Mapping
@@ -63,7 +63,6 @@ class _Scenario:
     kept: Chosen
 
     def below(self, part: Part) -> dict[Occurrence, Pattern]:
-        """Return the patterns of the events of a part."""
         found: dict[Occurrence, Pattern] = {}
         agenda, seen = [part], {part}
         while agenda:
@@ -78,7 +77,6 @@ class _Scenario:
 
     @cached_property
     def patterns(self) -> dict[Occurrence, Pattern]:
-        """The patterns of all events."""
         return self.below(self.prop.root)
 
     @cached_property
@@ -121,7 +119,6 @@ class _Scenario:
 
     @cached_property
     def windows(self) -> list[tuple[frozenset[Occurrence], int]]:
-        """The windows: their events and durations."""
         return [(frozenset(self.below(part)), part.duration) for part in self.kept if isinstance(part, Within)]
 
     @cached_property
@@ -184,9 +181,7 @@ class _Partial(NamedTuple):
 
 
 class PropertyReference(Monitor):
-    """The verdict of a property after each prefix, by following every partial match of every
-    feasible scenario.
-    """
+    """The verdict of a property after each prefix, by following every partial match."""
 
     def __init__(self, prop: Property, semantics: Semantics | str) -> None:
         super().__init__()
@@ -204,7 +199,7 @@ class PropertyReference(Monitor):
 
     @property
     def state(self) -> Hashable:
-        """The verdict and the partial matches so far."""
+        """The verdict, the partial matches and the maximum time so far."""
         return self.verdict, frozenset(self._partials), self._latest
 
     def _advance(self, event: Any) -> Verdict:

@@ -26,7 +26,7 @@ class Partial(NamedTuple):
 
     @property
     def key(self) -> Hashable:
-        """Equal for equal partial matches."""
+        """A hashable key, equal for equal partial matches."""
         values = frozenset((name, value_key(value)) for name, value in self.binding.items())
         return self.scenario, self.order, self.assigned, values, frozenset(self.times.items())
 
@@ -60,7 +60,7 @@ class Reference(Monitor):
 
     @property
     def state(self) -> Hashable:
-        """The verdict and the partial matches so far."""
+        """The verdict, the partial matches and the maximum time so far."""
         return self.verdict, frozenset(self._partials), self._latest
 
     def _advance(self, event: Any) -> Verdict:
@@ -122,8 +122,8 @@ class Reference(Monitor):
                         yield found
 
     def _complete(self, partial: Partial) -> bool:
-        """Clause: a match maps all its occurrences; every guard holds (all its variables are known
-        by then).
+        """Clause: a match maps all its occurrences. Every guard holds, since all its variables are
+        known.
         """
         return partial.assigned == self.scenarios[partial.scenario].occurrences
 
@@ -151,10 +151,10 @@ def guards_hold(scenario: Scenario, partial: Partial) -> bool:
 
 
 def relevant(tree: RVAFT, event: Any) -> bool:
-    """Whether an event is relevant.
+    """Return whether an event is relevant.
 
-    No `ignore` matches it and, for some assignment, it matches the runtime event of some reachable
-    node, that node's own `when` included if all the guard's variables occur in that node's `on`.
+    Clause: no `ignore` matches it and, for some assignment, it matches the runtime event of some
+    reachable node, that node's own `when` included if all the guard's variables occur in its `on`.
     """
     for ignore in tree.ignores:
         # Clause: the variables of an `ignore` are its own.
@@ -186,7 +186,7 @@ def _served(entry: Relevant, event: Any) -> bool:
 def chosen_scenarios(tree: RVAFT, branch: int | None, kind: Kind | None) -> list[Scenario]:
     """Return the feasible scenarios of the selected branches.
 
-    Raises `TreeError` if there is none, or if a guard is unbound.
+    Raises `TreeError` if there is none or a guard is unbound.
     """
     chosen = _chosen(tree, branch, kind)
     found = [scenario for scenario in feasible_scenarios(tree) if any(of_branch(scenario, one) for one in chosen)]

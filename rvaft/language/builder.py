@@ -1,6 +1,6 @@
-"""From reductions of the grammar to statements: one method per rule, called during parsing.
+"""The callbacks that turn reductions of the grammar into statements, one per rule.
 
-Nothing here recurses. Names stay tokens, with their positions, until a statement is added to a
+No callback recurses. Names stay tokens, with their positions, until a statement is added to a
 draft.
 """
 
@@ -42,7 +42,7 @@ _WORD: Final = re.compile(r"\w+")
 
 
 class Slip(Exception):
-    """A construct that the grammar allows and the language does not, with its position."""
+    """A construct that the grammar allows and the language does not."""
 
     def __init__(self, message: str, token: Token) -> None:
         self.message = message
@@ -103,11 +103,10 @@ class Clause(NamedTuple):
 
 
 class Operand(NamedTuple):
-    """A pattern or guard under construction: its depth, its words, and whether it is an unsigned
-    number.
+    """A pattern or guard under construction; `unsigned` tells an unsigned number.
 
-    `sort` distinguishes a time `point`, a `duration` and a `span` between two points from other
-    values.
+    `words` are the words of a pattern. `sort` distinguishes a time `point`, a `duration` and a
+    `span` between two points from other values.
     """
 
     value: Any
@@ -129,7 +128,7 @@ def text_of(token: Token) -> str:
 
 
 def integer_of(digits: str, token: Token) -> int:
-    """Return the number of decimal digits, at most `sys.get_int_max_str_digits`."""
+    """Return the value of decimal digits, at most `sys.get_int_max_str_digits` of them."""
     try:
         return int(digits)
     except ValueError:
@@ -137,9 +136,7 @@ def integer_of(digits: str, token: Token) -> int:
 
 
 def number_of(token: Token) -> int | float:
-    """Return the number of a token: an exact integer or a finite double, within the range of
-    doubles.
-    """
+    """Return the number of a token: an integer or a double, both in the range of doubles."""
     number = integer_of(token, token) if token.isdigit() else float(token)
     if abs(number) > sys.float_info.max:
         raise Slip(f"the number {shown(token)} is too large for a double", token)
@@ -168,7 +165,7 @@ _COMPARED: Final = (("point", "point"), ("span", "duration"), ("duration", "span
 
 
 def _sort_of(operands: Sequence[Operand], token: Token) -> str:
-    """Return the sort of an operator's result on times and durations; raises `Slip` if it has none."""
+    """Return the sort of an operator's result on times and durations, or raise `Slip`."""
     sorts = tuple(operand.sort for operand in operands)
     if set(sorts) == {"value"}:
         return "value"
@@ -189,7 +186,6 @@ def _sort_of(operands: Sequence[Operand], token: Token) -> str:
 
 
 def _gate(token: Token, children: Sequence[Word]) -> Clause:
-    """Return a gate, with the K of a vote and the N of K`of`N."""
     if not token[0].isdigit() and not token.startswith("vot"):
         return Clause("gates", token, (children, None, None))
     k, _, n = token.removeprefix("vot").partition("of")
@@ -220,7 +216,6 @@ class Build(Transformer[Token, Any]):
         return self._condition(items[0], None)
 
     def _condition(self, term: Operand, token: Token | None) -> Any:
-        """Return a guard; raises `Slip` for a time."""
         if term.sort != "value":
             raise Slip(_ALONE, token or Token("START", "", 0))
         return term.value

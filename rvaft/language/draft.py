@@ -1,7 +1,6 @@
 """The mutable form of a tree: all statements with their positions, including contradictory ones.
 
-An `RVAFT` is always valid, a `Draft` need not be. It keeps all settings of each node, so that
-`rvaft.rules` can report all errors. `Draft.build` returns the tree of a draft without errors.
+An `RVAFT` is always valid. A `Draft` keeps all errors, so that `rvaft.rules` can report them.
 """
 
 import gc
@@ -45,10 +44,10 @@ DYNAMIC_GATES: Final[Mapping[str, Gate]] = {
 
 
 class GateUse(NamedTuple):
-    """A gate with its children; `threshold` is the K of a VOT gate, `out_of` the N of K`of`N (None
-    for `votK`).
+    """A gate with its children: `threshold` and `out_of` are the numbers of K`of`N (`votK` has
+    one).
 
-    `dynamic` is the word of Galileo, such as `wsp` or `pdep=1`, if the gate was written so.
+    `dynamic` is a word of Galileo, such as `wsp` or `pdep=1`.
     """
 
     gate: Gate
@@ -73,9 +72,7 @@ class GateUse(NamedTuple):
 
 @contextmanager
 def no_collections() -> Iterator[None]:
-    """Disable the garbage collector: a large tree has no cyclic garbage, and each collection
-    traverses it.
-    """
+    """Disable the garbage collector: a large tree has no cyclic garbage to collect."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -97,9 +94,7 @@ class DynamicGate(NamedTuple):
 
 
 class BrokenPrune(NamedTuple):
-    """A `prune` of `pruned` at `place` that fails, with the reason and the affected gate `node`, if
-    any.
-    """
+    """A `prune` of the node `pruned` that fails, with the reason and the affected gate, if any."""
 
     why: str
     pruned: str
@@ -112,11 +107,9 @@ _SETTINGS: Final = ("gate", "on", "when", "kind", "label", "times", "within")
 
 @dataclass(slots=True)
 class DraftNode:
-    """All statements about one node, in the order of the text; more than one entry in a list is a
-    duplicate.
+    """All statements about one node, in the order of the text; each list may have duplicates.
 
-    `statements` are the positions of the node's own statements (never empty). `attributes` keeps
-    every pair.
+    `statements` are the positions of its own statements (never empty).
     """
 
     name: str
@@ -136,9 +129,7 @@ class DraftNode:
         return self.statements[0]
 
     def settings(self) -> dict[str, list[Place]]:
-        """Return the positions of each setting that a node may have once: `gate`, `on`, `when`,
-        `kind` and so on.
-        """
+        """Return the positions of each setting that a node may have once, such as `gate`."""
         parts: list[Sequence[Said[object]]]
         parts = [self.gates, self.ons, self.whens, self.kinds, self.labels, self.counts, self.withins]
         return {word: [said.place for said in part] for word, part in zip(_SETTINGS, parts, strict=True) if part}
@@ -183,8 +174,8 @@ class DraftTopic(NamedTuple):
 class Draft:
     """All statements of one tree, in all its files; imports are resolved and prunes applied.
 
-    `file` is the main file. `toplevels` are those of the importing file, or otherwise those of its
-    imports; they are contradictory if they name different nodes. `causalities` are all settings.
+    `toplevels` are those of the main file, or otherwise those of its imports; they are
+    contradictory if they name different nodes.
 
     >>> from rvaft.language.parser import parse
     >>> draft = parse("top or a b; a fault; a attack;")
@@ -222,19 +213,19 @@ class Draft:
 
     @property
     def root(self) -> str | None:
-        """The root: the node of `toplevel`, else the only node without a parent; None if ambiguous."""
+        """The node of `toplevel`, else the only node without a parent; None if ambiguous."""
         names = {said.value for said in self.toplevels} or {node.name for node in self.parentless()}
         return names.pop() if len(names) == 1 else None
 
     @no_collections()
     def build(self) -> RVAFT:
-        """Return the tree of a draft without errors; raises `TreeError` if the draft is no tree."""
+        """Return the tree; raises `TreeError` if the draft is no tree."""
         root = self.root
         if root is None:
             raise TreeError("the tree has no root: declare it with `toplevel NAME;`", rule="no-root")
         nodes = [node.build() for node in self.nodes.values()]
         nodes += [Node(c.value, declared=False, places={"name": c.place}) for c in self.undeclared()]
-        topics: dict[tuple[str, str], Topic] = {}  # one per name and type, with the publishers of all its statements
+        topics: dict[tuple[str, str], Topic] = {}  # one per name and type, with all publishers
         for topic in self.topics:
             key = absolute(topic.name.value), topic.type.value
             first = topics.get(key, Topic(topic.name.value, topic.type.value, place=topic.name.place))
@@ -256,9 +247,7 @@ class Draft:
         return {"causality": self.causalities, "semantics": self.semantics, "time": self.times}
 
     def carry_out_prunes(self) -> None:
-        """Remove the pruned nodes and those reachable only through them; record failures in
-        `broken_prunes`.
-        """
+        """Remove the pruned nodes and those reachable only through them; record `broken_prunes`."""
         if not self.prunes:
             return
         pruned: dict[str, Place] = {}
@@ -279,7 +268,7 @@ class Draft:
             node.gates = [Said(self._without(said.value, gone, node.name, pruned), said.place) for said in node.gates]
 
     def _unreached(self, pruned: set[str], kept: set[str], parents: Counter[str]) -> set[str]:
-        """Return the pruned nodes, and those whose parents are all pruned (but never a toplevel)."""
+        """Return the pruned nodes, and those with only pruned parents (but never a toplevel)."""
         left, gone, todo = parents.copy(), set(pruned), list(pruned)
         while todo:
             node = self.nodes.get(todo.pop())

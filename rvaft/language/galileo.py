@@ -1,9 +1,9 @@
 """Galileo's dynamic gates, translated to this language for *observed failures*.
 
-A monitor observes which parts failed, and in which order. A warm or hot spare may fail before it is
-used, so its gate becomes an `and`. A cold spare cannot, so its gate becomes a `sand`; so does
-`seq`. `fdep T D …` replaces every D by `D or T`; T stays one node with one occurrence. Gates that
-failures do not determine are refused: those with probabilities or shared spares.
+A monitor observes which parts fail, and in which order. A warm or hot spare may fail before it is
+used, so its gate becomes an `and`. A cold spare cannot, so its gate becomes a `sand`, as does
+`seq`. `fdep T D …` replaces every D by `D or T`; T stays one node with one occurrence. Gates with
+probabilities or shared spares are refused, because failures do not determine them.
 """
 
 from collections.abc import Mapping
@@ -15,9 +15,7 @@ from rvaft.model.nodes import Place
 from rvaft.model.tree import find_cycle
 
 SUFFIXES: Final = (".dft", ".galileo")
-"""Extensions of Galileo files, where `pand` is a dynamic gate, too; elsewhere it belongs to this
-language.
-"""
+"""Extensions of Galileo files, in which `pand` is a dynamic gate, too."""
 _WHY: Final = {
     "pand": "the parts below it end from left to right",
     "seq": "its parts fail from left to right",
@@ -93,7 +91,6 @@ def _check_spares(uses: list[tuple[DraftNode, Said[GateUse]]]) -> None:
 
 
 def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Said[GateUse]]]) -> None:
-    """Replace every dependent D of a trigger T by `D or T`, and remove the dependency gates."""
     triggers: dict[str, dict[str, Said[str]]] = {}
     names = {node.name for node, _ in dependencies}
     for node, said in dependencies:

@@ -19,8 +19,6 @@ from rvaft.rules.rule import RuleReport, branch_of, did_you_mean, listing
 from rvaft.support.bits import bits, mask_of, union
 from rvaft.support.budget import Budget, Undecided
 
-# Whether anything can be detected (semantics, section 2).
-
 _EVENT, _NEVER = 1, 2
 
 
@@ -81,8 +79,6 @@ def infeasible_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
         yield RuleReport(tree.nodes[gate].place("gate"), f"the parts of {gate} {where}; {mend}", (gate,))
 
 
-# Events that match two occurrences, and nodes with two parents.
-
 _LISTED = 50
 
 
@@ -101,8 +97,7 @@ def ambiguous_event(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 
 def _unordered(space: ScenarioSpace, one: str, other: str, budget: Budget) -> bool:
-    """Whether some feasible scenario contains both nodes unordered."""
-    # Without shared nodes, an order of two nodes is the same in every scenario.
+    # Without shared nodes, the order of two nodes is the same in every scenario.
     apart = bool(space.tree.shared) or space.ends
     if apart:
         budget.spend(5 * len(space.tree.order))
@@ -114,8 +109,7 @@ def _unordered(space: ScenarioSpace, one: str, other: str, budget: Budget) -> bo
 
 
 def _rivals(space: ScenarioSpace, budget: Budget) -> Iterator[tuple[str, str]]:
-    """Iterate over pairs of occurrences with overlapping events that may be unordered in a
-    scenario.
+    """Iterate over pairs of overlapping occurrences that may be unordered in a scenario.
 
     Sets of occurrences are bit masks; numbers are consecutive in every part of the forest.
     """
@@ -141,7 +135,7 @@ def _rivals(space: ScenarioSpace, budget: Budget) -> Iterator[tuple[str, str]]:
     def rivals(group: int) -> int:
         return members[group] | union(members[other] for other in bits(many.exact(group, budget)))
 
-    free: dict[Part, int] = {}  # the events that are not surely separated from a part by order or choice
+    free: dict[Part, int] = {}  # the events that no order or choice surely separates from a part
     for part in kept:
         around = parent.get(part)
         free[part] = _mask(range(len(events))) ^ _mask(below[part]) if around is None else free[around]
@@ -167,8 +161,8 @@ def _by_event(tree: RVAFT, names: list[str]) -> dict[Pattern, list[str]]:
 
 
 def _forest(kept: Kept, marked: Container[Part]) -> tuple[dict[Part, Part], dict[Part, range]]:
-    """Return the parent of each part with exactly one, and the numbers of the marked parts below
-    each part.
+    """Return the parent of each part with exactly one, and the range of marked parts below each
+    part.
     """
     parents: dict[Part, list[Part]] = {}
     for part, inside in kept.items():
@@ -228,10 +222,8 @@ def shared_under_order(space: ScenarioSpace) -> Iterator[RuleReport]:
             break
 
 
-# Variables and guards.
-
 _ONE_OF_TWO_LETTERS: Final = 0.5
-"""The similarity of names that are suggested: T1 and T2 are similar."""
+"""The similarity of `T1` and `T2`, one of which is suggested for the other."""
 
 
 def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
@@ -258,7 +250,7 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
         except Undecided:
             if not space.acyclic:
                 raise
-            kept = {}  # Such a scenario exists, but the search for it reached the limit.
+            kept = {}  # The scenario exists, but the search for it reached the limit.
         if kept is not None:
             where = branch_of(kept) if kept else "some branch"
             mend = f"no `on` binds it{did_you_mean(name, tree.variables, cutoff=_ONE_OF_TWO_LETTERS)}"
@@ -271,11 +263,10 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 # Contradictory guards of one branch.
 #
-# Only guards that share variables can contradict each other. For each such group, search an
-# assignment that satisfies all guards; it usually exists. Otherwise compute a minimal subset
-# without a witness, and report it if a feasible scenario contains it. If none does, two of its
-# nodes usually exclude each other: continue without one of them, and with the guards compatible
-# with it.
+# Only guards that share variables can contradict each other. For each such group, search a witness
+# of all guards; it usually exists. Otherwise compute a minimal subset without a witness, and report
+# it if a feasible scenario contains it. If none does, two of its nodes usually exclude each other:
+# continue without one of them, and with the guards compatible with it.
 
 _PAIRS = 400
 _COST = 1_000
@@ -334,11 +325,9 @@ def _without_times(guard: Guard | None) -> Guard | None:
 
 
 def _conflicts(space: ScenarioSpace, group: Group, budget: Budget) -> Iterator[tuple[Core, Kept]]:
-    """Iterate over minimal sets of guards without a witness, each with a feasible scenario that
-    contains it.
+    """Iterate over minimal sets of guards without a witness, each with a feasible scenario.
 
-    Every scenario without a witness has such a set, unless an earlier one is part of it or overlaps
-    it.
+    Every scenario without a witness contains such a set, or overlaps an earlier one.
     """
 
     def possible(nodes: Core) -> bool:
@@ -375,7 +364,7 @@ def _core(names: Core, group: Group, budget: Budget, *, hopeful: bool) -> Core:
 
     budget.spend(len(names))
     if not hopeful:
-        # Neighbours are often the cause, and are cheap to test.
+        # Neighbours are often the cause, and cheap to test.
         for pair in islice(pairwise(names), 3):
             if exclusive(pair):
                 return _smallest(pair, group, budget)
@@ -390,11 +379,10 @@ def _core(names: Core, group: Group, budget: Budget, *, hopeful: bool) -> Core:
 
 
 def _smallest(names: Core, group: Group, budget: Budget, *, twice: bool = False) -> Core:
-    """Return a minimal subset without a witness, by repeatedly adding the guard that removes the
-    last witness.
+    """Return a minimal subset without a witness.
 
-    The search depends on the order of guards; if the result has a witness in its own order, both
-    orders are tried.
+    It repeatedly adds the guard that removes the last witness. If the result has a witness in its
+    own order of guards, both orders are tried.
     """
 
     def hopeless(some: Core) -> bool:

@@ -151,11 +151,8 @@ def prune(draft: Draft) -> Iterator[RuleReport]:
 
 
 def dynamic_gate(draft: Draft) -> Iterator[RuleReport]:
-    """The translation of Galileo's dynamic gates."""
+    """Every translation of a dynamic gate is reported."""
     yield from (RuleReport(*gate) for gate in draft.dynamic_gates)
-
-
-# Event types and their use.
 
 
 def duplicate_event(draft: Draft) -> Iterator[RuleReport]:
@@ -213,7 +210,7 @@ def ignore_variable(tree: Draft | RVAFT) -> Iterator[RuleReport]:
 
 
 def variable_once(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """No variable is used once only, except at a counted leaf, whose events share it."""
+    """No variable is used only once, except at a counted leaf, whose events share it."""
     tree = space.tree
     uses: Counter[str] = Counter()
     where: dict[str, tuple[Place, str, tuple[str, ...]]] = {}
@@ -230,9 +227,6 @@ def variable_once(space: ScenarioSpace) -> Iterator[RuleReport]:
     known = [name for name in uses if uses[name] > 1]
     for place, name, nodes in once:
         yield RuleReport(place, f"variable {name} is used once only; write `_`{did_you_mean(name, known)}", nodes)
-
-
-# Declarations of topics.
 
 
 def duplicate_topic(draft: Draft) -> Iterator[RuleReport]:
@@ -276,10 +270,8 @@ def unused_topic(space: ScenarioSpace) -> Iterator[RuleReport]:
             yield RuleReport(topic.place, f"no event type has the topic {topic.name}; {mend}")
 
 
-# Statements without effect, or with an unintended one.
-
 _GUESSES = 100
-"""The maximum number of undeclared children with a suggestion; each search takes time."""
+"""The maximum number of undeclared children with a suggestion, which takes time."""
 
 
 def undeclared(space: ScenarioSpace) -> Iterator[RuleReport]:

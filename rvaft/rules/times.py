@@ -1,4 +1,4 @@
-"""Rules about time: the time declaration, the time points, and contradictory conditions on time."""
+"""Rules about the time declaration, the time points, and contradictory conditions on time."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -74,13 +74,11 @@ def unbound_time(space: ScenarioSpace) -> Iterator[RuleReport]:
                 yield RuleReport(node.place(part), message, (name,))
 
 
-# Contradictory conditions on time: differences of times (x - y <= c) whose sum around a cycle is
-# negative.
+# Conditions on time are differences x - y <= c; they contradict each other if a cycle has a
+# negative sum.
 
 Need: TypeAlias = str | Event | Times | Edge
-"""A requirement of a bound on times: a node with its condition, an event, or a child below its
-parent.
-"""
+"""What a bound on times requires: a node's condition, an event, or a child below its parent."""
 
 
 class TimeBound(NamedTuple):
@@ -138,8 +136,8 @@ def _conditions(node: Node) -> Iterator[TimeBound]:
 
 
 def _containments(space: ScenarioSpace) -> Iterator[TimeBound]:
-    """Return the bounds of every scenario: each event and child lies between the start and end of
-    its part.
+    """Return the bounds of every scenario: a part starts before its events and children, and ends
+    after.
     """
     for part, inside in space.resolutions.union.items():
         at, start, end = (f"{point}({node_of(part)})" for point in POINTS)

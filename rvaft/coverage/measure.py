@@ -39,7 +39,7 @@ from rvaft.stream.statistics import EventKind, EventTypeIndex
 from rvaft.support.bits import bits
 
 DEFAULT_BRANCHES: Final = 1_000
-"""The default maximum number of branches; all are monitored at once."""
+"""All branches are monitored at once."""
 _WAYS: Final = 20_000
 """The maximum number of ways to keep children of gates above shared nodes."""
 
@@ -49,7 +49,7 @@ Kept: TypeAlias = Mapping[int, tuple[int, ...]]
 
 
 class LackingEvents:
-    """The minimum number of missing events of a partial match, over its feasible scenarios in a
+    """The minimum number of missing events of a partial match, over the feasible scenarios of a
     branch.
 
     In a branch only KofN gates still choose. The cheapest children are optimal, except at gates
@@ -66,8 +66,7 @@ class LackingEvents:
         """Return the minimum number of missing events, and the nodes of such a scenario.
 
         `taken` maps each taken node to the position of its event; the guards of `dead` nodes
-        failed. If `exact`, the scenario contains all of `taken`, otherwise possibly less. Such a
-        scenario must exist. Raises `TooLarge`.
+        failed. If `exact`, the scenario contains all of `taken`, and must exist. Raises `TooLarge`.
         """
         compiled = self._compiled
         if not compiled.chooses:
@@ -90,8 +89,8 @@ class LackingEvents:
     def _cheapest(
         self, nodes: Iterable[int], dead: Collection[int], taken: Collection[int], forced: Collection[int]
     ) -> dict[int, tuple[int, tuple[int, ...]]]:
-        """Return for each possible node (children first) its minimum of missing events, and the
-        kept children.
+        """Return the minimum of missing events and the kept children per possible node, children
+        first.
         """
         found: dict[int, tuple[int, tuple[int, ...]]] = {}
         for node in nodes:
@@ -143,9 +142,7 @@ class LackingEvents:
                 yield whole
 
     def _keeps_order(self, kept: Kept, taken: Mapping[int, int]) -> bool:
-        """Whether a scenario is feasible, and `taken` has an allowed order before all missing
-        events.
-        """
+        """Whether a scenario is feasible and orders `taken` before all missing events."""
         compiled = self._compiled
         inside: dict[int, int] = {}
         before = [0] * len(compiled.names)
@@ -168,8 +165,8 @@ class LackingEvents:
 
 
 class Reach(NamedTuple):
-    """The best result of a log: the missing events, the last event matched (0 for none), the
-    awaited ones.
+    """The best result of a log: the missing events, the last event matched (0: none), the awaited
+    ones.
     """
 
     lacking: int
@@ -178,13 +175,13 @@ class Reach(NamedTuple):
 
 
 class AlternativeFollower(Engine):
-    """The monitor of a branch, or of one of its alternatives, that keeps its best partial matches.
+    """The monitor of an alternative of a branch; it keeps its best partial matches.
 
     Under `scattered`, only better partial matches replace others, so one comparison at the end
-    suffices. Otherwise they are compared whenever they grow. Raises `TooLarge`.
+    suffices. Otherwise they are compared whenever they grow.
     """
 
-    _apart = False  # the joint progress of all parts is measured
+    _apart = False  # measure the joint progress of all parts
 
     def __init__(self, prop: Property, semantics: Semantics, *, limit: int) -> None:
         self._alternative = prop
@@ -201,8 +198,7 @@ class AlternativeFollower(Engine):
         return self._alternative
 
     def follow(self, number: int, event: Json, *, fits: bool) -> None:
-        """Read the event with this number, relevant to the whole tree; skipped events change
-        nothing.
+        """Read the event with this number; skipped events change nothing.
 
         `fits` is False only if it is no event of this branch.
         """
@@ -214,9 +210,7 @@ class AlternativeFollower(Engine):
             self._look()
 
     def reach(self) -> Reach:
-        """Return the progress of the branch at the end of the log; after a detection nothing is
-        missing.
-        """
+        """Return the progress at the end of the log; nothing is missing after a detection."""
         if self.verdict is Verdict.TRUE:
             return Reach(0, self._position, ())
         strategy, waiting = self._strategy, set[str]()
@@ -278,7 +272,7 @@ class BranchFollower:
     def fork(self) -> Self:
         """Return an independent copy."""
         twin = copy(self)
-        twin._parts = [part.fork() for part in self._parts]  # noqa: SLF001 (its own)
+        twin._parts = [part.fork() for part in self._parts]  # noqa: SLF001
         return twin
 
     @property
@@ -288,7 +282,7 @@ class BranchFollower:
         return next((one for one in (Verdict.TRUE, Verdict.UNKNOWN) if one in found), Verdict.FALSE)
 
     def follow(self, number: int, event: Json, *, fits: bool) -> None:
-        """Read the event with this number by all alternatives."""
+        """Read the event with this number, by all alternatives."""
         for part in self._parts:
             if part.verdict is Verdict.UNKNOWN:
                 part.follow(number, event, fits=fits)
@@ -306,8 +300,7 @@ class BranchCoverage:
     """One branch: `reached` of the `needed` events were matched, and `detected` logs detect it.
 
     `log` and `event` locate the first detection, or otherwise the first best result; `event` is the
-    number of the last event matched, from 1. Both are None without a matched event. `awaited` could
-    have come next.
+    number of the last event matched, from 1. The events `awaited` could have come next.
     """
 
     number: int
@@ -326,7 +319,7 @@ class CoverageReport:
 
     `infeasible` are the numbers of branches without a feasible scenario. `nodes` counts the nodes
     with a runtime event in the other branches; `unseen` are those without an event in any log.
-    `data_warnings` are events excluded by their data; `warnings` are the same as sentences.
+    `data_warnings` are events excluded by their data; `warnings` are their sentences.
     """
 
     semantics: Semantics
@@ -377,7 +370,7 @@ class Coverage:
         self.tree = tree
         self.semantics = resolve_semantics(tree, semantics)
         self._branches: list[tuple[BranchFollower, frozenset[str]]] = []
-        # For each branch, the monitor that is copied for each log, and its nodes.
+        """For each branch, the monitor that is copied for each log, and the nodes."""
         self._best: list[BranchCoverage] = []
         self._infeasible: list[int] = []
         self._logs = 0
@@ -449,8 +442,8 @@ class Coverage:
             self._best[place] = best
 
     def _hit(self, event: Json, event_kind: EventKind, *, projects: bool) -> set[str]:
-        """Return the nodes that an event matches, if it counts, by pattern and by the guards that
-        it decides.
+        """Return the nodes whose pattern and decidable guards an event matches, if the event
+        counts.
         """
         (event_class,) = event_kind.classes
         if projects and not event_class.relevant:
@@ -462,8 +455,9 @@ class Coverage:
     def _numbered(
         self, log: str, stream: BufferedIOBase, strict_json: bool, data_warnings: DataWarnings
     ) -> Iterable[tuple[int, Json]]:
-        """Return the relevant events of a log with their numbers; the last event of an irrelevant
-        block may stand for it.
+        """Return the relevant events of a log with their numbers.
+
+        The last event of an irrelevant block may stand for the block.
         """
         reads = TreeReads(self.tree)
         found = None

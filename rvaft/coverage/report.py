@@ -2,12 +2,12 @@
 
 Schema, version 1 (fields are only ever added)::
 
-    {"format": "rvaft-coverage", "version": 1, "semantics": "projected", "logs": 3,
-     "branches": [{"branch": 1, "kinds": ["fault"], "needed": 5, "reached": 3, "detected": 0,
-                   "log": NAME | null, "event": NUMBER | null, "waits_for": [{"node": NAME, "event": TEXT}]}],
-     "infeasible": [NUMBER], "unseen": [{"node": NAME, "event": TEXT}], "oversights": [{"reason":
-     TEXT, "about": GUARD or DURATION or "", "count": NUMBER, "first": TEXT, "example": TEXT}],
-     "totals": {"branches": 4, "exercised": 1, "nodes": 7, "seen": 5}}
+{"format": "rvaft-coverage", "version": 1, "semantics": "projected", "logs": 3, "branches":
+[{"branch": 1, "kinds": ["fault"], "needed": 5, "reached": 3, "detected": 0, "log": NAME | null,
+"event": NUMBER | null, "waits_for": [{"node": NAME, "event": TEXT}]}], "infeasible": [NUMBER],
+"unseen": [{"node": NAME, "event": TEXT}], "oversights": [{"reason": TEXT, "about": GUARD or
+DURATION or "", "count": NUMBER, "first": TEXT, "example": TEXT}], "totals": {"branches": 4,
+"exercised": 1, "nodes": 7, "seen": 5}}
 """
 
 import json
@@ -49,7 +49,7 @@ def json_text(report: CoverageReport) -> str:
 
 
 def table_text(report: CoverageReport, *, width: int | None = None) -> str:
-    """Return the report as a table with unseen nodes and totals; a single line without any log.
+    """Return the report as a table with unseen nodes and totals; one line if there is no log.
 
     Long texts are wrapped to `width` columns, if given.
     """

@@ -17,8 +17,7 @@ import click
 
 from rvaft.errors import ToolMissing, installed
 
-# Opening a file that may be compressed: `.gz` by the standard library, `.zst` by the package
-# `zstandard`.
+# Compressed files: `.gz` by the standard library, `.zst` by the package `zstandard`.
 
 SUFFIXES: Final = (".gz", ".zst")
 _CHUNK: Final = 1 << 16
@@ -86,9 +85,6 @@ def damage() -> tuple[type[Exception], ...]:
 def _zstandard() -> Any:
     remedy = "pip install '.[zstd]' in a checkout of rvaft, or decompress the file first"
     return installed("zstandard", "zstandard", remedy)
-
-
-# The output of a command: standard output, or files written atomically.
 
 
 @contextmanager
@@ -163,8 +159,8 @@ def place(folder: Path, files: Mapping[str, str | None], *, force: bool = False)
     """Write texts into a folder, which is created if absent; a file with None must not exist.
 
     Unchanged files are not touched. Raises `OSError`, with all changes undone, if a file differs or
-    must not exist (`force` replaces or removes it), and if the folder cannot be created or written
-    to. Only a crash between two renames can leave a partial result.
+    must not exist (`force` replaces or removes it), or the folder cannot be written to. Only a
+    crash between two renames can leave a partial result.
     """
     data = {folder / name: None if text is None else os.fsencode(text) for name, text in files.items()}
     with ExitStack() as unmake:

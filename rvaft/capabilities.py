@@ -36,8 +36,8 @@ from rvaft.model.verdict import Semantics
 class Ties(Enum):
     """The supported variables over several events.
 
-    `check` refuses them for NONE. A backend with ALL_EVENTS refuses in `write` the variables that only
-    some events of a scenario share, and guards over several events.
+    `check` refuses them for NONE. For ALL_EVENTS, `write` refuses variables that only some events
+    of a scenario share, and guards over several events.
     """
 
     NONE = "no variables over several events"
@@ -70,9 +70,9 @@ CALCULATING: Final = frozenset({_O.ADD, _O.SUB, _O.MUL, _O.DIV, _O.NEGATE, _O.AB
 READING: Final = frozenset({_O.NUMBER})
 TEXTUAL: Final = frozenset({_O.STARTSWITH, _O.ENDSWITH, _O.CONTAINS, _O.LIKE, _O.LOWER})
 EVERY_OPERATOR: Final = LOGICAL | COMPARING | CALCULATING | READING | TEXTUAL
-"""The operators that all backends knew when they were written.
+"""All groups of operators.
 
-These groups are written out, not derived from the operator table, so that no backend lists a new
+The groups are written out, not derived from the operator table, so that no backend lists a new
 operator. Add an operator to a group only together with its support in each backend.
 """
 

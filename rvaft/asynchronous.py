@@ -86,9 +86,9 @@ def on_detection(
         before = watching.detections
         verdict = watching.step(event)
         if watching.detections > before:
-            told = callback(watching.explanation)
-            if isinstance(told, Coroutine):
-                told.close()  # avoids a later warning of Python
+            result = callback(watching.explanation)
+            if isinstance(result, Coroutine):
+                result.close()  # avoids a later warning of Python
                 raise WrongType("callback", callback, _AWAITED)
         return verdict
 

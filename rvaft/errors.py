@@ -187,5 +187,5 @@ class OptionError(RvaftError, ValueError):
     >>> rvaft.monitor(rvaft.loads("top and a b;"), semantics="loose")
     Traceback (most recent call last):
     ...
-    rvaft.errors.OptionError: unknown semantics 'loose'; known: strict, projected, scattered
+    rvaft.errors.OptionError: unknown semantics 'loose'; known: strict, projected, consecutive, scattered
     """

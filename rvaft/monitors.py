@@ -52,8 +52,8 @@ class Explanation:
         ('⊤', {'a': [1, 2], 'b': [3]})
         """
         found: dict[str, list[int]] = {}
-        for one in self.matched:
-            found.setdefault(one.node, []).append(one.event)
+        for match in self.matched:
+            found.setdefault(match.node, []).append(match.event)
         return found
 
     def bound(self, tree: RVAFT) -> dict[str, Json]:

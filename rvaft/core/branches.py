@@ -217,7 +217,7 @@ def _depth_first(tree: RVAFT, gates: Iterable[str]) -> list[str]:
     agenda = [(tree.root, reversed(tree.nodes[tree.root].children))]
     while agenda:
         name, children = agenda[-1]
-        child = next((one for one in children if one not in done), None)
+        child = next((node for node in children if node not in done), None)
         if child is not None:
             agenda.append((child, reversed(tree.nodes[child].children)))
         else:
@@ -387,7 +387,9 @@ def _part(tree: RVAFT, ways: Iterable[Allowed], part_of: Whole) -> RVAFT:
         for name in reachable(tree.root, below):
             kept.setdefault(name, set()).update(below(name))
     nodes = (tree.nodes[name] for name in kept)
-    parts = [replace(node, children=tuple(one for one in node.children if one in kept[node.name])) for node in nodes]
+    parts = [
+        replace(node, children=tuple(child for child in node.children if child in kept[node.name])) for node in nodes
+    ]
     return tree.changed(nodes=parts, part_of=part_of)
 
 

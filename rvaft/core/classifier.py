@@ -68,9 +68,9 @@ class FirstLiterals:
         self.by_field: dict[str, dict[Hashable, list[int]]] = {}
         self.rest: list[int] = []
         given = list(literals)
-        counts = Counter(item for asked in given for item in asked.items())
-        for number, asked in enumerate(given):
-            first = min(asked.items(), key=counts.__getitem__, default=None)
+        counts = Counter(item for required in given for item in required.items())
+        for number, required in enumerate(given):
+            first = min(required.items(), key=counts.__getitem__, default=None)
             if first is None:
                 self.rest.append(number)
             else:
@@ -103,13 +103,13 @@ class PatternIndex(Generic[T]):
         literals = [literals_of(pattern) for pattern in given]
         self._filed = FirstLiterals(literals)
         self._flat = {number: plain for number, pattern in enumerate(given) if (plain := flat(pattern)) is not None}
-        asked: dict[str, set[type]] = {}
+        types_of: dict[str, set[type]] = {}
         for field, value in (item for some in literals for item in some.items()):
-            asked.setdefault(field, set()).add(type(value))
-        texts = tuple(field for field, types in asked.items() if types == {str})
-        self._shape = _shape_by(texts, names=any(one.variables for one in self._flat.values()))
+            types_of.setdefault(field, set()).add(type(value))
+        texts = tuple(field for field, types in types_of.items() if types == {str})
+        self._shape = _shape_by(texts, names=any(pattern.variables for pattern in self._flat.values()))
         self.texts = texts
-        self.others = tuple(field for field, types in asked.items() if types != {str})
+        self.others = tuple(field for field, types in types_of.items() if types != {str})
 
     def of(self, event: Mapping[str, Json]) -> T:
         """Return the result for the shape of an event."""
@@ -215,14 +215,18 @@ class Discriminators:
         ]
         # Greedy cover: the most frequent field first.
         cover: list[str] = []
-        left = [one for one in strings if one]
+        left = [literals for literals in strings if literals]
         while left:
-            cover.append(Counter(field for one in left for field in one).most_common(1)[0][0])
-            left = [one for one in left if cover[-1] not in one]
+            cover.append(Counter(field for literals in left for field in literals).most_common(1)[0][0])
+            left = [literals for literals in left if cover[-1] not in literals]
         self.fields = tuple(cover)
-        self._asked = tuple({field: one[field] for field in self.fields if field in one} for one in strings)
-        self._filed = FirstLiterals(self._asked)
-        self._values = {field: frozenset(one[field] for one in strings if field in one) for field in self.fields}
+        self._literals = tuple(
+            {field: literals[field] for field in self.fields if field in literals} for literals in strings
+        )
+        self._filed = FirstLiterals(self._literals)
+        self._values = {
+            field: frozenset(literals[field] for literals in strings if field in literals) for field in self.fields
+        }
 
     def values(self, event: Mapping[str, Json]) -> tuple[Hashable, ...]:
         """Return the `value` of each discriminating field of an event."""
@@ -242,7 +246,7 @@ class Discriminators:
         return tuple(
             number
             for number in self._filed.candidates(event)
-            if all(event[field] == value for field, value in self._asked[number].items())
+            if all(event[field] == value for field, value in self._literals[number].items())
         )
 
 
@@ -426,7 +430,7 @@ class GuardTable(Generic[H_co]):
 
 
 def guard_table(
-    asked: Sequence[Guard | EventTest | None], derive: Callable[[Sequence[bool]], H_co]
+    guards: Sequence[Guard | EventTest | None], derive: Callable[[Sequence[bool]], H_co]
 ) -> GuardTable[H_co]:
     """Return the table over these guards; None is a guard that always holds.
 
@@ -440,7 +444,7 @@ def guard_table(
     ([1], [0, 1], [0, 1, 2], [1])
     """
     places: dict[Guard | EventTest, int] = {}
-    bit = [0 if guard is None else 1 << places.setdefault(guard, len(places)) for guard in asked]
+    bit = [0 if guard is None else 1 << places.setdefault(guard, len(places)) for guard in guards]
     return _table_by_bits(tuple(places), lambda held: derive([held & one == one for one in bit]))
 
 
@@ -450,15 +454,15 @@ def joined_tables(tables: Sequence[GuardTable[H]], join: Callable[[tuple[H, ...]
     for table in tables:
         for guard in table.guards:
             places.setdefault(guard, len(places))
-    asked: list[tuple[Callable[[int], H], int, list[tuple[int, int]]]] = []
+    sources: list[tuple[Callable[[int], H], int, list[tuple[int, int]]]] = []
     for table in tables:
         pairs = [(1 << places[guard], 1 << place) for place, guard in enumerate(table.guards)]
         same = all(bit == own for bit, own in pairs)
-        asked.append((table.at, (1 << len(pairs)) - 1 if same else 0, [] if same else pairs))
+        sources.append((table.at, (1 << len(pairs)) - 1 if same else 0, [] if same else pairs))
 
     def derive(held: int) -> T:
-        own = [held & mask | sum([bit for one, bit in pairs if held & one]) for _, mask, pairs in asked]
-        return join(tuple([at(bits) for (at, _, _), bits in zip(asked, own, strict=True)]))
+        own = [held & mask | sum([bit for one, bit in pairs if held & one]) for _, mask, pairs in sources]
+        return join(tuple([at(bits) for (at, _, _), bits in zip(sources, own, strict=True)]))
 
     return _table_by_bits(tuple(places), derive)
 
@@ -469,13 +473,15 @@ def _table_by_bits(guards: tuple[Guard | EventTest, ...], derive: Callable[[int]
     Comparisons of one variable with numbers use binary search.
     """
     memory: dict[int, H_co] = {}
-    asked = [(1 << at, one.holds if isinstance(one, EventTest) else predicate(one)) for at, one in enumerate(guards)]
+    tests = [
+        (1 << at, guard.holds if isinstance(guard, EventTest) else predicate(guard)) for at, guard in enumerate(guards)
+    ]
 
     def derived(event: Mapping[str, Json]) -> H_co:
         return derived_of(held(event))
 
     def held(event: Mapping[str, Json]) -> int:
-        return sum([bit for bit, holds in asked if holds(event)])
+        return sum([bit for bit, holds in tests if holds(event)])
 
     def derived_of(bits: int) -> H_co:
         try:
@@ -492,7 +498,7 @@ def _table_by_bits(guards: tuple[Guard | EventTest, ...], derive: Callable[[int]
     compared = compared_numbers(guards)
     if compared is None:
         if len(guards) == 1:
-            ((_, holds_alone),) = asked
+            ((_, holds_alone),) = tests
             return GuardTable(guards, lambda event: derived_of(1 if holds_alone(event) else 0), held, derived_of)
         return GuardTable(guards, derived, held, derived_of)
     name, points = compared

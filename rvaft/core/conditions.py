@@ -133,16 +133,16 @@ class TruthConditions:
             case Operator.NOT:
                 return self._when(left, not wanted)
             case Operator.AND | Operator.OR if wanted is (guard.operator is Operator.AND):
-                return _all(self._when(one, wanted) for one in guard.operands)
+                return _all(self._when(operand, wanted) for operand in guard.operands)
             case Operator.AND | Operator.OR:
                 found: TruthCondition = NEVER
-                for one in reversed(guard.operands):
-                    found = self._decided(one, wanted, found)
+                for operand in reversed(guard.operands):
+                    found = self._decided(operand, wanted, found)
                 return found
             case Operator.EQ | Operator.NE:
                 return self._equality(left, others[0], wanted is (guard.operator is Operator.EQ))
             case Operator.IN:
-                several = (self._equality(left, one, wanted) for one in others)
+                several = (self._equality(left, element, wanted) for element in others)
                 return _any(several) if wanted else _all(several)
             case operator if operator in ORDERINGS:
                 sign = operator if wanted else OPERATORS[operator].negated
@@ -191,9 +191,9 @@ class TruthConditions:
         return ALWAYS if isinstance(term, Literal) else SortTest(term, self.sort(term), wanted=True)
 
     def _compared(self, sort: Sort, left: Guard, sign: str, right: Guard) -> TruthCondition:
-        sorts = {self.sort(one) for one in (left, right)}
+        sorts = {self.sort(term) for term in (left, right)}
         if Sort.TIME in sorts and sort is Sort.NUMBER:
-            if {Sort.UNKNOWN, Sort.NUMBER} & {self.sort(one) for one in (left, right) if variables(one)}:
+            if {Sort.UNKNOWN, Sort.NUMBER} & {self.sort(term) for term in (left, right) if variables(term)}:
                 raise Unsayable("it compares a time with a value that is not a time")
             sorts, sort = {Sort.NUMBER if one is Sort.TIME else one for one in sorts}, Sort.TIME
         plain = Sort.NUMBER if sort is Sort.TIME else sort
@@ -220,12 +220,14 @@ class TruthConditions:
                 if not variables(term):  # a constant term that has a value is folded
                     return Sort.VOID
                 if operator in ARITHMETIC | FUNCTIONS and facts.takes is not None:
-                    sorts = {self.sort(one) for one in operands}
+                    sorts = {self.sort(operand) for operand in operands}
                     taken = {*facts.takes, Sort.UNKNOWN, *((Sort.TIME,) if Sort.NUMBER in facts.takes else ())}
                     if not sorts <= taken:
                         return Sort.VOID
                     if facts.gives is Sort.NUMBER and Sort.TIME in sorts:
-                        if {Sort.UNKNOWN, Sort.NUMBER} & {self.sort(one) for one in operands if variables(one)}:
+                        if {Sort.UNKNOWN, Sort.NUMBER} & {
+                            self.sort(operand) for operand in operands if variables(operand)
+                        }:
                             raise Unsayable("it calculates with a time and a value that is not a time")
                         return Sort.TIME
                 return facts.gives
@@ -265,7 +267,7 @@ def spelled(condition: TruthCondition, test: Callable[[ConditionTest], T], join:
     def of(part: TruthCondition) -> T:
         if id(part) not in known:
             if isinstance(part, ConditionJunction):
-                known[id(part)] = join(part.every, [of(one) for one in part.parts])
+                known[id(part)] = join(part.every, [of(inner) for inner in part.parts])
             else:
                 known[id(part)] = test(part)
         return known[id(part)]

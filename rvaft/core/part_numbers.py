@@ -164,7 +164,7 @@ def numbered(prop: Property) -> NumberedParts:
     number = {part: place for place, part in enumerate(prop.parts)}
     found = []
     for part in prop.parts:
-        inner = tuple(number[one] for one in part.parts)
+        inner = tuple(number[child] for child in part.parts)
         found.append(NumberedPart(op_of(part), inner, fewest(part), part))
     return NumberedParts(tuple(found))
 

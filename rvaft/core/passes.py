@@ -79,10 +79,10 @@ def restrict(prop: Property, *, branch_number: int | None = None, kind: Kind | s
     """
     kind = None if kind is None else Kind(kind)
     if branch_number is not None:
-        one = branch(prop.tree, branch_number)
-        if kind is not None and kind not in one.kinds:
+        selected = branch(prop.tree, branch_number)
+        if kind is not None and kind not in selected.kinds:
             raise TreeError(f"branch {branch_number} does not have the kind {kind}", rule="no-branch")
-        return of_branch(replace(prop, kind=kind), one)
+        return of_branch(replace(prop, kind=kind), selected)
     if kind is None:
         return prop
     ways = ways_to_kind(prop.tree, kind)
@@ -96,9 +96,9 @@ def restrict(prop: Property, *, branch_number: int | None = None, kind: Kind | s
     return replace(prop, root=One(None, tuple(dict.fromkeys(copy.root for copy in copies))), wholes=wholes)
 
 
-def of_branch(prop: Property, one: Branch) -> Property:
+def of_branch(prop: Property, selected: Branch) -> Property:
     """Return the property restricted to one branch of its tree."""
-    return _allowing(replace(prop, branch=one.number), _singly(one.choices), 0)
+    return _allowing(replace(prop, branch=selected.number), _singly(selected.choices), 0)
 
 
 def _singly(choices: Mapping[str, str]) -> dict[str, frozenset[str]]:
@@ -118,8 +118,8 @@ def _allowing(prop: Property, allowed: Mapping[str, frozenset[str]], copy: int) 
                 ]
                 return One(part.source, tuple(kept))
             case Condition(guard=guard) if copy:
-                points = [one for one in time_points(guard) if one.point != "at"]
-                copied = {one.name: TimePoint.of(one.point, one.node, copy) for one in points}
+                points = [point for point in time_points(guard) if point.point != "at"]
+                copied = {point.name: TimePoint.of(point.point, point.node, copy) for point in points}
                 return replace(part, guard=substitute(guard, copied), written=part.written or guard)
             case Within() if copy:
                 return Within(Source(part.source.node, copy), parts, part.duration)
@@ -146,7 +146,7 @@ def _expand_times(prop: Property, _: int) -> Property:
             case All(source=Source() as source, parts=(Times() as leaf, Condition(guard=guard))) if not time_points(
                 guard
             ):
-                guarded = (All(one.source, (one, Condition(one.source, guard))) for one in counted(leaf))
+                guarded = (All(event.source, (event, Condition(event.source, guard))) for event in counted(leaf))
                 return Sequence(source, tuple(guarded))
             case _:
                 return with_parts(part, parts)
@@ -236,7 +236,7 @@ class _Ends:
         if len(lasts) < 2 or not self._shared:
             return lasts
         later = _successors(part)
-        return tuple(one for one in lasts if later[one].isdisjoint(set(lasts) - {one}))
+        return tuple(event for event in lasts if later[event].isdisjoint(set(lasts) - {event}))
 
 
 def _successors(root: Part) -> dict[Event, set[Event]]:
@@ -244,12 +244,12 @@ def _successors(root: Part) -> dict[Event, set[Event]]:
     inside: dict[Part, set[Event]] = {}
     after: dict[Event, set[Event]] = {}
     for part in parts_below(root):
-        inside[part] = {part} if isinstance(part, Event) else set().union(*(inside[one] for one in part.parts))
+        inside[part] = {part} if isinstance(part, Event) else set().union(*(inside[inner] for inner in part.parts))
         if isinstance(part, Event):
             after[part] = set()
         if isinstance(part, Sequence):
-            for number, one in enumerate(part.parts):
-                for event in inside[one]:
+            for number, inner in enumerate(part.parts):
+                for event in inside[inner]:
                     after[event].update(*(inside[other] for other in part.parts[number + 1 :]))
     for found in after.values():
         agenda = list(found)
@@ -335,13 +335,13 @@ def _with_guards(prop: Property, *, windows: bool = True) -> Property:
     below: dict[Part, tuple[Part, ...]] = {}
     rank = {name: place for place, name in enumerate(prop.tree.order)}
 
-    def point(one: TimePoint) -> Guard:
-        if one.point == "at":
-            return TimePoint.of("at", one.node, max(one.number, 1))
-        whole = prop.wholes.get(Source(one.node, one.number))
+    def point(time_point: TimePoint) -> Guard:
+        if time_point.point == "at":
+            return TimePoint.of("at", time_point.node, max(time_point.number, 1))
+        whole = prop.wholes.get(Source(time_point.node, time_point.number))
         if whole is None:  # no scenario of this property has the node
             raise _Open
-        return extreme(one.point, whole)
+        return extreme(time_point.point, whole)
 
     def extreme(which: str, whole: Part) -> Guard:
         if whole not in below:
@@ -357,7 +357,9 @@ def _with_guards(prop: Property, *, windows: bool = True) -> Property:
 
     def change(part: Part, parts: tuple[Part, ...]) -> Part:
         match part:
-            case Condition(guard=guard) if points := {one.name: point(one) for one in time_points(guard)}:
+            case Condition(guard=guard) if points := {
+                time_point.name: point(time_point) for time_point in time_points(guard)
+            }:
                 return replace(part, guard=substitute(_differences(guard), points), written=part.written or guard)
             case Within(source=source, parts=(whole,), duration=duration) if windows:
                 span = Operation(Operator.SUB, (extreme("end", whole), extreme("start", whole)))
@@ -391,15 +393,15 @@ def _bind_times(prop: Property, _: int) -> Property:
     taken = {name for part in prop.parts for name in _variables(part)}
     free = (name for number in count(1) if (name := f"T{number}") not in taken)
     points = (TimePoint.of("at", *event.source).name for event in prop.events)
-    asked = dict.fromkeys((*(name for name in points if name in used), *sorted(used)))
-    names = {name: next(free) for name in asked}
+    used_points = dict.fromkeys((*(name for name in points if name in used), *sorted(used)))
+    names = {name: next(free) for name in used_points}
 
     def change(part: Part, parts: tuple[Part, ...]) -> Part:
         match part:
             case Event(source, pattern) if (name := TimePoint.of("at", *source).name) in names:
                 return Event(source, timed(pattern, names[name]))
             case Condition(guard=guard) if points := time_points(guard):
-                new = {one.name: Variable(names[one.name]) for one in points}
+                new = {point.name: Variable(names[point.name]) for point in points}
                 return replace(part, guard=substitute(guard, new), written=part.written or guard)
             case _:
                 return with_parts(part, parts)
@@ -475,7 +477,12 @@ def _flatten(prop: Property, _: int) -> Property:
             case All() | Sequence():
                 kind = type(part)
                 nested = (each.parts if isinstance(each, kind) else (each,) for each in parts)
-                inner = [one for each in nested for one in each if not (isinstance(one, All) and not one.parts)]
+                inner = [
+                    subpart
+                    for each in nested
+                    for subpart in each
+                    if not (isinstance(subpart, All) and not subpart.parts)
+                ]
                 if isinstance(part, All):
                     inner = list(dict.fromkeys(inner))
                 if not inner:
@@ -501,6 +508,6 @@ def reduced(prop: Property, limit: int = LIMIT) -> Property:
 def property_of(tree: RVAFT) -> Property:
     """Return the property of a tree, or of the branch or kind of a restricted tree."""
     if tree.part_of is None:
-        return replace(build(tree), asked=tree)
+        return replace(build(tree), requested=tree)
     prop = restrict(build(tree.part_of.tree), branch_number=tree.part_of.branch, kind=tree.part_of.kind)
-    return replace(prop, asked=tree)
+    return replace(prop, requested=tree)

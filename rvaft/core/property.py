@@ -205,7 +205,7 @@ class Property:
     wholes: Mapping[Source, Part] = field(default_factory=dict)
     branch: int | None = None
     kind: Kind | None = None
-    asked: RVAFT | None = None
+    requested: RVAFT | None = None
     """The tree as given, with its restriction to a branch or kind."""
     resolved: bool = False
     """Whether a pass has made all choices, so that each alternative belongs to one branch."""
@@ -235,7 +235,7 @@ class Property:
     def timed(self) -> bool:
         """Whether a window or a time point depends on the times of events."""
         return any(
-            isinstance(one, Within) or (isinstance(one, Condition) and time_points(one.guard)) for one in self.parts
+            isinstance(part, Within) or (isinstance(part, Condition) and time_points(part.guard)) for part in self.parts
         )
 
     @property

@@ -94,9 +94,11 @@ class ResidualSpace:
         work: Work,
     ) -> None:
         events = (number for number in reversed(form.kept()) if form.parts[number].op is PartKind.EVENT)
-        asks = {number: (label(number), _on_variables(form.parts[number].event, guards)) for number in events}
+        labels = {number: (label(number), _on_variables(form.parts[number].event, guards)) for number in events}
         graphs = enumerate(_decided(form, at_least=at_least, work=work))
-        self._of_start = [_Start(graph, number, asks, guards, at_least=at_least, work=work) for number, graph in graphs]
+        self._of_start = [
+            _Start(graph, number, labels, guards, at_least=at_least, work=work) for number, graph in graphs
+        ]
         self.starts = tuple(plan.start for plan in self._of_start)
         """The residuals before any event; together they have all scenarios."""
         self.width = max(plan.width for plan in self._of_start)
@@ -212,7 +214,7 @@ class _Start:
         self,
         form: NumberedParts,
         number: int,
-        asks: Mapping[int, tuple[int, int]],
+        labels: Mapping[int, tuple[int, int]],
         guards: Mapping[Guard, int],
         *,
         at_least: bool,
@@ -237,30 +239,30 @@ class _Start:
                     self.alternatives[option[child]] = _Alternative(bit[part], up, *known)
             if this.chooses:
                 mask = mask_of(option[child] for child in this.parts)
-                quiet = mask_of(one for one in bits(mask) if self.alternatives[one].silent)
+                quiet = mask_of(alternative for alternative in bits(mask) if self.alternatives[alternative].silent)
                 self.choices[bit[part]] = _Choice(mask, quiet, this.need, at_least and this.op is PartKind.AT_LEAST)
         before, after = form.around(whole), form.around(whole, backwards=True)
         self.occurrences: dict[int, _Occurrence] = {}
         self._binders = dict.fromkeys(bits(self._guards), 0)
-        for part in filter(asks.__contains__, graph):
-            event, asked = bit[part], asks[part]
-            self.occurrences[event] = _Occurrence(part, *asked, above[part], before[part], after[part])
-            self._binders.update((guard, self._binders[guard] | 1 << event) for guard in bits(asked[1]))
+        for part in filter(labels.__contains__, graph):
+            event, label_and_guards = bit[part], labels[part]
+            self.occurrences[event] = _Occurrence(part, *label_and_guards, above[part], before[part], after[part])
+            self._binders.update((guard, self._binders[guard] | 1 << event) for guard in bits(label_and_guards[1]))
         self._choosing = mask_of(self.choices)
         self._events = mask_of(self.occurrences)
         self.width = (self._events | self._guards).bit_length()
-        self._rests = _Rests(graph, asks, guards, bit, option) if self._has_alike() else None
+        self._rests = _Rests(graph, labels, guards, bit, option) if self._has_alike() else None
         self._size = len(graph)
         self._known: dict[tuple[int, ...], Residual] = {}
         self.start = self._tidy(Residual(number, mandatory[form.root]))
 
     def _has_alike(self) -> bool:
-        asking: dict[tuple[int, int], int] = {}
-        for event, one in self.occurrences.items():
-            asking[one.label, one.bound] = asking.get((one.label, one.bound), 0) | 1 << event
+        alike: dict[tuple[int, int], int] = {}
+        for event, occurrence in self.occurrences.items():
+            alike[occurrence.label, occurrence.bound] = alike.get((occurrence.label, occurrence.bound), 0) | 1 << event
         return any(
-            asking[one.label, one.bound] & ~(one.before | one.after | 1 << event)
-            for event, one in self.occurrences.items()
+            alike[occurrence.label, occurrence.bound] & ~(occurrence.before | occurrence.after | 1 << event)
+            for event, occurrence in self.occurrences.items()
         )
 
     def moves(self, left: Residual) -> tuple[Move, ...]:
@@ -360,9 +362,9 @@ class _Start:
         missing = choice.least - (left.taken & choice.mask).bit_count()
         if missing <= 0:
             return (0,)
-        untaken = (self.alternatives[one].silent for one in bits(choice.silent & ~left.taken))
-        able = [ways for silent in untaken if (ways := [one for one in silent if not one & left.broken])]
-        return _smallest(union(one) for some in combinations(able, missing) for one in product(*some))
+        untaken = (self.alternatives[alternative].silent for alternative in bits(choice.silent & ~left.taken))
+        able = [ways for silent in untaken if (ways := [mask for mask in silent if not mask & left.broken])]
+        return _smallest(union(chosen) for some in combinations(able, missing) for chosen in product(*some))
 
     def _tidy(self, left: Residual) -> Residual:
         """Drop unaffected guards; return the representative of equivalent residuals."""
@@ -404,7 +406,7 @@ class _Rests:
     def __init__(
         self,
         graph: dict[int, NumberedPart],
-        asks: Mapping[int, tuple[int, int]],
+        labels: Mapping[int, tuple[int, int]],
         guards: Mapping[Guard, int],
         bit: Mapping[int, int],
         option: Mapping[int, int],
@@ -417,7 +419,7 @@ class _Rests:
         """The components of the number of an unordered part."""
         self.full: dict[int, int] = {}
         for part, this in reversed(graph.items()):
-            own = guards[this.of.guard] if isinstance(this.of, Condition) else asks.get(part)
+            own = guards[this.of.guard] if isinstance(this.of, Condition) else labels.get(part)
             inner = [self.full[child] for child in this.parts]
             key = (this.op, this.need, own, *(inner if this.op is PartKind.SEQUENCE else sorted(inner)))
             self.full[part] = self._number(part, *key) if part in self._shared else self._number(*key)
@@ -435,9 +437,11 @@ class _Rests:
             elif this.op is PartKind.SEQUENCE:
                 rest = self._number(this.op, *inner) if len(inner) > 1 else sum(inner)
             else:
-                found = [one for rest in inner for one in self._inside.get(rest, (rest,))]
+                found = [component for rest in inner for component in self._inside.get(rest, (rest,))]
                 if is_open:
-                    untaken = sorted(self.full[one] for one in this.parts if not left.taken >> self._option[one] & 1)
+                    untaken = sorted(
+                        self.full[child] for child in this.parts if not left.taken >> self._option[child] & 1
+                    )
                     need = max(0, this.need + len(untaken) - len(this.parts))
                     found.append(self._number(this.op, need, *untaken))
                 found.sort()
@@ -516,7 +520,7 @@ def _smallest(sets: Iterable[int]) -> tuple[int, ...]:
     (2, 5)
     """
     kept: list[int] = []
-    for one in sorted(set(sets), key=lambda mask: (mask.bit_count(), mask)):
-        if not any(other & ~one == 0 for other in kept):
-            kept.append(one)
+    for mask in sorted(set(sets), key=lambda mask: (mask.bit_count(), mask)):
+        if not any(other & ~mask == 0 for other in kept):
+            kept.append(mask)
     return tuple(kept)

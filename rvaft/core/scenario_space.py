@@ -91,7 +91,7 @@ def precedence(kept: Kept, *, ends: bool = False) -> "nx.DiGraph":
             graph.add_edge(("end", inner, None), end, via=via)
         if isinstance(part, core.Sequence) or (ends and isinstance(part, EndInOrder)):
             for earlier, later in pairwise(inner for inner in part.parts if inner in inside):
-                before, after = ((part, one) if is_edge(part, one) else None for one in (earlier, later))
+                before, after = ((part, side) if is_edge(part, side) else None for side in (earlier, later))
                 done: Point = ("done", part, earlier)
                 graph.add_edge(("end", earlier, None), done, via=before)
                 graph.add_edge(done, ("start", later, None), via=after)
@@ -173,7 +173,7 @@ def standstill(kept: Kept, graph: "nx.DiGraph") -> Standstill | None:
         if part not in begun and any(end in stuck for end in ends):
             inside = tuple(reachable(part, kept.__getitem__))
             edges += [(one, inner) for one in (*above[part], *inside) for inner in kept[one] if is_edge(one, inner)]
-            votes = (one for one in inside if isinstance(one, AtLeast))
+            votes = (vote for vote in inside if isinstance(vote, AtLeast))
             lacking += [(one, inner) for one in votes for inner in one.parts if inner not in kept[one]]
     return Standstill(dict.fromkeys(edges), dict.fromkeys(lacking))
 
@@ -219,7 +219,9 @@ class Resolutions:
         self._rank = {part: index for index, part in enumerate(self._order)}
         self._options: dict[Part, tuple[Part, ...]] = {}
         for part in reversed(self._order):
-            inside = tuple(one for one in everything[part] if one in self._options and (part, one) not in without)
+            inside = tuple(
+                inner for inner in everything[part] if inner in self._options and (part, inner) not in without
+            )
             if part not in banned and len(inside) >= fewest(part):
                 self._options[part] = inside
         self._reached: dict[Part, list[Part]] = {self._root: []} if self._root in self._options else {}
@@ -546,16 +548,16 @@ _AT_ONCE: Final = 4096
 
 
 def borne_surely(
-    space: ScenarioSpace, asked: Collection[tuple[str, str]], bearers: Mapping[str, Iterable[Part]]
+    space: ScenarioSpace, pairs: Collection[tuple[str, str]], bearers: Mapping[str, Iterable[Part]]
 ) -> set[tuple[str, str]]:
     """Return the pairs of a node and a mark such that every scenario with the node has a marked
     part.
 
     `bearers` are the parts with a mark. A node in no scenario has no pair.
     """
-    wanted, found = list(dict.fromkeys(mark for _, mark in asked)), set[tuple[str, str]]()
-    for start in range(0, len(wanted), _AT_ONCE):
-        bit = {mark: 1 << index for index, mark in enumerate(wanted[start : start + _AT_ONCE])}
+    names, found = list(dict.fromkeys(mark for _, mark in pairs)), set[tuple[str, str]]()
+    for start in range(0, len(names), _AT_ONCE):
+        bit = {mark: 1 << index for index, mark in enumerate(names[start : start + _AT_ONCE])}
         # One more bit distinguishes a scenario with all marks from no scenario.
         everything = (1 << len(bit) + 1) - 1
         marks = dict.fromkeys(space.never, everything)
@@ -563,7 +565,7 @@ def borne_surely(
             for bearer in bearers.get(mark, ()):
                 marks[bearer] = marks.get(bearer, 0) | own
         borne = inevitable(space.order, marks, everything)
-        found.update((name, mark) for name, mark in asked if borne[space.whole[name]] & bit.get(mark, 0))
+        found.update((name, mark) for name, mark in pairs if borne[space.whole[name]] & bit.get(mark, 0))
     return found
 
 

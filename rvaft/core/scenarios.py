@@ -61,7 +61,7 @@ def most_events(parts: Iterable[Part]) -> dict[Part, int]:
     """Return each part's maximum number of events, capped at 2 (inner parts first)."""
     most: dict[Part, int] = {}
     for part in parts:
-        inner = [most[one] for one in part.parts]
+        inner = [most[subpart] for subpart in part.parts]
         match part:
             case Event():
                 most[part] = 1
@@ -152,17 +152,17 @@ def precedence(kept: Kept) -> tuple[tuple[Event, ...], tuple[int, ...]] | None:
                 raise AssertionError("a pass removes these before scenarios are enumerated")
             case Sequence():
                 earlier = 0
-                for one in kept[part]:
-                    for event in bits(inside[one]):
+                for subpart in kept[part]:
+                    for event in bits(inside[subpart]):
                         before[event] |= earlier
-                    earlier |= inside[one]
+                    earlier |= inside[subpart]
             case Condition() | All() | One() | AtLeast() | Within():
                 pass
             case _:
                 assert_never(part)
         found = 0
-        for one in kept[part]:
-            found |= inside[one]
+        for subpart in kept[part]:
+            found |= inside[subpart]
         inside[part] = found
     closed = transitive(before)
     return None if closed is None else (events, closed)
@@ -170,11 +170,11 @@ def precedence(kept: Kept) -> tuple[tuple[Event, ...], tuple[int, ...]] | None:
 
 def transitive(before: list[int]) -> tuple[int, ...] | None:
     """Return the transitive closure of the predecessors of each event, or None if cyclic."""
-    waiting = [one.bit_count() for one in before]
+    waiting = [mask.bit_count() for mask in before]
     after: list[list[int]] = [[] for _ in before]
     for event, earlier in enumerate(before):
-        for one in bits(earlier):
-            after[one].append(event)
+        for predecessor in bits(earlier):
+            after[predecessor].append(event)
     ready = [event for event, count in enumerate(waiting) if not count]
     closed = list(before)
     for event in ready:

@@ -109,7 +109,7 @@ def _when(guard: Guard, *, truth: bool) -> list[Way]:
             return [()] if constant is truth else []
         case Operation(Operator.IN, (operand, *listed)):
             operator = Operator.EQ if truth else Operator.NE
-            compared_with = [_when(Operation(operator, (operand, one)), truth=True) for one in listed]
+            compared_with = [_when(Operation(operator, (operand, literal)), truth=True) for literal in listed]
             return _bounded(chain(*compared_with)) if truth else _all_of(compared_with)
         case Operation(operator) if operator not in _VALUES:
             if not variables(guard):
@@ -117,7 +117,7 @@ def _when(guard: Guard, *, truth: bool) -> list[Way]:
             if OPERATORS[operator].takes != _TEXTS:
                 return [()]
             lowered = [Operation(Operator.LOWER, (operand,)) for operand in guard.operands]  # defined for texts only
-            return [tuple(GuardComparison(Operator.EQ, one, one) for one in lowered)]
+            return [tuple(GuardComparison(Operator.EQ, term, term) for term in lowered)]
         case Operation():
             return []  # numbers and texts have no truth value
 
@@ -281,7 +281,10 @@ def contradictory_over_reals(guards: Iterable[Guard], *, weaken: bool = False) -
 
     `weaken` omits comparisons that rounding could make true.
     """
-    kept = ([one for one in way if not weaken or _survives_rounding(one)] for way in _alternatives(guards))
+    kept = (
+        [comparison for comparison in way if not weaken or _survives_rounding(comparison)]
+        for way in _alternatives(guards)
+    )
     return None if any(map(_real_solutions, kept)) else True
 
 
@@ -463,9 +466,9 @@ def _texts(guards: list[Guard], binding: Binding) -> Iterator[str]:
     found: dict[Operator, list[str]] = {}
     for part in chain(*map(walk, guards)):
         if isinstance(part, Operation) and part.operator in _TEXT_TESTS:
-            asked = _known(part.operands[1], binding)
-            if isinstance(asked, str):
-                found.setdefault(part.operator, []).append(asked)
+            text = _known(part.operands[1], binding)
+            if isinstance(text, str):
+                found.setdefault(part.operator, []).append(text)
     first, inner, last = (found.get(o, []) for o in (Operator.STARTSWITH, Operator.CONTAINS, Operator.ENDSWITH))
     for glob in found.get(Operator.LIKE, ()):
         for filling in ("", *inner, *first):

@@ -96,7 +96,7 @@ def differences(guard: Guard) -> tuple[TimeDifference, ...] | None:
             case Variable(name):
                 sides[sign].append((None, (name,)))
             case Operation(Operator.MAX | Operator.MIN as extreme, terms) if all(
-                isinstance(one, Variable) for one in terms
+                isinstance(term, Variable) for term in terms
             ):
                 sides[sign].append((extreme, variables(part)))
             case Operation(Operator.ADD | Operator.SUB as sum_, (one, other)):

@@ -150,18 +150,18 @@ class LackingEvents:
             inside[node] = 0
             for child in kept[node]:
                 if compiled.ops[node] is PartKind.SEQUENCE:
-                    for one in bits(inside[child]):
-                        before[one] |= inside[node]
+                    for event in bits(inside[child]):
+                        before[event] |= inside[node]
                 inside[node] |= inside[child]
             if compiled.own[node]:
-                for one in bits(inside[node]) if compiled.top_down else ():
-                    before[one] |= 1 << node
+                for event in bits(inside[node]) if compiled.top_down else ():
+                    before[event] |= 1 << node
                 before[node] |= 0 if compiled.top_down else inside[node]
                 inside[node] |= 1 << node
         closed = transitive(before)
         if closed is None:
             return False
-        return all(taken.get(one, inf) < taken[node] for node in taken for one in bits(closed[node]))
+        return all(taken.get(event, inf) < taken[node] for node in taken for event in bits(closed[node]))
 
 
 class Reach(NamedTuple):
@@ -264,8 +264,8 @@ class BranchFollower:
         present = {part.source.node for part in prop.parts if isinstance(part, Event | Times)}
         own = tuple(entry for entry in prop.alphabet if entry.node in present)
         prop = replace(prop, alphabet=own, ignored=())  # relevance is computed once for all branches
-        feasible = (one for one in reduced(prop).alternatives if not is_empty(one))
-        self._parts = [AlternativeFollower(one, semantics, limit=limit) for one in feasible]
+        feasible = (alternative for alternative in reduced(prop).alternatives if not is_empty(alternative))
+        self._parts = [AlternativeFollower(alternative, semantics, limit=limit) for alternative in feasible]
         if not self._parts:
             raise TreeError("no feasible scenario", rule="no-scenario", nodes=[prop.tree.root])
 
@@ -279,7 +279,7 @@ class BranchFollower:
     def verdict(self) -> Verdict:
         """True if one alternative is true, false if all are false."""
         found = [part.verdict for part in self._parts]
-        return next((one for one in (Verdict.TRUE, Verdict.UNKNOWN) if one in found), Verdict.FALSE)
+        return next((verdict for verdict in (Verdict.TRUE, Verdict.UNKNOWN) if verdict in found), Verdict.FALSE)
 
     def follow(self, number: int, event: Json, *, fits: bool) -> None:
         """Read the event with this number, by all alternatives."""
@@ -290,9 +290,9 @@ class BranchFollower:
     def reach(self) -> Reach:
         """Return the progress of the best alternatives, with their awaited events joined."""
         found = [part.reach() for part in self._parts]
-        best = min(found, key=lambda one: (one.lacking, one.event))
-        alike = [one for one in found if one[:2] == best[:2]]
-        return best._replace(awaited=tuple(dict.fromkeys(node for one in alike for node in one.awaited)))
+        best = min(found, key=lambda reach: (reach.lacking, reach.event))
+        alike = [reach for reach in found if reach[:2] == best[:2]]
+        return best._replace(awaited=tuple(dict.fromkeys(node for reach in alike for node in reach.awaited)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -387,19 +387,21 @@ class Coverage:
         if branch is None and len(chosen) > limit:
             remedy = "--limit allows more; or choose one with --branch N, or prune the tree"
             raise TooLarge(f"a monitor for each branch of {tree.root}", limit=limit, remedy=remedy)
-        for one in chosen:
-            if kind is not None and Kind(kind) not in one.kinds:
+        for selected in chosen:
+            if kind is not None and Kind(kind) not in selected.kinds:
                 continue
             try:
-                fresh = BranchFollower(of_branch(prop, one), self.semantics, limit=configurations)
+                fresh = BranchFollower(of_branch(prop, selected), self.semantics, limit=configurations)
             except TreeError as error:
                 if error.rule != "no-scenario":
                     raise
-                self._infeasible.append(one.number)
+                self._infeasible.append(selected.number)
             else:
                 start = fresh.fork().reach()
-                self._best.append(BranchCoverage(one.number, one.kinds, start.lacking, 0, awaited=start.awaited))
-                self._branches.append((fresh, frozenset(one.nodes)))
+                self._best.append(
+                    BranchCoverage(selected.number, selected.kinds, start.lacking, 0, awaited=start.awaited)
+                )
+                self._branches.append((fresh, frozenset(selected.nodes)))
 
     def add(self, log: str, events: Iterable[Json] | BinaryIO, *, strict_json: bool = False) -> None:
         """Read a whole log: its events, or the bytes of JSON Lines.
@@ -413,7 +415,7 @@ class Coverage:
             if isinstance(events, IOBase)
             else enumerate(events, 1)
         )
-        strict, scattered = (self.semantics is one for one in (Semantics.STRICT, Semantics.SCATTERED))
+        strict, scattered = (self.semantics is semantics for semantics in (Semantics.STRICT, Semantics.SCATTERED))
         projects = self.semantics.projects
         try:
             for number, event, event_kind in data_warnings.over(numbered, f"{log}: "):
@@ -424,7 +426,7 @@ class Coverage:
                         fits = not nodes.isdisjoint(hit)
                         if fits or not scattered:  # otherwise it neither extends nor ends a partial match
                             follower.follow(number, event, fits=fits)
-                    live = [one for one in live if not one[0].verdict.final]
+                    live = [entry for entry in live if not entry[0].verdict.final]
             reached = [follower.reach() for follower, _ in followers]
         except TooLarge as error:
             remedy = "" if getattr(error, "__notes__", ()) else "; --max-configurations allows more"
@@ -480,5 +482,5 @@ class Coverage:
         kept = {name for _, nodes in self._branches for name in nodes if name in self._own}
         unseen = awaited(self.tree, kept - self._seen)
         counts = tuple(self._best), tuple(self._infeasible), len(kept)
-        missed = tuple(replace(one) for one in self._warnings.found.values())
+        missed = tuple(replace(warning) for warning in self._warnings.found.values())
         return CoverageReport(self.semantics, self._logs, *counts, unseen, missed, tuple(self._warnings.lines))

@@ -29,7 +29,7 @@ def json_text(report: CoverageReport) -> str:
             "branch": branch.number,
             "kinds": _kinds(branch),
             **{name: getattr(branch, name) for name in ("needed", "reached", "detected", "log", "event")},
-            "waits_for": [asdict(one) for one in branch.awaited],
+            "waits_for": [asdict(event) for event in branch.awaited],
         }
         for branch in report.branches
     ]
@@ -41,8 +41,8 @@ def json_text(report: CoverageReport) -> str:
         "logs": report.logs,
         "branches": branches,
         "infeasible": list(report.infeasible),
-        "unseen": [asdict(one) for one in report.unseen],
-        "oversights": [asdict(one) for one in report.data_warnings],
+        "unseen": [asdict(event) for event in report.unseen],
+        "oversights": [asdict(warning) for warning in report.data_warnings],
         "totals": totals,
     }
     return json.dumps(value, indent=2) + "\n"
@@ -72,7 +72,7 @@ def table_text(report: CoverageReport, *, width: int | None = None) -> str:
         listed = ", ".join(map(str, report.infeasible[:_LISTED]))
         below.append(f"no feasible scenario: branch {listed}{', …' if len(report.infeasible) > _LISTED else ''}")
     if report.unseen:
-        names, others = ", ".join(one.node for one in report.unseen[:_LISTED]), len(report.unseen) - _LISTED
+        names, others = ", ".join(event.node for event in report.unseen[:_LISTED]), len(report.unseen) - _LISTED
         below.append(f"nodes never seen: {names}{f' and {others} others' if others > 0 else ''}")
     below += [f"warning: {line}" for line in report.warnings]
     percent = 100 * report.exercised // len(report.branches)  # 100 only if all are exercised
@@ -91,7 +91,7 @@ def _where(branch: BranchCoverage) -> str:
     if branch.detected:
         return f"detected: {place}"
     awaited = " or ".join(
-        one.node if one.event == one.node else f"{one.node} {one.event}" for one in branch.awaited[:_LISTED]
+        event.node if event.event == event.node else f"{event.node} {event.event}" for event in branch.awaited[:_LISTED]
     )
     others = len(branch.awaited) - _LISTED
     waits = f"waits for {awaited}{f' or {others} others' if others > 0 else ''}"

@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 from lark import Token, Transformer
 
 from rvaft.language.diagnostics import WHOLE_NUMBER, shown
-from rvaft.language.draft import Draft, DraftNode, DraftTopic, GateUse, Said
+from rvaft.language.draft import Draft, DraftNode, DraftTopic, GateUse, Located
 from rvaft.model.event_time import EventTime, TimeFormat, scaled
 from rvaft.model.guards import (
     COMPARISONS,
@@ -56,19 +56,19 @@ class Page:
 
     file: str
     draft: Draft
-    toplevels: list[Said[str]]
+    toplevels: list[Located[str]]
 
     def place(self, word: "Word") -> Place:
         """Return the position of a word."""
         return Place(self.file, word.line or 1, word.column or 1)
 
-    def said(self, word: "Word", value: T) -> Said[T]:
+    def located(self, word: "Word", value: T) -> Located[T]:
         """Return a value with the position of a word."""
-        return Said(value, self.place(word))
+        return Located(value, self.place(word))
 
-    def names(self, words: Iterable["Word"]) -> tuple[Said[str], ...]:
+    def names(self, words: Iterable["Word"]) -> tuple[Located[str], ...]:
         """Return names with their positions."""
-        return tuple([self.said(word, word.value) for word in words])
+        return tuple([self.located(word, word.value) for word in words])
 
 
 class PlainWord(NamedTuple):
@@ -175,7 +175,7 @@ def _sort_of(operands: Sequence[Operand], token: Token) -> str:
         return sort
     if token in ("not", *JUNCTIONS):
         raise Slip(_ALONE, token)
-    values = [one.value for one in operands if one.sort == "value"]
+    values = [operand.value for operand in operands if operand.sort == "value"]
     numbers = any(isinstance(value, Literal) and is_number(value.value) for value in values)
     if numbers and "duration" not in sorts and token in (*COMPARISONS, "+", "-"):
         raise Slip("a duration has a unit, as in 10 s", token)
@@ -233,13 +233,13 @@ class Build(Transformer[Token, Any]):
 
     def causality(self, items: Items) -> Statement:
         start, word, _ = items
-        return lambda page: page.draft.causalities.append(page.said(start, Causality(word)))
+        return lambda page: page.draft.causalities.append(page.located(start, Causality(word)))
 
     def semantics(self, items: Items) -> Statement:
         start, word, _ = items
         if word not in tuple(Semantics):
             raise Slip(f"unknown semantics {shown(word)}: known are {', '.join(Semantics)}", word)
-        return lambda page: page.draft.semantics.append(page.said(start, Semantics(word)))
+        return lambda page: page.draft.semantics.append(page.located(start, Semantics(word)))
 
     def moment(self, items: Items) -> tuple[Token, EventTime]:
         start, path, _, word = items
@@ -252,7 +252,7 @@ class Build(Transformer[Token, Any]):
         latest = None if late is None else self.duration([late]).value.value
 
         return lambda page: page.draft.times.append(
-            page.said(start, replace(time, late=latest, place=page.place(start)))
+            page.located(start, replace(time, late=latest, place=page.place(start)))
         )
 
     def import_(self, items: Items) -> ImportStatement:
@@ -299,9 +299,9 @@ class Build(Transformer[Token, Any]):
             for part, start, value in filter(None, clauses):
                 if part == "gates":
                     children, *numbers = value
-                    node.gates.append(page.said(start, GateUse.of(start.value, page.names(children), *numbers)))
+                    node.gates.append(page.located(start, GateUse.of(start.value, page.names(children), *numbers)))
                 else:
-                    getattr(node, part).append(page.said(start, value))
+                    getattr(node, part).append(page.located(start, value))
 
         return add
 

@@ -378,8 +378,8 @@ def _function_slips(at: _Situation) -> Advice:
     bad, last, following = at.bad, at.last, at.following
     pieces = [lexeme.text for lexeme in (*at.before[-4:], bad, following)]
     if "in" in pieces and (bad.text in ("in", "not") or "in" in pieces[-4:-2] or pieces[-5:-3] == ["in", "("]):
-        said = 'membership is written `X in (1, "a")`, or `not X in (1, "a")`: of numbers, strings and constants'
-        yield said, bad.start
+        message = 'membership is written `X in (1, "a")`, or `not X in (1, "a")`: of numbers, strings and constants'
+        yield message, bad.start
     calls = bad.text == "(" and last.is_word and at.can("COMPARISON")
     if bad.text == "." and last.is_word and at.can("COMPARISON") and at.after[-1:] and at.after[-1].text == "(":
         yield f"a function stands before its values: {shown(f'{following.text}({last.text}, …)')}", bad.start
@@ -391,7 +391,7 @@ def _function_slips(at: _Situation) -> Advice:
         yield f"a function has parentheses: {last.text}(…)", last.end
     if at.possible == {"LPAR"} and last.text in POINTS and "when" in {lexeme.text for lexeme in at.before}:
         yield f"a time point needs a node: {last.text}(NODE)", last.end
-    if bad.text == "*" and len(at.before) > 3 and [one.text for one in at.before[-4:-2]] == ["like", "("]:
+    if bad.text == "*" and len(at.before) > 3 and [lexeme.text for lexeme in at.before[-4:-2]] == ["like", "("]:
         yield 'the pattern of like stands in quotes: "*"', bad.start
     if at.can("COMMA", "RPAR", "PLUS") and (bad.is_word or bad.is_string or bad.text[:1].isdigit()):
         yield "the values of a function are separated by commas", bad.start

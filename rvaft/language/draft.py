@@ -20,7 +20,7 @@ from rvaft.model.verdict import Semantics
 T_co = TypeVar("T_co", covariant=True)
 
 
-class Said(NamedTuple, Generic[T_co]):
+class Located(NamedTuple, Generic[T_co]):
     """A value with its position."""
 
     value: T_co
@@ -51,13 +51,13 @@ class GateUse(NamedTuple):
     """
 
     gate: Gate
-    children: tuple[Said[str], ...]
+    children: tuple[Located[str], ...]
     threshold: int | None = None
     out_of: int | None = None
     dynamic: str = ""
 
     @classmethod
-    def of(cls, word: str, children: tuple[Said[str], ...], threshold: int | None, out_of: int | None) -> "GateUse":
+    def of(cls, word: str, children: tuple[Located[str], ...], threshold: int | None, out_of: int | None) -> "GateUse":
         """Return the gate with this word and its numbers."""
         if threshold is not None:
             return cls(Gate.VOT, children, threshold, out_of)
@@ -89,14 +89,14 @@ class DynamicGate(NamedTuple):
     """The translation of a dynamic gate as a sentence, and its nodes."""
 
     place: Place
-    said: str
+    sentence: str
     nodes: tuple[str, ...]
 
 
 class BrokenPrune(NamedTuple):
     """A `prune` of the node `pruned` that fails, with the reason and the affected gate, if any."""
 
-    why: str
+    reason: str
     pruned: str
     place: Place
     node: str | None = None
@@ -114,14 +114,14 @@ class DraftNode:
 
     name: str
     statements: list[Place] = field(default_factory=list)
-    gates: list[Said[GateUse]] = field(default_factory=list)
-    ons: list[Said[On]] = field(default_factory=list)
-    whens: list[Said[Guard]] = field(default_factory=list)
-    kinds: list[Said[Kind]] = field(default_factory=list)
-    labels: list[Said[str]] = field(default_factory=list)
-    counts: list[Said[int]] = field(default_factory=list)
-    withins: list[Said[int]] = field(default_factory=list)
-    attributes: list[Said[tuple[str, str]]] = field(default_factory=list)
+    gates: list[Located[GateUse]] = field(default_factory=list)
+    ons: list[Located[On]] = field(default_factory=list)
+    whens: list[Located[Guard]] = field(default_factory=list)
+    kinds: list[Located[Kind]] = field(default_factory=list)
+    labels: list[Located[str]] = field(default_factory=list)
+    counts: list[Located[int]] = field(default_factory=list)
+    withins: list[Located[int]] = field(default_factory=list)
+    attributes: list[Located[tuple[str, str]]] = field(default_factory=list)
 
     @property
     def place(self) -> Place:
@@ -130,11 +130,11 @@ class DraftNode:
 
     def settings(self) -> dict[str, list[Place]]:
         """Return the positions of each setting that a node may have once, such as `gate`."""
-        parts: list[Sequence[Said[object]]]
+        parts: list[Sequence[Located[object]]]
         parts = [self.gates, self.ons, self.whens, self.kinds, self.labels, self.counts, self.withins]
-        return {word: [said.place for said in part] for word, part in zip(_SETTINGS, parts, strict=True) if part}
+        return {word: [setting.place for setting in part] for word, part in zip(_SETTINGS, parts, strict=True) if part}
 
-    def children(self) -> list[Said[str]]:
+    def children(self) -> list[Located[str]]:
         """Return the children of all gates, in the order of the text, with duplicates."""
         return [child for gate in self.gates for child in gate.value.children]
 
@@ -151,23 +151,23 @@ class DraftNode:
             _first(self.whens),
             _first(self.kinds),
             _first(self.labels),
-            tuple([said.value for said in self.attributes]),
+            tuple([attribute.value for attribute in self.attributes]),
             _first(self.counts) or 1,
             _first(self.withins),
             places=places,
         )
 
 
-def _first(settings: list[Said[T_co]]) -> T_co | None:
+def _first(settings: list[Located[T_co]]) -> T_co | None:
     return settings[0].value if settings else None
 
 
 class DraftTopic(NamedTuple):
     """One `topic` statement."""
 
-    name: Said[str]
-    type: Said[str]
-    publishers: tuple[Said[str], ...]
+    name: Located[str]
+    type: Located[str]
+    publishers: tuple[Located[str], ...]
 
 
 @dataclass(slots=True)
@@ -179,7 +179,7 @@ class Draft:
 
     >>> from rvaft.language.parser import parse
     >>> draft = parse("top or a b; a fault; a attack;")
-    >>> [said.value.value for said in draft.nodes["a"].kinds], [said.value for said in draft.undeclared()]
+    >>> [kind.value.value for kind in draft.nodes["a"].kinds], [child.value for child in draft.undeclared()]
     (['fault', 'attack'], ['b'])
     """
 
@@ -188,18 +188,18 @@ class Draft:
     events: list[EventType] = field(default_factory=list)
     ignores: list[Ignore] = field(default_factory=list)
     topics: list[DraftTopic] = field(default_factory=list)
-    toplevels: list[Said[str]] = field(default_factory=list)
-    causalities: list[Said[Causality]] = field(default_factory=list)
-    semantics: list[Said[Semantics]] = field(default_factory=list)
-    times: list[Said[EventTime]] = field(default_factory=list)
-    parameters: list[Said[str]] = field(default_factory=list)
-    prunes: list[Said[str]] = field(default_factory=list)
+    toplevels: list[Located[str]] = field(default_factory=list)
+    causalities: list[Located[Causality]] = field(default_factory=list)
+    semantics: list[Located[Semantics]] = field(default_factory=list)
+    times: list[Located[EventTime]] = field(default_factory=list)
+    parameters: list[Located[str]] = field(default_factory=list)
+    prunes: list[Located[str]] = field(default_factory=list)
     broken_prunes: list[BrokenPrune] = field(default_factory=list)
     dynamic_gates: list[DynamicGate] = field(default_factory=list)
 
-    def undeclared(self) -> list[Said[str]]:
+    def undeclared(self) -> list[Located[str]]:
         """Return the children without a statement, each once, at their first use."""
-        found: dict[str, Said[str]] = {}
+        found: dict[str, Located[str]] = {}
         for node in self.nodes.values():
             for child in node.children():
                 if child.value not in self.nodes:
@@ -214,7 +214,7 @@ class Draft:
     @property
     def root(self) -> str | None:
         """The node of `toplevel`, else the only node without a parent; None if ambiguous."""
-        names = {said.value for said in self.toplevels} or {node.name for node in self.parentless()}
+        names = {toplevel.value for toplevel in self.toplevels} or {node.name for node in self.parentless()}
         return names.pop() if len(names) == 1 else None
 
     @no_collections()
@@ -242,7 +242,7 @@ class Draft:
             semantics=_first(self.semantics),
         )
 
-    def settings(self) -> dict[str, Sequence[Said[object]]]:
+    def settings(self) -> dict[str, Sequence[Located[object]]]:
         """Return the settings that a tree may have once, by their keywords."""
         return {"causality": self.causalities, "semantics": self.semantics, "time": self.times}
 
@@ -256,7 +256,7 @@ class Draft:
         parents = Counter(name for node in self.nodes.values() for name in {child.value for child in node.children()})
         for name in [name for name in pruned if name not in self.nodes and name not in parents]:
             self.broken_prunes.append(BrokenPrune(UNMENTIONED, name, pruned.pop(name)))
-        kept = {said.value for said in self.toplevels}
+        kept = {toplevel.value for toplevel in self.toplevels}
         roots = kept or {node.name for node in self.parentless()}
         gone = self._unreached(set(pruned), kept, parents)
         if roots <= gone:
@@ -265,7 +265,9 @@ class Draft:
             return
         self.nodes = {name: node for name, node in self.nodes.items() if name not in gone}
         for node in self.nodes.values():
-            node.gates = [Said(self._without(said.value, gone, node.name, pruned), said.place) for said in node.gates]
+            node.gates = [
+                Located(self._without(gate.value, gone, node.name, pruned), gate.place) for gate in node.gates
+            ]
 
     def _unreached(self, pruned: set[str], kept: set[str], parents: Counter[str]) -> set[str]:
         """Return the pruned nodes, and those with only pruned parents (but never a toplevel)."""

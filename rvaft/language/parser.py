@@ -15,7 +15,7 @@ from lark.exceptions import UnexpectedInput
 from rvaft.errors import LanguageError
 from rvaft.language.builder import Build, ImportStatement, Page, Slip, Statement
 from rvaft.language.diagnostics import diagnose, error_at, shown
-from rvaft.language.draft import Draft, Said, no_collections
+from rvaft.language.draft import Draft, Located, no_collections
 from rvaft.language.galileo import read_dynamic_gates
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Guard
@@ -159,7 +159,7 @@ def _read_all(main: _Source, *, confined: bool) -> None:
 
     The `toplevel` of the importing file takes precedence.
     """
-    toplevels: dict[str, list[Said[str]]] = {}
+    toplevels: dict[str, list[Located[str]]] = {}
     folder = Path(os.path.realpath(os.path.dirname(main.file)))  # noqa: PTH120 - of a text, the current folder
     open_files = [main.begin()]
     while open_files:
@@ -174,7 +174,7 @@ def _read_all(main: _Source, *, confined: bool) -> None:
                 open_files.append(_begun(inner, folder))
                 break
         else:
-            inherited = (said for identity in source.imported for said in toplevels[identity])
+            inherited = (toplevel for identity in source.imported for toplevel in toplevels[identity])
             toplevels[source.identity] = source.toplevels or list(dict.fromkeys(inherited))
             open_files.pop()
     main.draft.toplevels = toplevels[main.identity]

@@ -142,7 +142,7 @@ def _calculating(calculate: Callable[..., Any]) -> Callable[..., Json]:
 def _texts(calculate: Callable[..., Any]) -> Callable[..., Json]:
 
     def calculated(*arguments: Json) -> Json:
-        return calculate(*arguments) if all(isinstance(one, str) for one in arguments) else UNDEFINED
+        return calculate(*arguments) if all(isinstance(argument, str) for argument in arguments) else UNDEFINED
 
     return calculated
 
@@ -169,7 +169,7 @@ def _number(value: Json) -> Json:
 
 
 def _listed(value: Json, *listed: Json) -> Json:
-    return any(equal(value, one) for one in listed) if is_finite(value) else UNDEFINED
+    return any(equal(value, item) for item in listed) if is_finite(value) else UNDEFINED
 
 
 def _like(text: str, glob: str) -> bool:
@@ -395,7 +395,7 @@ def is_total(guard: Guard) -> bool:
     """
     match guard:
         case Operation(Operator.EQ | Operator.NE | Operator.IN, (Variable(), *others)):
-            return all(isinstance(one, Literal) and is_finite(one.value) for one in others)
+            return all(isinstance(operand, Literal) and is_finite(operand.value) for operand in others)
         case Operation(Operator.NOT | Operator.AND | Operator.OR, parts):
             return all(map(is_total, parts))
         case _:

@@ -106,7 +106,7 @@ def require_valid(tree: RVAFT) -> None:
     A tree restricted to a kind is valid if one of its sub-DAGs is valid.
     """
     if tree not in _checked:
-        errors = [_first_error(one) for one in alternatives(tree)]
+        errors = [_first_error(part) for part in alternatives(tree)]
         _checked[tree] = None if None in errors else errors[0]
     error = _checked[tree]
     if error is not None:
@@ -177,9 +177,9 @@ def explain(code: str) -> str:
         raise UnknownRule(code)
     title, explanation, *examples, _ = meanings()[code]
     severity = RULES[code].severity if code in RULES else Severity.ERROR
-    said = f"{code} ({severity}): {title}\n\n{explanation}\n"
+    text = f"{code} ({severity}): {title}\n\n{explanation}\n"
     bad, mended = (indent(text.rstrip("\n"), "    ", lambda _: True) for text in examples)
-    return f"{said}\nIncorrect:\n\n{bad}\n\nCorrect:\n\n{mended}\n" if bad.strip() else said
+    return f"{text}\nIncorrect:\n\n{bad}\n\nCorrect:\n\n{mended}\n" if bad.strip() else text
 
 
 _PAGE: Final = """# The rules of `rvaft check`
@@ -201,17 +201,17 @@ These are the codes of errors that stop the work; no finding on a tree has them.
 _SECTION: Final = """
 ## {code}
 
-*{severity}: {said.title}.* {said.explanation}
+*{severity}: {meaning.title}.* {meaning.explanation}
 
 Incorrect:
 
 ```{language}
-{said.bad}```
+{meaning.bad}```
 
 Correct:
 
 ```{language}
-{said.mended}```
+{meaning.mended}```
 """
 
 
@@ -219,9 +219,9 @@ def page() -> str:
     """Return the page of all rules and codes in Markdown."""
     table, sections = "", ""
     for code, (_, severity, _) in RULES.items():
-        said = meanings()[code]
-        table += f"| [`{code}`](#{code}) | {severity} | {said.title} |\n"
-        language = "python" if said.python else "rvaft"
-        sections += _SECTION.format(code=code, severity=severity, said=said, language=language)
+        meaning = meanings()[code]
+        table += f"| [`{code}`](#{code}) | {severity} | {meaning.title} |\n"
+        language = "python" if meaning.python else "rvaft"
+        sections += _SECTION.format(code=code, severity=severity, meaning=meaning, language=language)
     others = "".join(f"- `{code}`: {meanings()[code].title}. {meanings()[code].explanation}\n" for code in CODES)
     return _PAGE.format(table=table, sections=sections, others=others)

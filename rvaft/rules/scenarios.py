@@ -92,8 +92,8 @@ def ambiguous_event(space: ScenarioSpace) -> Iterator[RuleReport]:
             message = f"more than {_LISTED} pairs of unordered nodes share events; the others are not listed"
             yield RuleReport(place, message)
             return
-        said = f"{one} and {other} are not ordered, and one event can match either (but not both)"
-        yield RuleReport(place, f"{said}; order them with `sand`, or make their patterns differ", (one, other))
+        problem = f"{one} and {other} are not ordered, and one event can match either (but not both)"
+        yield RuleReport(place, f"{problem}; order them with `sand`, or make their patterns differ", (one, other))
 
 
 def _unordered(space: ScenarioSpace, one: str, other: str, budget: Budget) -> bool:
@@ -215,9 +215,9 @@ def shared_under_order(space: ScenarioSpace) -> Iterator[RuleReport]:
             slot = (sides[first] ^ sides[second]).bit_length() - 1
             name, one, other = node_of(part), node_of(first), node_of(second)
             by, too = (one, other) if sides[first] >> slot & 1 else (other, one)
-            said = f"{name} is shared by {one} and {other} and happens once"
+            problem = f"{name} is shared by {one} and {other} and happens once"
             so = f"so the order that {owners[slot]} requires below {by} also applies below {too}"
-            message = f"{said}, {so}; use two nodes for two events"
+            message = f"{problem}, {so}; use two nodes for two events"
             yield RuleReport(tree.nodes[name].place(), message, (name, one, other))
             break
 
@@ -233,15 +233,15 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
     for occurrence in tree.occurrences:
         for name in rigid_variables(tree.pattern(occurrence) or Anything()):
             binders.setdefault(name, []).append(occurrence)
-    asked: list[tuple[Node, str]] = []  # guards with a variable that the node's own event does not bind
+    uses: list[tuple[Node, str]] = []  # guards with a variable that the node's own event does not bind
     for node in tree.top_down():
         bound_here = set(rigid_variables(tree.pattern(node.name) or Anything()))
-        bound_here.update(one.name for one in time_points(node.when))
-        asked += ((node, name) for name in variables(node.when) if name not in bound_here)
+        bound_here.update(point.name for point in time_points(node.when))
+        uses += ((node, name) for name in variables(node.when) if name not in bound_here)
     bearers = {name: [space.leaf[binder] for binder in some] for name, some in binders.items()}
-    sure = borne_surely(space, [(node.name, name) for node, name in asked], bearers)
+    sure = borne_surely(space, [(node.name, name) for node, name in uses], bearers)
     budget = space.budget()
-    for node, name in asked if space.resolutions else ():
+    for node, name in uses if space.resolutions else ():
         if (node.name, name) in sure:
             continue
         kept: Kept | None
@@ -255,7 +255,7 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
             where = branch_of(kept) if kept else "some branch"
             mend = f"no `on` binds it{did_you_mean(name, tree.variables, cutoff=_ONE_OF_TWO_LETTERS)}"
             if name in binders:
-                there = f"add it to the `on` of a node that is in every scenario with {node.name} is"
+                there = f"add it to the `on` of a node that is in every scenario with {node.name}"
                 mend = f"only {listing(binders[name])} binds it: {there}"
             message = f"variable {name} in the guard of {node.name} is not bound in {where}; {mend}"
             yield RuleReport(node.place("when"), message, (node.name,))
@@ -337,7 +337,7 @@ def _conflicts(space: ScenarioSpace, group: Group, budget: Budget) -> Iterator[t
     seen = set(todo)
     while todo:
         names = todo.pop()
-        core = _core(names, group, budget, hopeful=len(names) == len(group))
+        core = _core(names, group, budget, expects_witness=len(names) == len(group))
         if not core:
             continue
         kept, apart = space.feasible(budget, core), None
@@ -355,7 +355,7 @@ def _conflicts(space: ScenarioSpace, group: Group, budget: Budget) -> Iterator[t
                 todo.append(smaller)
 
 
-def _core(names: Core, group: Group, budget: Budget, *, hopeful: bool) -> Core:
+def _core(names: Core, group: Group, budget: Budget, *, expects_witness: bool) -> Core:
     """Return a minimal subset of the guards without a witness; empty if all have one."""
 
     def exclusive(pair: Core) -> bool:
@@ -363,7 +363,7 @@ def _core(names: Core, group: Group, budget: Budget, *, hopeful: bool) -> Core:
         return bool(set(variables(one)) & set(variables(other))) and refuted([one, other])
 
     budget.spend(len(names))
-    if not hopeful:
+    if not expects_witness:
         # Neighbours are often the cause, and cheap to test.
         for pair in islice(pairwise(names), 3):
             if exclusive(pair):
@@ -385,17 +385,17 @@ def _smallest(names: Core, group: Group, budget: Budget, *, twice: bool = False)
     own order of guards, both orders are tried.
     """
 
-    def hopeless(some: Core) -> bool:
+    def lacks_witness(some: Core) -> bool:
         budget.spend(_COST // 10 + len(some))
         orders = (some, tuple(name for name in names if name in some)) if twice else (some,)
         return all(witness(group[name] for name in order) is None for order in orders)
 
     core, rest = names[:0], names
-    while not core or (rest and not hopeless(core)):
+    while not core or (rest and not lacks_witness(core)):
         low, high = 0, len(rest)
         while high - low > 1:
             middle = (low + high) // 2
-            if hopeless(core + rest[:middle]):
+            if lacks_witness(core + rest[:middle]):
                 high = middle
             else:
                 low = middle

@@ -53,7 +53,7 @@ class Reference(Monitor):
         self.tree = tree
         self.semantics = Semantics(semantics or tree.semantics or Semantics.PROJECTED)
         self.scenarios = chosen_scenarios(tree, branch, None if kind is None else Kind(kind))
-        numbers = [(one, order) for one, s in enumerate(self.scenarios) for order in range(len(s.orders))]
+        numbers = [(number, order) for number, s in enumerate(self.scenarios) for order in range(len(s.orders))]
         self._starts = [Partial(scenario, order, frozenset(), {}, {}) for scenario, order in numbers]
         self._partials = {partial.key: partial for partial in self._starts}
         self._latest: int | None = None
@@ -112,12 +112,12 @@ class Reference(Monitor):
         """
         scenario = self.scenarios[partial.scenario]
         before = scenario.orders[partial.order]
-        for one in sorted(scenario.occurrences - partial.assigned):
-            if before[one] <= partial.assigned:
-                binding = observe(self.tree, scenario.observing[one], event, partial.binding)
+        for occurrence in sorted(scenario.occurrences - partial.assigned):
+            if before[occurrence] <= partial.assigned:
+                binding = observe(self.tree, scenario.observing[occurrence], event, partial.binding)
                 if binding is not None:
-                    times = {**partial.times, one: time} if scenario.points else {}
-                    found = partial._replace(assigned=partial.assigned | {one}, binding=binding, times=times)
+                    times = {**partial.times, occurrence: time} if scenario.points else {}
+                    found = partial._replace(assigned=partial.assigned | {occurrence}, binding=binding, times=times)
                     if guards_hold(scenario, found):
                         yield found
 
@@ -136,7 +136,7 @@ def guards_hold(scenario: Scenario, partial: Partial) -> bool:
     known = dict(partial.binding)
     for point, events in scenario.points.items():
         if events <= partial.assigned:
-            times = [partial.times[one] for one in events]
+            times = [partial.times[event] for event in events]
             defined = [time for time in times if time is not None]
             known[point] = None if len(defined) < len(times) else max(defined) if point[0] == "e" else min(defined)
     for node in scenario.nodes:
@@ -189,7 +189,11 @@ def chosen_scenarios(tree: RVAFT, branch: int | None, kind: Kind | None) -> list
     Raises `TreeError` if there is none or a guard is unbound.
     """
     chosen = _chosen(tree, branch, kind)
-    found = [scenario for scenario in feasible_scenarios(tree) if any(of_branch(scenario, one) for one in chosen)]
+    found = [
+        scenario
+        for scenario in feasible_scenarios(tree)
+        if any(of_branch(scenario, resolution) for resolution in chosen)
+    ]
     if not found:
         raise TreeError("no feasible scenario", rule="no-scenario", nodes=[tree.root])
     for scenario in found:

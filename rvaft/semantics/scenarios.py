@@ -74,7 +74,7 @@ class Scenario:
     def events(self, name: str) -> frozenset[str]:
         """Return the occurrences of the part of a node."""
         part = self.part(name)
-        return frozenset(one for one, node in self.observing.items() if node.name in part)
+        return frozenset(occurrence for occurrence, node in self.observing.items() if node.name in part)
 
     def part(self, name: str) -> frozenset[str]:
         """Clause: the child and its descendants in the scenario."""
@@ -129,7 +129,11 @@ class Scenario:
     @cached_property
     def orders(self) -> list[Order]:
         """The acyclic precedences."""
-        return [order for order in self.precedences if all(one not in order[one] for one in self.occurrences)]
+        return [
+            order
+            for order in self.precedences
+            if all(occurrence not in order[occurrence] for occurrence in self.occurrences)
+        ]
 
     @property
     def before(self) -> Order:
@@ -157,15 +161,15 @@ class Scenario:
     def points(self) -> Mapping[str, frozenset[str]]:
         """The time points of the guards and windows, each with the occurrences of its part."""
         guards = [node.when for node in self.nodes if node.when is not None]
-        asked = {part for guard in guards for part in walk(guard) if isinstance(part, TimePoint)}
-        asked |= {TimePoint.of(point, n.name) for n in self.nodes if n.within is not None for point in ("start", "end")}
+        used = {part for guard in guards for part in walk(guard) if isinstance(part, TimePoint)}
+        used |= {TimePoint.of(point, n.name) for n in self.nodes if n.within is not None for point in ("start", "end")}
         return {
-            one.name: frozenset()
-            if one.node not in self.kept
-            else self.events(one.node)
-            if one.point != "at"
-            else self.occurrences & {one.node}
-            for one in asked
+            point.name: frozenset()
+            if point.node not in self.kept
+            else self.events(point.node)
+            if point.point != "at"
+            else self.occurrences & {point.node}
+            for point in used
         }
 
 
@@ -182,14 +186,14 @@ def several(tree: RVAFT, node: Node) -> list[str]:
 
 def _closed(occurrences: frozenset[str], pairs: set[tuple[str, str]]) -> Order:
     """Return the transitive closure of the pairs, as all occurrences before each one."""
-    before = {one: {a for a, b in pairs if b == one} for one in occurrences}
-    for one in occurrences:
-        agenda = list(before[one])
+    before = {occurrence: {a for a, b in pairs if b == occurrence} for occurrence in occurrences}
+    for occurrence in occurrences:
+        agenda = list(before[occurrence])
         while agenda:
-            new = before[agenda.pop()] - before[one]
-            before[one] |= new
+            new = before[agenda.pop()] - before[occurrence]
+            before[occurrence] |= new
             agenda += new
-    return {one: frozenset(found) for one, found in before.items()}
+    return {occurrence: frozenset(found) for occurrence, found in before.items()}
 
 
 def scenarios(tree: RVAFT) -> list[Scenario]:

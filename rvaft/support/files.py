@@ -88,7 +88,7 @@ def _zstandard() -> Any:
 
 
 @contextmanager
-def telling(what: str, path: Path) -> Iterator[None]:
+def error_context(what: str, path: Path) -> Iterator[None]:
     """Add the failed action and the path to an `OSError`."""
     try:
         yield
@@ -113,7 +113,7 @@ def write_whole(path: Path, data: bytes, *, lasting: bool = False) -> None:
     A `lasting` file is a regular file with mode 0600, synced to disk before the rename. Its
     temporary name is fixed, so that the next write replaces the remains of a crash.
     """
-    with telling("cannot write", path):
+    with error_context("cannot write", path):
         odd = path.exists() and not stat.S_ISREG(path.stat().st_mode)
         if odd and lasting:
             raise OSError(errno.EINVAL, "not a regular file")
@@ -167,18 +167,18 @@ def place(folder: Path, files: Mapping[str, str | None], *, force: bool = False)
         if _made(folder):
             unmake.callback(folder.rmdir)
         changed = {path: content for path, content in data.items() if _differs(path, content, force=force)}
-        with telling("cannot write into the folder", folder):
+        with error_context("cannot write into the folder", folder):
             staged = Path(tempfile.mkdtemp(prefix=".rvaft-", dir=folder))
         unmake.callback(shutil.rmtree, staged)
         with ExitStack() as undo:
             for target, content in changed.items():
-                with telling("cannot write", target):
+                with error_context("cannot write", target):
                     if content is not None:
                         (staged / target.name).write_bytes(content)
                         if target.exists():
                             shutil.copymode(target, staged / target.name)
             for target in changed:
-                with telling("cannot write", target):
+                with error_context("cannot write", target):
                     new, old = staged / target.name, staged / f"{target.name}.old"
                     if target.exists() or target.is_symlink():
                         target.rename(old)
@@ -194,12 +194,12 @@ def place(folder: Path, files: Mapping[str, str | None], *, force: bool = False)
 def _made(folder: Path) -> bool:
     """Create the folder; return whether it was absent."""
     try:
-        with telling("cannot make the folder", folder):
+        with error_context("cannot make the folder", folder):
             folder.mkdir()
     except OSError as error:
         if error.errno == errno.EEXIST and folder.is_dir():
             return False
-        why = {errno.EEXIST: "a file of this name is there", errno.ENOENT: "make the one above it first"}
+        why = {errno.EEXIST: "a file has this name", errno.ENOENT: "create its parent folder first"}
         if error.errno in why:
             number = errno.ENOTDIR if error.errno == errno.EEXIST else error.errno
             raise OSError(number, f"cannot make the folder: {why[error.errno]}", str(folder)) from error
@@ -212,11 +212,11 @@ def _differs(path: Path, content: bytes | None, *, force: bool) -> bool:
     if not path.exists() and not path.is_symlink():
         return content is not None
     if not path.is_file():
-        raise OSError(errno.EEXIST, "there is something other than a file of this name; move it away", str(path))
+        raise OSError(errno.EEXIST, "the path exists and is not a regular file; move it away", str(path))
     if content is not None and path.read_bytes() == content:
         return False
     if not force:
-        how = "out of date, and there is no new one; --force removes it"
-        how = how if content is None else "there already with another text; --force replaces it"
+        how = "out of date and no longer needed; --force removes it"
+        how = how if content is None else "there with another text; --force replaces it"
         raise OSError(errno.EEXIST, f"the file is {how}", str(path))
     return True

@@ -76,7 +76,7 @@ def own(hosts: Sequence[str], extra: Collection[str]) -> bool:
         name = urlsplit(f"//{hosts[0]}").hostname or ""
     except ValueError:
         return False
-    known = {urlsplit(one).hostname for one in extra}
+    known = {urlsplit(url).hostname for url in extra}
     return name == "localhost" or is_address(name) or name in known
 
 

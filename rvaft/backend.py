@@ -334,7 +334,7 @@ class Backend(ABC):
 
 
 def stamped(tree: RVAFT, trace: Iterable[Json], field: str) -> Iterator[Json]:
-    """Yield the events; those without `field` have their times in it as ISO 8601.
+    """Yield the events; those without `field` get their time in it as ISO 8601, if defined.
 
     Without a time declaration, there is one event a second.
     """

@@ -212,8 +212,9 @@ LeftOpen: TypeAlias = Callable[[Sequence[Json]], str]
 class DetectionMonitor(Monitor):
     """Applies a function of whole traces after each event; never returns ⊥.
 
-    A trace that the language leaves undefined (`left_open`) raises `TraceError`; comparisons skip
-    it. A step takes time for all events so far: call `first_detections` for a complete trace.
+    `first_detections` raises an error for a trace that the language leaves undefined (`left_open`);
+    comparisons skip it. A step takes time for all events so far, so call it once for a complete
+    trace.
 
     >>> two = DetectionMonitor(lambda traces: [2 if len(trace) > 1 else None for trace in traces])
     >>> [verdict.symbol for verdict in two.run([{}, {}, {}])], two.first_detections([[], [{}, {}]])

@@ -1,8 +1,8 @@
 """Branches of a tree, their numbers, and restriction to a branch or a kind (semantics, section 2).
 
 The digits of a branch are the choices of the `or` gates in breadth-first order, the first varying
-fastest; a gate outside the branch has digit 0. Enumeration is lazy, from the slowest digit. It has
-no dead ends: a digit above 0 requires that its gate is reached, and this is propagated.
+fastest; a gate outside the branch has digit 0. Enumeration is lazy and has no dead ends: a digit
+above 0 requires that its gate is reached, and this is propagated.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -89,8 +89,7 @@ def number_of(
     """Return the lowest number of a branch with these choices and this kind; None beyond the
     limits.
 
-    With a kind, at most `limit` branches are enumerated. Otherwise, per gate from the last, the
-    branches with equal later digits and a smaller digit are counted.
+    With a kind, branches are enumerated up to `limit`; otherwise they are counted per gate.
     """
     if tree.shared and kind is None:
         with suppress(TooLarge):
@@ -166,10 +165,7 @@ def _or_gates(tree: RVAFT) -> tuple[str, ...]:
 
 
 def _number_among_shared(tree: RVAFT, choices: Mapping[str, str]) -> int | None:
-    """Return the number of a branch if nodes are shared; raises `TooLarge`.
-
-    Branches that reach the same later gates are counted together.
-    """
+    """Return the number of a branch if nodes are shared; raises `TooLarge`."""
     gates = or_gates(tree)
     place = {name: number for number, name in enumerate(_depth_first(tree, gates))}
     reached: dict[str, int] = {}
@@ -418,9 +414,8 @@ def ways_to_kind(tree: RVAFT, kind: Kind, limit: int = COPIES) -> list[Allowed]:
 
 
 def _through_or(tree: RVAFT, node: Node, ways: Mapping[str, list[Allowed]], above: Mapping[str, str]) -> list[Allowed]:
-    """Return the ways of all children.
-
-    Ways that constrain only gates dominated by their child are merged.
+    """Return the ways of all children, merged if they constrain only gates dominated by their
+    child.
     """
 
     def dominates(child: str, gate: str) -> bool:

@@ -113,8 +113,7 @@ class PatternIndex(Generic[T]):
 
     def of(self, event: Mapping[str, Json]) -> T:
         """Return the result for the shape of an event."""
-        # In Python, 1 == True. Fields with only string literals match neither; other fields use
-        # keys.
+        # In Python, 1 == True, so literals other than strings are compared by their keys.
         shape = self._shape(event)
         if self.others:
             shape = (*shape, *[key_at(event, field) for field in self.others])

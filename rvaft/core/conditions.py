@@ -52,9 +52,7 @@ class EqualityTest:
 
 @dataclass(frozen=True, slots=True)
 class ComparisonTest:
-    """A test that two terms are both numbers (times, texts) and compare by `sign` (`=` or `<>`,
-    too).
-    """
+    """A test that two terms are both numbers (times, texts) and compare by `sign`, such as `<>`."""
 
     sort: Sort
     left: Guard
@@ -110,10 +108,7 @@ class TruthConditions:
         self._known: dict[tuple[Guard, bool], TruthCondition] = {}
 
     def of(self, guard: Guard, *, wanted: bool = True) -> TruthCondition:
-        """Return a condition that holds exactly where the guard has the truth value `wanted`.
-
-        One object may occur in several places.
-        """
+        """Return a condition that holds exactly where the guard has the truth value `wanted`."""
         return self._when(folded(guard), wanted)
 
     def _when(self, guard: Guard, wanted: bool) -> TruthCondition:
@@ -204,9 +199,7 @@ class TruthConditions:
         return whole and (isinstance(term, Operation) or self.sort(term) is not Sort.TIME)
 
     def sort(self, term: Guard) -> Sort:
-        """Return the sort of a term's values.
-
-        Raises `Unsayable` for a calculation with a time and another number.
+        """Return the sort of a term's values; raises `Unsayable` for mixed calculations with times.
         """
         match term:
             case Literal(constant):

@@ -44,9 +44,9 @@ class PartKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class NumberedPart:
-    """One part: its subparts' numbers, and the minimum number that a scenario keeps (`need`).
+    """One part with its subparts' numbers; `of` is the part of the property, if any.
 
-    `of` is the part of the property, if any.
+    `need` is the minimum number of subparts that a scenario keeps.
     """
 
     op: PartKind

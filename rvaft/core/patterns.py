@@ -4,8 +4,8 @@ Patterns never exclude fields or values. So the events that match several patter
 event: undetermined values are unique, and objects have a unique additional field. A pattern that
 matches the least event matches all of them.
 
-Patterns share rigid variables; guards are ignored. `compatible` and `implies` are quick one-sided
-tests that treat variables as wildcards.
+Patterns share rigid variables. `compatible` and `implies` are quick one-sided tests that treat
+variables as wildcards.
 """
 
 from collections import Counter

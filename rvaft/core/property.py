@@ -212,7 +212,7 @@ class Property:
 
     @cached_property
     def parts(self) -> tuple[Part, ...]:
-        """All parts, each once, inner parts first; the reverse is the order of the tree."""
+        """All parts, as `parts_below` returns them."""
         return parts_below(self.root)
 
     @cached_property

@@ -102,7 +102,7 @@ class ResidualSpace:
         self.starts = tuple(plan.start for plan in self._of_start)
         """The residuals before any event; together they have all scenarios."""
         self.width = max(plan.width for plan in self._of_start)
-        """The number of bits in the sets; the cost of a move is proportional to it."""
+        """The number of bits in the sets, to which the cost of a move is proportional."""
 
     def moves(self, left: Residual) -> tuple[Move, ...]:
         """Return the moves from a residual, in a stable order; cached."""
@@ -119,7 +119,7 @@ class ResidualSpace:
     def dominates(self, one: Residual, other: Residual) -> bool:
         """Whether `one` completes on every word on which `other` does, if events may be skipped.
 
-        False is not certain.
+        False proves nothing.
         """
         return one.start == other.start and self._of_start[one.start].dominates(one, other)
 

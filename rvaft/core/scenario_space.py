@@ -1,8 +1,4 @@
-"""Questions about the feasible scenarios of a property, without enumeration.
-
-A scenario is feasible if no constant condition is false and the precedence is acyclic (semantics,
-section 2).
-"""
+"""Questions about the feasible scenarios of a property, answered without enumeration."""
 
 from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence, Set
 from contextlib import suppress
@@ -117,9 +113,9 @@ def edges_along(graph: "nx.DiGraph", points: list[Point]) -> list[Edge]:
 
 # The order of ends: a union of partial orders per scenario.
 #
-# Read backwards, each event of a part waits for *some* event of the next part. So a vertex is free
-# if its successors and one event of each awaited part are free. If vertices wait for each other,
-# there is no order.
+# Read backwards, each event of a part waits for *some* event of the next part. A vertex is free if
+# its successors and one event of each awaited part are free. If vertices wait for each other, there
+# is no order.
 
 
 class Standstill(NamedTuple):
@@ -469,9 +465,8 @@ class ScenarioSpace:
         return None
 
     def cyclic(self, budget: Budget, knot: Set[Point]) -> tuple[Kept, tuple[str, ...]] | None:
-        """Return a scenario with a cycle through `knot`, and the cycle's nodes, or None.
-
-        The scenario has no dead node.
+        """Return a scenario without dead nodes and with a cycle through `knot`, and the cycle, or
+        None.
         """
 
         def attempt(bans: frozenset[Edge], _: object) -> tuple[Kept, tuple[str, ...]] | Standstill:
@@ -572,7 +567,7 @@ def borne_surely(
 def most_scenarios(prop: Property) -> int:
     """Return an upper bound on the number of scenarios.
 
-    It is exact if no part is shared and all are feasible.
+    It is exact if all are feasible and no part is shared.
 
     >>> import rvaft
     >>> most_scenarios(build(rvaft.loads("top 2of3 a b c;")))

@@ -37,7 +37,7 @@ from rvaft.support.bits import bits
 def contradictory(guards: Iterable[Guard]) -> bool | None:
     """Whether no values satisfy all guards; None if undecided.
 
-    Both answers consider undefined values, mixed types and rounding.
+    Undefined values, mixed types and rounding are considered.
 
     >>> X = Variable("X")
     >>> contradictory([Operation(Operator.GT, (X, Literal(5))), Operation(Operator.LT, (X, Literal(3)))])

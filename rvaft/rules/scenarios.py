@@ -327,7 +327,7 @@ def _without_times(guard: Guard | None) -> Guard | None:
 def _conflicts(space: ScenarioSpace, group: Group, budget: Budget) -> Iterator[tuple[Core, Kept]]:
     """Iterate over minimal sets of guards without a witness, each with a feasible scenario.
 
-    Every scenario without a witness contains such a set, or overlaps an earlier one.
+    Every scenario without a witness contains such a set, unless an earlier one overlaps it.
     """
 
     def possible(nodes: Core) -> bool:

@@ -138,9 +138,7 @@ def _conditions(node: Node) -> Iterator[TimeBound]:
 
 
 def _containments(space: ScenarioSpace) -> Iterator[TimeBound]:
-    """Return the bounds of every scenario: a part starts before its events and children, and ends
-    after.
-    """
+    """Return the bounds of every scenario: events lie between start and end of their part."""
     for part, inside in space.resolutions.union.items():
         at, start, end = (f"{point}({node_of(part)})" for point in POINTS)
         if isinstance(part, Event | Times):

@@ -28,8 +28,8 @@ SHORT: Final = 1_000_000
 class Work:
     """A counter of the work of a construction; raises `TooLarge` beyond the limit.
 
-    `item` names what `limit` counts. Each item allows `steps` and `characters`, beyond `QUICK` and
-    `SHORT`.
+    `limit` counts items; each allows `steps` and `characters`. `QUICK` steps and `SHORT` characters
+    are always allowed.
     """
 
     def __init__(self, limit: int, *, item: str = "state", steps: int = 1000, characters: int = 100) -> None:
@@ -86,8 +86,7 @@ class Expired(BaseException):
 def within(seconds: float | None) -> Iterator[None]:
     """Raise `Expired` inside the block after this many seconds; None is no limit.
 
-    It uses a signal, so it has no effect outside the main thread, or inside one step of the
-    interpreter.
+    It uses a signal, so it works only in the main thread and between two steps of the interpreter.
     """
     if seconds is None or threading.current_thread() is not threading.main_thread() or not hasattr(signal, "SIGALRM"):
         yield

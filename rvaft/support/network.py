@@ -25,7 +25,7 @@ _NUMBER: Final = re.compile(r"(?:.*\.)?(?:[0-9]+|0[xX][0-9A-Fa-f]*)\.?")
 
 
 def require_host(text: str) -> None:
-    """Raise `OptionError` unless the text is an IP address or a host name (RFC 1123, or `_`)."""
+    """Raise `OptionError` unless the text is an IP address or a host name (RFC 1123, and `_`)."""
     if not is_address(text) and (len(text) > 253 or not _NAME.fullmatch(text) or _NUMBER.fullmatch(text)):
         raise OptionError(
             f'"{text}" is not an IP address or a host name; write only that, as in 127.0.0.1 or robot.local'

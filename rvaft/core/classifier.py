@@ -149,7 +149,6 @@ def brief(values: Iterable[Json]) -> bool:
 
 
 def _shape_by(fields: tuple[str, ...], *, names: bool) -> Callable[[Mapping[str, Json]], tuple[Hashable, ...]]:
-    """Return the shape function; few fields have a fast path."""
     if not names:
         return (lambda event: (event.get(fields[0]),)) if len(fields) == 1 else lambda event: (*map(event.get, fields),)
     match fields:
@@ -423,7 +422,7 @@ class GuardTable(Generic[H_co]):
 
     @cached_property
     def ordered(self) -> bool:
-        """Whether each guard compares the field with a number by an order."""
+        """Whether each guard compares the field with a number by `<`, `<=`, `>` or `>=`."""
         orders = all(isinstance(guard, Operation) and guard.operator in ORDERINGS for guard in self.guards)
         return orders and compared_numbers(self.guards) is not None
 

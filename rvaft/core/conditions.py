@@ -199,7 +199,9 @@ class TruthConditions:
         return whole and (isinstance(term, Operation) or self.sort(term) is not Sort.TIME)
 
     def sort(self, term: Guard) -> Sort:
-        """Return the sort of a term's values; raises `Unsayable` for mixed calculations with times.
+        """Return the sort of a term's values.
+
+        Raises `Unsayable` for a calculation with a time and another number.
         """
         match term:
             case Literal(constant):

@@ -69,9 +69,6 @@ class Pass:
         return self.run(prop, limit)
 
 
-# Restriction to a branch or a kind.
-
-
 def restrict(prop: Property, *, branch_number: int | None = None, kind: Kind | str | None = None) -> Property:
     """Return the property restricted to one branch or kind, with the alphabet of the tree.
 

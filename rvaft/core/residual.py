@@ -348,7 +348,6 @@ class _Start:
         return left._replace(open=still, taken=taken)
 
     def _settle(self, left: Residual, choices: int) -> Iterator[Residual]:
-        """Decide choices silently, in every way with a minimal set of guards."""
         if not choices:
             yield left
             return
@@ -468,7 +467,6 @@ class _Rests:
 def _extents(
     graph: dict[int, NumberedPart], bit: Mapping[int, int], guards: Mapping[Guard, int], work: Work
 ) -> tuple[dict[int, int], dict[int, int], dict[int, int], dict[int, tuple[int, ...]]]:
-    """Return for each part the fields of `_Alternative`."""
     whole: dict[int, int] = {}
     mandatory: dict[int, int] = {}
     first: dict[int, int] = {}

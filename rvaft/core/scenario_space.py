@@ -175,7 +175,7 @@ def standstill(kept: Kept, graph: "nx.DiGraph") -> Standstill | None:
 
 
 def with_single_ends(prop: Property) -> Property:
-    """Return the property with sequences for the orders of ends of parts with at most one event.
+    """Return the property with a sequence for each `EndInOrder` of parts with at most one event.
 
     >>> import rvaft
     >>> type(with_single_ends(build(rvaft.loads("top pand a b;"))).root).__name__
@@ -433,7 +433,6 @@ class ScenarioSpace:
         return _first_without(attempt)
 
     def _disorder(self, kept: Kept, apart: tuple[Event | Times, Event | Times] | None) -> Standstill | None:
-        """Return why the events have no order, or why two of them are ordered."""
         graph = precedence(kept)
         points = [] if self.acyclic else find_cycle(graph)
         points += points[:1]

@@ -86,7 +86,6 @@ def _kinds(branch: BranchCoverage) -> list[str]:
 
 
 def _where(branch: BranchCoverage) -> str:
-    """Return where a branch was first detected, or its best result and the awaited events."""
     place = "" if branch.log is None else f"{branch.log}, event {branch.event}"
     if branch.detected:
         return f"detected: {place}"

@@ -137,7 +137,6 @@ class _Situation(NamedTuple):
         return self.last.line < self.bad.line
 
     def misspelt(self, *words: str) -> "Advice":
-        """Suggest the possible word that the wrong one resembles."""
         known = _meant(self.bad.text, tuple(word for word in words if self.can(word.upper())))
         if self.bad.is_word and known:
             yield f"unknown word {shown(self.bad.text)}: did you mean {known}?", self.bad.start

@@ -160,7 +160,6 @@ def _check_dependency(node: DraftNode, located: Located[GateUse], names: set[str
 
 
 def _all_triggers(name: str, triggers: Mapping[str, Mapping[str, Located[str]]]) -> dict[str, Located[str]]:
-    """Return the direct and transitive triggers of a node."""
     found: dict[str, Located[str]] = {}
     waiting = [name]
     while waiting:

@@ -28,7 +28,6 @@ _WORDS: Final = {"when": "guard", "within": "window"}
 
 
 def _points(node: Node) -> list[tuple[str, TimePoint]]:
-    """Return the time points of a node's conditions, each with its clause."""
     points = [("when", point) for point in time_points(node.when)]
     return points if node.within is None else [*points, ("within", TimePoint.of("end", node.name))]
 

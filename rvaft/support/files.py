@@ -208,7 +208,6 @@ def _made(folder: Path) -> bool:
 
 
 def _differs(path: Path, content: bytes | None, *, force: bool) -> bool:
-    """Whether a file must be written or removed."""
     if not path.exists() and not path.is_symlink():
         return content is not None
     if not path.is_file():

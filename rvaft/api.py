@@ -100,12 +100,12 @@ def translate(
     limit: int | None = None,
     mapping: Mapping[str, Any] | None = None,
 ) -> Specification:
-    r"""Return the tree as a specification in the language of that backend.
+    r"""Return the tree as a specification, by the backend with the name `language`.
 
     `mapping` renames the fields of events, for backends that support it.
 
     Raises `UnknownBackend`, `OptionError`, `TreeError` for a tree that breaks a rule or has no such
-    branch or kind, `NotExpressible`, `TooLarge` beyond the limit (by default that of the backend),
+    branch or kind, `NotExpressible`, `TooLarge` beyond the limit (default: that of the backend),
     and `WrongType`.
 
     >>> print(translate(loads("top or a b;"), "rml", semantics="strict").text.splitlines()[-1])
@@ -148,7 +148,7 @@ def monitor(
 
 
 def check(tree: RVAFT) -> list[Finding]:
-    """Return the findings of `rvaft check` in the order of their places.
+    """Return the findings of `rvaft check` by position.
 
     >>> for finding in check(loads("top or a b; a; b when 1 > 2;")):
     ...     print(finding.code, finding.severity, *finding.nodes)
@@ -184,8 +184,8 @@ def to_dot(
 
     `events` shows runtime events and guards, `names` the names of labelled nodes. `wrap` is the
     width of texts in columns. `depth` and `collapse` hide nodes below a level or a node. `branch`
-    marks a branch, `legend` explains the symbols, `stagger` places every other leaf of a gate
-    lower. Raises `OptionError`, `TreeError` and `WrongType`.
+    marks a branch, `legend` explains the symbols, `stagger` lowers every other leaf of a gate.
+    Raises `OptionError`, `TreeError` and `WrongType`.
 
     >>> to_dot(loads("top or a b;")).startswith("digraph")
     True
@@ -217,7 +217,7 @@ Branch.text = staticmethod(property_text)
 
 
 def narrowed(tree: RVAFT, branch: int | None = None, kind: Kind | str | None = None) -> RVAFT:
-    """Return the tree, or the part of it for one branch or kind; raises `TreeError`."""
+    """Return the tree, or its restriction to a branch or kind; raises `TreeError`."""
     require_valid(tree)
     part = restrict(tree, branch=branch, kind=None if kind is None else one_of(Kind, kind))
     try:
@@ -266,7 +266,8 @@ def loads(text: str, file: str = "<text>", *, strict_galileo: bool = False, conf
 
 @no_collections()
 def load(path: os.PathLike[str] | str, *, strict_galileo: bool = False, confine_imports: bool = False) -> RVAFT:
-    """Return the tree in a file, also in Galileo's format; raises as `loads` does, and `OSError`.
+    """Return the tree in a file, also in Galileo's format; raises `OSError` and the errors of
+    `loads`.
 
     >>> load("trees/gates/and.rvaft")
     <RVAFT top: 4 nodes>
@@ -276,7 +277,6 @@ def load(path: os.PathLike[str] | str, *, strict_galileo: bool = False, confine_
 
 
 def _checked(draft: Draft) -> RVAFT:
-    """Return the tree of a draft; raises the first error that a rule finds."""
     _raise_first(check_draft(draft))
     tree = draft.build()
     try:

@@ -36,8 +36,8 @@ def watch(
     Each event is read only after the previous one was processed, and events continue after a final
     verdict. With a synchronous iterable, other tasks run only if the body of the loop awaits.
 
-    Raises what `rvaft.monitor` raises, and `WrongType`, at once; `TraceError` and `TooLarge` while
-    events are read.
+    Raises the errors of `rvaft.monitor`, and `WrongType`, at once; `TraceError` and `TooLarge`
+    while events are read.
 
     >>> import asyncio, rvaft
     >>> async def verdicts(events):
@@ -62,14 +62,13 @@ def watch(
 def on_detection(
     tree: RVAFT | Monitor, callback: Callable[[Explanation | None], object], **options: Unpack[MonitorOptions]
 ) -> Callable[[Json], Verdict]:
-    """Return a function that reads one event, returns the verdict, and calls `callback` on a
+    """Return a function that reads an event, returns the verdict, and calls `callback` on a
     detection.
 
     It suits code that delivers events by calls, such as a ROS subscriber. Options and errors are
-    those of `watch`. An exception of the callback propagates from the call with the detecting
-    event. A monitor that has already detected does not call back again, unless it repeats. An
-    `async def` callback is refused with `WrongType`: at once, or at a detection if only its result
-    is a coroutine.
+    those of `watch`. Exceptions of the callback propagate to the caller. After a detection there is
+    no further call, unless the monitor repeats. An `async def` callback is refused with
+    `WrongType`: at once, or at a detection if only its result is a coroutine.
 
     >>> import rvaft
     >>> step = on_detection(rvaft.loads("top and a b;"), lambda explanation: print(explanation.events))
@@ -87,9 +86,9 @@ def on_detection(
         before = watching.detections
         verdict = watching.step(event)
         if watching.detections > before:
-            told = callback(watching.explanation)
-            if isinstance(told, Coroutine):
-                told.close()  # avoids a later warning of Python
+            result = callback(watching.explanation)
+            if isinstance(result, Coroutine):
+                result.close()  # avoids a later warning of Python
                 raise WrongType("callback", callback, _AWAITED)
         return verdict
 

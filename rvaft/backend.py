@@ -33,7 +33,7 @@ from rvaft.monitors import Monitor
 GROUP = "rvaft.backends"
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _BEGIN: Final = 1_767_225_600_000_000_000
-"""The begin of a log without times: the year 2026, in nanoseconds."""
+"""The start of a log without times, in nanoseconds: the year 2026."""
 
 
 Match: TypeAlias = frozenset[tuple[str, int]]
@@ -97,9 +97,7 @@ class SpecificationText:
 
 @dataclass(frozen=True, slots=True)
 class Highlighting:
-    r"""The name of a language in the LaTeX package `listings`, and its `\lstdefinelanguage` if
-    needed.
-    """
+    r"""The name of a language in the LaTeX package `listings`, and its definition if needed."""
 
     name: str
     definition: str = ""
@@ -123,7 +121,7 @@ class Observed:
         return set(guards.variables(self.when)) <= bound.keys() and guards.holds(self.when, bound)
 
     def untied(self, names: Iterable[str] | None = None) -> "Observed":
-        """Return the test with local variables in place of these, or of all.
+        """Return the test with these variables (default: all) made local.
 
         >>> from rvaft.language.parser import parse_pattern
         >>> patterns.variables(Observed(parse_pattern("{ a: X, b: _X }")).untied().pattern)
@@ -142,7 +140,7 @@ class Backend(ABC):
     """One specification language: capabilities as class attributes, and `write`.
 
     `translate`, which is final, checks a tree against the capabilities, runs the passes, and calls
-    `write`. Everything that is not listed is refused: a backend that lists only `semantics`
+    `write`. Capabilities that are not listed are refused: a backend that lists only `semantics`
     expresses single events.
 
     >>> rml = backend("rml")
@@ -156,25 +154,22 @@ class Backend(ABC):
     also: ClassVar[tuple[str, ...]] = ()
     """Other suffixes of files in the language."""
     faithful: ClassVar[bool] = True
-    """Whether texts are equivalent to the tree; comparisons include other backends only if named."""
+    """Whether texts are equivalent to the tree; comparisons include others only if named."""
     form_of: ClassVar[str | None] = None
-    """The backend with the same texts in another form, if any; excluded from comparisons unless
-    named.
-    """
+    """The backend with the same texts in another form, if any; comparisons exclude this one."""
     readable: ClassVar[bool] = True
     """Whether `read` runs texts; comparisons exclude languages that are only emitted."""
     verdicts: ClassVar[frozenset[Verdict]] = frozenset(Verdict)
-    """The possible verdicts of `read`. Without ⊥ it returns a `DetectionMonitor`, and comparisons
-    check detections only.
+    """The possible verdicts of `read`.
+
+    Without ⊥ it returns a `DetectionMonitor`, and comparisons check detections only.
     """
     json_alone: ClassVar[bool] = False
     """Whether texts leave numbers that are not finite undefined; comparisons then exclude them."""
     extra: ClassVar[str] = ""
     """The extra of this package that installs the program for running texts, if needed."""
     modules: ClassVar[tuple[str, ...]] = ()
-    """The Python modules of that program; if one is missing, comparisons skip the language unless
-    named.
-    """
+    """The Python modules of that program; without them, comparisons skip the language."""
     tools: ClassVar[tuple[str, ...]] = ()
     """Published programs that `read_with` can use."""
     highlighting: ClassVar[Highlighting | None] = None
@@ -188,7 +183,7 @@ class Backend(ABC):
     operators: ClassVar[frozenset[Operator]] = frozenset()
     """The guard operators that `write` handles."""
     features: ClassVar[frozenset[Feature]] = frozenset()
-    """Supported features: time points and late events."""
+    """Supported time points and late events."""
     values: ClassVar[frozenset[Value]] = frozenset()
     """The kinds of values, besides strings, that a text can require of an event."""
     ties: ClassVar[Ties] = Ties.NONE
@@ -229,7 +224,7 @@ class Backend(ABC):
 
     @final
     def prepared(self, tree: RVAFT, semantics: Semantics) -> Property:
-        """Return the property of a tree after the passes; raises `NotExpressible` and `TooLarge`."""
+        """Return the property of a tree after the passes; raises `NotExpressible`, `TooLarge`."""
         with self._refusing(semantics):
             prop = decide_constants(property_of(tree))
             check(prop, semantics, self.capabilities())
@@ -255,14 +250,13 @@ class Backend(ABC):
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the text of a property that has only listed capabilities.
 
-        Raises `TooLarge`, and `NotExpressible` with reason and nodes for limits beyond the
-        capabilities.
+        Raises `TooLarge`, and `NotExpressible` with reason and nodes for further limits.
         """
 
     def mapped(self, mapping: Mapping[str, Any]) -> "Backend":  # noqa: ARG002
-        """Return the backend with renamed event fields; maps event types to their fields.
+        """Return the backend with renamed event fields; raises `OptionError`.
 
-        Raises `OptionError`.
+        `mapping` has, for each event type, its fields.
         """
         raise OptionError(f"{self.name} takes no mapping: {self.language} uses the field names of events")
 
@@ -283,12 +277,11 @@ class Backend(ABC):
 
     @classmethod
     def dialect_backend(cls, dialect: str) -> str:
-        """Return the backend for a dialect; raises `OptionError`."""
+        """Return the name of the backend for a dialect; raises `OptionError`."""
         raise OptionError(f"{cls.name} has no dialects: omit --dialect {dialect}")
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
-        """Return a monitor that runs any text of the language; raises `LanguageError` and
-        `OptionError`.
+        """Return a monitor of any text of the language; raises `LanguageError` and `OptionError`.
 
         `atoms` gives the patterns of atoms that the text does not define; by default, `p` is
         `{"event": "p"}`. Languages whose texts define their events ignore it.
@@ -319,22 +312,21 @@ class Backend(ABC):
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """Return a monitor that runs a text by one of `tools` instead of rvaft's own reader.
 
-        Raises `ToolMissing`, `ToolFailed`, `NotExpressible`, `TooLarge`, `LanguageError` and
+        Raises `ToolMissing`, `ToolFailed`, `NotExpressible`, `TooLarge`, `LanguageError`,
         `OptionError`.
         """
         raise OptionError(f"no tool {tool} runs {self.language}; known: {', '.join(self.tools) or 'none'}")
 
     def matches(self, text: str, traces: Sequence[Sequence[Json]]) -> Sequence[frozenset[Match]] | None:  # noqa: ARG002
-        """Return all matches in each trace, or None (the default) if the language does not report
+        """Return all matches in each trace; None (the default) if the language does not report
         them.
 
-        Raises `LanguageError`, and what `read_with` raises.
+        Raises `LanguageError` and the errors of `read_with`.
         """
         return None
 
     def masked(self, text: str, trace: Sequence[Json]) -> tuple[str, ...]:  # noqa: ARG002
-        """Return why published tools are known to deviate from `read` on this text and trace, if
-        so.
+        """Return why published tools are known to deviate from `read` on this text and trace.
 
         A comparison with such a tool leaves out the pair. Raises `LanguageError`.
         """
@@ -342,7 +334,10 @@ class Backend(ABC):
 
 
 def stamped(tree: RVAFT, trace: Iterable[Json], field: str) -> Iterator[Json]:
-    """Yield the events with their times (default: one a second) as ISO 8601 in a field, if missing."""
+    """Yield the events; those without `field` get their time in it as ISO 8601, if defined.
+
+    Without a time declaration, there is one event a second.
+    """
     for number, event in enumerate(trace):
         time = _BEGIN + number * 1_000_000_000 if tree.time is None else tree.time.read(event)
         if time is None or field in event:

@@ -36,8 +36,8 @@ from rvaft.model.verdict import Semantics
 class Ties(Enum):
     """The supported variables over several events.
 
-    `check` refuses them for NONE. A backend with ALL_EVENTS refuses in `write` the variables that only
-    some events of a scenario share, and guards over several events.
+    `check` refuses them for NONE. For ALL_EVENTS, `write` refuses variables that only some events
+    of a scenario share, and guards over several events.
     """
 
     NONE = "no variables over several events"
@@ -70,9 +70,9 @@ CALCULATING: Final = frozenset({_O.ADD, _O.SUB, _O.MUL, _O.DIV, _O.NEGATE, _O.AB
 READING: Final = frozenset({_O.NUMBER})
 TEXTUAL: Final = frozenset({_O.STARTSWITH, _O.ENDSWITH, _O.CONTAINS, _O.LIKE, _O.LOWER})
 EVERY_OPERATOR: Final = LOGICAL | COMPARING | CALCULATING | READING | TEXTUAL
-"""The operators that all backends knew when they were written.
+"""All groups of operators.
 
-These groups are written out, not derived from the operator table, so that no backend lists a new
+The groups are written out, not derived from the operator table, so that no backend lists a new
 operator. Add an operator to a group only together with its support in each backend.
 """
 
@@ -117,7 +117,7 @@ class Capabilities:
     @property
     def constructs(self) -> frozenset[type[Part]]:
         """The parts that a tree may have: those of `says`, and those that a pass removes."""
-        return self.says.union(*(one.removes for one in self.passes))
+        return self.says.union(*(each.removes for each in self.passes))
 
     def reason(self, lacking: Capability) -> str:
         """Return the reason for a refusal."""
@@ -237,12 +237,12 @@ def _tied(prop: Property, semantics: Semantics) -> _Tie | None:
     }
     times = {event: 2 if isinstance(event, Times) and event.count > 1 else 1 for event in binding}
     uses = Counter(name for event, names in binding.items() for name in names for _ in range(times[event]))
-    asked = {
-        part: [set(variables(one)) for one in conjuncts(part.guard)]
+    variables_of = {
+        part: [set(variables(conjunct)) for conjunct in conjuncts(part.guard)]
         for part in prop.parts
         if isinstance(part, Condition)
     }
-    alone = all(any(names <= bound for bound in binding.values()) for found in asked.values() for names in found)
+    alone = all(any(names <= bound for bound in binding.values()) for found in variables_of.values() for names in found)
     if alone and all(count == 1 for count in uses.values()):
         return None
     for kept in resolutions(prop, minimal=semantics is Semantics.SCATTERED):
@@ -251,20 +251,20 @@ def _tied(prop: Property, semantics: Semantics) -> _Tie | None:
         events = [part for part in kept if isinstance(part, Event | Times)]
         for part in events:
             for name in sorted(binding[part]):
-                having = [one for one in events if name in binding[one]]
+                having = [event for event in events if name in binding[event]]
                 if len(having) > 1 or times[part] > 1:
                     return _Tie(Ties.ALL_EVENTS, f"variable {name}", _names(having))
         for condition in (part for part in kept if isinstance(part, Condition)):
-            for names in asked[condition]:
-                if names and not any(names <= binding[one] for one in events):
-                    having = [one for one in events if names & binding[one]]
+            for names in variables_of[condition]:
+                if names and not any(names <= binding[event] for event in events):
+                    having = [event for event in events if names & binding[event]]
                     nodes = dict.fromkeys((condition.source.node, *_names(having)))
                     return _Tie(Ties.ANY, "a guard over several events", tuple(nodes))
     return None
 
 
 def _never_holds(guard: Guard) -> bool:
-    return any(not variables(one) and not holds(one, {}) for one in conjuncts(guard))
+    return any(not variables(conjunct) and not holds(conjunct, {}) for conjunct in conjuncts(guard))
 
 
 def _names(events: Iterable[Event | Times]) -> tuple[str, ...]:
@@ -285,19 +285,19 @@ def table(languages: Mapping[str, Capabilities]) -> list[tuple[str, ...]]:
 
     each = languages.values()
     for semantics in Semantics:
-        add(f"semantics {semantics}", (semantics in one.semantics for one in each))
+        add(f"semantics {semantics}", (semantics in language.semantics for language in each))
     for part in PARTS:
-        add(described(part), (part in one.constructs for one in each))
-    add("variables that all events share", (one.ties is not Ties.NONE for one in each))
-    add(Ties.ANY.value, (one.ties is Ties.ANY for one in each))
+        add(described(part), (part in language.constructs for language in each))
+    add("variables that all events share", (language.ties is not Ties.NONE for language in each))
+    add(Ties.ANY.value, (language.ties is Ties.ANY for language in each))
     for feature in Feature:
-        add(feature.value, (feature in one.features for one in each))
+        add(feature.value, (feature in language.features for language in each))
     for value in Value:
-        add(value.value, (value in one.values for one in each))
+        add(value.value, (value in language.values for language in each))
     alike: dict[tuple[bool, ...], list[str]] = {}
     for operator in Operator:
         word = "- x" if operator is Operator.NEGATE else operator.value
-        alike.setdefault(tuple(operator in one.operators for one in each), []).append(word)
+        alike.setdefault(tuple(operator in language.operators for language in each), []).append(word)
     for cells, words in alike.items():
         add(f"operators {' '.join(words)}", cells)
     return rows

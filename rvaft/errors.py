@@ -1,4 +1,4 @@
-"""The errors of rvaft: each derives from `RvaftError` and a fitting builtin, and has its details as
+"""The errors of rvaft: each derives from `RvaftError` and a builtin, and has its details as
 attributes.
 """
 
@@ -62,8 +62,7 @@ class TreeError(RvaftError, ValueError):
 
 
 class NotExpressible(RvaftError, ValueError):
-    """A backend cannot express this tree under this semantics; it never emits a text with another
-    meaning.
+    """A backend cannot express this tree under this semantics.
 
     A writer gives the reason and the nodes; `Backend.translate` adds backend and semantics.
 
@@ -188,5 +187,5 @@ class OptionError(RvaftError, ValueError):
     >>> rvaft.monitor(rvaft.loads("top and a b;"), semantics="loose")
     Traceback (most recent call last):
     ...
-    rvaft.errors.OptionError: unknown semantics 'loose'; known: strict, projected, scattered
+    rvaft.errors.OptionError: unknown semantics 'loose'; known: strict, projected, consecutive, scattered
     """

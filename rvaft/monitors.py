@@ -28,8 +28,7 @@ class Explanation:
     """One match (semantics, section 4), in the branch with the lowest number.
 
     `matched` are its events in order. `branch` is None if the tree has too many branches to count.
-    `scenario` maps each node of the scenario to the children that it keeps (K or more of a KofN).
-    It is empty if unknown.
+    `scenario` maps each node of the scenario to the children that it keeps (empty if unknown).
 
     >>> import rvaft
     >>> watching = rvaft.monitor(rvaft.loads("top sand a b;"))
@@ -53,8 +52,8 @@ class Explanation:
         ('⊤', {'a': [1, 2], 'b': [3]})
         """
         found: dict[str, list[int]] = {}
-        for one in self.matched:
-            found.setdefault(one.node, []).append(one.event)
+        for match in self.matched:
+            found.setdefault(match.node, []).append(match.event)
         return found
 
     def bound(self, tree: RVAFT) -> dict[str, Json]:
@@ -70,8 +69,7 @@ class Explanation:
 
 @dataclass(frozen=True, slots=True)
 class Awaited:
-    """A node that waits for its event, with the event as text: `inspect(Waypoint)`, or the default
-    event.
+    """A node that waits for its event, with the event as text: `inspect(Waypoint)`.
 
     >>> import rvaft
     >>> rvaft.monitor(rvaft.loads("top sand a b;")).pending()[0].awaited
@@ -87,7 +85,7 @@ class Pending:
     """The nodes whose events may come next in a live branch.
 
     `variables` are the values bound so far on which later events depend; each binding has a record.
-    `branch` is None for all branches together, if they are too many to count.
+    `branch` is None for all branches together, if they are too many.
 
     >>> import rvaft
     >>> [record.branch for record in rvaft.monitor(rvaft.loads("top or a b;")).pending()]
@@ -101,8 +99,7 @@ class Pending:
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """The event, from 1, after which no detection is possible, and the events that were awaited
-    before.
+    """The event, from 1, after which no detection is possible, and what was pending before.
 
     >>> import rvaft
     >>> watching = rvaft.monitor(rvaft.loads("top sand a b;"))
@@ -115,7 +112,7 @@ class Ended:
 
 
 DEFAULT_BRANCHES: Final = 100
-"""Maximum number of branches listed separately in `Monitor.pending`."""
+"""The maximum number of branches that `Monitor.pending` lists separately."""
 
 
 class Monitor(ABC):
@@ -137,9 +134,7 @@ class Monitor(ABC):
         return self._verdict
 
     def step(self, event: Json) -> Verdict:
-        """Read one event and return the verdict after it; raises `TraceError` unless it is a
-        mapping.
-        """
+        """Read an event and return the verdict after it; raises `TraceError` for a non-mapping."""
         if not isinstance(event, Mapping):
             message = f"an event is a JSON object (a dict), not {type(event).__name__}: decode the line first"
             raise TraceError(message, line=self._read + 1)
@@ -149,7 +144,7 @@ class Monitor(ABC):
         return self._verdict
 
     def run(self, events: Iterable[Json]) -> Iterator[Verdict]:
-        """Yield the verdict after each event, lazily: events are read only while iterating.
+        """Yield the verdict after each event; events are read only while iterating.
 
         >>> import rvaft
         >>> watching = rvaft.monitor(rvaft.loads("top sand a b;"))
@@ -163,7 +158,7 @@ class Monitor(ABC):
 
         A subclass that changes attributes in place copies them here.
         """
-        twin = object.__new__(type(self))  # like `copy`, but faster, since each step of a product forks
+        twin = object.__new__(type(self))  # faster than `copy`, since each step of a product forks
         vars(twin).update(vars(self))
         return twin
 
@@ -194,15 +189,15 @@ class Monitor(ABC):
         return None
 
     def pending(self, *, limit: int = DEFAULT_BRANCHES) -> tuple[Pending, ...]:  # noqa: ARG002 (a subclass uses it)
-        """What each live branch waits for; () after a final verdict or if the monitor cannot tell.
+        """Return what each live branch waits for; () after a final verdict or if unknown.
 
-        Beyond `limit` branches there are common records for all.
+        Beyond `limit` branches, records are for all branches.
         """
         return ()
 
     @property
     def ended(self) -> Ended | None:
-        """After ⊥, how it came about; None if the monitor cannot tell."""
+        """After ⊥, the event that caused it; None if unknown."""
         return None
 
 
@@ -211,14 +206,15 @@ FirstDetections: TypeAlias = Callable[[Sequence[Sequence[Json]]], Sequence[int |
 
 
 LeftOpen: TypeAlias = Callable[[Sequence[Json]], str]
-"""Returns why a language leaves a trace undefined (its events are not ordered, say), or ""."""
+"""Returns why a language leaves a trace undefined (such as unordered events), or ""."""
 
 
 class DetectionMonitor(Monitor):
     """Applies a function of whole traces after each event; never returns ⊥.
 
-    A trace that the language leaves undefined (`left_open`) raises `TraceError`; comparisons skip
-    it. A step takes time for all events so far: call `first_detections` for a complete trace.
+    `first_detections` raises an error for a trace that the language leaves undefined (`left_open`);
+    comparisons skip it. A step takes time for all events so far, so call it once for a complete
+    trace.
 
     >>> two = DetectionMonitor(lambda traces: [2 if len(trace) > 1 else None for trace in traces])
     >>> [verdict.symbol for verdict in two.run([{}, {}, {}])], two.first_detections([[], [{}, {}]])
@@ -246,7 +242,7 @@ class Repetition(Monitor):
     """A monitor that restarts with the event after each detection; no event is used twice.
 
     The verdict is ⊤ at each detecting event, else that since the last detection; ⊥ is final.
-    Explanations use event numbers of the whole trace. `monitor` must be new.
+    Explanations count events in the whole trace. `monitor` must be new.
 
     >>> import rvaft
     >>> watching = Repetition(rvaft.monitor(rvaft.loads("top sand a b;"), semantics="scattered"))
@@ -310,10 +306,10 @@ class Repetition(Monitor):
         return self.current.explanation
 
     def pending(self, *, limit: int = DEFAULT_BRANCHES) -> tuple[Pending, ...]:
-        """What each live branch waits for."""
+        """Return what each live branch waits for."""
         return self._next().pending(limit=limit)
 
     @property
     def ended(self) -> Ended | None:
-        """After ⊥, how it came about."""
+        """After ⊥, the event that caused it."""
         return self.current.ended

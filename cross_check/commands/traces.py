@@ -18,7 +18,7 @@ from rvaft.backend import backend
 from rvaft.cli import options
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.support.files import deliver, telling, write_whole
+from rvaft.support.files import deliver, error_context, write_whole
 
 DEFAULT_NUMBER: Final = 5
 """The number of traces for a folder; standard output takes one."""
@@ -124,7 +124,7 @@ def traces_command(
     if folder is None:
         deliver(texts[0].encode(), output)
         return 0
-    with telling("cannot make the folder", folder):
+    with error_context("cannot make the folder", folder):
         folder.mkdir(exist_ok=True)
     for place, text in enumerate(texts, 1):
         write_whole(folder / f"{name}-{place}.{'json' if form is LogForm.STIX else 'jsonl'}", text.encode())

@@ -177,7 +177,7 @@ class Schedule:
     def __init__(
         self, random: Random, prop: Property, kept: Kept, order: Sequence[str], binding: Binding, *, plain: bool
     ) -> None:
-        tree = prop.asked or prop.tree
+        tree = prop.requested or prop.tree
         assert tree.time is not None
         self.random, self.tree, self.prop, self.kept = random, tree, prop, kept
         self.order, self.binding, self.plain = order, binding, plain

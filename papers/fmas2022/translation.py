@@ -411,5 +411,5 @@ class RmlPaperBackend(RmlBackend):
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the text of the paper's translation; raises `NotExpressible` and `TooLarge`."""
-        text, symbols, equations = specification(prop.asked or prop.tree, semantics, limit)
+        text, symbols, equations = specification(prop.requested or prop.tree, semantics, limit)
         return SpecificationText(text, Metrics(symbols=symbols, states=equations))

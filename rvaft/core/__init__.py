@@ -1,1 +1,1 @@
-"""What every engine and backend works on: analyses of patterns, guards and times."""
+"""The analyses of patterns, guards and times that the engine and the backends share."""

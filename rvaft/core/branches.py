@@ -1,10 +1,8 @@
 """Branches of a tree, their numbers, and restriction to a branch or a kind (semantics, section 2).
 
-A branch resolves the `or` gates and keeps `KofN`. Its digits are the choices of the `or` gates in
-breadth-first order. The first digit varies fastest; a gate outside the branch has digit 0.
-
-Enumeration is lazy and in order. It proceeds from the slowest digit to the fastest. The choices
-that a digit above 0 requires are propagated, so there are no dead ends.
+The digits of a branch are the choices of the `or` gates in breadth-first order, the first varying
+fastest; a gate outside the branch has digit 0. Enumeration is lazy and has no dead ends: a digit
+above 0 requires that its gate is reached, and this is propagated.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -27,7 +25,7 @@ _MOST: Final = 10**9
 _EFFORT: Final = 20_000_000
 """The maximum number of counting steps."""
 _SHARED_EFFORT: Final = 1_000_000
-"""The maximum number of counting steps with shared nodes; beyond it, branches are enumerated."""
+"""Beyond this number of steps, branches with shared nodes are enumerated instead of counted."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ class Branch:
 
 
 def branches(tree: RVAFT) -> Iterator[Branch]:
-    """Iterate lazily over all branches in the order of their numbers, from 1."""
+    """Iterate lazily over all branches by number, from 1."""
     search = _Search(tree)
     for number, digits in enumerate(search.branches(), 1):
         yield Branch(tree, number, search.choices(digits))
@@ -88,11 +86,10 @@ def branch(tree: RVAFT, number: int) -> Branch:
 def number_of(
     tree: RVAFT, choices: Mapping[str, str], *, kind: Kind | None = None, limit: int = DEFAULT_LIMIT
 ) -> int | None:
-    """Return the lowest number of a branch with these choices (and this kind), or None if the
-    search takes too long.
+    """Return the lowest number of a branch with these choices and this kind; None beyond the
+    limits.
 
-    With a kind, at most `limit` branches are enumerated. Otherwise smaller branches are counted per
-    gate, from the last: those with equal later digits and a smaller digit here.
+    With a kind, branches are enumerated up to `limit`; otherwise they are counted per gate.
     """
     if tree.shared and kind is None:
         with suppress(TooLarge):
@@ -106,7 +103,7 @@ def number_of(
     gates = or_gates(tree)
     choosing = frozenset(gates)
     digits: dict[str, range] = {}  # the allowed digits of a gate; all if absent
-    # the number of ways to resolve the part below a node; `idle`: one of them avoids the node
+    # ways to resolve the part below a node; `idle`: one of them avoids the node
     ways: dict[str, int] = {}
     idle: dict[str, bool] = {}
     number, effort = 1, 0
@@ -152,7 +149,7 @@ def number_of(
 
 
 def or_gates(tree: RVAFT) -> list[str]:
-    """Return the reachable `or` gates in breadth-first order, the order of a branch's digits."""
+    """Return the reachable `or` gates in breadth-first order."""
     return list(_or_gates(tree))
 
 
@@ -168,10 +165,7 @@ def _or_gates(tree: RVAFT) -> tuple[str, ...]:
 
 
 def _number_among_shared(tree: RVAFT, choices: Mapping[str, str]) -> int | None:
-    """Return the number of a branch if nodes are shared; raises `TooLarge`.
-
-    Gates are resolved parents first; branches that reach the same later gates are counted together.
-    """
+    """Return the number of a branch if nodes are shared; raises `TooLarge`."""
     gates = or_gates(tree)
     place = {name: number for number, name in enumerate(_depth_first(tree, gates))}
     reached: dict[str, int] = {}
@@ -219,7 +213,7 @@ def _depth_first(tree: RVAFT, gates: Iterable[str]) -> list[str]:
     agenda = [(tree.root, reversed(tree.nodes[tree.root].children))]
     while agenda:
         name, children = agenda[-1]
-        child = next((one for one in children if one not in done), None)
+        child = next((node for node in children if node not in done), None)
         if child is not None:
             agenda.append((child, reversed(tree.nodes[child].children)))
         else:
@@ -230,7 +224,7 @@ def _depth_first(tree: RVAFT, gates: Iterable[str]) -> list[str]:
 
 
 class _Digits(NamedTuple):
-    """The digits of some gates: `bits` has a bit per kept child, `gates` all bits of the gates."""
+    """Digits of some gates: the bits of kept children, and all bits of the gates (`gates`)."""
 
     bits: int = 0
     gates: int = 0
@@ -243,10 +237,10 @@ class _Digits(NamedTuple):
 
 
 class _Search:
-    """The enumeration of the digits of all branches of one tree.
+    """The enumeration of the digits of branches.
 
-    A *way* holds the digits on a path from the root to a node, or on paths to all gates with a
-    digit above 0.
+    A *way* holds the digits on a path from the root to a node, or to all gates with a digit above
+    0.
     """
 
     def __init__(self, tree: RVAFT) -> None:
@@ -271,8 +265,7 @@ class _Search:
         return {name: kept(name)[0] for name in reachable(self.tree.root, kept) if name in self._bits}
 
     def branches(self) -> Iterator[int]:
-        """Iterate over the digits of all branches in the order of their numbers."""
-        # One level per gate, slowest first: its remaining digits, with all digits so far and their
+        # One level per gate, slowest first: its remaining digits, all digits so far, and their
         # ways.
         levels = [iter([(_Digits(), [_Digits()])])]
         while levels:
@@ -285,9 +278,6 @@ class _Search:
                 levels.append(self._options(self.gates[-len(levels)], *option))
 
     def _options(self, gate: str, slower: _Digits, ways: list[_Digits]) -> Iterator[tuple[_Digits, list[_Digits]]]:
-        """Iterate over the possible digits of a gate given the slower ones, each with its ways (at
-        least one).
-        """
         group, lowest = self._all[gate], self._bits[gate].start
         for number in bits(union(way.bits & group or group for way in ways)):
             digit = _Digits(1 << number, group)
@@ -336,10 +326,8 @@ def _shortest(ways: Iterable[_Digits], name: str) -> list[_Digits]:
 
 # Restriction to one branch or one kind (semantics, sections 2 and 3).
 #
-# The result is a tree with the alphabet of the whole and the restriction as `part_of`. A branch is
-# a sub-DAG; a kind is a union of sub-DAGs. A tree restricted to a kind has the nodes and edges of
-# all of them, so it may have more branches than the kind. Its property
-# (`rvaft.core.passes.property_of`) has exactly those of the kind.
+# A branch is a sub-DAG, a kind a union of sub-DAGs. The union may have more branches than the kind;
+# only the property (`rvaft.core.passes.property_of`) has exactly those of the kind.
 
 COPIES: Final = 1_000
 """The maximum number of sub-DAGs for a kind."""
@@ -353,8 +341,7 @@ _numbered = branch
 def restrict(tree: RVAFT, *, branch: int | None = None, kind: Kind | str | None = None, limit: int = COPIES) -> RVAFT:
     """Return the tree restricted to one branch, or to the branches of one kind.
 
-    Raises `TreeError` if there is no such branch or kind, `TooLarge` if a kind needs more than
-    `limit` sub-DAGs.
+    Raises `TreeError` if there is none, and `TooLarge` if a kind needs more than `limit` sub-DAGs.
     """
     kind = None if kind is None else Kind(kind)
     if branch is not None:
@@ -372,8 +359,7 @@ def restrict(tree: RVAFT, *, branch: int | None = None, kind: Kind | str | None 
 
 
 def alternatives(tree: RVAFT) -> tuple[RVAFT, ...]:
-    """Return the sub-DAGs whose union is a tree restricted to a kind; for any other tree, the tree
-    itself.
+    """Return the sub-DAGs of a tree restricted to a kind; for any other tree, the tree itself.
 
     >>> import rvaft
     >>> tree = rvaft.loads("top and p q; p or f a; q or x b; f fault; x fault;")
@@ -397,15 +383,17 @@ def _part(tree: RVAFT, ways: Iterable[Allowed], part_of: Whole) -> RVAFT:
         for name in reachable(tree.root, below):
             kept.setdefault(name, set()).update(below(name))
     nodes = (tree.nodes[name] for name in kept)
-    parts = [replace(node, children=tuple(one for one in node.children if one in kept[node.name])) for node in nodes]
+    parts = [
+        replace(node, children=tuple(child for child in node.children if child in kept[node.name])) for node in nodes
+    ]
     return tree.changed(nodes=parts, part_of=part_of)
 
 
 def ways_to_kind(tree: RVAFT, kind: Kind, limit: int = COPIES) -> list[Allowed]:
-    """Return sub-DAGs whose branches together are exactly the branches that have the kind."""
+    """Return sub-DAGs that together have exactly the branches of the kind."""
     choosing = frozenset(or_gates(tree))
     rank = {name: index for index, name in enumerate(tree.order)}
-    above = {tree.root: tree.root}  # the immediate dominators
+    above = {tree.root: tree.root}  # immediate dominators
     for name in tree.order[1:]:
         meeting = set(tree.parents(name))
         while len(meeting) > 1:
@@ -426,7 +414,7 @@ def ways_to_kind(tree: RVAFT, kind: Kind, limit: int = COPIES) -> list[Allowed]:
 
 
 def _through_or(tree: RVAFT, node: Node, ways: Mapping[str, list[Allowed]], above: Mapping[str, str]) -> list[Allowed]:
-    """Return the ways of all children; merge those that constrain only gates dominated by their
+    """Return the ways of all children, merged if they constrain only gates dominated by their
     child.
     """
 
@@ -447,8 +435,7 @@ def _through_or(tree: RVAFT, node: Node, ways: Mapping[str, list[Allowed]], abov
             apart.extend({**way, node.name: frozenset([child])} for way in ways[child])
     if together:
         apart.append({**merged, node.name: frozenset(together)})
-    # Merge ways that differ only in the children of the node; drop the constraint if all are
-    # allowed.
+    # Merge ways that differ only in the children of the node; drop a constraint that allows all.
     joined: dict[frozenset[tuple[str, frozenset[str]]], frozenset[str]] = {}
     for way in apart:
         rest = frozenset(item for item in way.items() if item[0] != node.name)

@@ -1,6 +1,6 @@
 """The translation of a tree to a property.
 
-Only this module reads gates and causality, apart from the language, the model and the reference.
+Besides the language, the model and the reference, only this module reads gates and causality.
 """
 
 from typing import assert_never

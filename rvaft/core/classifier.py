@@ -2,7 +2,7 @@
 
 The *shape* of an event is its field names, and its values in fields with a literal in some pattern.
 Logs have few shapes, so results are cached by shape. The shape decides patterns of literals and
-present fields. Other candidates are *open*: they are matched against each event.
+present fields; other candidates are *open* and matched against each event.
 """
 
 import sys
@@ -26,20 +26,18 @@ H = TypeVar("H")
 H_co = TypeVar("H_co", covariant=True)
 
 MEMORY: Final = 4096
-"""The maximum number of cached shapes; then the cache is cleared."""
+"""The maximum number of cached shapes."""
 WIDEST: Final = 64
 """Events with more fields are not cached."""
 LONGEST: Final = 200
 """Events with longer strings in the fields of literals are not cached."""
 _NOT_THERE: Final = ("no scalar",)
-"""The key of an absent field, an object or a list."""
 _PLAIN: Final = (str, int, float)
-"""Types whose values are their own keys."""
 
 
 class Decided(NamedTuple):
-    """The indexes of the patterns that all (`fits`) or some (`open`) events of a shape match, in
-    order.
+    """The indexes, in order, of the patterns that all (`fits`) or some (`open`) events of a shape
+    match.
     """
 
     fits: tuple[int, ...]
@@ -49,8 +47,8 @@ class Decided(NamedTuple):
 class Flat(NamedTuple):
     """A pattern that the shape decides.
 
-    `literals` maps fields to the keys of their literals; `variables` maps the other fields to their
-    variable, or to "".
+    `literals` maps fields to the keys of their literals, `variables` other fields to a variable or
+    "".
     """
 
     literals: Mapping[str, Hashable]
@@ -64,15 +62,15 @@ class Flat(NamedTuple):
 
 
 class FirstLiterals:
-    """An index of requirements by their rarest literal."""
+    """An index of patterns by their rarest literal."""
 
     def __init__(self, literals: Iterable[Mapping[str, Hashable]]) -> None:
         self.by_field: dict[str, dict[Hashable, list[int]]] = {}
         self.rest: list[int] = []
         given = list(literals)
-        counts = Counter(item for asked in given for item in asked.items())
-        for number, asked in enumerate(given):
-            first = min(asked.items(), key=counts.__getitem__, default=None)
+        counts = Counter(item for required in given for item in required.items())
+        for number, required in enumerate(given):
+            first = min(required.items(), key=counts.__getitem__, default=None)
             if first is None:
                 self.rest.append(number)
             else:
@@ -89,8 +87,7 @@ class FirstLiterals:
 
 
 class PatternIndex(Generic[T]):
-    """A cache of results by the shape of events; `derive` computes the result of a classification
-    once.
+    """A cache of results by event shape; `derive` computes the result of a classification.
 
     >>> at = lambda topic: ObjectPattern((("topic", Literal(topic)), ("value", Variable("X"))))
     >>> index = PatternIndex([at("/speed"), at("/goal"), Anything()], lambda decided: decided)
@@ -106,20 +103,17 @@ class PatternIndex(Generic[T]):
         literals = [literals_of(pattern) for pattern in given]
         self._filed = FirstLiterals(literals)
         self._flat = {number: plain for number, pattern in enumerate(given) if (plain := flat(pattern)) is not None}
-        asked: dict[str, set[type]] = {}
+        types_of: dict[str, set[type]] = {}
         for field, value in (item for some in literals for item in some.items()):
-            asked.setdefault(field, set()).add(type(value))
-        texts = tuple(field for field, types in asked.items() if types == {str})
-        self._shape = _shape_by(texts, names=any(one.variables for one in self._flat.values()))
+            types_of.setdefault(field, set()).add(type(value))
+        texts = tuple(field for field, types in types_of.items() if types == {str})
+        self._shape = _shape_by(texts, names=any(pattern.variables for pattern in self._flat.values()))
         self.texts = texts
-        """The fields whose literals are all strings."""
-        self.others = tuple(field for field, types in asked.items() if types != {str})
-        """The other fields with literals."""
+        self.others = tuple(field for field, types in types_of.items() if types != {str})
 
     def of(self, event: Mapping[str, Json]) -> T:
         """Return the result for the shape of an event."""
-        # In Python, 1 == True. Fields with only string literals match neither; the keys of other
-        # fields differ.
+        # In Python, 1 == True, so literals other than strings are compared by their keys.
         shape = self._shape(event)
         if self.others:
             shape = (*shape, *[key_at(event, field) for field in self.others])
@@ -127,7 +121,7 @@ class PatternIndex(Generic[T]):
             return self._memory[shape]
         except KeyError:
             found = self._found(event)
-        except TypeError:  # a list or an object in a field of string literals
+        except TypeError:  # a list or an object
             return self._found(event)
         if len(event) <= WIDEST and brief(shape):
             if len(self._memory) >= MEMORY:
@@ -155,7 +149,6 @@ def brief(values: Iterable[Json]) -> bool:
 
 
 def _shape_by(fields: tuple[str, ...], *, names: bool) -> Callable[[Mapping[str, Json]], tuple[Hashable, ...]]:
-    """Return the function from an event to its shape; few fields have a fast path."""
     if not names:
         return (lambda event: (event.get(fields[0]),)) if len(fields) == 1 else lambda event: (*map(event.get, fields),)
     match fields:
@@ -170,7 +163,7 @@ def _shape_by(fields: tuple[str, ...], *, names: bool) -> Callable[[Mapping[str,
 
 
 def flat(pattern: Pattern) -> Flat | None:
-    """Return the pattern as a shape decides it, or None."""
+    """Return the pattern in the form that a shape decides, or None."""
     if not isinstance(pattern, ObjectPattern):
         return None
     variables: dict[str, str] = {}
@@ -204,14 +197,13 @@ def key_at(event: Mapping[str, Json], field: str) -> Hashable:
 # Discriminating fields.
 
 _OTHER: Final = ("other",)
-"""The key of a value that no pattern has as a literal."""
 
 
 class Discriminators:
     """The discriminating fields of some patterns, usually one such as `topic`.
 
     Every pattern with a string literal has one in a discriminating field. The values there limit
-    the patterns that an event can match, and the fields to read.
+    the patterns that an event can match.
     """
 
     def __init__(self, patterns: Iterable[Pattern]) -> None:
@@ -219,38 +211,40 @@ class Discriminators:
             {field: value for field, value in literals_of(pattern).items() if isinstance(value, str)}
             for pattern in patterns
         ]
-        # A small cover by a greedy choice: the most frequent field first.
+        # Greedy cover: the most frequent field first.
         cover: list[str] = []
-        left = [one for one in strings if one]
+        left = [literals for literals in strings if literals]
         while left:
-            cover.append(Counter(field for one in left for field in one).most_common(1)[0][0])
-            left = [one for one in left if cover[-1] not in one]
+            cover.append(Counter(field for literals in left for field in literals).most_common(1)[0][0])
+            left = [literals for literals in left if cover[-1] not in literals]
         self.fields = tuple(cover)
-        self._asked = tuple({field: one[field] for field in self.fields if field in one} for one in strings)
-        self._filed = FirstLiterals(self._asked)
-        self._values = {field: frozenset(one[field] for one in strings if field in one) for field in self.fields}
+        self._literals = tuple(
+            {field: literals[field] for field in self.fields if field in literals} for literals in strings
+        )
+        self._filed = FirstLiterals(self._literals)
+        self._values = {
+            field: frozenset(literals[field] for literals in strings if field in literals) for field in self.fields
+        }
 
     def values(self, event: Mapping[str, Json]) -> tuple[Hashable, ...]:
-        """Return the event's values in the discriminating fields, reduced to those of patterns."""
+        """Return the `value` of each discriminating field of an event."""
         return tuple([self.value(field, event.get(field)) for field in self.fields])
 
     def value(self, field: str, value: Json) -> Hashable:
-        """Return the reduced value of one field."""
+        """Return the value of a field if it is a literal of some pattern, else a common key."""
         return value if isinstance(value, str) and value in self._values[field] else _OTHER
 
     def apart(self, values: Iterable[Json]) -> tuple[Hashable, ...]:
-        """Return the strings in the discriminating fields, unless too long, for events that match
-        no pattern.
-        """
+        """Return the cache key of an event that matches no pattern; long strings share a key."""
         return tuple([value if isinstance(value, str) and len(value) <= LONGEST else _OTHER for value in values])
 
     def candidates(self, values: tuple[Hashable, ...]) -> tuple[int, ...]:
-        """Return the indexes, in order, of the patterns that an event with these values may match."""
+        """Return the indexes of the patterns that an event with these values may match."""
         event = dict(zip(self.fields, values, strict=True))
         return tuple(
             number
             for number in self._filed.candidates(event)
-            if all(event[field] == value for field, value in self._asked[number].items())
+            if all(event[field] == value for field, value in self._literals[number].items())
         )
 
 
@@ -259,16 +253,14 @@ class Discriminators:
 
 @dataclass(slots=True)
 class Reads:
-    """The parts of a value to read: the whole value, or some fields and the items of a list."""
+    """The parts of a value to read: the whole value, or some fields and list items."""
 
     whole: bool = False
     fields: dict[str, "Reads"] = dataclass_field(default_factory=dict)
     items: "Reads | None" = None
 
     def add(self, pattern: Pattern) -> None:
-        """Add the parts that a pattern reads; a variable reads the whole value, since equality is
-        deep.
-        """
+        """Add the parts that a pattern reads; a variable reads the whole value."""
         agenda: list[tuple[Reads, Pattern]] = [(self, pattern)]
         while agenda:
             reads, part = agenda.pop()
@@ -289,8 +281,8 @@ class Reads:
 
 
 class TreeReads:
-    """The fields that a monitor of the tree reads: those of runtime events, `ignore`, `time` and
-    the paths in `also`.
+    """The fields that a monitor reads: those of runtime events, `ignore`, `time` and the paths
+    `also`.
     """
 
     def __init__(self, tree: RVAFT, also: Iterable[tuple[str, ...]] = ()) -> None:
@@ -301,7 +293,7 @@ class TreeReads:
         self.discriminators = Discriminators(self.patterns)
         self._always: list[Pattern] = [ObjectPattern(((name, Anything()),)) for name in self.discriminators.fields]
         for path in (*also, *([tree.time.field] if tree.time else [])):
-            at: Pattern = Variable("_")  # reads the whole value
+            at: Pattern = Variable("_")
             for name in reversed(path):
                 at = ObjectPattern(((name, at),))
             self._always.append(at)
@@ -312,7 +304,7 @@ class TreeReads:
         return self.where(self.discriminators.values(event))
 
     def where(self, values: tuple[Hashable, ...]) -> Reads:
-        """Return the parts to read of events with these values in the discriminating fields."""
+        """Return the parts to read of events with these discriminating values."""
         known = self._known.get(values)
         if known is None:
             known = self._known[values] = Reads()
@@ -324,7 +316,6 @@ class TreeReads:
 
 
 Scope: TypeAlias = Reads | TreeReads
-"""Determines the parts of an event to read."""
 
 
 # Letters.
@@ -341,24 +332,22 @@ class Letter(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class EventTest:
-    """A condition on an event that is no guard over its fields; tests with equal names are equal."""
+    """A condition on an event that is no guard over its fields; equal names mean equal tests."""
 
     name: Hashable
     holds: Predicate = dataclass_field(compare=False)
 
 
 class Reader(NamedTuple):
-    """How one letter is read off an event whose shape does not exclude it."""
+    """The evaluation of one letter on an event whose shape does not exclude it."""
 
     number: int
     pattern: Pattern
     test: Guard | EventTest | None
-    """The condition on the event, over its fields instead of variables; None if the shape decides.
-    """
+    """The condition, over fields instead of variables; None if the shape decides."""
     admits: Predicate
-    """Whether an event is this letter."""
     values: Values
-    """The values of the rigid variables in an event that matches the pattern."""
+    """The values of the rigid variables in a matching event."""
     fields: Mapping[str, str] | None
     """The fields of these values; None if the shape does not decide the match."""
 
@@ -368,9 +357,7 @@ class Reader(NamedTuple):
 
 
 def reader(number: int, letter: Letter) -> Reader:
-    """Return the reader of a letter. A guard over variables that the pattern does not bind never
-    holds.
-    """
+    """Return the reader of a letter; a guard with a variable that the pattern lacks never holds."""
     pattern, when = letter
     plain = flat(pattern)
     if when is not None and not set(guard_variables(when)) <= set(pattern_variables(pattern)):
@@ -415,10 +402,10 @@ _LARGEST: Final = sys.float_info.max
 
 @dataclass(frozen=True, eq=False)
 class GuardTable(Generic[H_co]):
-    """A table from the outcomes of some guards on an event to a result, computed once per
-    combination.
+    """A cached table from the outcomes of some guards on an event to a result.
 
-    `of` returns the result for an event, `held` its guards as bits, `at` the result for such bits.
+    `of` returns the result for an event, `held` the bits of its guards, `at` the result for such
+    bits.
     """
 
     guards: tuple[Guard | EventTest, ...]
@@ -441,7 +428,7 @@ class GuardTable(Generic[H_co]):
 
 
 def guard_table(
-    asked: Sequence[Guard | EventTest | None], derive: Callable[[Sequence[bool]], H_co]
+    guards: Sequence[Guard | EventTest | None], derive: Callable[[Sequence[bool]], H_co]
 ) -> GuardTable[H_co]:
     """Return the table over these guards; None is a guard that always holds.
 
@@ -455,42 +442,44 @@ def guard_table(
     ([1], [0, 1], [0, 1, 2], [1])
     """
     places: dict[Guard | EventTest, int] = {}
-    bit = [0 if guard is None else 1 << places.setdefault(guard, len(places)) for guard in asked]
+    bit = [0 if guard is None else 1 << places.setdefault(guard, len(places)) for guard in guards]
     return _table_by_bits(tuple(places), lambda held: derive([held & one == one for one in bit]))
 
 
 def joined_tables(tables: Sequence[GuardTable[H]], join: Callable[[tuple[H, ...]], T]) -> GuardTable[T]:
-    """Return the table that joins the results of several tables; a common guard is evaluated once."""
+    """Return the table that joins several results; a common guard is evaluated once."""
     places: dict[Guard | EventTest, int] = {}
     for table in tables:
         for guard in table.guards:
             places.setdefault(guard, len(places))
-    asked: list[tuple[Callable[[int], H], int, list[tuple[int, int]]]] = []
+    sources: list[tuple[Callable[[int], H], int, list[tuple[int, int]]]] = []
     for table in tables:
         pairs = [(1 << places[guard], 1 << place) for place, guard in enumerate(table.guards)]
         same = all(bit == own for bit, own in pairs)
-        asked.append((table.at, (1 << len(pairs)) - 1 if same else 0, [] if same else pairs))
+        sources.append((table.at, (1 << len(pairs)) - 1 if same else 0, [] if same else pairs))
 
     def derive(held: int) -> T:
-        own = [held & mask | sum([bit for one, bit in pairs if held & one]) for _, mask, pairs in asked]
-        return join(tuple([at(bits) for (at, _, _), bits in zip(asked, own, strict=True)]))
+        own = [held & mask | sum([bit for one, bit in pairs if held & one]) for _, mask, pairs in sources]
+        return join(tuple([at(bits) for (at, _, _), bits in zip(sources, own, strict=True)]))
 
     return _table_by_bits(tuple(places), derive)
 
 
 def _table_by_bits(guards: tuple[Guard | EventTest, ...], derive: Callable[[int], H_co]) -> GuardTable[H_co]:
-    """Return the table of what `derive` returns for the guards that hold, as bits.
+    """Return the table of a function of the guards that hold, as bits.
 
     Comparisons of one variable with numbers use binary search.
     """
     memory: dict[int, H_co] = {}
-    asked = [(1 << at, one.holds if isinstance(one, EventTest) else predicate(one)) for at, one in enumerate(guards)]
+    tests = [
+        (1 << at, guard.holds if isinstance(guard, EventTest) else predicate(guard)) for at, guard in enumerate(guards)
+    ]
 
     def derived(event: Mapping[str, Json]) -> H_co:
         return derived_of(held(event))
 
     def held(event: Mapping[str, Json]) -> int:
-        return sum([bit for bit, holds in asked if holds(event)])
+        return sum([bit for bit, holds in tests if holds(event)])
 
     def derived_of(bits: int) -> H_co:
         try:
@@ -507,7 +496,7 @@ def _table_by_bits(guards: tuple[Guard | EventTest, ...], derive: Callable[[int]
     compared = compared_numbers(guards)
     if compared is None:
         if len(guards) == 1:
-            ((_, holds_alone),) = asked
+            ((_, holds_alone),) = tests
             return GuardTable(guards, lambda event: derived_of(1 if holds_alone(event) else 0), held, derived_of)
         return GuardTable(guards, derived, held, derived_of)
     name, points = compared
@@ -531,9 +520,7 @@ def _table_by_bits(guards: tuple[Guard | EventTest, ...], derive: Callable[[int]
 
 
 def compared_numbers(guards: Iterable[Guard | EventTest]) -> tuple[str, list[int | float]] | None:
-    """Return the one variable that all guards compare with numbers, and these numbers sorted; else
-    None.
-    """
+    """Return the variable that all guards compare with numbers, and the sorted numbers, or None."""
     names, points = set[str](), set[int | float]()
     for guard in guards:
         match guard:

@@ -1,10 +1,8 @@
 """The conditions under which a guard is true, and those under which it is false.
 
-A condition combines tests by conjunction and disjunction; it is never undefined.
-
-A guard is undefined if an evaluated operand is undefined. So `not (X < Y)` is no complement of `X <
-Y`: each is true only for two numbers or two texts. So the conditions for true and for false are
-derived separately, and only tests are negated. A backend only has to spell the tests.
+A condition combines tests by conjunction and disjunction; it is never undefined. A guard may be: `X
+< Y` and `not (X < Y)` are each true only for two numbers or two texts. So the conditions for true
+and for false are derived separately. A backend only spells the tests.
 """
 
 from collections.abc import Callable, Collection, Iterable
@@ -32,12 +30,12 @@ T = TypeVar("T")
 
 
 class Unsayable(Exception):
-    """The reason why a guard has no conditions, in a few words."""
+    """The reason why a guard has no conditions."""
 
 
 @dataclass(frozen=True, slots=True)
 class TruthTest:
-    """A test that a Boolean term is true (or false). Terms of another type satisfy neither."""
+    """A test that a Boolean term is true (or false); terms of another type satisfy neither."""
 
     term: Guard
     wanted: bool
@@ -54,10 +52,7 @@ class EqualityTest:
 
 @dataclass(frozen=True, slots=True)
 class ComparisonTest:
-    """A test that two terms are both numbers (times, texts) and compare by `sign`.
-
-    `sign` is one of `=`, `<>`, `<`, `<=`, `>`, `>=`.
-    """
+    """A test that two terms are both numbers (times, texts) and compare by `sign`, such as `<>`."""
 
     sort: Sort
     left: Guard
@@ -93,7 +88,7 @@ _EQUAL: Final = {True: "=", False: "<>"}
 class TruthConditions:
     """Derives the conditions of guards.
 
-    `times` are the variables that hold times of events. Mixing them with other numbers raises
+    `times` are the variables that hold event times. Mixing them with other numbers raises
     `Unsayable`; a null time is undefined. `is_whole` selects terms to treat as variables.
 
     >>> from rvaft.language.parser import parse_guard
@@ -113,10 +108,7 @@ class TruthConditions:
         self._known: dict[tuple[Guard, bool], TruthCondition] = {}
 
     def of(self, guard: Guard, *, wanted: bool = True) -> TruthCondition:
-        """Return a condition that holds exactly where the guard has the truth value `wanted`.
-
-        The same object may occur in several places.
-        """
+        """Return a condition that holds exactly where the guard has the truth value `wanted`."""
         return self._when(folded(guard), wanted)
 
     def _when(self, guard: Guard, wanted: bool) -> TruthCondition:
@@ -136,16 +128,16 @@ class TruthConditions:
             case Operator.NOT:
                 return self._when(left, not wanted)
             case Operator.AND | Operator.OR if wanted is (guard.operator is Operator.AND):
-                return _all(self._when(one, wanted) for one in guard.operands)
+                return _all(self._when(operand, wanted) for operand in guard.operands)
             case Operator.AND | Operator.OR:
                 found: TruthCondition = NEVER
-                for one in reversed(guard.operands):
-                    found = self._decided(one, wanted, found)
+                for operand in reversed(guard.operands):
+                    found = self._decided(operand, wanted, found)
                 return found
             case Operator.EQ | Operator.NE:
                 return self._equality(left, others[0], wanted is (guard.operator is Operator.EQ))
             case Operator.IN:
-                several = (self._equality(left, one, wanted) for one in others)
+                several = (self._equality(left, element, wanted) for element in others)
                 return _any(several) if wanted else _all(several)
             case operator if operator in ORDERINGS:
                 sign = operator if wanted else OPERATORS[operator].negated
@@ -179,9 +171,7 @@ class TruthConditions:
         return _any([*same, *(self._apart(one, other) for one, other in ((left, right), (right, left)))])
 
     def _apart(self, term: Guard, other: Guard) -> TruthCondition:
-        """Return the condition that `term`, a number or a text, has a value, and `other` has a
-        value of another sort.
-        """
+        """Return the condition that `term`, a number or a text, and `other` differ in sort."""
         sort, others = self.sort(term), self.sort(other)
         if sort not in (Sort.NUMBER, Sort.TEXT, Sort.TIME) or self._is_plain(term):
             return NEVER
@@ -196,9 +186,9 @@ class TruthConditions:
         return ALWAYS if isinstance(term, Literal) else SortTest(term, self.sort(term), wanted=True)
 
     def _compared(self, sort: Sort, left: Guard, sign: str, right: Guard) -> TruthCondition:
-        sorts = {self.sort(one) for one in (left, right)}
+        sorts = {self.sort(term) for term in (left, right)}
         if Sort.TIME in sorts and sort is Sort.NUMBER:
-            if {Sort.UNKNOWN, Sort.NUMBER} & {self.sort(one) for one in (left, right) if variables(one)}:
+            if {Sort.UNKNOWN, Sort.NUMBER} & {self.sort(term) for term in (left, right) if variables(term)}:
                 raise Unsayable("it compares a time with a value that is not a time")
             sorts, sort = {Sort.NUMBER if one is Sort.TIME else one for one in sorts}, Sort.TIME
         plain = Sort.NUMBER if sort is Sort.TIME else sort
@@ -225,12 +215,14 @@ class TruthConditions:
                 if not variables(term):  # a constant term that has a value is folded
                     return Sort.VOID
                 if operator in ARITHMETIC | FUNCTIONS and facts.takes is not None:
-                    sorts = {self.sort(one) for one in operands}
+                    sorts = {self.sort(operand) for operand in operands}
                     taken = {*facts.takes, Sort.UNKNOWN, *((Sort.TIME,) if Sort.NUMBER in facts.takes else ())}
                     if not sorts <= taken:
                         return Sort.VOID
                     if facts.gives is Sort.NUMBER and Sort.TIME in sorts:
-                        if {Sort.UNKNOWN, Sort.NUMBER} & {self.sort(one) for one in operands if variables(one)}:
+                        if {Sort.UNKNOWN, Sort.NUMBER} & {
+                            self.sort(operand) for operand in operands if variables(operand)
+                        }:
                             raise Unsayable("it calculates with a time and a value that is not a time")
                         return Sort.TIME
                 return facts.gives
@@ -245,7 +237,6 @@ def _any(parts: Iterable[TruthCondition]) -> TruthCondition:
 
 
 def _joined(every: bool, parts: Iterable[TruthCondition]) -> TruthCondition:
-    """Return the flattened junction of the parts."""
     found: dict[TruthCondition, None] = {}
     for part in parts:
         if part is (NEVER if every else ALWAYS):
@@ -262,17 +253,16 @@ def _joined(every: bool, parts: Iterable[TruthCondition]) -> TruthCondition:
 
 
 def spelled(condition: TruthCondition, test: Callable[[ConditionTest], T], join: Callable[[bool, list[T]], T]) -> T:
-    """Return the condition in a language.
+    """Return the condition in a language; a shared condition is spelled once.
 
-    `test` spells a test; `join` spells a conjunction (True) or a disjunction (False). A shared
-    condition is spelled once.
+    `test` spells a test; `join` spells a conjunction (True) or a disjunction (False).
     """
     known: dict[int, T] = {}
 
     def of(part: TruthCondition) -> T:
         if id(part) not in known:
             if isinstance(part, ConditionJunction):
-                known[id(part)] = join(part.every, [of(one) for one in part.parts])
+                known[id(part)] = join(part.every, [of(inner) for inner in part.parts])
             else:
                 known[id(part)] = test(part)
         return known[id(part)]

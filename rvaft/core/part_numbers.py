@@ -1,6 +1,6 @@
 """The parts of a property as numbers, inner parts first, so that a set of parts is a bit mask.
 
-Windows, counted events and ends in order must have been removed by passes.
+Passes must first remove windows, counted events and ends in order.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -44,10 +44,9 @@ class PartKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class NumberedPart:
-    """One part: `parts` are the numbers of its subparts, `need` is the minimum number that a
-    scenario keeps.
+    """One part with its subparts' numbers; `of` is the part of the property, if any.
 
-    `of` is the part of the property, if any.
+    `need` is the minimum number of subparts that a scenario keeps.
     """
 
     op: PartKind
@@ -104,15 +103,14 @@ class NumberedParts:
         return [number for number in range(len(self.parts)) if seen[number]]
 
     def below(self) -> dict[int, int]:
-        """Return for each reachable part the part and all parts below it, as bits."""
+        """Return, for each reachable part, the part and all parts below it as bits."""
         found: dict[int, int] = {}
         for number in self.kept():
             found[number] = 1 << number | union(found[inner] for inner in self.parts[number].parts)
         return found
 
     def around(self, events: Mapping[int, int], *, backwards: bool = False) -> dict[int, int]:
-        """Return for each reachable part the events that sequences order before it (after it:
-        `backwards`).
+        """Return, for each reachable part, the events that sequences order before (or after) it.
 
         `events` maps each part to its events, as bits.
         """
@@ -166,7 +164,7 @@ def numbered(prop: Property) -> NumberedParts:
     number = {part: place for place, part in enumerate(prop.parts)}
     found = []
     for part in prop.parts:
-        inner = tuple(number[one] for one in part.parts)
+        inner = tuple(number[child] for child in part.parts)
         found.append(NumberedPart(op_of(part), inner, fewest(part), part))
     return NumberedParts(tuple(found))
 
@@ -174,8 +172,7 @@ def numbered(prop: Property) -> NumberedParts:
 def divided(
     form: NumberedParts, look: Callable[[NumberedParts], Seen | int], *, at_least: bool
 ) -> Iterator[tuple[NumberedParts, Seen]]:
-    """Split the scenarios until `look` returns no further choice; yield each form with the result
-    of `look`.
+    """Split the scenarios until `look` returns no further choice; yield each form with its result.
 
     `at_least` keeps the ways to choose more than K.
     """

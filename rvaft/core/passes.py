@@ -1,7 +1,6 @@
 """Passes from properties to equivalent properties with fewer constructs.
 
-No pass adds a construct that an earlier pass has removed. Tests compare each pass with the
-reference evaluators.
+No pass adds a construct that an earlier pass removes.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -59,7 +58,7 @@ MOST: Final = 10_000
 
 @dataclass(frozen=True, slots=True)
 class Pass:
-    """A pass with the constructs that it removes; the call takes a limit on alternatives."""
+    """A pass with the constructs that it removes."""
 
     name: str
     removes: frozenset[type[Part]]
@@ -70,22 +69,17 @@ class Pass:
         return self.run(prop, limit)
 
 
-# Restriction to a branch or a kind.
-
-
 def restrict(prop: Property, *, branch_number: int | None = None, kind: Kind | str | None = None) -> Property:
-    """Return the property restricted to one branch or to one kind; the alphabet stays that of the
-    tree.
+    """Return the property restricted to one branch or kind, with the alphabet of the tree.
 
-    Raises `TreeError` if there is no such branch or kind, `TooLarge` if a kind needs too many
-    alternatives.
+    Raises `TreeError` if there is none, and `TooLarge` if a kind needs too many alternatives.
     """
     kind = None if kind is None else Kind(kind)
     if branch_number is not None:
-        one = branch(prop.tree, branch_number)
-        if kind is not None and kind not in one.kinds:
+        selected = branch(prop.tree, branch_number)
+        if kind is not None and kind not in selected.kinds:
             raise TreeError(f"branch {branch_number} does not have the kind {kind}", rule="no-branch")
-        return of_branch(replace(prop, kind=kind), one)
+        return of_branch(replace(prop, kind=kind), selected)
     if kind is None:
         return prop
     ways = ways_to_kind(prop.tree, kind)
@@ -99,9 +93,9 @@ def restrict(prop: Property, *, branch_number: int | None = None, kind: Kind | s
     return replace(prop, root=One(None, tuple(dict.fromkeys(copy.root for copy in copies))), wholes=wholes)
 
 
-def of_branch(prop: Property, one: Branch) -> Property:
-    """Return the property with the scenarios of one branch of its tree."""
-    return _allowing(replace(prop, branch=one.number), _singly(one.choices), 0)
+def of_branch(prop: Property, selected: Branch) -> Property:
+    """Return the property restricted to one branch of its tree."""
+    return _allowing(replace(prop, branch=selected.number), _singly(selected.choices), 0)
 
 
 def _singly(choices: Mapping[str, str]) -> dict[str, frozenset[str]]:
@@ -109,9 +103,7 @@ def _singly(choices: Mapping[str, str]) -> dict[str, frozenset[str]]:
 
 
 def _allowing(prop: Property, allowed: Mapping[str, frozenset[str]], copy: int) -> Property:
-    """Return the property with some choices restricted; `copy` is the number of the parts for its
-    time points.
-    """
+    """Return the property with restricted choices and its time points numbered `copy`."""
 
     def change(part: Part, parts: tuple[Part, ...]) -> Part:
         match part:
@@ -123,8 +115,8 @@ def _allowing(prop: Property, allowed: Mapping[str, frozenset[str]], copy: int) 
                 ]
                 return One(part.source, tuple(kept))
             case Condition(guard=guard) if copy:
-                points = [one for one in time_points(guard) if one.point != "at"]
-                copied = {one.name: TimePoint.of(one.point, one.node, copy) for one in points}
+                points = [point for point in time_points(guard) if point.point != "at"]
+                copied = {point.name: TimePoint.of(point.point, point.node, copy) for point in points}
                 return replace(part, guard=substitute(guard, copied), written=part.written or guard)
             case Within() if copy:
                 return Within(Source(part.source.node, copy), parts, part.duration)
@@ -151,7 +143,7 @@ def _expand_times(prop: Property, _: int) -> Property:
             case All(source=Source() as source, parts=(Times() as leaf, Condition(guard=guard))) if not time_points(
                 guard
             ):
-                guarded = (All(one.source, (one, Condition(one.source, guard))) for one in counted(leaf))
+                guarded = (All(event.source, (event, Condition(event.source, guard))) for event in counted(leaf))
                 return Sequence(source, tuple(guarded))
             case _:
                 return with_parts(part, parts)
@@ -160,20 +152,19 @@ def _expand_times(prop: Property, _: int) -> Property:
 
 
 expand_times: Final = Pass("expand_times", frozenset({Times}), _expand_times)
-"""A counted leaf becomes a sequence of events, each with the leaf's guard unless that has time
+"""A counted leaf becomes a sequence of events, each with the leaf's guard unless it has time
 points.
 """
 
 
 class _Open(Exception):
-    """The events or the end of a part depend on an open choice."""
+    """The result depends on an open choice."""
 
 
 def chosen(prop: Property, limit: int = LIMIT) -> Iterator[Property]:
-    """Iterate over the properties for each way to make the choices; their scenarios are those of
-    the property.
+    """Iterate over the properties for each way to make the choices; raises `TooLarge`.
 
-    A `One` keeps the chosen part. Raises `TooLarge` beyond the limit.
+    A `One` keeps the chosen part.
     """
     for kept in resolutions(prop, limit=limit):
 
@@ -192,7 +183,7 @@ def chosen(prop: Property, limit: int = LIMIT) -> Iterator[Property]:
 def _by_choices(prop: Property, limit: int, made: Callable[[Property, int], Iterator[Property]]) -> Property:
     found: dict[Part, Property] = {}
     for each in chosen(prop, limit):
-        with suppress(_Open):  # a time point of an absent node: no feasible scenario makes these choices
+        with suppress(_Open):  # a time point of an absent node: no such scenario is feasible
             for alternative in made(each, limit - len(found)):
                 if not is_empty(alternative):
                     found[alternative.root] = alternative
@@ -234,7 +225,7 @@ class _Ends:
     def last(self, part: Part) -> tuple[Event, ...]:
         """Return the possible last events of a part; none if the precedence among them is cyclic.
 
-        Raises `_Open` if choices decide.
+        Raises `_Open` if they depend on choices.
         """
         lasts = self._lasts[part]
         if part in self._open:
@@ -242,20 +233,20 @@ class _Ends:
         if len(lasts) < 2 or not self._shared:
             return lasts
         later = _successors(part)
-        return tuple(one for one in lasts if later[one].isdisjoint(set(lasts) - {one}))
+        return tuple(event for event in lasts if later[event].isdisjoint(set(lasts) - {event}))
 
 
 def _successors(root: Part) -> dict[Event, set[Event]]:
-    """Return for each event below a part without choices the later events, by its sequences."""
+    """Return, for each event below a part without choices, the later events by its sequences."""
     inside: dict[Part, set[Event]] = {}
     after: dict[Event, set[Event]] = {}
     for part in parts_below(root):
-        inside[part] = {part} if isinstance(part, Event) else set().union(*(inside[one] for one in part.parts))
+        inside[part] = {part} if isinstance(part, Event) else set().union(*(inside[inner] for inner in part.parts))
         if isinstance(part, Event):
             after[part] = set()
         if isinstance(part, Sequence):
-            for number, one in enumerate(part.parts):
-                for event in inside[one]:
+            for number, inner in enumerate(part.parts):
+                for event in inside[inner]:
                     after[event].update(*(inside[other] for other in part.parts[number + 1 :]))
     for found in after.values():
         agenda = list(found)
@@ -320,10 +311,9 @@ def _order_ends(prop: Property, limit: int) -> Property:
 
 
 order_ends: Final = Pass("order_ends", frozenset({EndInOrder}), _order_ends)
-"""Ends in order become sequences of events, or alternatives if choices or several last events
-decide.
+"""Ends in order become sequences, or alternatives if choices or several last events decide.
 
-Counted leaves below such an order are expanded.
+Counted leaves below are expanded.
 """
 
 
@@ -338,20 +328,17 @@ def _windows_to_guards(prop: Property, limit: int) -> Property:
 
 
 def _with_guards(prop: Property, *, windows: bool = True) -> Property:
-    """Return the property without `start` and `end`, and with `windows` as guards.
-
-    Raises `_Open` if choices decide which events are involved.
-    """
+    """Return the property without `start` and `end`, with `windows` as guards; raises `_Open`."""
     below: dict[Part, tuple[Part, ...]] = {}
     rank = {name: place for place, name in enumerate(prop.tree.order)}
 
-    def point(one: TimePoint) -> Guard:
-        if one.point == "at":
-            return TimePoint.of("at", one.node, max(one.number, 1))
-        whole = prop.wholes.get(Source(one.node, one.number))
+    def point(time_point: TimePoint) -> Guard:
+        if time_point.point == "at":
+            return TimePoint.of("at", time_point.node, max(time_point.number, 1))
+        whole = prop.wholes.get(Source(time_point.node, time_point.number))
         if whole is None:  # no scenario of this property has the node
             raise _Open
-        return extreme(one.point, whole)
+        return extreme(time_point.point, whole)
 
     def extreme(which: str, whole: Part) -> Guard:
         if whole not in below:
@@ -367,7 +354,9 @@ def _with_guards(prop: Property, *, windows: bool = True) -> Property:
 
     def change(part: Part, parts: tuple[Part, ...]) -> Part:
         match part:
-            case Condition(guard=guard) if points := {one.name: point(one) for one in time_points(guard)}:
+            case Condition(guard=guard) if points := {
+                time_point.name: point(time_point) for time_point in time_points(guard)
+            }:
                 return replace(part, guard=substitute(_differences(guard), points), written=part.written or guard)
             case Within(source=source, parts=(whole,), duration=duration) if windows:
                 span = Operation(Operator.SUB, (extreme("end", whole), extreme("start", whole)))
@@ -382,7 +371,7 @@ def _with_guards(prop: Property, *, windows: bool = True) -> Property:
 def _differences(guard: Guard) -> Guard:
     """Return the guard with durations as numbers, and with equalities of times as differences.
 
-    An undefined time is null, and null equals null; a difference of undefined times equals nothing.
+    Undefined times are null, and null equals null; a difference of undefined times equals nothing.
     """
     if not isinstance(guard, Operation):
         return Literal(guard.value) if isinstance(guard, Duration) else guard
@@ -393,8 +382,7 @@ def _differences(guard: Guard) -> Guard:
 
 
 windows_to_guards: Final = Pass("windows_to_guards", frozenset({Within}), _windows_to_guards)
-"""Windows, `start` and `end` become guards over single events, or alternatives if choices decide.
-"""
+"""Windows, `start` and `end` become guards over single events, or alternatives."""
 
 
 def _bind_times(prop: Property, _: int) -> Property:
@@ -402,15 +390,15 @@ def _bind_times(prop: Property, _: int) -> Property:
     taken = {name for part in prop.parts for name in _variables(part)}
     free = (name for number in count(1) if (name := f"T{number}") not in taken)
     points = (TimePoint.of("at", *event.source).name for event in prop.events)
-    asked = dict.fromkeys((*(name for name in points if name in used), *sorted(used)))
-    names = {name: next(free) for name in asked}
+    used_points = dict.fromkeys((*(name for name in points if name in used), *sorted(used)))
+    names = {name: next(free) for name in used_points}
 
     def change(part: Part, parts: tuple[Part, ...]) -> Part:
         match part:
             case Event(source, pattern) if (name := TimePoint.of("at", *source).name) in names:
                 return Event(source, timed(pattern, names[name]))
             case Condition(guard=guard) if points := time_points(guard):
-                new = {one.name: Variable(names[one.name]) for one in points}
+                new = {point.name: Variable(names[point.name]) for point in points}
                 return replace(part, guard=substitute(guard, new), written=part.written or guard)
             case _:
                 return with_parts(part, parts)
@@ -435,14 +423,12 @@ def _variables(part: Part) -> tuple[str, ...]:
 bind_times: Final = Pass("bind_times", frozenset(), _bind_times)
 """The times that guards use become variables of the events' patterns (`rvaft.core.times.timed`).
 
-It follows `windows_to_guards`. If no time is used, the property has no `time` afterwards.
+It follows `windows_to_guards`. A property without used times loses its `time`.
 """
 
 
 def decide_constants(prop: Property) -> Property:
-    """Return the property without constant conditions, and without parts that a false one makes
-    impossible.
-    """
+    """Return the property with constant conditions decided and impossible parts removed."""
 
     def change(part: Part, parts: tuple[Part, ...]) -> Part:
         possible = tuple(inner for inner in parts if inner is not IMPOSSIBLE)
@@ -474,11 +460,11 @@ def _simplify(prop: Property, _: int) -> Property:
 
 
 simplify: Final = Pass("simplify", frozenset(), _simplify)
-"""Constant conditions are decided, and impossible parts removed. No window may be left."""
+"""`decide_constants` as a pass, after the windows are removed."""
 
 
 def with_choices(prop: Property, choices: Mapping[str, str]) -> Property:
-    """Return the simplified property with these choices of children; impossible if they conflict."""
+    """Return the simplified property with these choices; impossible if they conflict."""
     return simplify(_allowing(prop, _singly(choices), 0))
 
 
@@ -488,7 +474,12 @@ def _flatten(prop: Property, _: int) -> Property:
             case All() | Sequence():
                 kind = type(part)
                 nested = (each.parts if isinstance(each, kind) else (each,) for each in parts)
-                inner = [one for each in nested for one in each if not (isinstance(one, All) and not one.parts)]
+                inner = [
+                    subpart
+                    for each in nested
+                    for subpart in each
+                    if not (isinstance(subpart, All) and not subpart.parts)
+                ]
                 if isinstance(part, All):
                     inner = list(dict.fromkeys(inner))
                 if not inner:
@@ -507,15 +498,13 @@ flatten: Final = Pass("flatten", frozenset(), _flatten)
 
 
 def reduced(prop: Property, limit: int = LIMIT) -> Property:
-    """Return the property in the form of the engine: events, guards over events, sequences and
-    choices.
-    """
+    """Return the property as events, guards over events, sequences and choices, for the engine."""
     return simplify(windows_to_guards(order_ends(expand_times(prop), limit), limit))
 
 
 def property_of(tree: RVAFT) -> Property:
     """Return the property of a tree, or of the branch or kind of a restricted tree."""
     if tree.part_of is None:
-        return replace(build(tree), asked=tree)
+        return replace(build(tree), requested=tree)
     prop = restrict(build(tree.part_of.tree), branch_number=tree.part_of.branch, kind=tree.part_of.kind)
-    return replace(prop, asked=tree)
+    return replace(prop, requested=tree)

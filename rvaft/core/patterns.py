@@ -4,8 +4,8 @@ Patterns never exclude fields or values. So the events that match several patter
 event: undetermined values are unique, and objects have a unique additional field. A pattern that
 matches the least event matches all of them.
 
-Rigid variables are shared between patterns; guards are ignored. `compatible` and `implies` are
-quick one-sided tests that treat variables as wildcards.
+Patterns share rigid variables. `compatible` and `implies` are quick one-sided tests that treat
+variables as wildcards.
 """
 
 from collections import Counter
@@ -33,9 +33,7 @@ from rvaft.support.budget import Budget
 Path: TypeAlias = tuple[str | int, ...]
 """The field names and list indexes that lead to a part of a pattern."""
 Head: TypeAlias = Literal | int | str | None
-"""What a pattern requires of a value itself: a literal, a list length, an object; None is no
-requirement.
-"""
+"""What a pattern requires of a value itself: a literal, a list length, an object, or nothing."""
 
 
 def _opened(pattern: Pattern) -> tuple[Head, Iterable[tuple[str | int, Pattern]]]:
@@ -61,8 +59,7 @@ def compatible(left: Pattern, right: Pattern) -> bool:
 
 
 def implies(special: Pattern, general: Pattern, bound: Set[str] = frozenset()) -> bool:
-    """Whether every event that matches the special pattern matches the general one; True is
-    certain.
+    """Whether every event that matches `special` matches `general`; True is certain.
 
     `bound` names variables with a value; another variable that occurs once matches any value.
     """
@@ -85,18 +82,13 @@ def implies(special: Pattern, general: Pattern, bound: Set[str] = frozenset()) -
     return True
 
 
-# The least event of several patterns.
-
-
 class Clash(Exception):
-    """No value satisfies all requirements. Never leaves this module."""
+    """No value satisfies all requirements; internal to this module."""
 
 
 @dataclass(slots=True, eq=False)
 class Unknown:
-    """A value of the least event with its known requirements; with `same`, an alias of another
-    value.
-    """
+    """A value of the least event with its requirements; `same` is the value it aliases, if any."""
 
     head: Head = None
     parts: "dict[str | int, Unknown]" = field(default_factory=dict)
@@ -222,11 +214,10 @@ def overlaps(left: Pattern, right: Pattern) -> bool:
     return least([ObjectPattern((("event", left),)), ObjectPattern((("event", right),))]) is not None
 
 
-# Overlaps among many patterns, without a comparison of all pairs.
-
-
 class Overlaps:
-    """The overlaps among many patterns. Sets of patterns are bit masks by index.
+    """The overlaps among many patterns, without a comparison of all pairs.
+
+    Sets of patterns are bit masks by index.
 
     >>> at = lambda kind, value: ObjectPattern((("kind", Literal(kind)), ("value", value)))
     >>> some = Overlaps([at("a", Variable("X")), at("a", Literal(1)), at("b", Literal(1)), Anything()])
@@ -267,8 +258,7 @@ class Overlaps:
         found = self.compatible(number) ^ 1 << number
         repeating, having = self._doubtful
         names = rigid_variables(self.patterns[number])
-        # Compatible patterns can fail to overlap only if a variable occurs twice in one or both of
-        # them.
+        # Compatible patterns can only fail to overlap if one or both have a repeated variable.
         doubtful = self._all if repeating >> number & 1 else repeating | union(_mask(having[name]) for name in names)
         for other in bits(found & doubtful):
             budget.spend(5)
@@ -278,9 +268,7 @@ class Overlaps:
 
     @cached_property
     def _doubtful(self) -> tuple[int, dict[str, "int | list[int]"]]:
-        """The patterns with a repeated variable, and for each variable the patterns that contain
-        it.
-        """
+        """The patterns with a repeated variable, and the patterns of each variable."""
         repeating = 0
         having: dict[str, list[int]] = {}
         for number, pattern in enumerate(self.patterns):
@@ -292,7 +280,6 @@ class Overlaps:
 
 
 def _members(group: list[int]) -> int | list[int]:
-    """Return the set as a list if that needs less memory."""
     return group if len(group) < 16 else mask_of(group)
 
 

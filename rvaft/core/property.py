@@ -1,6 +1,6 @@
 """The core form of a tree: a closed set of parts, which all backends and the engine read.
 
-Parts form a DAG: a shared part is observed and resolved once. Parts are hash-consed, so parts with
+Parts form a DAG: a shared part is observed and resolved once. Parts are hash-consed: parts with
 equal content are the same object and are compared by identity.
 """
 
@@ -18,10 +18,10 @@ from rvaft.model.tree import RVAFT, sorted_topologically
 
 
 class Source(NamedTuple):
-    """The origin of a part: a node of the tree, and a number.
+    """The node that a part comes from, and a number.
 
-    For an event, `number` is the occurrence at that node, from 1. For another part it is 0, or the
-    number of the copy if a pass has copied the part.
+    For an event it is the occurrence at the node, from 1; for a copy that a pass has made, the
+    number of the copy; else 0.
     """
 
     node: str
@@ -29,7 +29,7 @@ class Source(NamedTuple):
 
 
 class _HashConsed(type):
-    """Return the existing part with the same content instead of a second one."""
+    """A metaclass that returns the existing part with the same content, if any."""
 
     _known: Final[WeakValueDictionary[tuple[object, ...], Any]] = WeakValueDictionary()
 
@@ -72,8 +72,8 @@ class Times(_Leaf):
 class Condition(_Leaf):
     """A guard that must hold; it consumes no event.
 
-    `written` is the guard in the tree, if a pass has rewritten its time points. `window` is the
-    duration of a `within` in nanoseconds, if a pass has rewritten the window as a guard.
+    `written` is the guard before a pass rewrote its time points. `window` is the duration in
+    nanoseconds of a `within` that a pass rewrote as this guard.
     """
 
     source: Source
@@ -100,7 +100,7 @@ class Sequence(_Part):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class One(_Part):
-    """Exactly one of the parts. Without a source, the parts are alternatives that a pass has made."""
+    """Exactly one of the parts; without a source, they are alternatives made by a pass."""
 
     source: Source | None
     parts: tuple["Part", ...]
@@ -136,7 +136,7 @@ class Within(_Part):
 
 
 Part: TypeAlias = Event | Times | Condition | All | Sequence | One | AtLeast | EndInOrder | Within
-"""All kinds of parts; a `match` over them ends in `assert_never`."""
+"""A `match` over the parts ends in `assert_never`."""
 
 PARTS: Final[tuple[type[Part], ...]] = (Event, Times, Condition, All, Sequence, One, AtLeast, EndInOrder, Within)
 NOTHING: Final = All(None, ())
@@ -193,9 +193,8 @@ class Ignored(NamedTuple):
 class Property:
     """A part with the data that a monitor of it needs: the relevant events and the time field.
 
-    `tree` is the source of the property, for names and messages. `wholes` maps each node and copy
-    to the part that its time points `start` and `end` refer to. `branch` and `kind` are the
-    restriction, if any.
+    `tree` is the source, for names and messages. `wholes` maps each node and copy to the part that
+    its time points `start` and `end` refer to. `branch` and `kind` are the restriction, if any.
     """
 
     root: Part
@@ -206,14 +205,14 @@ class Property:
     wholes: Mapping[Source, Part] = field(default_factory=dict)
     branch: int | None = None
     kind: Kind | None = None
-    asked: RVAFT | None = None
+    requested: RVAFT | None = None
     """The tree as given, with its restriction to a branch or kind."""
     resolved: bool = False
     """Whether a pass has made all choices, so that each alternative belongs to one branch."""
 
     @cached_property
     def parts(self) -> tuple[Part, ...]:
-        """All parts, each once, inner parts first; the reverse is the order of the tree."""
+        """All parts, as `parts_below` returns them."""
         return parts_below(self.root)
 
     @cached_property
@@ -236,7 +235,7 @@ class Property:
     def timed(self) -> bool:
         """Whether a window or a time point depends on the times of events."""
         return any(
-            isinstance(one, Within) or (isinstance(one, Condition) and time_points(one.guard)) for one in self.parts
+            isinstance(part, Within) or (isinstance(part, Condition) and time_points(part.guard)) for part in self.parts
         )
 
     @property
@@ -246,7 +245,7 @@ class Property:
 
     @property
     def alternatives(self) -> tuple[Self, ...]:
-        """The alternatives that a pass has made, each as a property; otherwise the property alone."""
+        """The alternatives made by a pass, each as a property, else only this property."""
         if isinstance(self.root, One) and self.root.source is None:
             return tuple(replace(self, root=part) for part in self.root.parts)
         return (self,)
@@ -254,7 +253,7 @@ class Property:
     def rewritten(self, change: Callable[[Part, tuple[Part, ...]], Part]) -> Self:
         """Return the property with each part replaced, inner parts first.
 
-        `change` receives a part and the replacements of its direct subparts.
+        `change` receives a part and the replacements of its subparts.
         """
         made = rewrite([self.root, *self.wholes.values()], change)
         wholes = {source: made[part] for source, part in self.wholes.items()}
@@ -266,7 +265,7 @@ class Property:
 
 
 def rewrite(roots: Iterable[Part], change: Callable[[Part, tuple[Part, ...]], Part]) -> dict[Part, Part]:
-    """Return the replacement of each part below the roots; inner parts are replaced first."""
+    """Return the replacement of each part below the roots, inner parts first."""
     made: dict[Part, Part] = {}
     for root in roots:
         if root not in made:

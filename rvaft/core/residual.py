@@ -1,19 +1,15 @@
 """Residuals of a property after some events, and the moves between them.
 
-A *residual* is the remainder of a set of scenarios after some events. Equal residuals accept the
-same continuations; residuals that differ only by interchangeable parts are merged. A *move* matches
-one more event. A scenario matches a word if and only if moves with its labels lead from a start to
-a complete residual.
+A *residual* is the remainder of a set of scenarios after some events; residuals that differ only by
+interchangeable parts are merged. A *move* matches one more event. A scenario matches a word if and
+only if moves with its labels lead from a start to a complete residual.
 
 An event below an alternative decides a choice; a later event decides it silently. A choice can wait
 if the parts below its alternatives are not shared. Otherwise its decision may order past events, so
 each way to decide is a separate start.
 
-Events and choices of a start are bit sets; guards have the lowest bits, assigned by the caller.
-
-Automata and LTLf use residuals. RML does not, because its partial matches keep registers and
-evaluate each guard once. A residual drops the bindings and requires a guard at each event with one
-of its variables.
+Automata and LTLf use residuals, which drop the bindings and require a guard at each event with one
+of its variables. RML does not: its partial matches keep registers and evaluate each guard once.
 """
 
 from collections import Counter
@@ -34,7 +30,7 @@ _WIDE: Final = 1 << 61
 
 
 class Residual(NamedTuple):
-    """The remaining events, choices and guards, as bit sets. Equal residuals have equal futures.
+    """The remaining events, choices and guards, as bit sets.
 
     - `start`: the index of the start.
     - `open`: required events, undecided choices, and guards that must hold at a later event.
@@ -48,7 +44,7 @@ class Residual(NamedTuple):
     broken: int = 0
 
     def __hash__(self) -> int:
-        """Hash by bytes: Python hashes wide integers alike if one is a shift of the other."""
+        """Hash wide integers as bytes: Python gives shifted integers the same hash."""
         if self.open < _WIDE:
             return hash((self.start, self.open, self.taken, self.broken))
         return hash((self.start, self.open.to_bytes(self.open.bit_length() // 8 + 1), self.taken))
@@ -68,11 +64,11 @@ class Move(NamedTuple):
 
 
 class ResidualSpace:
-    """The residuals of a graph of parts. `label` maps the number of an event part to its label.
+    """The residuals of a graph of parts; `label` maps the number of an event part to its label.
 
     `guards` maps each guard to its bit; all other bits are higher. `at_least` keeps the ways to
-    choose more than K parts of an `AtLeast`, which are redundant if events may be skipped. Raises
-    `TooLarge` by `work`.
+    choose more than K parts, which are redundant if events may be skipped. `work` may raise
+    `TooLarge`.
 
     >>> import rvaft
     >>> from rvaft.core.build import build
@@ -98,20 +94,22 @@ class ResidualSpace:
         work: Work,
     ) -> None:
         events = (number for number in reversed(form.kept()) if form.parts[number].op is PartKind.EVENT)
-        asks = {number: (label(number), _on_variables(form.parts[number].event, guards)) for number in events}
+        labels = {number: (label(number), _on_variables(form.parts[number].event, guards)) for number in events}
         graphs = enumerate(_decided(form, at_least=at_least, work=work))
-        self._of_start = [_Start(graph, number, asks, guards, at_least=at_least, work=work) for number, graph in graphs]
+        self._of_start = [
+            _Start(graph, number, labels, guards, at_least=at_least, work=work) for number, graph in graphs
+        ]
         self.starts = tuple(plan.start for plan in self._of_start)
-        """The residuals before any event; together they have all scenarios of the graph."""
+        """The residuals before any event; together they have all scenarios."""
         self.width = max(plan.width for plan in self._of_start)
-        """The number of bits in the sets; the cost of a move is proportional to it."""
+        """The number of bits in the sets, to which the cost of a move is proportional."""
 
     def moves(self, left: Residual) -> tuple[Move, ...]:
-        """Return the moves from a residual, in a stable order; the result is cached."""
+        """Return the moves from a residual, in a stable order; cached."""
         return self._of_start[left.start].moves(left)
 
     def breaking(self, move: Move, holding: int) -> Residual:
-        """Return the target of a move if, of the guards that it notes, only these hold."""
+        """Return the target of a move if exactly the guards `holding` of those it notes hold."""
         return self._of_start[move.target.start].breaking(move, holding)
 
     def is_complete(self, left: Residual) -> bool:
@@ -121,16 +119,13 @@ class ResidualSpace:
     def dominates(self, one: Residual, other: Residual) -> bool:
         """Whether `one` completes on every word on which `other` does, if events may be skipped.
 
-        False is not certain.
+        False proves nothing.
         """
         return one.start == other.start and self._of_start[one.start].dominates(one, other)
 
 
 def _decided(form: NumberedParts, *, at_least: bool, work: Work) -> list[NumberedParts]:
-    """Return the graphs that decide all choices that cannot wait, in a stable order.
-
-    Together they have the scenarios of the form.
-    """
+    """Return equivalent graphs that decide all choices that cannot wait, in a stable order."""
     what = "ways to decide choices between parts that share nodes"
 
     def look(graph: NumberedParts) -> int | None:
@@ -148,7 +143,7 @@ def _decided(form: NumberedParts, *, at_least: bool, work: Work) -> list[Numbere
 
 
 def _urgent(form: NumberedParts, work: Work) -> int | None:
-    """The first choice with an alternative that reaches a part which is also reached otherwise."""
+    """Return the first choice with an alternative that reaches a part also reached otherwise."""
     kept = form.kept()
     references = Counter(child for number in kept for child in form.parts[number].parts)
     if all(count == 1 for count in references.values()):
@@ -183,10 +178,9 @@ class _Alternative(NamedTuple):
 
 
 class _Choice(NamedTuple):
-    """A choice: `mask` has the bits of its alternatives, `silent` those that can complete without
-    an event.
+    """A choice of at least `least` alternatives; `more` allows further ones.
 
-    At least `least` alternatives are taken; `more` allows further ones.
+    `mask` has the bits of the alternatives, `silent` those that can complete without an event.
     """
 
     mask: int
@@ -197,9 +191,9 @@ class _Choice(NamedTuple):
 
 class _Occurrence(NamedTuple):
     """An event of a graph: its part, label, guards on its variables (`bound`), and the alternative
-    above it.
+    above.
 
-    `before` and `after` are the bits ordered before and after the event.
+    The bits `before` and `after` are ordered before and after it.
     """
 
     part: int
@@ -211,7 +205,7 @@ class _Occurrence(NamedTuple):
 
 
 class _Start:
-    """The tables of one graph whose choices can all wait, and the moves of its residuals.
+    """The tables and moves of one graph whose choices can all wait.
 
     Raises `TooLarge` if a choice has too many silent ways.
     """
@@ -220,7 +214,7 @@ class _Start:
         self,
         form: NumberedParts,
         number: int,
-        asks: Mapping[int, tuple[int, int]],
+        labels: Mapping[int, tuple[int, int]],
         guards: Mapping[Guard, int],
         *,
         at_least: bool,
@@ -245,30 +239,30 @@ class _Start:
                     self.alternatives[option[child]] = _Alternative(bit[part], up, *known)
             if this.chooses:
                 mask = mask_of(option[child] for child in this.parts)
-                quiet = mask_of(one for one in bits(mask) if self.alternatives[one].silent)
+                quiet = mask_of(alternative for alternative in bits(mask) if self.alternatives[alternative].silent)
                 self.choices[bit[part]] = _Choice(mask, quiet, this.need, at_least and this.op is PartKind.AT_LEAST)
         before, after = form.around(whole), form.around(whole, backwards=True)
         self.occurrences: dict[int, _Occurrence] = {}
         self._binders = dict.fromkeys(bits(self._guards), 0)
-        for part in filter(asks.__contains__, graph):
-            event, asked = bit[part], asks[part]
-            self.occurrences[event] = _Occurrence(part, *asked, above[part], before[part], after[part])
-            self._binders.update((guard, self._binders[guard] | 1 << event) for guard in bits(asked[1]))
+        for part in filter(labels.__contains__, graph):
+            event, label_and_guards = bit[part], labels[part]
+            self.occurrences[event] = _Occurrence(part, *label_and_guards, above[part], before[part], after[part])
+            self._binders.update((guard, self._binders[guard] | 1 << event) for guard in bits(label_and_guards[1]))
         self._choosing = mask_of(self.choices)
         self._events = mask_of(self.occurrences)
         self.width = (self._events | self._guards).bit_length()
-        self._rests = _Rests(graph, asks, guards, bit, option) if self._has_alike() else None
+        self._rests = _Rests(graph, labels, guards, bit, option) if self._has_alike() else None
         self._size = len(graph)
         self._known: dict[tuple[int, ...], Residual] = {}
         self.start = self._tidy(Residual(number, mandatory[form.root]))
 
     def _has_alike(self) -> bool:
-        asking: dict[tuple[int, int], int] = {}
-        for event, one in self.occurrences.items():
-            asking[one.label, one.bound] = asking.get((one.label, one.bound), 0) | 1 << event
+        alike: dict[tuple[int, int], int] = {}
+        for event, occurrence in self.occurrences.items():
+            alike[occurrence.label, occurrence.bound] = alike.get((occurrence.label, occurrence.bound), 0) | 1 << event
         return any(
-            asking[one.label, one.bound] & ~(one.before | one.after | 1 << event)
-            for event, one in self.occurrences.items()
+            alike[occurrence.label, occurrence.bound] & ~(occurrence.before | occurrence.after | 1 << event)
+            for event, occurrence in self.occurrences.items()
         )
 
     def moves(self, left: Residual) -> tuple[Move, ...]:
@@ -354,7 +348,6 @@ class _Start:
         return left._replace(open=still, taken=taken)
 
     def _settle(self, left: Residual, choices: int) -> Iterator[Residual]:
-        """Decide choices silently, in every way with a minimal set of guards."""
         if not choices:
             yield left
             return
@@ -368,9 +361,9 @@ class _Start:
         missing = choice.least - (left.taken & choice.mask).bit_count()
         if missing <= 0:
             return (0,)
-        untaken = (self.alternatives[one].silent for one in bits(choice.silent & ~left.taken))
-        able = [ways for silent in untaken if (ways := [one for one in silent if not one & left.broken])]
-        return _smallest(union(one) for some in combinations(able, missing) for one in product(*some))
+        untaken = (self.alternatives[alternative].silent for alternative in bits(choice.silent & ~left.taken))
+        able = [ways for silent in untaken if (ways := [mask for mask in silent if not mask & left.broken])]
+        return _smallest(union(chosen) for some in combinations(able, missing) for chosen in product(*some))
 
     def _tidy(self, left: Residual) -> Residual:
         """Drop unaffected guards; return the representative of equivalent residuals."""
@@ -404,8 +397,7 @@ def _laid_out(graph: dict[int, NumberedPart], least: int) -> tuple[dict[int, int
 
 
 class _Rests:
-    """Canonical numbers for the remainders of parts: equal for remainders that differ by
-    interchangeable events.
+    """Canonical numbers of the remainders of parts, equal if only interchangeable events differ.
 
     A shared part is equivalent only to itself; 0 is an empty remainder.
     """
@@ -413,7 +405,7 @@ class _Rests:
     def __init__(
         self,
         graph: dict[int, NumberedPart],
-        asks: Mapping[int, tuple[int, int]],
+        labels: Mapping[int, tuple[int, int]],
         guards: Mapping[Guard, int],
         bit: Mapping[int, int],
         option: Mapping[int, int],
@@ -426,7 +418,7 @@ class _Rests:
         """The components of the number of an unordered part."""
         self.full: dict[int, int] = {}
         for part, this in reversed(graph.items()):
-            own = guards[this.of.guard] if isinstance(this.of, Condition) else asks.get(part)
+            own = guards[this.of.guard] if isinstance(this.of, Condition) else labels.get(part)
             inner = [self.full[child] for child in this.parts]
             key = (this.op, this.need, own, *(inner if this.op is PartKind.SEQUENCE else sorted(inner)))
             self.full[part] = self._number(part, *key) if part in self._shared else self._number(*key)
@@ -435,7 +427,6 @@ class _Rests:
         return self._numbers.setdefault(key, len(self._numbers))
 
     def of(self, left: Residual) -> dict[int, int]:
-        """Return the number of each part's remainder."""
         rests: dict[int, int] = {}
         for part, this in reversed(self._graph.items()):
             is_open = part in self._bit and left.open >> self._bit[part] & 1
@@ -445,9 +436,11 @@ class _Rests:
             elif this.op is PartKind.SEQUENCE:
                 rest = self._number(this.op, *inner) if len(inner) > 1 else sum(inner)
             else:
-                found = [one for rest in inner for one in self._inside.get(rest, (rest,))]
+                found = [component for rest in inner for component in self._inside.get(rest, (rest,))]
                 if is_open:
-                    untaken = sorted(self.full[one] for one in this.parts if not left.taken >> self._option[one] & 1)
+                    untaken = sorted(
+                        self.full[child] for child in this.parts if not left.taken >> self._option[child] & 1
+                    )
                     need = max(0, this.need + len(untaken) - len(this.parts))
                     found.append(self._number(this.op, need, *untaken))
                 found.sort()
@@ -458,7 +451,9 @@ class _Rests:
         return rests
 
     def repeated(self, left: Residual, whole: Mapping[int, int]) -> int:
-        """Return the bits of parts with the same remainder as another child of an unordered part."""
+        """Return the bits of children of unordered parts with the same remainder as an earlier
+        child.
+        """
         rests, found = self.of(left), 0
         for this in self._graph.values():
             seen: dict[tuple[int, int, int], int] = {}
@@ -472,7 +467,6 @@ class _Rests:
 def _extents(
     graph: dict[int, NumberedPart], bit: Mapping[int, int], guards: Mapping[Guard, int], work: Work
 ) -> tuple[dict[int, int], dict[int, int], dict[int, int], dict[int, tuple[int, ...]]]:
-    """Return for each part the fields of `_Alternative`."""
     whole: dict[int, int] = {}
     mandatory: dict[int, int] = {}
     first: dict[int, int] = {}
@@ -524,7 +518,7 @@ def _smallest(sets: Iterable[int]) -> tuple[int, ...]:
     (2, 5)
     """
     kept: list[int] = []
-    for one in sorted(set(sets), key=lambda mask: (mask.bit_count(), mask)):
-        if not any(other & ~one == 0 for other in kept):
-            kept.append(one)
+    for mask in sorted(set(sets), key=lambda mask: (mask.bit_count(), mask)):
+        if not any(other & ~mask == 0 for other in kept):
+            kept.append(mask)
     return tuple(kept)

@@ -1,8 +1,4 @@
-"""Questions about the feasible scenarios of a property, without enumeration.
-
-A scenario is feasible if no constant condition is false and the precedence is acyclic (semantics,
-section 2).
-"""
+"""Questions about the feasible scenarios of a property, answered without enumeration."""
 
 from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence, Set
 from contextlib import suppress
@@ -41,10 +37,10 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 Edge: TypeAlias = tuple[Part, Part]
-"""An edge of the tree: a part, and a direct subpart that comes from another node."""
+"""An edge of the tree: a part, and a direct subpart of another node."""
 
 Point: TypeAlias = tuple[Literal["start", "event", "end", "done"], Part, Part | None]
-"""A vertex of the precedence graph: its kind, its part, and for `done` the subpart (else None)."""
+"""A vertex of the precedence graph: its kind, its part, and for `done` the subpart."""
 
 
 def node_of(part: Part) -> str:
@@ -57,12 +53,12 @@ def is_edge(part: Part, inner: Part) -> bool:
     return node_of(part) != node_of(inner)
 
 
-# The strict precedence of a scenario as a graph of linear size (semantics, section 2).
+# The strict precedence of a scenario as a graph of linear size.
 #
-# Each part has a vertex `start` before the events below it, and a vertex `end` after them. Each
-# part in a sequence has a vertex `done` after its events and those of earlier parts. No edge leads
-# from `start` to `end`, because a part without events orders nothing. One event precedes another if
-# and only if there is a path.
+# A part has a vertex `start` before the events below it, and `end` after them. A part in a sequence
+# has a vertex `done` after its events and those of earlier parts. No edge leads from `start` to
+# `end`, because a part without events orders nothing. One event precedes another if and only if
+# there is a path.
 
 
 def point_of(event: Part) -> Point:
@@ -71,11 +67,10 @@ def point_of(event: Part) -> Point:
 
 
 def precedence(kept: Kept, *, ends: bool = False) -> "nx.DiGraph":
-    """Return the precedence graph of kept parts; the edge attribute `via` is the required tree
-    edge, or None.
+    """Return the precedence graph of kept parts.
 
-    The order of ends of an `EndInOrder` is omitted; `ends` treats it as a sequence, which is
-    stronger.
+    The edge attribute `via` is the required tree edge, or None. The order of an `EndInOrder` is
+    omitted, or with `ends` treated as a sequence, which is stronger.
     """
     import networkx as nx  # noqa: PLC0415 -- slow to import
 
@@ -92,7 +87,7 @@ def precedence(kept: Kept, *, ends: bool = False) -> "nx.DiGraph":
             graph.add_edge(("end", inner, None), end, via=via)
         if isinstance(part, core.Sequence) or (ends and isinstance(part, EndInOrder)):
             for earlier, later in pairwise(inner for inner in part.parts if inner in inside):
-                before, after = ((part, one) if is_edge(part, one) else None for one in (earlier, later))
+                before, after = ((part, side) if is_edge(part, side) else None for side in (earlier, later))
                 done: Point = ("done", part, earlier)
                 graph.add_edge(("end", earlier, None), done, via=before)
                 graph.add_edge(done, ("start", later, None), via=after)
@@ -101,7 +96,7 @@ def precedence(kept: Kept, *, ends: bool = False) -> "nx.DiGraph":
 
 
 def path(graph: "nx.DiGraph", before: Part, after: Part) -> list[Point]:
-    """Return the vertices of a shortest path between two events, or an empty list."""
+    """Return a shortest path between two events, or an empty list."""
     import networkx as nx  # noqa: PLC0415 -- slow to import
 
     points: list[Point] = []
@@ -118,15 +113,13 @@ def edges_along(graph: "nx.DiGraph", points: list[Point]) -> list[Edge]:
 
 # The order of ends: a union of partial orders per scenario.
 #
-# Read backwards, each event of a part waits for *some* event of the next part. So a vertex is free
-# if its successors and one event of each awaited part are free. If vertices remain that wait for
-# each other, there is no order.
+# Read backwards, each event of a part waits for *some* event of the next part. A vertex is free if
+# its successors and one event of each awaited part are free. If vertices wait for each other, there
+# is no order.
 
 
 class Standstill(NamedTuple):
-    """The reason why the events of a scenario have no order: it has all `edges` and none of
-    `lacking`.
-    """
+    """Why the events have no order: the scenario has all `edges` and none of `lacking`."""
 
     edges: Iterable[Edge] = ()
     lacking: Iterable[Edge] = ()
@@ -135,7 +128,7 @@ class Standstill(NamedTuple):
 def standstill(kept: Kept, graph: "nx.DiGraph") -> Standstill | None:
     """Return why no order satisfies the precedence `graph` and the order of ends, or None.
 
-    `graph` may have more edges than the precedence of the kept parts.
+    `graph` may have additional edges.
     """
     bearing: set[Part] = set()
     above: dict[Part, list[Part]] = {}
@@ -176,14 +169,13 @@ def standstill(kept: Kept, graph: "nx.DiGraph") -> Standstill | None:
         if part not in begun and any(end in stuck for end in ends):
             inside = tuple(reachable(part, kept.__getitem__))
             edges += [(one, inner) for one in (*above[part], *inside) for inner in kept[one] if is_edge(one, inner)]
-            votes = (one for one in inside if isinstance(one, AtLeast))
+            votes = (vote for vote in inside if isinstance(vote, AtLeast))
             lacking += [(one, inner) for one in votes for inner in one.parts if inner not in kept[one]]
     return Standstill(dict.fromkeys(edges), dict.fromkeys(lacking))
 
 
 def with_single_ends(prop: Property) -> Property:
-    """Return the property with a sequence for each order of ends between parts of at most one event
-    each.
+    """Return the property with a sequence for each `EndInOrder` of parts with at most one event.
 
     >>> import rvaft
     >>> type(with_single_ends(build(rvaft.loads("top pand a b;"))).root).__name__
@@ -201,21 +193,18 @@ def with_single_ends(prop: Property) -> Property:
     return prop.rewritten(change)
 
 
-# Parts of some scenario, and of every scenario.
-
 Demands: TypeAlias = dict[Part, frozenset[Part]]
-"""Parts that must be kept, each with the direct subparts that it must keep."""
+"""The required parts, each with its required direct subparts."""
 
 _NONE: frozenset[Part] = frozenset()
 
 
 class Resolutions:
-    """The ways to make the choices of a property without some parts and edges; event order is
-    ignored.
+    """The ways to make the choices of a property without some parts and edges, in any event order.
 
     A query walks from the given parts to the root: the deepest part needs a kept parent, and a
-    `One` with two demanded children fails. The number of attempts may be exponential, so each step
-    costs budget.
+    `One` with two demanded children fails. Each step costs budget: attempts may be exponentially
+    many.
 
     `everything` maps all parts, outer parts first, to their subparts in search order.
     """
@@ -226,7 +215,9 @@ class Resolutions:
         self._rank = {part: index for index, part in enumerate(self._order)}
         self._options: dict[Part, tuple[Part, ...]] = {}
         for part in reversed(self._order):
-            inside = tuple(one for one in everything[part] if one in self._options and (part, one) not in without)
+            inside = tuple(
+                inner for inner in everything[part] if inner in self._options and (part, inner) not in without
+            )
             if part not in banned and len(inside) >= fewest(part):
                 self._options[part] = inside
         self._reached: dict[Part, list[Part]] = {self._root: []} if self._root in self._options else {}
@@ -247,9 +238,7 @@ class Resolutions:
         return {part: self._options[part] for part in self._order if part in self._reached}
 
     def scenario(self, parts: Iterable[Part], edges: Iterable[Edge], budget: Budget) -> Kept | None:
-        """Return a scenario with these parts and tree edges, or None; raises `Undecided` beyond the
-        budget.
-        """
+        """Return a scenario with these parts and tree edges, or None; raises `Undecided`."""
         demands = self._support(parts, edges, budget)
         if demands is None:
             return None
@@ -269,13 +258,10 @@ class Resolutions:
         return {part: kept[part] for part in self._order if part in kept}
 
     def possible(self, parts: Iterable[Part], budget: Budget, *, edges: Iterable[Edge] = ()) -> bool:
-        """Whether some scenario has these parts and tree edges; raises `Undecided` beyond the
-        budget.
-        """
+        """Whether `scenario` finds one."""
         return self._support(parts, edges, budget) is not None
 
     def _support(self, parts: Iterable[Part], edges: Iterable[Edge], budget: Budget) -> Demands | None:
-        """Return demands that connect all these parts and edges to the root, or None."""
         demands: Demands = {}
         if not self:
             return None
@@ -330,7 +316,7 @@ class Resolutions:
 
 
 _RESOLUTIONS, _PRECEDENCE = 4, 15
-"""The cost of resolutions and of a precedence graph per node, in budget steps."""
+"""The cost of resolutions and of a precedence graph, in budget steps per node."""
 
 
 class ScenarioSpace:
@@ -348,7 +334,6 @@ class ScenarioSpace:
         self.tree = tree
         self.limit = limit
         self.prop = with_single_ends(build(tree))
-        """The property of the tree."""
         rank = {name: place for place, name in enumerate(tree.order)}
         outer_first = self.prop.parts[::-1]
         self.order = tuple(sorted(outer_first, key=lambda part: rank[node_of(part)]))
@@ -362,7 +347,7 @@ class ScenarioSpace:
         self.gate: Mapping[str, Part] = {
             node_of(part): part for part in self.order if any(is_edge(part, inner) for inner in part.parts)
         }
-        """The part of the gate of each reachable node with children."""
+        """The gate's part of each reachable node with children."""
         written = {
             gate: tuple(self.whole[child] for child in tree.nodes[name].children) for name, gate in self.gate.items()
         }
@@ -396,9 +381,7 @@ class ScenarioSpace:
 
     @cached_property
     def widest(self) -> "nx.DiGraph":
-        """The precedence over all possible parts, with ends as sequences: a superset of every
-        scenario's.
-        """
+        """A superset of every scenario's precedence: all possible parts, with ends as sequences."""
         return precedence(self.resolutions.union, ends=True)
 
     @cached_property
@@ -409,7 +392,7 @@ class ScenarioSpace:
 
     @cached_property
     def is_empty(self) -> bool:
-        """Whether there is no feasible scenario; raises `Undecided` beyond the limit."""
+        """Whether there is no feasible scenario; raises `Undecided`."""
         return bool(self.dead or not self.acyclic) and self.feasible(self.budget()) is None
 
     def feasible(
@@ -425,8 +408,8 @@ class ScenarioSpace:
         """Return a feasible scenario with `nodes` and `edges` and without the nodes `without`, or
         None.
 
-        With `apart`, the scenario has the events of both nodes, unordered. With `silent`, it has
-        that node but no event of its part. Raises `Undecided` beyond the budget.
+        With `apart`, it has the events of both nodes, unordered. With `silent`, it has that node
+        but no event of its part. Raises `Undecided`.
         """
         parts = [self.whole[name] for name in (*nodes, *(apart or ()), *([] if silent is None else [silent]))]
         needed = [*edges]
@@ -450,7 +433,6 @@ class ScenarioSpace:
         return _first_without(attempt)
 
     def _disorder(self, kept: Kept, apart: tuple[Event | Times, Event | Times] | None) -> Standstill | None:
-        """Return why the events of a scenario have no order, or why two of them are ordered."""
         graph = precedence(kept)
         points = [] if self.acyclic else find_cycle(graph)
         points += points[:1]
@@ -470,9 +452,7 @@ class ScenarioSpace:
         return None
 
     def endless(self, budget: Budget) -> tuple[Kept, str] | None:
-        """Return a scenario with an acyclic precedence and a node whose parts cannot end in order,
-        or None.
-        """
+        """Return an acyclic scenario and a node whose parts cannot end in order, or None."""
         if not self.ends or self.acyclic:
             return None
         for kept in resolutions(self.prop, limit=self.limit):
@@ -484,8 +464,8 @@ class ScenarioSpace:
         return None
 
     def cyclic(self, budget: Budget, knot: Set[Point]) -> tuple[Kept, tuple[str, ...]] | None:
-        """Return a scenario without dead nodes with a cycle through `knot`, and the nodes of the
-        cycle, or None.
+        """Return a scenario without dead nodes and with a cycle through `knot`, and the cycle, or
+        None.
         """
 
         def attempt(bans: frozenset[Edge], _: object) -> tuple[Kept, tuple[str, ...]] | Standstill:
@@ -515,10 +495,8 @@ def _to_event(kept: Kept, start: Part) -> list[Edge]:
 
 
 def _first_without(attempt: Callable[[frozenset[Edge], frozenset[Edge]], T | Standstill]) -> T | None:
-    """Return the result of the first successful attempt; the first one bans and requires no edges.
-
-    A failed attempt returns a `Standstill`: one more of its `edges` is banned, or one of `lacking`
-    required.
+    """Return the first result; a failed attempt bans one more of its `edges` or requires one
+    `lacking`.
     """
     todo: list[tuple[frozenset[Edge], frozenset[Edge]]] = [(frozenset(), frozenset())]
     seen = set(todo)
@@ -536,7 +514,7 @@ def _first_without(attempt: Callable[[frozenset[Edge], frozenset[Edge]], T | Sta
 
 
 def inevitable(order: Sequence[Part], marks: Mapping[Part, int], full: int) -> dict[Part, int]:
-    """Return for each part the marks (bits) that every scenario with the part has.
+    """Return, for each part, the marks (bits) of every scenario with the part.
 
     `order` lists the parts, outer parts first. `full` has all bits: the mark and the result of a
     part in no scenario. Event order is ignored.
@@ -560,37 +538,35 @@ def inevitable(order: Sequence[Part], marks: Mapping[Part, int], full: int) -> d
 
 
 _AT_ONCE: Final = 4096
-"""The number of marks processed together: each part has a bit for each."""
+"""The number of marks processed together; each part has a bit per mark."""
 
 
 def borne_surely(
-    space: ScenarioSpace, asked: Collection[tuple[str, str]], bearers: Mapping[str, Iterable[Part]]
+    space: ScenarioSpace, pairs: Collection[tuple[str, str]], bearers: Mapping[str, Iterable[Part]]
 ) -> set[tuple[str, str]]:
-    """Return the pairs of a node and a mark for which every scenario with the node has a bearer of
-    the mark.
+    """Return the pairs of a node and a mark such that every scenario with the node has a marked
+    part.
 
-    The pair is omitted if no scenario has the node.
+    `bearers` are the parts with a mark. A node in no scenario has no pair.
     """
-    wanted, found = list(dict.fromkeys(mark for _, mark in asked)), set[tuple[str, str]]()
-    for start in range(0, len(wanted), _AT_ONCE):
-        bit = {mark: 1 << index for index, mark in enumerate(wanted[start : start + _AT_ONCE])}
-        # One additional bit distinguishes a scenario with all marks from no scenario.
+    names, found = list(dict.fromkeys(mark for _, mark in pairs)), set[tuple[str, str]]()
+    for start in range(0, len(names), _AT_ONCE):
+        bit = {mark: 1 << index for index, mark in enumerate(names[start : start + _AT_ONCE])}
+        # One more bit distinguishes a scenario with all marks from no scenario.
         everything = (1 << len(bit) + 1) - 1
         marks = dict.fromkeys(space.never, everything)
         for mark, own in bit.items():
             for bearer in bearers.get(mark, ()):
                 marks[bearer] = marks.get(bearer, 0) | own
         borne = inevitable(space.order, marks, everything)
-        found.update((name, mark) for name, mark in asked if borne[space.whole[name]] & bit.get(mark, 0))
+        found.update((name, mark) for name, mark in pairs if borne[space.whole[name]] & bit.get(mark, 0))
     return found
 
 
-# The number of scenarios, and their sizes.
-
-
 def most_scenarios(prop: Property) -> int:
-    """Return an upper bound on the number of scenarios; exact if no part is shared and all are
-    feasible.
+    """Return an upper bound on the number of scenarios.
+
+    It is exact if all are feasible and no part is shared.
 
     >>> import rvaft
     >>> most_scenarios(build(rvaft.loads("top 2of3 a b c;")))
@@ -624,9 +600,9 @@ class Fewest(NamedTuple):
 def fewest_events(
     parts: Iterable[Part], *, without: Container[Part] = frozenset(), without_edges: Container[Edge] = frozenset()
 ) -> dict[Part, Fewest]:
-    """Return the minimum number of events of each possible part (inner parts first).
+    """Return the minimum number of events of each possible part; a shared part counts each time.
 
-    A shared part counts each time.
+    `parts` lists inner parts first.
 
     >>> import rvaft
     >>> prop = build(rvaft.loads("top 2of3 a b c;"))

@@ -26,8 +26,7 @@ from rvaft.model.guards import holds, variables
 from rvaft.support.bits import bits
 
 Kept: TypeAlias = Mapping[Part, tuple[Part, ...]]
-"""The parts of a scenario, each with the direct subparts that it keeps, in the order of the tree.
-"""
+"""The parts of a scenario, each with the direct subparts that it keeps, in tree order."""
 
 LIMIT: Final = 5_000
 """The default maximum number of scenarios."""
@@ -59,12 +58,10 @@ def observable(parts: Iterable[Part]) -> set[Part]:
 
 
 def most_events(parts: Iterable[Part]) -> dict[Part, int]:
-    """Return for each part (inner parts first) its maximum number of events in a scenario, capped
-    at 2.
-    """
+    """Return each part's maximum number of events, capped at 2 (inner parts first)."""
     most: dict[Part, int] = {}
     for part in parts:
-        inner = [most[one] for one in part.parts]
+        inner = [most[subpart] for subpart in part.parts]
         match part:
             case Event():
                 most[part] = 1
@@ -82,8 +79,7 @@ def most_events(parts: Iterable[Part]) -> dict[Part, int]:
 def resolutions(prop: Property, *, minimal: bool = False, limit: int = LIMIT) -> Iterator[Kept]:
     """Iterate over the ways to make the choices, without impossible parts, in a stable order.
 
-    `minimal` keeps exactly `need` parts of an `AtLeast`. Event order is ignored. Raises `TooLarge`
-    beyond `limit`.
+    `minimal` keeps exactly `need` parts of an `AtLeast`. Event order is ignored. Raises `TooLarge`.
     """
     order = prop.parts[::-1]
     place = {part: number for number, part in enumerate(order)}
@@ -107,7 +103,7 @@ def resolutions(prop: Property, *, minimal: bool = False, limit: int = LIMIT) ->
                 now |= surely[part]
             yield now, {**chosen, gate: kept}
 
-    # One level per choice: for each way to make it, the reached parts and all choices so far.
+    # One level per choice; an item has the reached parts and all choices so far.
     levels: list[Iterator[tuple[int, Kept]]] = [iter([(surely[prop.root], {})] if prop.root in possible else [])]
     count = 0
     while levels:
@@ -139,10 +135,9 @@ class Scenario:
 
 
 def precedence(kept: Kept) -> tuple[tuple[Event, ...], tuple[int, ...]] | None:
-    """Return the events of kept parts and, for each, the earlier events as bits; None if the order
-    is cyclic.
+    """Return the events of kept parts and, for each, the earlier events as bits; None if cyclic.
 
-    The parts must be free of `Times` and `EndInOrder`.
+    The parts have no `Times` and `EndInOrder`.
     """
     events = tuple(part for part in kept if isinstance(part, Event))
     place = {event: number for number, event in enumerate(events)}
@@ -157,29 +152,29 @@ def precedence(kept: Kept) -> tuple[tuple[Event, ...], tuple[int, ...]] | None:
                 raise AssertionError("a pass removes these before scenarios are enumerated")
             case Sequence():
                 earlier = 0
-                for one in kept[part]:
-                    for event in bits(inside[one]):
+                for subpart in kept[part]:
+                    for event in bits(inside[subpart]):
                         before[event] |= earlier
-                    earlier |= inside[one]
+                    earlier |= inside[subpart]
             case Condition() | All() | One() | AtLeast() | Within():
                 pass
             case _:
                 assert_never(part)
         found = 0
-        for one in kept[part]:
-            found |= inside[one]
+        for subpart in kept[part]:
+            found |= inside[subpart]
         inside[part] = found
     closed = transitive(before)
     return None if closed is None else (events, closed)
 
 
 def transitive(before: list[int]) -> tuple[int, ...] | None:
-    """Return the transitive closure of the predecessors of each event, or None if it is cyclic."""
-    waiting = [one.bit_count() for one in before]
+    """Return the transitive closure of the predecessors of each event, or None if cyclic."""
+    waiting = [mask.bit_count() for mask in before]
     after: list[list[int]] = [[] for _ in before]
     for event, earlier in enumerate(before):
-        for one in bits(earlier):
-            after[one].append(event)
+        for predecessor in bits(earlier):
+            after[predecessor].append(event)
     ready = [event for event, count in enumerate(waiting) if not count]
     closed = list(before)
     for event in ready:
@@ -192,10 +187,9 @@ def transitive(before: list[int]) -> tuple[int, ...] | None:
 
 
 def scenarios(prop: Property, *, minimal: bool = False, limit: int = LIMIT) -> Iterator[Scenario]:
-    """Iterate over the feasible scenarios, in a stable order; the property has no `Times` and
-    `EndInOrder`.
+    """Iterate over the feasible scenarios, in a stable order; raises `TooLarge`.
 
-    Raises `TooLarge` beyond `limit`.
+    The property has no `Times` and `EndInOrder`.
 
     >>> import rvaft
     >>> from rvaft.core.build import build

@@ -1,10 +1,10 @@
 """Joint satisfiability of guards: a search for a witness, and proofs of contradiction.
 
-A *witness* is verified by evaluating the guards; a failed search proves nothing. *Refutation* uses
-the sorts of values and their order, which are exact between integers and doubles. Of arithmetic it
-uses only facts that rounding keeps: adding a larger integer gives no smaller result, and a
-difference has the sign of the comparison or is zero. Otherwise sympy decides inequalities weakened
-by possible rounding.
+A *witness* is verified by evaluation; a failed search proves nothing. *Refutation* uses the sorts
+of values and their order, which is exact between integers and doubles. Of arithmetic it uses only
+facts that rounding keeps: adding a larger integer gives no smaller result, and a difference has the
+sign of the comparison or is zero. Otherwise sympy decides inequalities weakened by possible
+rounding.
 """
 
 import operator as python
@@ -37,7 +37,7 @@ from rvaft.support.bits import bits
 def contradictory(guards: Iterable[Guard]) -> bool | None:
     """Whether no values satisfy all guards; None if undecided.
 
-    Both answers are certain, with undefined values, mixed types and the rounding of doubles.
+    Undefined values, mixed types and rounding are considered.
 
     >>> X = Variable("X")
     >>> contradictory([Operation(Operator.GT, (X, Literal(5))), Operation(Operator.LT, (X, Literal(3)))])
@@ -52,8 +52,8 @@ def contradictory(guards: Iterable[Guard]) -> bool | None:
 # Necessary conditions of guards as alternatives of comparisons (a disjunctive normal form).
 #
 # If a guard is true, its deciding comparisons are defined, so `not (a < b)` is `a >= b`. An
-# alternative is a list of *true* comparisons without negation. Other conditions are omitted: the
-# guards imply the alternatives, which suffices for a proof of contradiction.
+# alternative is a list of true comparisons. Other conditions are omitted, which suffices for a
+# proof of contradiction.
 
 MAX_ALTERNATIVES: Final = 256
 
@@ -74,9 +74,7 @@ class TooManyAlternatives(Exception):
 
 
 def _alternatives(guards: Iterable[Guard]) -> list[Way]:
-    """Return the alternatives for all guards: none if unsatisfiable, one empty alternative if there
-    are too many.
-    """
+    """Return the alternatives for all guards: none if unsatisfiable, one empty one if too many."""
     try:
         return _all_of([_when(guard, truth=True) for guard in guards])
     except TooManyAlternatives:
@@ -84,7 +82,7 @@ def _alternatives(guards: Iterable[Guard]) -> list[Way]:
 
 
 def _when(guard: Guard, *, truth: bool) -> list[Way]:
-    """Return the alternatives for a truth value. The parser bounds the depth of a guard."""
+    """Return the alternatives for a truth value; the parser bounds the depth."""
     match guard:
         case Operation(Operator.NOT, (operand,)):
             return _when(operand, truth=not truth)
@@ -92,7 +90,7 @@ def _when(guard: Guard, *, truth: bool) -> list[Way]:
             decides = junction is Operator.OR
             if truth is not decides:
                 return _all_of([_when(operand, truth=truth) for operand in operands])
-            # From the left, one operand decides; the operands before it have the other truth value.
+            # One operand decides; the operands before it have the other truth value.
             ways: list[Way] = []
             for index, operand in enumerate(operands):
                 before = [_when(earlier, truth=not decides) for earlier in operands[:index]]
@@ -111,7 +109,7 @@ def _when(guard: Guard, *, truth: bool) -> list[Way]:
             return [()] if constant is truth else []
         case Operation(Operator.IN, (operand, *listed)):
             operator = Operator.EQ if truth else Operator.NE
-            compared_with = [_when(Operation(operator, (operand, one)), truth=True) for one in listed]
+            compared_with = [_when(Operation(operator, (operand, literal)), truth=True) for literal in listed]
             return _bounded(chain(*compared_with)) if truth else _all_of(compared_with)
         case Operation(operator) if operator not in _VALUES:
             if not variables(guard):
@@ -119,20 +117,19 @@ def _when(guard: Guard, *, truth: bool) -> list[Way]:
             if OPERATORS[operator].takes != _TEXTS:
                 return [()]
             lowered = [Operation(Operator.LOWER, (operand,)) for operand in guard.operands]  # defined for texts only
-            return [tuple(GuardComparison(Operator.EQ, one, one) for one in lowered)]
+            return [tuple(GuardComparison(Operator.EQ, term, term) for term in lowered)]
         case Operation():
             return []  # numbers and texts have no truth value
 
 
 _VALUES: Final = frozenset(operator for operator, facts in OPERATORS.items() if facts.gives is not Sort.TRUTH)
-"""Operators with a number or a text as the result."""
+"""Operators that give a number or a text."""
 _TEXTS: Final = frozenset({Sort.TEXT})
 _TEXT_TESTS: Final = frozenset(
     operator
     for operator, facts in OPERATORS.items()
     if facts.takes == _TEXTS and facts.gives is Sort.TRUTH and facts.arity == 2
 )
-"""Operators that compare a text with another text."""
 
 
 def _all_of(parts: list[list[Way]]) -> list[Way]:
@@ -148,18 +145,15 @@ def _bounded(ways: Iterable[Way]) -> list[Way]:
     return list(found)
 
 
-# The proof from sorts and order.
-
-
 def refuted(guards: Iterable[Guard]) -> bool:
-    """Whether it is proved that no values satisfy all guards; False proves nothing."""
+    """Whether it is proved that no values satisfy all guards."""
     return all(_GuardFacts(way).contradict() for way in _alternatives(guards))
 
 
 class _GuardFacts:
     """Terms with their known sorts and order: pairs of terms with `<=`, `<` and `!=`.
 
-    A term in a true comparison is defined, so its operands have known sorts.
+    The operands of a true comparison are defined, so their sorts are known.
     """
 
     def __init__(self, way: Way) -> None:
@@ -227,7 +221,6 @@ class _GuardFacts:
                     self.less.append((a, b))
 
     def contradict(self) -> bool:
-        """Whether no values satisfy the facts."""
         for row in self.sums.values():
             self.at_most += [(row[less], row[more]) for less, more in pairwise(sorted(row))]
         for sort in (Sort.NUMBER, Sort.TEXT):
@@ -273,8 +266,6 @@ def _sort(constant: Scalar) -> Sort:
     return Sort.NULL if constant is None else Sort.TRUTH
 
 
-# The proof over real numbers, by sympy.
-
 _EXACT: Final = 2**53
 _DEGREE: Final = 4
 _CALCULATED: Final[dict[Operator, Callable[..., Any]]] = {
@@ -290,12 +281,15 @@ def contradictory_over_reals(guards: Iterable[Guard], *, weaken: bool = False) -
 
     `weaken` omits comparisons that rounding could make true.
     """
-    kept = ([one for one in way if not weaken or _survives_rounding(one)] for way in _alternatives(guards))
+    kept = (
+        [comparison for comparison in way if not weaken or _survives_rounding(comparison)]
+        for way in _alternatives(guards)
+    )
     return None if any(map(_real_solutions, kept)) else True
 
 
 def _survives_rounding(comparison: GuardComparison) -> bool:
-    """Whether no rounding occurs, or one, strictly compared with a representable number.
+    """Whether nothing is rounded, or only one side of `<` or `>` against a representable number.
 
     Rounding is monotone, so `round(x) < c` implies `x < c` for a representable c.
     """
@@ -326,10 +320,10 @@ def _real_solutions(way: list[GuardComparison]) -> bool:
     import sympy  # noqa: PLC0415 -- slow to import
     from sympy.logic.inference import satisfiable  # noqa: PLC0415
 
-    symbols: dict[str, Any] = {}  # numbered, so that no name of a tree has a meaning in sympy
+    symbols: dict[str, Any] = {}  # no name of a tree has a meaning in sympy
 
     def number(guard: Guard) -> Any:
-        """Return the value of an operand; raises `TypeError` for non-numbers."""
+        """Return an operand's value; raises `TypeError` for non-numbers."""
         match guard:
             case Literal(int() | float() as constant) if is_number(constant):
                 fraction = Fraction(constant)
@@ -372,14 +366,13 @@ def _real_solutions(way: list[GuardComparison]) -> bool:
     return True
 
 
-# The search for a witness: values near constants and near the values already chosen.
-
 DEFAULT_TRIES: Final = 4_000
 
 
 def witness(guards: Iterable[Guard], tries: int = DEFAULT_TRIES) -> dict[str, Json] | None:
-    """Return values that satisfy all guards, or None if `tries` evaluations (plus 20 per guard)
-    find none.
+    """Return values that satisfy all guards; None if the search fails.
+
+    It makes at most `tries` evaluations, plus 20 per guard.
 
     >>> greater = Operation(Operator.GT, (Variable("X"), Literal(5)))
     >>> witness([greater, Operation(Operator.LT, (Variable("Y"), Variable("X")))])
@@ -427,7 +420,7 @@ def witness(guards: Iterable[Guard], tries: int = DEFAULT_TRIES) -> dict[str, Js
 
 
 def _candidates(near: list[Json]) -> Iterator[Json]:
-    """Return candidate values for one variable, the most promising first, each once."""
+    """Return candidate values, the most promising first, each once."""
     seen: set[Hashable] = set()
     for candidate in _in_turn(near):
         if (known := key(candidate)) not in seen:
@@ -473,9 +466,9 @@ def _texts(guards: list[Guard], binding: Binding) -> Iterator[str]:
     found: dict[Operator, list[str]] = {}
     for part in chain(*map(walk, guards)):
         if isinstance(part, Operation) and part.operator in _TEXT_TESTS:
-            asked = _known(part.operands[1], binding)
-            if isinstance(asked, str):
-                found.setdefault(part.operator, []).append(asked)
+            text = _known(part.operands[1], binding)
+            if isinstance(text, str):
+                found.setdefault(part.operator, []).append(text)
     first, inner, last = (found.get(o, []) for o in (Operator.STARTSWITH, Operator.CONTAINS, Operator.ENDSWITH))
     for glob in found.get(Operator.LIKE, ()):
         for filling in ("", *inner, *first):
@@ -486,8 +479,7 @@ def _texts(guards: list[Guard], binding: Binding) -> Iterator[str]:
 
 
 def bounds(guard: Guard, name: str, binding: Binding) -> Iterator[Json]:
-    """Return the values at which a comparison in the guard changes for a variable, given the
-    binding.
+    """Return the values of a variable at which a comparison in the guard changes.
 
     >>> X, Y = Variable("X"), Variable("Y")
     >>> later = Operation(Operator.GE, (Y, Operation(Operator.ADD, (X, Literal(10)))))

@@ -1,11 +1,10 @@
 """Guards over times as bounds on differences of times.
 
-Times of events are integers in nanoseconds, so all calculations are exact. A `TimeDifference`
-states `plus - minus <= most`; `plus` and `minus` are the maximum or the minimum of some times.
-`within D` states that the maximum of a part minus its minimum is at most D.
+Times are integers in nanoseconds, so all calculations are exact. A `TimeDifference` states `plus -
+minus <= most`; `plus` and `minus` are the maximum or the minimum of some times.
 
-Such a bound may fail before all times are known, because a maximum only grows and a minimum only
-falls. With `late`, it may also fail when the watermark passes its deadline.
+A bound may fail before all times are known, because a maximum only grows and a minimum only falls.
+With `late`, it may also fail when the watermark passes its deadline.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -35,10 +34,9 @@ class Extreme(NamedTuple):
         return Extreme(self.operator, tuple(name for name in self.names if name in names))
 
     def known(self, binding: Mapping[str, Json], operator: Operator) -> bool:
-        """Whether the bound variables bound the extreme from one side.
+        """Whether the bound variables bound the extreme from below (MAX) or from above (MIN).
 
-        One variable suffices if the extreme has this operator (MAX from below, MIN from above);
-        otherwise all must be bound.
+        One variable suffices if the extreme has this operator; otherwise all must be bound.
         """
         some = self.operator is operator
         return (any if some else all)(name in binding for name in self.names)
@@ -62,9 +60,7 @@ class TimeDifference(NamedTuple):
         return bool(self.plus.of(binding) - self.minus.of(binding) <= self.most)
 
     def deadline(self, binding: Mapping[str, Json]) -> int | None:
-        """Return the greatest watermark with which the condition can still hold; None if there is
-        no limit.
-        """
+        """Return the greatest watermark with which the condition can still hold, or None."""
         plus, minus = self.plus, self.minus
         if all(name in binding for name in plus.names) or not minus.known(binding, Operator.MIN):
             return None
@@ -79,7 +75,7 @@ class TimeDifference(NamedTuple):
 
 
 def differences(guard: Guard) -> tuple[TimeDifference, ...] | None:
-    """Return the differences that a conjunct over times bounds; None for other conjuncts.
+    """Return the bounds that a conjunct over times states; None for other conjuncts.
 
     >>> from rvaft.language.parser import parse_guard
     >>> differences(parse_guard("A - B < 5"))[0].most
@@ -100,7 +96,7 @@ def differences(guard: Guard) -> tuple[TimeDifference, ...] | None:
             case Variable(name):
                 sides[sign].append((None, (name,)))
             case Operation(Operator.MAX | Operator.MIN as extreme, terms) if all(
-                isinstance(one, Variable) for one in terms
+                isinstance(term, Variable) for term in terms
             ):
                 sides[sign].append((extreme, variables(part)))
             case Operation(Operator.ADD | Operator.SUB as sum_, (one, other)):
@@ -128,7 +124,7 @@ def differences(guard: Guard) -> tuple[TimeDifference, ...] | None:
 
 
 def point_bounds(guard: Guard) -> Iterator[tuple[TimePoint, TimePoint, int]]:
-    """Return the bounds of a conjunct: pairs of time points with their greatest difference.
+    """Iterate over the bounds of a conjunct: two time points and their greatest difference.
 
     >>> from rvaft.language.parser import parse_guard
     >>> [(one.name, other.name, most) for one, other, most in point_bounds(parse_guard("at(b) <= end(a) + 1 s"))]

@@ -1,9 +1,8 @@
 """The branches of a tree that logs exercised, and the progress in the others.
 
 A branch *needs* n events: the occurrences of its smallest feasible scenario. A log *reached* m of n
-if n - m is the minimum number of missing occurrences, over all prefixes and all partial matches of
-the branch (semantics, section 4). So m is n if and only if the branch was detected. Without KofN, m
-is the maximum number of its occurrences that were matched.
+if n - m is the minimum number of missing occurrences, over all prefixes and all partial matches. So
+m is n if and only if the branch was detected.
 """
 
 from rvaft.coverage.measure import DEFAULT_BRANCHES, BranchCoverage, Coverage, CoverageReport

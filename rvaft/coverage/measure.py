@@ -39,7 +39,7 @@ from rvaft.stream.statistics import EventKind, EventTypeIndex
 from rvaft.support.bits import bits
 
 DEFAULT_BRANCHES: Final = 1_000
-"""The default maximum number of branches; all are monitored at once."""
+"""All branches are monitored at once."""
 _WAYS: Final = 20_000
 """The maximum number of ways to keep children of gates above shared nodes."""
 
@@ -49,7 +49,7 @@ Kept: TypeAlias = Mapping[int, tuple[int, ...]]
 
 
 class LackingEvents:
-    """The minimum number of missing events of a partial match, over its feasible scenarios in a
+    """The minimum number of missing events of a partial match, over the feasible scenarios of a
     branch.
 
     In a branch only KofN gates still choose. The cheapest children are optimal, except at gates
@@ -66,8 +66,7 @@ class LackingEvents:
         """Return the minimum number of missing events, and the nodes of such a scenario.
 
         `taken` maps each taken node to the position of its event; the guards of `dead` nodes
-        failed. If `exact`, the scenario contains all of `taken`, otherwise possibly less. Such a
-        scenario must exist. Raises `TooLarge`.
+        failed. If `exact`, the scenario contains all of `taken`, and must exist. Raises `TooLarge`.
         """
         compiled = self._compiled
         if not compiled.chooses:
@@ -90,8 +89,8 @@ class LackingEvents:
     def _cheapest(
         self, nodes: Iterable[int], dead: Collection[int], taken: Collection[int], forced: Collection[int]
     ) -> dict[int, tuple[int, tuple[int, ...]]]:
-        """Return for each possible node (children first) its minimum of missing events, and the
-        kept children.
+        """Return the minimum of missing events and the kept children per possible node, children
+        first.
         """
         found: dict[int, tuple[int, tuple[int, ...]]] = {}
         for node in nodes:
@@ -143,9 +142,7 @@ class LackingEvents:
                 yield whole
 
     def _keeps_order(self, kept: Kept, taken: Mapping[int, int]) -> bool:
-        """Whether a scenario is feasible, and `taken` has an allowed order before all missing
-        events.
-        """
+        """Whether a scenario is feasible and orders `taken` before all missing events."""
         compiled = self._compiled
         inside: dict[int, int] = {}
         before = [0] * len(compiled.names)
@@ -153,23 +150,23 @@ class LackingEvents:
             inside[node] = 0
             for child in kept[node]:
                 if compiled.ops[node] is PartKind.SEQUENCE:
-                    for one in bits(inside[child]):
-                        before[one] |= inside[node]
+                    for event in bits(inside[child]):
+                        before[event] |= inside[node]
                 inside[node] |= inside[child]
             if compiled.own[node]:
-                for one in bits(inside[node]) if compiled.top_down else ():
-                    before[one] |= 1 << node
+                for event in bits(inside[node]) if compiled.top_down else ():
+                    before[event] |= 1 << node
                 before[node] |= 0 if compiled.top_down else inside[node]
                 inside[node] |= 1 << node
         closed = transitive(before)
         if closed is None:
             return False
-        return all(taken.get(one, inf) < taken[node] for node in taken for one in bits(closed[node]))
+        return all(taken.get(event, inf) < taken[node] for node in taken for event in bits(closed[node]))
 
 
 class Reach(NamedTuple):
-    """The best result of a log: the missing events, the last event matched (0 for none), the
-    awaited ones.
+    """The best result of a log: the missing events, the last event matched (0: none), the awaited
+    ones.
     """
 
     lacking: int
@@ -178,13 +175,13 @@ class Reach(NamedTuple):
 
 
 class AlternativeFollower(Engine):
-    """The monitor of a branch, or of one of its alternatives, that keeps its best partial matches.
+    """The monitor of an alternative of a branch; it keeps its best partial matches.
 
     Under `scattered`, only better partial matches replace others, so one comparison at the end
-    suffices. Otherwise they are compared whenever they grow. Raises `TooLarge`.
+    suffices. Otherwise they are compared whenever they grow.
     """
 
-    _apart = False  # the joint progress of all parts is measured
+    _apart = False  # measure the joint progress of all parts
 
     def __init__(self, prop: Property, semantics: Semantics, *, limit: int) -> None:
         self._alternative = prop
@@ -201,8 +198,7 @@ class AlternativeFollower(Engine):
         return self._alternative
 
     def follow(self, number: int, event: Json, *, fits: bool) -> None:
-        """Read the event with this number, relevant to the whole tree; skipped events change
-        nothing.
+        """Read the event with this number; skipped events change nothing.
 
         `fits` is False only if it is no event of this branch.
         """
@@ -214,9 +210,7 @@ class AlternativeFollower(Engine):
             self._look()
 
     def reach(self) -> Reach:
-        """Return the progress of the branch at the end of the log; after a detection nothing is
-        missing.
-        """
+        """Return the progress at the end of the log; nothing is missing after a detection."""
         if self.verdict is Verdict.TRUE:
             return Reach(0, self._position, ())
         strategy, waiting = self._strategy, set[str]()
@@ -270,25 +264,25 @@ class BranchFollower:
         present = {part.source.node for part in prop.parts if isinstance(part, Event | Times)}
         own = tuple(entry for entry in prop.alphabet if entry.node in present)
         prop = replace(prop, alphabet=own, ignored=())  # relevance is computed once for all branches
-        feasible = (one for one in reduced(prop).alternatives if not is_empty(one))
-        self._parts = [AlternativeFollower(one, semantics, limit=limit) for one in feasible]
+        feasible = (alternative for alternative in reduced(prop).alternatives if not is_empty(alternative))
+        self._parts = [AlternativeFollower(alternative, semantics, limit=limit) for alternative in feasible]
         if not self._parts:
             raise TreeError("no feasible scenario", rule="no-scenario", nodes=[prop.tree.root])
 
     def fork(self) -> Self:
         """Return an independent copy."""
         twin = copy(self)
-        twin._parts = [part.fork() for part in self._parts]  # noqa: SLF001 (its own)
+        twin._parts = [part.fork() for part in self._parts]  # noqa: SLF001
         return twin
 
     @property
     def verdict(self) -> Verdict:
         """True if one alternative is true, false if all are false."""
         found = [part.verdict for part in self._parts]
-        return next((one for one in (Verdict.TRUE, Verdict.UNKNOWN) if one in found), Verdict.FALSE)
+        return next((verdict for verdict in (Verdict.TRUE, Verdict.UNKNOWN) if verdict in found), Verdict.FALSE)
 
     def follow(self, number: int, event: Json, *, fits: bool) -> None:
-        """Read the event with this number by all alternatives."""
+        """Read the event with this number, by all alternatives."""
         for part in self._parts:
             if part.verdict is Verdict.UNKNOWN:
                 part.follow(number, event, fits=fits)
@@ -296,9 +290,9 @@ class BranchFollower:
     def reach(self) -> Reach:
         """Return the progress of the best alternatives, with their awaited events joined."""
         found = [part.reach() for part in self._parts]
-        best = min(found, key=lambda one: (one.lacking, one.event))
-        alike = [one for one in found if one[:2] == best[:2]]
-        return best._replace(awaited=tuple(dict.fromkeys(node for one in alike for node in one.awaited)))
+        best = min(found, key=lambda reach: (reach.lacking, reach.event))
+        alike = [reach for reach in found if reach[:2] == best[:2]]
+        return best._replace(awaited=tuple(dict.fromkeys(node for reach in alike for node in reach.awaited)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,8 +300,7 @@ class BranchCoverage:
     """One branch: `reached` of the `needed` events were matched, and `detected` logs detect it.
 
     `log` and `event` locate the first detection, or otherwise the first best result; `event` is the
-    number of the last event matched, from 1. Both are None without a matched event. `awaited` could
-    have come next.
+    number of the last event matched, from 1. The events `awaited` could have come next.
     """
 
     number: int
@@ -326,7 +319,7 @@ class CoverageReport:
 
     `infeasible` are the numbers of branches without a feasible scenario. `nodes` counts the nodes
     with a runtime event in the other branches; `unseen` are those without an event in any log.
-    `data_warnings` are events excluded by their data; `warnings` are the same as sentences.
+    `data_warnings` are events excluded by their data; `warnings` are their sentences.
     """
 
     semantics: Semantics
@@ -377,7 +370,7 @@ class Coverage:
         self.tree = tree
         self.semantics = resolve_semantics(tree, semantics)
         self._branches: list[tuple[BranchFollower, frozenset[str]]] = []
-        # For each branch, the monitor that is copied for each log, and its nodes.
+        """For each branch, the monitor that is copied for each log, and the nodes."""
         self._best: list[BranchCoverage] = []
         self._infeasible: list[int] = []
         self._logs = 0
@@ -394,19 +387,21 @@ class Coverage:
         if branch is None and len(chosen) > limit:
             remedy = "--limit allows more; or choose one with --branch N, or prune the tree"
             raise TooLarge(f"a monitor for each branch of {tree.root}", limit=limit, remedy=remedy)
-        for one in chosen:
-            if kind is not None and Kind(kind) not in one.kinds:
+        for selected in chosen:
+            if kind is not None and Kind(kind) not in selected.kinds:
                 continue
             try:
-                fresh = BranchFollower(of_branch(prop, one), self.semantics, limit=configurations)
+                fresh = BranchFollower(of_branch(prop, selected), self.semantics, limit=configurations)
             except TreeError as error:
                 if error.rule != "no-scenario":
                     raise
-                self._infeasible.append(one.number)
+                self._infeasible.append(selected.number)
             else:
                 start = fresh.fork().reach()
-                self._best.append(BranchCoverage(one.number, one.kinds, start.lacking, 0, awaited=start.awaited))
-                self._branches.append((fresh, frozenset(one.nodes)))
+                self._best.append(
+                    BranchCoverage(selected.number, selected.kinds, start.lacking, 0, awaited=start.awaited)
+                )
+                self._branches.append((fresh, frozenset(selected.nodes)))
 
     def add(self, log: str, events: Iterable[Json] | BinaryIO, *, strict_json: bool = False) -> None:
         """Read a whole log: its events, or the bytes of JSON Lines.
@@ -420,7 +415,7 @@ class Coverage:
             if isinstance(events, IOBase)
             else enumerate(events, 1)
         )
-        strict, scattered = (self.semantics is one for one in (Semantics.STRICT, Semantics.SCATTERED))
+        strict, scattered = (self.semantics is semantics for semantics in (Semantics.STRICT, Semantics.SCATTERED))
         projects = self.semantics.projects
         try:
             for number, event, event_kind in data_warnings.over(numbered, f"{log}: "):
@@ -431,7 +426,7 @@ class Coverage:
                         fits = not nodes.isdisjoint(hit)
                         if fits or not scattered:  # otherwise it neither extends nor ends a partial match
                             follower.follow(number, event, fits=fits)
-                    live = [one for one in live if not one[0].verdict.final]
+                    live = [entry for entry in live if not entry[0].verdict.final]
             reached = [follower.reach() for follower, _ in followers]
         except TooLarge as error:
             remedy = "" if getattr(error, "__notes__", ()) else "; --max-configurations allows more"
@@ -449,8 +444,8 @@ class Coverage:
             self._best[place] = best
 
     def _hit(self, event: Json, event_kind: EventKind, *, projects: bool) -> set[str]:
-        """Return the nodes that an event matches, if it counts, by pattern and by the guards that
-        it decides.
+        """Return the nodes whose pattern and decidable guards an event matches, if the event
+        counts.
         """
         (event_class,) = event_kind.classes
         if projects and not event_class.relevant:
@@ -462,8 +457,9 @@ class Coverage:
     def _numbered(
         self, log: str, stream: BufferedIOBase, strict_json: bool, data_warnings: DataWarnings
     ) -> Iterable[tuple[int, Json]]:
-        """Return the relevant events of a log with their numbers; the last event of an irrelevant
-        block may stand for it.
+        """Return the relevant events of a log with their numbers.
+
+        The last event of an irrelevant block may stand for the block.
         """
         reads = TreeReads(self.tree)
         found = None
@@ -486,5 +482,5 @@ class Coverage:
         kept = {name for _, nodes in self._branches for name in nodes if name in self._own}
         unseen = awaited(self.tree, kept - self._seen)
         counts = tuple(self._best), tuple(self._infeasible), len(kept)
-        missed = tuple(replace(one) for one in self._warnings.found.values())
+        missed = tuple(replace(warning) for warning in self._warnings.found.values())
         return CoverageReport(self.semantics, self._logs, *counts, unseen, missed, tuple(self._warnings.lines))

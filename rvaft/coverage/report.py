@@ -2,12 +2,12 @@
 
 Schema, version 1 (fields are only ever added)::
 
-    {"format": "rvaft-coverage", "version": 1, "semantics": "projected", "logs": 3,
-     "branches": [{"branch": 1, "kinds": ["fault"], "needed": 5, "reached": 3, "detected": 0,
-                   "log": NAME | null, "event": NUMBER | null, "waits_for": [{"node": NAME, "event": TEXT}]}],
-     "infeasible": [NUMBER], "unseen": [{"node": NAME, "event": TEXT}], "oversights": [{"reason":
-     TEXT, "about": GUARD or DURATION or "", "count": NUMBER, "first": TEXT, "example": TEXT}],
-     "totals": {"branches": 4, "exercised": 1, "nodes": 7, "seen": 5}}
+{"format": "rvaft-coverage", "version": 1, "semantics": "projected", "logs": 3, "branches":
+[{"branch": 1, "kinds": ["fault"], "needed": 5, "reached": 3, "detected": 0, "log": NAME | null,
+"event": NUMBER | null, "waits_for": [{"node": NAME, "event": TEXT}]}], "infeasible": [NUMBER],
+"unseen": [{"node": NAME, "event": TEXT}], "oversights": [{"reason": TEXT, "about": GUARD or
+DURATION or "", "count": NUMBER, "first": TEXT, "example": TEXT}], "totals": {"branches": 4,
+"exercised": 1, "nodes": 7, "seen": 5}}
 """
 
 import json
@@ -29,7 +29,7 @@ def json_text(report: CoverageReport) -> str:
             "branch": branch.number,
             "kinds": _kinds(branch),
             **{name: getattr(branch, name) for name in ("needed", "reached", "detected", "log", "event")},
-            "waits_for": [asdict(one) for one in branch.awaited],
+            "waits_for": [asdict(event) for event in branch.awaited],
         }
         for branch in report.branches
     ]
@@ -41,15 +41,15 @@ def json_text(report: CoverageReport) -> str:
         "logs": report.logs,
         "branches": branches,
         "infeasible": list(report.infeasible),
-        "unseen": [asdict(one) for one in report.unseen],
-        "oversights": [asdict(one) for one in report.data_warnings],
+        "unseen": [asdict(event) for event in report.unseen],
+        "oversights": [asdict(warning) for warning in report.data_warnings],
         "totals": totals,
     }
     return json.dumps(value, indent=2) + "\n"
 
 
 def table_text(report: CoverageReport, *, width: int | None = None) -> str:
-    """Return the report as a table with unseen nodes and totals; a single line without any log.
+    """Return the report as a table with unseen nodes and totals; one line if there is no log.
 
     Long texts are wrapped to `width` columns, if given.
     """
@@ -72,7 +72,7 @@ def table_text(report: CoverageReport, *, width: int | None = None) -> str:
         listed = ", ".join(map(str, report.infeasible[:_LISTED]))
         below.append(f"no feasible scenario: branch {listed}{', …' if len(report.infeasible) > _LISTED else ''}")
     if report.unseen:
-        names, others = ", ".join(one.node for one in report.unseen[:_LISTED]), len(report.unseen) - _LISTED
+        names, others = ", ".join(event.node for event in report.unseen[:_LISTED]), len(report.unseen) - _LISTED
         below.append(f"nodes never seen: {names}{f' and {others} others' if others > 0 else ''}")
     below += [f"warning: {line}" for line in report.warnings]
     percent = 100 * report.exercised // len(report.branches)  # 100 only if all are exercised
@@ -86,12 +86,11 @@ def _kinds(branch: BranchCoverage) -> list[str]:
 
 
 def _where(branch: BranchCoverage) -> str:
-    """Return where a branch was first detected, or its best result and the awaited events."""
     place = "" if branch.log is None else f"{branch.log}, event {branch.event}"
     if branch.detected:
         return f"detected: {place}"
     awaited = " or ".join(
-        one.node if one.event == one.node else f"{one.node} {one.event}" for one in branch.awaited[:_LISTED]
+        event.node if event.event == event.node else f"{event.node} {event.event}" for event in branch.awaited[:_LISTED]
     )
     others = len(branch.awaited) - _LISTED
     waits = f"waits for {awaited}{f' or {others} others' if others > 0 else ''}"

@@ -20,7 +20,7 @@ from rvaft.model.verdict import Verdict
 from rvaft.monitors import Explanation
 from rvaft.stream.detection import detection, matched_events
 from rvaft.stream.listeners import EventBuffer, MonitoredTrace, Publisher, VerdictChange
-from rvaft.support.files import telling
+from rvaft.support.files import error_context
 
 Given = TypeVar("Given")
 DETECTIONS: Final = "/rvaft/detections"
@@ -187,7 +187,7 @@ class _File:
         self.path = path
         self.failure: OSError | None = None
         self._new = path.with_name(f".{path.name[:100]}.new")
-        with telling("cannot write", path):
+        with error_context("cannot write", path):
             if path.is_dir():
                 raise IsADirectoryError(None, "the path is a folder; name a file")
             self._stream: BinaryIO = self._new.open("wb")
@@ -218,7 +218,7 @@ class _File:
 
     def finish(self) -> None:
         """Move the file into place; on a failure remove it and raise `OSError`."""
-        with telling("cannot write", self.path):
+        with error_context("cannot write", self.path):
             try:
                 self.flush()
                 with suppress(OSError):  # after a failed flush

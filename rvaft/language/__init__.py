@@ -1,1 +1,1 @@
-"""The language of trees, a superset of Galileo apart from a few gates: parser and printer."""
+"""The language of trees, a superset of Galileo except for a few gates: parser and printer."""

@@ -1,6 +1,6 @@
-"""From reductions of the grammar to statements: one method per rule, called during parsing.
+"""The callbacks that turn reductions of the grammar into statements, one per rule.
 
-Nothing here recurses. Names stay tokens, with their positions, until a statement is added to a
+No callback recurses. Names stay tokens, with their positions, until a statement is added to a
 draft.
 """
 
@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 from lark import Token, Transformer
 
 from rvaft.language.diagnostics import WHOLE_NUMBER, shown
-from rvaft.language.draft import Draft, DraftNode, DraftTopic, GateUse, Said
+from rvaft.language.draft import Draft, DraftNode, DraftTopic, GateUse, Located
 from rvaft.model.event_time import EventTime, TimeFormat, scaled
 from rvaft.model.guards import (
     COMPARISONS,
@@ -42,7 +42,7 @@ _WORD: Final = re.compile(r"\w+")
 
 
 class Slip(Exception):
-    """A construct that the grammar allows and the language does not, with its position."""
+    """A construct that the grammar allows and the language does not."""
 
     def __init__(self, message: str, token: Token) -> None:
         self.message = message
@@ -56,19 +56,19 @@ class Page:
 
     file: str
     draft: Draft
-    toplevels: list[Said[str]]
+    toplevels: list[Located[str]]
 
     def place(self, word: "Word") -> Place:
         """Return the position of a word."""
         return Place(self.file, word.line or 1, word.column or 1)
 
-    def said(self, word: "Word", value: T) -> Said[T]:
+    def located(self, word: "Word", value: T) -> Located[T]:
         """Return a value with the position of a word."""
-        return Said(value, self.place(word))
+        return Located(value, self.place(word))
 
-    def names(self, words: Iterable["Word"]) -> tuple[Said[str], ...]:
+    def names(self, words: Iterable["Word"]) -> tuple[Located[str], ...]:
         """Return names with their positions."""
-        return tuple([self.said(word, word.value) for word in words])
+        return tuple([self.located(word, word.value) for word in words])
 
 
 class PlainWord(NamedTuple):
@@ -103,11 +103,10 @@ class Clause(NamedTuple):
 
 
 class Operand(NamedTuple):
-    """A pattern or guard under construction: its depth, its words, and whether it is an unsigned
-    number.
+    """A pattern or guard under construction; `unsigned` tells an unsigned number.
 
-    `sort` distinguishes a time `point`, a `duration` and a `span` between two points from other
-    values.
+    `words` are the words of a pattern. `sort` distinguishes a time `point`, a `duration` and a
+    `span` between two points from other values.
     """
 
     value: Any
@@ -129,7 +128,7 @@ def text_of(token: Token) -> str:
 
 
 def integer_of(digits: str, token: Token) -> int:
-    """Return the number of decimal digits, at most `sys.get_int_max_str_digits`."""
+    """Return the value of decimal digits, at most `sys.get_int_max_str_digits` of them."""
     try:
         return int(digits)
     except ValueError:
@@ -137,9 +136,7 @@ def integer_of(digits: str, token: Token) -> int:
 
 
 def number_of(token: Token) -> int | float:
-    """Return the number of a token: an exact integer or a finite double, within the range of
-    doubles.
-    """
+    """Return the number of a token: an integer or a double, both in the range of doubles."""
     number = integer_of(token, token) if token.isdigit() else float(token)
     if abs(number) > sys.float_info.max:
         raise Slip(f"the number {shown(token)} is too large for a double", token)
@@ -168,7 +165,7 @@ _COMPARED: Final = (("point", "point"), ("span", "duration"), ("duration", "span
 
 
 def _sort_of(operands: Sequence[Operand], token: Token) -> str:
-    """Return the sort of an operator's result on times and durations; raises `Slip` if it has none."""
+    """Return the sort of an operator's result on times and durations, or raise `Slip`."""
     sorts = tuple(operand.sort for operand in operands)
     if set(sorts) == {"value"}:
         return "value"
@@ -178,7 +175,7 @@ def _sort_of(operands: Sequence[Operand], token: Token) -> str:
         return sort
     if token in ("not", *JUNCTIONS):
         raise Slip(_ALONE, token)
-    values = [one.value for one in operands if one.sort == "value"]
+    values = [operand.value for operand in operands if operand.sort == "value"]
     numbers = any(isinstance(value, Literal) and is_number(value.value) for value in values)
     if numbers and "duration" not in sorts and token in (*COMPARISONS, "+", "-"):
         raise Slip("a duration has a unit, as in 10 s", token)
@@ -189,7 +186,6 @@ def _sort_of(operands: Sequence[Operand], token: Token) -> str:
 
 
 def _gate(token: Token, children: Sequence[Word]) -> Clause:
-    """Return a gate, with the K of a vote and the N of K`of`N."""
     if not token[0].isdigit() and not token.startswith("vot"):
         return Clause("gates", token, (children, None, None))
     k, _, n = token.removeprefix("vot").partition("of")
@@ -220,7 +216,6 @@ class Build(Transformer[Token, Any]):
         return self._condition(items[0], None)
 
     def _condition(self, term: Operand, token: Token | None) -> Any:
-        """Return a guard; raises `Slip` for a time."""
         if term.sort != "value":
             raise Slip(_ALONE, token or Token("START", "", 0))
         return term.value
@@ -238,13 +233,13 @@ class Build(Transformer[Token, Any]):
 
     def causality(self, items: Items) -> Statement:
         start, word, _ = items
-        return lambda page: page.draft.causalities.append(page.said(start, Causality(word)))
+        return lambda page: page.draft.causalities.append(page.located(start, Causality(word)))
 
     def semantics(self, items: Items) -> Statement:
         start, word, _ = items
         if word not in tuple(Semantics):
             raise Slip(f"unknown semantics {shown(word)}: known are {', '.join(Semantics)}", word)
-        return lambda page: page.draft.semantics.append(page.said(start, Semantics(word)))
+        return lambda page: page.draft.semantics.append(page.located(start, Semantics(word)))
 
     def moment(self, items: Items) -> tuple[Token, EventTime]:
         start, path, _, word = items
@@ -257,7 +252,7 @@ class Build(Transformer[Token, Any]):
         latest = None if late is None else self.duration([late]).value.value
 
         return lambda page: page.draft.times.append(
-            page.said(start, replace(time, late=latest, place=page.place(start)))
+            page.located(start, replace(time, late=latest, place=page.place(start)))
         )
 
     def import_(self, items: Items) -> ImportStatement:
@@ -304,9 +299,9 @@ class Build(Transformer[Token, Any]):
             for part, start, value in filter(None, clauses):
                 if part == "gates":
                     children, *numbers = value
-                    node.gates.append(page.said(start, GateUse.of(start.value, page.names(children), *numbers)))
+                    node.gates.append(page.located(start, GateUse.of(start.value, page.names(children), *numbers)))
                 else:
-                    getattr(node, part).append(page.said(start, value))
+                    getattr(node, part).append(page.located(start, value))
 
         return add
 

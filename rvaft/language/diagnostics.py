@@ -1,8 +1,6 @@
-"""Messages for texts that are not in the language: the position, what was expected, and a
-correction.
+"""Messages for texts that are not in the language: the position, what was expected, a correction.
 
-The first common mistake that the lexemes around the position show determines the message. Otherwise
-it lists what the grammar expected.
+The first common mistake that matches the lexemes around the position determines the message.
 """
 
 import re
@@ -23,9 +21,7 @@ from rvaft.support.terminal import visible
 
 
 def shown(text: str) -> str:
-    """Return a piece of text for a message: in backquotes, at most 40 characters, control
-    characters escaped.
-    """
+    """Return a piece of text in backquotes: at most 40 characters, control characters escaped."""
     return f"`{visible(text if len(text) <= 40 else text[:37] + '...')}`"
 
 
@@ -100,7 +96,7 @@ _LONGEST_LINE: Final = 300
 
 
 class _Lexeme(NamedTuple):
-    """A string with its quotes, a word, a number or a sign; the empty text is the start or the end."""
+    """A string with its quotes, a word, a number or a sign; empty at the start and the end."""
 
     text: str
     start: int
@@ -124,9 +120,7 @@ class _Lexeme(NamedTuple):
 
 
 class _Situation(NamedTuple):
-    """The position of an error: the statement so far, its last lexeme, the wrong lexeme, the next
-    two.
-    """
+    """An error: the statement so far, its last lexeme, the wrong lexeme, the next two."""
 
     before: tuple[_Lexeme, ...]
     last: _Lexeme
@@ -136,7 +130,6 @@ class _Situation(NamedTuple):
     possible: frozenset[str]
 
     def can(self, *terminals: str) -> bool:
-        """Whether all these terminals are possible."""
         return self.possible.issuperset(terminals)
 
     @property
@@ -144,7 +137,6 @@ class _Situation(NamedTuple):
         return self.last.line < self.bad.line
 
     def misspelt(self, *words: str) -> "Advice":
-        """Advise one of the possible words that the wrong one resembles."""
         known = _meant(self.bad.text, tuple(word for word in words if self.can(word.upper())))
         if self.bad.is_word and known:
             yield f"unknown word {shown(self.bad.text)}: did you mean {known}?", self.bad.start
@@ -216,11 +208,10 @@ def _meant(word: str, known: tuple[str, ...]) -> str | None:
 
 
 Advice: TypeAlias = Iterator[tuple[str, int]]
-"""A message and its position in the text."""
+"""Messages with their positions in the text."""
 
 
 def _lexical_slips(at: _Situation) -> Advice:
-    """Mistakes that end the lexeme."""
     bad, last = at.bad, at.last
     for sign, star in ((bad, at.following), (last, bad)):
         if (sign.text, star.text) == ("/", "*") and star.start == sign.end:
@@ -265,12 +256,10 @@ _UNIT_NAMES: Final = {
     **dict.fromkeys(("usec", "micros", "microseconds", "µs"), "us"),
     **dict.fromkeys(("nsec", "nanos", "nanoseconds"), "ns"),
 }
-"""Common spellings of units."""
 _MEASURE: Final = re.compile(r"(0|[1-9][0-9]*)(\w*)")
 
 
 def _time_slips(at: _Situation) -> Advice:
-    """Mistakes in `time`, `semantics`, `times` and durations."""
     bad, last, following = at.bad, at.last, at.following
     goes_on = bad.is_gate or bad.text in (*CLAUSES, *DYNAMIC, ";", "") or following.text == "="
     if len(at.before) == 1 and at.can("K_OF_N") and not at.is_on_new_line and not goes_on:
@@ -305,7 +294,6 @@ def _time_slips(at: _Situation) -> Advice:
 
 
 def _statement_slips(at: _Situation) -> Advice:
-    """Mistakes in the words of a statement: its first word, gate, clauses and end."""
     bad, last, following = at.bad, at.last, at.following
     starts_node = len(at.before) == 1 and at.can("K_OF_N")
     name, gate, *_ = (*at.before, bad, _Lexeme("", 0, 0))
@@ -349,7 +337,7 @@ def _statement_slips(at: _Situation) -> Advice:
 
 
 def _second_gate(at: _Situation) -> Advice:
-    """A gate in place of a child or a clause: a missing semicolon, or a second gate."""
+    """A gate in place of a child or a clause."""
     bad, previous, name = at.bad, at.before[-2], at.before[-1]
     starts_statement = at.can("NAME") and len(at.before) > 3 and previous.line < name.line
     if starts_statement and (bad.is_gate or bad.text in DYNAMIC):
@@ -379,19 +367,18 @@ def _odd_names(at: _Situation) -> Advice:
 
 _SPELLINGS: Final = ("and && & ∧", "or || | ∨", "not ! ¬", "== =", "!= <> ≠", "<= =< ≤", ">= => ≥")
 _FOREIGN_SIGNS: Final = {sign: ours for ours, *signs in map(str.split, _SPELLINGS) for sign in signs}
-"""The signs of other languages in a guard, and their equivalents here."""
+"""Signs of other languages in a guard, with their equivalents here."""
 
 
 _FUNCTIONS: Final = tuple(operator.value for operator in Operator if operator in FUNCTIONS)
 
 
 def _function_slips(at: _Situation) -> Advice:
-    """Foreign notations of membership, and unknown functions."""
     bad, last, following = at.bad, at.last, at.following
     pieces = [lexeme.text for lexeme in (*at.before[-4:], bad, following)]
     if "in" in pieces and (bad.text in ("in", "not") or "in" in pieces[-4:-2] or pieces[-5:-3] == ["in", "("]):
-        said = 'membership is written `X in (1, "a")`, or `not X in (1, "a")`: of numbers, strings and constants'
-        yield said, bad.start
+        message = 'membership is written `X in (1, "a")`, or `not X in (1, "a")`: of numbers, strings and constants'
+        yield message, bad.start
     calls = bad.text == "(" and last.is_word and at.can("COMPARISON")
     if bad.text == "." and last.is_word and at.can("COMPARISON") and at.after[-1:] and at.after[-1].text == "(":
         yield f"a function stands before its values: {shown(f'{following.text}({last.text}, …)')}", bad.start
@@ -403,7 +390,7 @@ def _function_slips(at: _Situation) -> Advice:
         yield f"a function has parentheses: {last.text}(…)", last.end
     if at.possible == {"LPAR"} and last.text in POINTS and "when" in {lexeme.text for lexeme in at.before}:
         yield f"a time point needs a node: {last.text}(NODE)", last.end
-    if bad.text == "*" and len(at.before) > 3 and [one.text for one in at.before[-4:-2]] == ["like", "("]:
+    if bad.text == "*" and len(at.before) > 3 and [lexeme.text for lexeme in at.before[-4:-2]] == ["like", "("]:
         yield 'the pattern of like stands in quotes: "*"', bad.start
     if at.can("COMMA", "RPAR", "PLUS") and (bad.is_word or bad.is_string or bad.text[:1].isdigit()):
         yield "the values of a function are separated by commas", bad.start
@@ -416,7 +403,6 @@ def _function_slips(at: _Situation) -> Advice:
 
 
 def _term_slips(at: _Situation) -> Advice:
-    """Mistakes in guards, calls and patterns."""
     bad, last = at.bad, at.last
     if bad.text in COMPARISONS and at.can("PLUS") and not at.can("COMPARISON"):
         yield "comparisons do not chain: write `A < B and B < C`", bad.start

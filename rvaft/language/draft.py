@@ -1,7 +1,6 @@
 """The mutable form of a tree: all statements with their positions, including contradictory ones.
 
-An `RVAFT` is always valid, a `Draft` need not be. It keeps all settings of each node, so that
-`rvaft.rules` can report all errors. `Draft.build` returns the tree of a draft without errors.
+An `RVAFT` is always valid. A `Draft` keeps all errors, so that `rvaft.rules` can report them.
 """
 
 import gc
@@ -21,7 +20,7 @@ from rvaft.model.verdict import Semantics
 T_co = TypeVar("T_co", covariant=True)
 
 
-class Said(NamedTuple, Generic[T_co]):
+class Located(NamedTuple, Generic[T_co]):
     """A value with its position."""
 
     value: T_co
@@ -45,20 +44,20 @@ DYNAMIC_GATES: Final[Mapping[str, Gate]] = {
 
 
 class GateUse(NamedTuple):
-    """A gate with its children; `threshold` is the K of a VOT gate, `out_of` the N of K`of`N (None
-    for `votK`).
+    """A gate with its children: `threshold` and `out_of` are the numbers of K`of`N (`votK` has
+    one).
 
-    `dynamic` is the word of Galileo, such as `wsp` or `pdep=1`, if the gate was written so.
+    `dynamic` is a word of Galileo, such as `wsp` or `pdep=1`.
     """
 
     gate: Gate
-    children: tuple[Said[str], ...]
+    children: tuple[Located[str], ...]
     threshold: int | None = None
     out_of: int | None = None
     dynamic: str = ""
 
     @classmethod
-    def of(cls, word: str, children: tuple[Said[str], ...], threshold: int | None, out_of: int | None) -> "GateUse":
+    def of(cls, word: str, children: tuple[Located[str], ...], threshold: int | None, out_of: int | None) -> "GateUse":
         """Return the gate with this word and its numbers."""
         if threshold is not None:
             return cls(Gate.VOT, children, threshold, out_of)
@@ -73,9 +72,7 @@ class GateUse(NamedTuple):
 
 @contextmanager
 def no_collections() -> Iterator[None]:
-    """Disable the garbage collector: a large tree has no cyclic garbage, and each collection
-    traverses it.
-    """
+    """Disable the garbage collector: a large tree has no cyclic garbage to collect."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -92,16 +89,14 @@ class DynamicGate(NamedTuple):
     """The translation of a dynamic gate as a sentence, and its nodes."""
 
     place: Place
-    said: str
+    sentence: str
     nodes: tuple[str, ...]
 
 
 class BrokenPrune(NamedTuple):
-    """A `prune` of `pruned` at `place` that fails, with the reason and the affected gate `node`, if
-    any.
-    """
+    """A `prune` of the node `pruned` that fails, with the reason and the affected gate, if any."""
 
-    why: str
+    reason: str
     pruned: str
     place: Place
     node: str | None = None
@@ -112,23 +107,21 @@ _SETTINGS: Final = ("gate", "on", "when", "kind", "label", "times", "within")
 
 @dataclass(slots=True)
 class DraftNode:
-    """All statements about one node, in the order of the text; more than one entry in a list is a
-    duplicate.
+    """All statements about one node, in the order of the text; each list may have duplicates.
 
-    `statements` are the positions of the node's own statements (never empty). `attributes` keeps
-    every pair.
+    `statements` are the positions of its own statements (never empty).
     """
 
     name: str
     statements: list[Place] = field(default_factory=list)
-    gates: list[Said[GateUse]] = field(default_factory=list)
-    ons: list[Said[On]] = field(default_factory=list)
-    whens: list[Said[Guard]] = field(default_factory=list)
-    kinds: list[Said[Kind]] = field(default_factory=list)
-    labels: list[Said[str]] = field(default_factory=list)
-    counts: list[Said[int]] = field(default_factory=list)
-    withins: list[Said[int]] = field(default_factory=list)
-    attributes: list[Said[tuple[str, str]]] = field(default_factory=list)
+    gates: list[Located[GateUse]] = field(default_factory=list)
+    ons: list[Located[On]] = field(default_factory=list)
+    whens: list[Located[Guard]] = field(default_factory=list)
+    kinds: list[Located[Kind]] = field(default_factory=list)
+    labels: list[Located[str]] = field(default_factory=list)
+    counts: list[Located[int]] = field(default_factory=list)
+    withins: list[Located[int]] = field(default_factory=list)
+    attributes: list[Located[tuple[str, str]]] = field(default_factory=list)
 
     @property
     def place(self) -> Place:
@@ -136,14 +129,12 @@ class DraftNode:
         return self.statements[0]
 
     def settings(self) -> dict[str, list[Place]]:
-        """Return the positions of each setting that a node may have once: `gate`, `on`, `when`,
-        `kind` and so on.
-        """
-        parts: list[Sequence[Said[object]]]
+        """Return the positions of each setting that a node may have once, such as `gate`."""
+        parts: list[Sequence[Located[object]]]
         parts = [self.gates, self.ons, self.whens, self.kinds, self.labels, self.counts, self.withins]
-        return {word: [said.place for said in part] for word, part in zip(_SETTINGS, parts, strict=True) if part}
+        return {word: [setting.place for setting in part] for word, part in zip(_SETTINGS, parts, strict=True) if part}
 
-    def children(self) -> list[Said[str]]:
+    def children(self) -> list[Located[str]]:
         """Return the children of all gates, in the order of the text, with duplicates."""
         return [child for gate in self.gates for child in gate.value.children]
 
@@ -160,35 +151,35 @@ class DraftNode:
             _first(self.whens),
             _first(self.kinds),
             _first(self.labels),
-            tuple([said.value for said in self.attributes]),
+            tuple([attribute.value for attribute in self.attributes]),
             _first(self.counts) or 1,
             _first(self.withins),
             places=places,
         )
 
 
-def _first(settings: list[Said[T_co]]) -> T_co | None:
+def _first(settings: list[Located[T_co]]) -> T_co | None:
     return settings[0].value if settings else None
 
 
 class DraftTopic(NamedTuple):
     """One `topic` statement."""
 
-    name: Said[str]
-    type: Said[str]
-    publishers: tuple[Said[str], ...]
+    name: Located[str]
+    type: Located[str]
+    publishers: tuple[Located[str], ...]
 
 
 @dataclass(slots=True)
 class Draft:
     """All statements of one tree, in all its files; imports are resolved and prunes applied.
 
-    `file` is the main file. `toplevels` are those of the importing file, or otherwise those of its
-    imports; they are contradictory if they name different nodes. `causalities` are all settings.
+    `toplevels` are those of the main file, or otherwise those of its imports; they are
+    contradictory if they name different nodes.
 
     >>> from rvaft.language.parser import parse
     >>> draft = parse("top or a b; a fault; a attack;")
-    >>> [said.value.value for said in draft.nodes["a"].kinds], [said.value for said in draft.undeclared()]
+    >>> [kind.value.value for kind in draft.nodes["a"].kinds], [child.value for child in draft.undeclared()]
     (['fault', 'attack'], ['b'])
     """
 
@@ -197,18 +188,18 @@ class Draft:
     events: list[EventType] = field(default_factory=list)
     ignores: list[Ignore] = field(default_factory=list)
     topics: list[DraftTopic] = field(default_factory=list)
-    toplevels: list[Said[str]] = field(default_factory=list)
-    causalities: list[Said[Causality]] = field(default_factory=list)
-    semantics: list[Said[Semantics]] = field(default_factory=list)
-    times: list[Said[EventTime]] = field(default_factory=list)
-    parameters: list[Said[str]] = field(default_factory=list)
-    prunes: list[Said[str]] = field(default_factory=list)
+    toplevels: list[Located[str]] = field(default_factory=list)
+    causalities: list[Located[Causality]] = field(default_factory=list)
+    semantics: list[Located[Semantics]] = field(default_factory=list)
+    times: list[Located[EventTime]] = field(default_factory=list)
+    parameters: list[Located[str]] = field(default_factory=list)
+    prunes: list[Located[str]] = field(default_factory=list)
     broken_prunes: list[BrokenPrune] = field(default_factory=list)
     dynamic_gates: list[DynamicGate] = field(default_factory=list)
 
-    def undeclared(self) -> list[Said[str]]:
+    def undeclared(self) -> list[Located[str]]:
         """Return the children without a statement, each once, at their first use."""
-        found: dict[str, Said[str]] = {}
+        found: dict[str, Located[str]] = {}
         for node in self.nodes.values():
             for child in node.children():
                 if child.value not in self.nodes:
@@ -222,19 +213,19 @@ class Draft:
 
     @property
     def root(self) -> str | None:
-        """The root: the node of `toplevel`, else the only node without a parent; None if ambiguous."""
-        names = {said.value for said in self.toplevels} or {node.name for node in self.parentless()}
+        """The node of `toplevel`, else the only node without a parent; None if ambiguous."""
+        names = {toplevel.value for toplevel in self.toplevels} or {node.name for node in self.parentless()}
         return names.pop() if len(names) == 1 else None
 
     @no_collections()
     def build(self) -> RVAFT:
-        """Return the tree of a draft without errors; raises `TreeError` if the draft is no tree."""
+        """Return the tree; raises `TreeError` if the draft is no tree."""
         root = self.root
         if root is None:
             raise TreeError("the tree has no root: declare it with `toplevel NAME;`", rule="no-root")
         nodes = [node.build() for node in self.nodes.values()]
         nodes += [Node(c.value, declared=False, places={"name": c.place}) for c in self.undeclared()]
-        topics: dict[tuple[str, str], Topic] = {}  # one per name and type, with the publishers of all its statements
+        topics: dict[tuple[str, str], Topic] = {}  # one per name and type, with all publishers
         for topic in self.topics:
             key = absolute(topic.name.value), topic.type.value
             first = topics.get(key, Topic(topic.name.value, topic.type.value, place=topic.name.place))
@@ -251,14 +242,12 @@ class Draft:
             semantics=_first(self.semantics),
         )
 
-    def settings(self) -> dict[str, Sequence[Said[object]]]:
+    def settings(self) -> dict[str, Sequence[Located[object]]]:
         """Return the settings that a tree may have once, by their keywords."""
         return {"causality": self.causalities, "semantics": self.semantics, "time": self.times}
 
     def carry_out_prunes(self) -> None:
-        """Remove the pruned nodes and those reachable only through them; record failures in
-        `broken_prunes`.
-        """
+        """Remove the pruned nodes and those reachable only through them; record `broken_prunes`."""
         if not self.prunes:
             return
         pruned: dict[str, Place] = {}
@@ -267,7 +256,7 @@ class Draft:
         parents = Counter(name for node in self.nodes.values() for name in {child.value for child in node.children()})
         for name in [name for name in pruned if name not in self.nodes and name not in parents]:
             self.broken_prunes.append(BrokenPrune(UNMENTIONED, name, pruned.pop(name)))
-        kept = {said.value for said in self.toplevels}
+        kept = {toplevel.value for toplevel in self.toplevels}
         roots = kept or {node.name for node in self.parentless()}
         gone = self._unreached(set(pruned), kept, parents)
         if roots <= gone:
@@ -276,10 +265,12 @@ class Draft:
             return
         self.nodes = {name: node for name, node in self.nodes.items() if name not in gone}
         for node in self.nodes.values():
-            node.gates = [Said(self._without(said.value, gone, node.name, pruned), said.place) for said in node.gates]
+            node.gates = [
+                Located(self._without(gate.value, gone, node.name, pruned), gate.place) for gate in node.gates
+            ]
 
     def _unreached(self, pruned: set[str], kept: set[str], parents: Counter[str]) -> set[str]:
-        """Return the pruned nodes, and those whose parents are all pruned (but never a toplevel)."""
+        """Return the pruned nodes, and those with only pruned parents (but never a toplevel)."""
         left, gone, todo = parents.copy(), set(pruned), list(pruned)
         while todo:
             node = self.nodes.get(todo.pop())

@@ -1,23 +1,21 @@
 """Galileo's dynamic gates, translated to this language for *observed failures*.
 
-A monitor observes which parts failed, and in which order. A warm or hot spare may fail before it is
-used, so its gate becomes an `and`. A cold spare cannot, so its gate becomes a `sand`; so does
-`seq`. `fdep T D …` replaces every D by `D or T`; T stays one node with one occurrence. Gates that
-failures do not determine are refused: those with probabilities or shared spares.
+A monitor observes which parts fail, and in which order. A warm or hot spare may fail before it is
+used, so its gate becomes an `and`. A cold spare cannot, so its gate becomes a `sand`, as does
+`seq`. `fdep T D …` replaces every D by `D or T`; T stays one node with one occurrence. Gates with
+probabilities or shared spares are refused, because failures do not determine them.
 """
 
 from collections.abc import Mapping
 from typing import Final
 
 from rvaft.errors import LanguageError
-from rvaft.language.draft import DYNAMIC_GATES, Draft, DraftNode, DynamicGate, GateUse, Said
+from rvaft.language.draft import DYNAMIC_GATES, Draft, DraftNode, DynamicGate, GateUse, Located
 from rvaft.model.nodes import Place
 from rvaft.model.tree import find_cycle
 
 SUFFIXES: Final = (".dft", ".galileo")
-"""Extensions of Galileo files, where `pand` is a dynamic gate, too; elsewhere it belongs to this
-language.
-"""
+"""Extensions of Galileo files, in which `pand` is a dynamic gate, too."""
 _WHY: Final = {
     "pand": "the parts below it end from left to right",
     "seq": "its parts fail from left to right",
@@ -38,19 +36,21 @@ def read_dynamic_gates(draft: Draft, *, strict: bool = False) -> None:
 
     Raises `LanguageError` for unsupported gates, and with `strict` for all.
     """
-    uses = [(node, said) for node in draft.nodes.values() for said in node.gates if said.value.dynamic]
-    uses = [(n, said) for n, said in uses if said.value.dynamic != "pand" or said.place.file.endswith(SUFFIXES)]
+    uses = [(node, located) for node in draft.nodes.values() for located in node.gates if located.value.dynamic]
+    uses = [
+        (n, located) for n, located in uses if located.value.dynamic != "pand" or located.place.file.endswith(SUFFIXES)
+    ]
     if strict and uses:
         node, (use, place) = min(uses, key=lambda found: found[1].place)
         raise _error(f"the dynamic gate `{use.dynamic}` of `{node.name}` is refused by strict Galileo", place)
     _check_spares(uses)
-    dependencies = [(node, said) for node, said in uses if said.value.is_dependency and len(node.gates) == 1]
+    dependencies = [(node, located) for node, located in uses if located.value.is_dependency and len(node.gates) == 1]
     below = {child.value for node in draft.nodes.values() for child in node.children()} if uses else set()
     below.update(toplevel.value for toplevel in draft.toplevels)
     for node, (use, place) in uses:
         if not use.is_dependency:
             idle = use.dynamic == "seq" and node.name not in below
-            draft.dynamic_gates.append(_static(draft, node, Said(use, place), "; " + _IDLE if idle else ""))
+            draft.dynamic_gates.append(_static(draft, node, Located(use, place), "; " + _IDLE if idle else ""))
     if dependencies:
         _read_dependencies(draft, dependencies)
 
@@ -59,15 +59,15 @@ def _error(message: str, place: Place) -> LanguageError:
     return LanguageError(message, file=place.file, line=place.line, column=place.column)
 
 
-def _static(draft: Draft, node: DraftNode, said: Said[GateUse], note: str) -> DynamicGate:
-    use, place = said
+def _static(draft: Draft, node: DraftNode, located: Located[GateUse], note: str) -> DynamicGate:
+    use, place = located
     kind = use.dynamic
     if kind == "spare":
         spares = (draft.nodes.get(spare.value, DraftNode("")) for spare in use.children[1:])
         cold = all(any(key == "dorm" and _is(value, 0) for (key, value), _ in spare.attributes) for spare in spares)
         kind = "csp" if cold else "wsp"
         use = use._replace(gate=DYNAMIC_GATES[kind])
-        node.gates = [Said(use, other.place) if other == said else other for other in node.gates]
+        node.gates = [Located(use, other.place) if other == located else other for other in node.gates]
     how = f"is read as `{use.gate}`: {_WHY[kind]}{note}"
     return DynamicGate(place, f"`{use.dynamic}` of {node.name} {how}", (node.name,))
 
@@ -79,7 +79,7 @@ def _is(text: str, number: float) -> bool:
         return False
 
 
-def _check_spares(uses: list[tuple[DraftNode, Said[GateUse]]]) -> None:
+def _check_spares(uses: list[tuple[DraftNode, Located[GateUse]]]) -> None:
     seen: dict[str, tuple[str, bool]] = {}
     for node, (use, _) in uses:
         if use.dynamic not in _SPARES:
@@ -92,18 +92,17 @@ def _check_spares(uses: list[tuple[DraftNode, Said[GateUse]]]) -> None:
                 raise _error(message, child.place)
 
 
-def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Said[GateUse]]]) -> None:
-    """Replace every dependent D of a trigger T by `D or T`, and remove the dependency gates."""
-    triggers: dict[str, dict[str, Said[str]]] = {}
+def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Located[GateUse]]]) -> None:
+    triggers: dict[str, dict[str, Located[str]]] = {}
     names = {node.name for node, _ in dependencies}
-    for node, said in dependencies:
-        _check_dependency(node, said, names)
-        for child in said.value.children[1:]:
-            triggers.setdefault(child.value, {}).setdefault(said.value.children[0].value, said.value.children[0])
+    for node, located in dependencies:
+        _check_dependency(node, located, names)
+        for child in located.value.children[1:]:
+            triggers.setdefault(child.value, {}).setdefault(located.value.children[0].value, located.value.children[0])
         del draft.nodes[node.name]
     _drop(draft, names)
     used = {child.value for node in draft.nodes.values() for child in node.children()} | {draft.root or ""}
-    used |= {said.value for said in draft.toplevels}
+    used |= {toplevel.value for toplevel in draft.toplevels}
     new: dict[str, str] = {}
     made: dict[str, DraftNode] = {}
     size = 0
@@ -115,18 +114,18 @@ def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Said[Ga
         if size > _MOST:
             place = next(iter(triggers[dependent].values())).place
             raise _error(f"the dependencies have more than {_MOST:,} pairs of a node and a trigger; remove some", place)
-        first, place = next((name, said.place) for name, said in causes.items())
+        first, place = next((name, trigger.place) for name, trigger in causes.items())
         name = " or ".join([dependent, *(causes if len(causes) <= _SHOWN else [first, f"{len(causes) - 1} more"])])
         while name in draft.nodes or name in used or name in made:
             name += "'"
         new[dependent] = name
-        use = GateUse(DYNAMIC_GATES["fdep"], (Said(dependent, place), *causes.values()))
-        made[name] = DraftNode(name, statements=[place], gates=[Said(use, place)])
+        use = GateUse(DYNAMIC_GATES["fdep"], (Located(dependent, place), *causes.values()))
+        made[name] = DraftNode(name, statements=[place], gates=[Located(use, place)])
     for node in draft.nodes.values():
         for number, (use, place) in enumerate(node.gates):
-            children = tuple([Said(new.get(child.value, child.value), child.place) for child in use.children])
-            node.gates[number] = Said(use._replace(children=children), place)
-    draft.toplevels = [Said(new.get(said.value, said.value), said.place) for said in draft.toplevels]
+            children = tuple([Located(new.get(child.value, child.value), child.place) for child in use.children])
+            node.gates[number] = Located(use._replace(children=children), place)
+    draft.toplevels = [Located(new.get(toplevel.value, toplevel.value), toplevel.place) for toplevel in draft.toplevels]
     draft.nodes.update(made)
     nodes = draft.nodes
     circle = find_cycle({name: [c.value for c in node.children() if c.value in nodes] for name, node in nodes.items()})
@@ -141,8 +140,8 @@ def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Said[Ga
             draft.dynamic_gates.append(DynamicGate(place, f"`{use.dynamic}` of {node.name}: {how}", ()))
 
 
-def _check_dependency(node: DraftNode, said: Said[GateUse], names: set[str]) -> None:
-    use, place = said
+def _check_dependency(node: DraftNode, located: Located[GateUse], names: set[str]) -> None:
+    use, place = located
     kind, _, chance = use.dynamic.partition("=")
     if chance and not _is(chance, 1):
         why = "with a probability below 1, a failure of the trigger does not imply one of its dependents"
@@ -160,12 +159,11 @@ def _check_dependency(node: DraftNode, said: Said[GateUse], names: set[str]) -> 
         raise _error(message, extra[0].place)
 
 
-def _all_triggers(name: str, triggers: Mapping[str, Mapping[str, Said[str]]]) -> dict[str, Said[str]]:
-    """Return the direct and transitive triggers of a node."""
-    found: dict[str, Said[str]] = {}
+def _all_triggers(name: str, triggers: Mapping[str, Mapping[str, Located[str]]]) -> dict[str, Located[str]]:
+    found: dict[str, Located[str]] = {}
     waiting = [name]
     while waiting:
-        new = {cause: said for cause, said in triggers.get(waiting.pop(), {}).items() if cause not in found}
+        new = {cause: trigger for cause, trigger in triggers.get(waiting.pop(), {}).items() if cause not in found}
         found.update(new)
         waiting.extend(new)
     found.pop(name, None)
@@ -173,9 +171,9 @@ def _all_triggers(name: str, triggers: Mapping[str, Mapping[str, Said[str]]]) ->
 
 
 def _drop(draft: Draft, names: set[str]) -> None:
-    for said in draft.toplevels:
-        if said.value in names:
-            raise _error(f"the root {said.value} is a dependency, which never fails", said.place)
+    for toplevel in draft.toplevels:
+        if toplevel.value in names:
+            raise _error(f"the root {toplevel.value} is a dependency, which never fails", toplevel.place)
     for node in draft.nodes.values():
         for place, (use, where) in enumerate(node.gates):
             gone = [child for child in use.children if child.value in names]
@@ -185,4 +183,4 @@ def _drop(draft: Draft, names: set[str]) -> None:
             if use.gate.counts or not left:
                 why = f"{gone[0].value} is a dependency, which never fails"
                 raise _error(f"{why}: the gate {node.name} needs this child", gone[0].place)
-            node.gates[place] = Said(use._replace(children=left), where)
+            node.gates[place] = Located(use._replace(children=left), where)

@@ -15,14 +15,14 @@ from lark.exceptions import UnexpectedInput
 from rvaft.errors import LanguageError
 from rvaft.language.builder import Build, ImportStatement, Page, Slip, Statement
 from rvaft.language.diagnostics import diagnose, error_at, shown
-from rvaft.language.draft import Draft, Said, no_collections
+from rvaft.language.draft import Draft, Located, no_collections
 from rvaft.language.galileo import read_dynamic_gates
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import Pattern
 
 MAX_FILE: Final = 16 * 1024 * 1024
-"""The maximum size of a file in bytes; a tree of ten thousand nodes needs less than 1 MiB."""
+"""The maximum size of a file in bytes; ten thousand nodes need less than 1 MiB."""
 _NO_TEXT: Final = re.compile("[\0\ud800-\udfff]")
 _REMEMBERED: Final = 1024
 """The number of cached patterns and guards; specifications repeat them."""
@@ -59,7 +59,7 @@ def _parse(text: str, file: str, start: str) -> Any:
 
 @lru_cache(maxsize=_REMEMBERED)
 def parse_pattern(text: str, file: str = "<pattern>") -> Pattern:
-    """Return the pattern of a text, in which every word is a variable. Raises `LanguageError`.
+    """Return the pattern of a text, in which every word is a variable; raises `LanguageError`.
 
     >>> parse_pattern('{topic: "/command", time: T}').fields[1]
     ('time', Variable(name='T'))
@@ -80,7 +80,7 @@ def parse_guard(text: str, file: str = "<guard>") -> Guard:
 
 
 def parse_time(text: str, file: str = "<time>") -> EventTime:
-    """Return the time declaration of a `time` statement without semicolon; raises `LanguageError`.
+    """Return the declaration of a `time` statement without semicolon; raises `LanguageError`.
 
     >>> parse_time("time header.stamp as ros").field
     ('header', 'stamp')
@@ -90,15 +90,14 @@ def parse_time(text: str, file: str = "<time>") -> EventTime:
 
 
 def parse(text: str, file: str = "<text>", *, strict_galileo: bool = False, confine_imports: bool = False) -> Draft:
-    """Return the draft of a text and its imports; import paths are relative to the folder of
-    `file`.
+    """Return the draft of a text and its imports, whose paths are relative to the folder of `file`.
 
-    With `confine_imports`, files outside that folder are not read. Without it, no error quotes
-    their text.
+    With `confine_imports`, files outside that folder are not read; without it, no error quotes
+    them.
 
-    Raises `LanguageError` for a syntax error, here or in an imported file, and `NoTree` without a
-    node. Other errors (a cycle, a duplicate setting, …) stay in the draft. Galileo's dynamic gates
-    are translated, or refused with `strict_galileo`.
+    Raises `LanguageError` for a syntax error, also in an import, and `NoTree` without a node. Other
+    errors (a cycle, a duplicate setting, …) stay in the draft. Galileo's dynamic gates are
+    translated, or refused with `strict_galileo`.
 
     >>> sorted(parse("top or a b; a fault;").nodes)
     ['a', 'top']
@@ -113,9 +112,7 @@ def parse(text: str, file: str = "<text>", *, strict_galileo: bool = False, conf
 
 
 def parse_file(path: os.PathLike[str] | str, *, strict_galileo: bool = False, confine_imports: bool = False) -> Draft:
-    """Return the draft of a file and its imports; raises `LanguageError` as `parse` does, and
-    `OSError`.
-    """
+    """Return the draft of a file and its imports; raises `OSError` and the errors of `parse`."""
     name = os.fspath(path)
     return parse(_text_of(name), name, strict_galileo=strict_galileo, confine_imports=confine_imports)
 
@@ -123,10 +120,10 @@ def parse_file(path: os.PathLike[str] | str, *, strict_galileo: bool = False, co
 def _text_of(name: str) -> str:
     try:
         with Path(name).open("rb") as stream:
-            data = stream.read(MAX_FILE + 1)  # bounded, because a device has no end
+            data = stream.read(MAX_FILE + 1)  # a device has no end
     except OSError as error:
         raise OSError(error.errno, f"cannot read the file: {error.strerror}", name) from error
-    except ValueError as error:  # a path that is invalid on every system
+    except ValueError as error:  # an invalid path
         raise LanguageError(f"cannot read the file: {error}", file=name) from error
     return decoded(data, name)
 
@@ -144,7 +141,7 @@ def decoded(data: bytes, name: str) -> str:
 
 @dataclass(slots=True)
 class _Source(Page):
-    """A file being read: its remaining statements, and the files that it imports."""
+    """A file being read: its remaining statements, and its imports."""
 
     identity: str
     text: str
@@ -162,7 +159,7 @@ def _read_all(main: _Source, *, confined: bool) -> None:
 
     The `toplevel` of the importing file takes precedence.
     """
-    toplevels: dict[str, list[Said[str]]] = {}
+    toplevels: dict[str, list[Located[str]]] = {}
     folder = Path(os.path.realpath(os.path.dirname(main.file)))  # noqa: PTH120 - of a text, the current folder
     open_files = [main.begin()]
     while open_files:
@@ -177,7 +174,7 @@ def _read_all(main: _Source, *, confined: bool) -> None:
                 open_files.append(_begun(inner, folder))
                 break
         else:
-            inherited = (said for identity in source.imported for said in toplevels[identity])
+            inherited = (toplevel for identity in source.imported for toplevel in toplevels[identity])
             toplevels[source.identity] = source.toplevels or list(dict.fromkeys(inherited))
             open_files.pop()
     main.draft.toplevels = toplevels[main.identity]
@@ -188,7 +185,7 @@ def _is_outside(identity: str, folder: Path) -> bool:
 
 
 def _begun(source: _Source, folder: Path) -> _Source:
-    """Parse an imported file; an error does not quote a file outside the folder of the tree."""
+    """Parse an imported file; errors do not quote a file outside the folder of the tree."""
     try:
         return source.begin()
     except LanguageError as error:
@@ -205,7 +202,7 @@ def _imported(source: _Source, path: Token, open_files: list[_Source], folder: P
     name = os.path.join(os.path.dirname(source.file), path)  # noqa: PTH118, PTH120 - keeps "./" as written
     try:
         identity = os.path.realpath(name)
-    except ValueError as inner:  # a path that is invalid on every system
+    except ValueError as inner:  # an invalid path
         raise error(f"cannot import {shown(path)}: cannot read the file: {inner}") from inner
     if confined and _is_outside(identity, folder):
         raise error(

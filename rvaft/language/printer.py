@@ -20,16 +20,16 @@ from rvaft.model.nodes import Causality, Node, Topic
 from rvaft.model.tree import RVAFT
 
 _WIDEST: Final = 40
-"""Wider cells are not aligned."""
+"""The width of the widest aligned cells."""
 
 
 def dumps(tree: RVAFT) -> str:
     """Return the canonical text of a tree; `loads(dumps(tree)) == tree`.
 
     The order is causality, semantics, time, event types, topics, ignores, toplevel, nodes (parents
-    before children, then unreachable ones). A child without a statement stays undeclared. The
-    alphabet of a restricted tree's whole is lost. Raises `LanguageError` for an unpaired surrogate,
-    and for a pattern or guard nested deeper than 100.
+    before children, then unreachable ones). A child without a statement stays undeclared; a
+    restriction is lost. Raises `LanguageError` for an unpaired surrogate, and beyond 100 levels of
+    nesting.
 
     >>> import rvaft
     >>> print(dumps(rvaft.loads("top   and a b;")), end="")

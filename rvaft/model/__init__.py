@@ -1,1 +1,1 @@
-"""The tree and what it is made of: immutable values."""
+"""The tree and its parts, as immutable values."""

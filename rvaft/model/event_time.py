@@ -19,7 +19,7 @@ from rvaft.model.values import NUMBER, Json, at
 
 
 class _TimeKey(str):
-    """A key that equals no field name, not even the same text."""
+    """A key that equals only itself, so that no field name equals it."""
 
     __slots__ = ()
 
@@ -37,7 +37,7 @@ class _TimeKey(str):
 
 
 TIME: Final = _TimeKey("time of the event")
-"""The key of an event's time in patterns (`EventTime.stamped`); no text equals it."""
+"""The key of an event's time in patterns (`EventTime.stamped`)."""
 UNITS: Final[Mapping[str, int]] = {
     "d": 86_400_000_000_000,
     "h": 3_600_000_000_000,
@@ -94,7 +94,7 @@ class EventTime:
         return _READERS[self.format](at(event, self.field))
 
     def is_late(self, event: Json, latest: int | None) -> tuple[bool, int | None]:
-        """Return whether an event is late (semantics, section 1.1), and the new maximum time.
+        """Return whether an event is late, and the new maximum time.
 
         `latest` is the maximum time of the events before.
 

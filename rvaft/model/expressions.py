@@ -25,18 +25,16 @@ from rvaft.model.values import Scalar, has_surrogate
 
 STATEMENTS: Final = ("toplevel", "event", "ignore", "import", "prune", "causality", "param")
 TOPIC: Final = "topic"
-"""A statement only before a string, `type` and a string; otherwise a possible name of a node."""
+"""A keyword only before a string, `type` and a string; otherwise a possible name of a node."""
 GATES: Final = tuple(gate.value for gate in Gate if not gate.counts)
-"""The gates that are written as a word; a vote is written with its numbers."""
+"""The gates that are written as a word, all but votes."""
 CLAUSES: Final = ("on", "when", "fault", "attack", "label", "times", "within")
 OPERATOR_WORDS: Final = ("and", "or", "not")
 DYNAMIC: Final = frozenset(
     {"xor", "nor", "nand", "not", "por", "pxor", "sor", "seq", "mutex", "inhibit"}
     | {"spare", "wsp", "csp", "hsp", "fdep", "pdep", "rdep"}
 ).difference(GATES)
-"""Gates of other fault-tree languages, reserved so that a missing semicolon does not turn them into
-names.
-"""
+"""Gates of other fault-tree languages, reserved so that a missing semicolon is reported."""
 
 RESERVED: Final = frozenset({*STATEMENTS, *GATES, *CLAUSES, *OPERATOR_WORDS, *DYNAMIC})
 
@@ -85,8 +83,9 @@ def literal_text(value: Scalar) -> str:
 
 
 def pattern_text(pattern: Pattern, depth: int = 0) -> str:
-    """Return a pattern as text for `parse_pattern`; raises `LanguageError` beyond 100 levels of
-    nesting.
+    """Return a pattern as text for `parse_pattern`.
+
+    Raises `LanguageError` beyond 100 levels of nesting.
     """
     if depth > MAX_DEPTH:
         raise LanguageError(f"a pattern nested deeper than {MAX_DEPTH} cannot be written")
@@ -111,14 +110,10 @@ SIGNS: Final = {operator: facts.sign for operator, facts in OPERATORS.items()}
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """The notation of guards and events.
-
-    `signs` are the operators; prefix operators include their space.
-    """
+    """The notation of guards and events; `signs` of prefix operators include their space."""
 
     node: Callable[[str], str] = name_text
     event: Callable[[str], str] = word_text
-    """The name of an event type."""
     variable: Callable[[str], str] = str
     literal: Callable[[Scalar], str] = literal_text
     anything: str = "_"
@@ -126,16 +121,16 @@ class Style:
     signs: Mapping[Operator, str] = field(default_factory=SIGNS.copy)
     brackets: tuple[str, str] = ("(", ")")
     point: str = "{}({})"
-    """The format of the time `at`, `start` or `end` of a node."""
+    """The format of `at`, `start` or `end` of a node."""
     duration: Callable[[int], str] = duration_text
     listed: tuple[str, str] = ("(", ")")
     """The brackets around the literals after `in`."""
     fraction: Callable[[str, str], str | None] | None = None
-    """A quotient with stacked operands, which need no brackets."""
+    """The notation of a quotient with stacked operands."""
     minus_level: int = OPERATORS[Operator.NEGATE].level
     """The precedence level of a minus before an operand or a number."""
     not_operand: int = OPERATORS[Operator.NOT].level
-    """The minimum level at which the operand of `not` needs no brackets."""
+    """The minimum level of an operand of `not` without brackets."""
 
 
 SUM_LEVEL: Final = OPERATORS[Operator.ADD].level

@@ -1,8 +1,8 @@
 """Guards: the expression type, the table of operators, and evaluation under a binding.
 
-A value is JSON or `UNDEFINED` (wrong types, division by zero, overflow, non-finite results).
-`UNDEFINED` propagates through every operator, except that `and` and `or` short-circuit from the
-left. The parser bounds the nesting (`MAX_DEPTH`), and so the recursion here.
+A value is JSON or `UNDEFINED` (wrong types, division by zero, overflow, non-finite results), which
+propagates through every operator, except that `and` and `or` short-circuit from the left. The
+parser bounds the nesting (`MAX_DEPTH`), and so the recursion here.
 """
 
 import json
@@ -25,7 +25,7 @@ MAX_DEPTH: Final = 100
 
 
 class Operator(StrEnum):
-    """The operators, named as they are written; NEGATE is the unary minus."""
+    """The operators, named as written; NEGATE is the unary minus."""
 
     EQ = "=="
     NE = "!="
@@ -61,7 +61,6 @@ class _Undefined(Enum):
 
 
 UNDEFINED: Final = _Undefined.UNDEFINED
-"""The only value that is not JSON."""
 
 
 class Sort(StrEnum):
@@ -80,15 +79,14 @@ class Sort(StrEnum):
 
 
 class OperatorFacts(NamedTuple):
-    """The properties of an operator, for all modules but the reference and the backends.
+    """The properties of an operator; the reference and the backends have their own.
 
-    - `level`: the precedence level.
     - `takes`: the sorts of operands (None: any); other operands make it undefined.
     - `gives`: the sort of the result.
     - `function`: the result for defined operands (None: operands are evaluated lazily).
     - `arity`: the number of operands (None: two or more).
-    - Of a comparison: `negated` is its complement on defined operands, `mirrored` has exchanged
-      sides, `compare` is Python's operator.
+    - `negated`: the complement of a comparison on defined operands.
+    - `mirrored`: the comparison with exchanged sides.
     """
 
     level: int
@@ -121,7 +119,7 @@ def _ordered(compare: Callable[[Any, Any], bool]) -> Callable[[Json, Json], Json
 
 
 def _calculating(calculate: Callable[..., Any]) -> Callable[..., Json]:
-    """Return an operation on numbers; a double with an integral value is treated as that integer."""
+    """Return an operation on numbers; a double with an integral value is that integer."""
 
     def calculated(*arguments: Json) -> Json:
         numbers = []
@@ -144,17 +142,16 @@ def _calculating(calculate: Callable[..., Any]) -> Callable[..., Json]:
 def _texts(calculate: Callable[..., Any]) -> Callable[..., Json]:
 
     def calculated(*arguments: Json) -> Json:
-        return calculate(*arguments) if all(isinstance(one, str) for one in arguments) else UNDEFINED
+        return calculate(*arguments) if all(isinstance(argument, str) for argument in arguments) else UNDEFINED
 
     return calculated
 
 
 @lru_cache(maxsize=1_000)
 def _glob(glob: str) -> re.Pattern[str]:
-    """Return a pattern that matches a whole text, in linear time.
+    """Return a linear-time pattern for a whole text.
 
-    Atomic groups match the pieces between stars from the left without backtracking, and the last
-    piece at the end.
+    Atomic groups match the pieces between stars from the left without backtracking.
     """
     first, *others = [["." if sign == "?" else re.escape(sign) for sign in piece] for piece in re.split(r"\*+", glob)]
     inner = "".join(f"(?>.*?{''.join(piece)})" for piece in others[:-1])
@@ -163,7 +160,6 @@ def _glob(glob: str) -> re.Pattern[str]:
 
 
 def _number(value: Json) -> Json:
-    """Return a number itself, or the number that a text denotes in JSON."""
     if isinstance(value, str) and NUMBER.fullmatch(value):
         try:
             value = json.loads(value)
@@ -173,7 +169,7 @@ def _number(value: Json) -> Json:
 
 
 def _listed(value: Json, *listed: Json) -> Json:
-    return any(equal(value, one) for one in listed) if is_finite(value) else UNDEFINED
+    return any(equal(value, item) for item in listed) if is_finite(value) else UNDEFINED
 
 
 def _like(text: str, glob: str) -> bool:
@@ -227,7 +223,7 @@ OPERATORS: Final[Mapping[Operator, OperatorFacts]] = {
     _O.MAX: OperatorFacts(8, "max", _calculating(max), _NUMERALS, Sort.NUMBER, None),
     _O.NUMBER: OperatorFacts(8, "number", _number, _ORDERED, Sort.NUMBER, 1),
 }
-"""The table of operators. A function (level 8) is written before its operands in parentheses."""
+"""A function (level 8) is written before its operands in parentheses."""
 
 JUNCTIONS: Final = frozenset({Operator.AND, Operator.OR})
 """Operators with two or more operands, evaluated from the left."""
@@ -235,7 +231,6 @@ COMPARISONS: Final = frozenset(operator for operator, facts in OPERATORS.items()
 ORDERINGS: Final = COMPARISONS - {Operator.EQ, Operator.NE}
 ARITHMETIC: Final = frozenset(operator for operator, facts in OPERATORS.items() if 4 < facts.level < 8)
 FUNCTIONS: Final = frozenset(operator for operator, facts in OPERATORS.items() if facts.level == 8)
-"""Operators that are written as functions."""
 NUMERIC: Final = frozenset(
     operator for operator, facts in OPERATORS.items() if facts.takes == _NUMERALS and facts.gives is Sort.NUMBER
 )
@@ -252,11 +247,9 @@ for _operator in COMPARISONS:
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """An operator applied to operands.
+    """An operator applied to operands; IN has the value and the literals.
 
-    NOT, NEGATE and some functions have one operand; AND, OR, MIN and MAX have two or more; IN has
-    the value and the literals. Operations with equal operators and operands are equal; 1 and 1.0
-    are one operand.
+    Operations with equal operators and operands are equal; 1 and 1.0 are equal operands.
     """
 
     operator: Operator
@@ -265,8 +258,8 @@ class Operation:
 
 @dataclass(frozen=True, slots=True)
 class TimePoint(Variable):
-    """`at(NODE)`, `start(NODE)` or `end(NODE)`: a variable bound by times of events, identified by
-    `name`.
+    """`at(NODE)`, `start(NODE)` or `end(NODE)`: a variable bound by event times; `name` is this
+    text.
 
     `number` is 0 in a tree. In a property it is the occurrence of the event (`at`) or the copy of
     the node (`start`, `end`).
@@ -288,12 +281,11 @@ class TimePoint(Variable):
 
 
 POINTS: Final = ("at", "start", "end")
-"""The time points of a node."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Duration(Literal):
-    """A literal that was written with a unit; its value is in nanoseconds."""
+    """A literal written with a unit; its value is in nanoseconds."""
 
 
 Guard: TypeAlias = Literal | Variable | Operation
@@ -320,9 +312,7 @@ def walk(guard: Guard | None) -> Iterator[Guard]:
 
 
 def conjuncts(guard: Guard | None) -> tuple[Guard, ...]:
-    """Return the guards whose conjunction this one is, nested conjunctions flattened; none for
-    None.
-    """
+    """Return the conjuncts of a guard, nested conjunctions flattened; none for None."""
     if isinstance(guard, Operation) and guard.operator is Operator.AND:
         return tuple(part for operand in guard.operands for part in conjuncts(operand))
     return () if guard is None else (guard,)
@@ -363,7 +353,7 @@ def folded(guard: Guard) -> Guard:
 
 
 def holds(guard: Guard, binding: Binding) -> bool:
-    """Whether the guard's value is `true`; every variable must be bound (KeyError otherwise)."""
+    """Whether the guard's value is `true`; raises `KeyError` for an unbound variable."""
     return value(guard, binding) is True
 
 
@@ -405,7 +395,7 @@ def is_total(guard: Guard) -> bool:
     """
     match guard:
         case Operation(Operator.EQ | Operator.NE | Operator.IN, (Variable(), *others)):
-            return all(isinstance(one, Literal) and is_finite(one.value) for one in others)
+            return all(isinstance(operand, Literal) and is_finite(operand.value) for operand in others)
         case Operation(Operator.NOT | Operator.AND | Operator.OR, parts):
             return all(map(is_total, parts))
         case _:
@@ -418,16 +408,16 @@ _NUMBERS: Final = (int, float)
 _NUMBER_TYPES: Final = frozenset(_NUMBERS)
 _LARGEST: Final = sys.float_info.max
 MEMORY: Final = 4096
-"""The maximum number of cached outcomes of guards; then the cache is cleared."""
+"""The maximum number of cached outcomes; then the cache is cleared."""
 FEW: Final = 16
 """The maximum number of distinct values for which a guard is evaluated per value."""
 
 
 def predicate(guard: Guard) -> Predicate:
-    """Return `holds` as a fast function of a binding, for guards evaluated on many events.
+    """Return `holds` as a faster function for many events.
 
-    The fast cases are comparisons of a variable with a constant of its type, and conjunctions of
-    these.
+    The fast cases are comparisons of a variable with a constant of its type, and their
+    conjunctions.
     """
     match guard:
         case Operation(Operator.AND, operands):

@@ -1,5 +1,4 @@
-"""The parts of a tree: gates, nodes, event types, declarations and ROS topics. All values are
-immutable.
+"""The immutable parts of a tree: gates, nodes, event types, declarations and ROS topics.
 
 Positions in a file (`Place`) are not compared: trees with the same content are equal.
 """
@@ -130,11 +129,10 @@ class Ignore:
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """`topic NAME type TYPE from PUBLISHERS;`: the source of events in ROS, without influence on
-    verdicts.
+    """`topic NAME type TYPE from PUBLISHERS;`: the source of events in ROS, which no verdict
+    depends on.
 
-    `type` is the message type as Python imports it, `package.msg.Name`. `publishers` are ROS nodes,
-    not nodes of the tree.
+    `type` is the message type as Python imports it, `package.msg.Name`. `publishers` are ROS nodes.
 
     >>> import rvaft
     >>> topic = 'topic "/goal" type "geometry_msgs.msg.Point"; event goal() = { topic: "/goal" };'
@@ -151,9 +149,9 @@ class Topic:
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """One node. A leaf has neither gate nor children; `threshold` is the K of a VOT gate.
+    """One node of a tree; `threshold` is the K of a VOT gate.
 
-    `times` is the number of events of a leaf. `within` is the window of a gate in nanoseconds.
+    `times` is the number of events of a leaf, `within` the window of a gate in nanoseconds.
     `declared` is False for a child without a statement. `places` has the positions of `name`,
     `gate`, `on`, `when`, `kind` and `label`. A gate and a kind may be strings, and the children a
     list.
@@ -218,24 +216,22 @@ class Node:
 
     @property
     def has_event(self) -> bool:
-        """Whether the node has a runtime event: its own, or the default event of a leaf without
-        event and guard.
+        """Whether the node has a runtime event, its own or the default event of a leaf without a
+        guard.
         """
         return self.on is not None or (self.gate is None and self.when is None)
 
 
 @dataclass(frozen=True, slots=True)
 class Relevant:
-    """One entry of a tree's alphabet: a node's event, with the node's guard if the event binds all
-    its variables.
+    """One entry of a tree's alphabet: a node's event, with the guard if the event binds its
+    variables.
     """
 
     node: str
     pattern: Pattern
     when: Guard | None = None
 
-
-# ROS topics.
 
 _NAME: Final = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z0-9_]+)*")
 
@@ -246,16 +242,14 @@ def absolute(name: str) -> str:
 
 
 def wrong_name(name: str) -> str | None:
-    """Return why no ROS topic or node can have this name, or None if it is valid."""
+    """Return why this is no valid name of a ROS topic or node, or None if it is."""
     if _NAME.fullmatch(name):
         return None
     return f'"{visible(name)}" is not a valid ROS name: use letters, digits and _, with / between words'
 
 
 def wrong_type(type_: str) -> str | None:
-    """Return why this is not a message type as Python imports it, with a correction, or None if it
-    is.
-    """
+    """Return why this is no message type as Python imports it, or None if it is."""
     if _importable(type_.split(".")):
         return None
     words = [word for word in re.split(r"[./:]+", type_) if word]
@@ -265,7 +259,7 @@ def wrong_type(type_: str) -> str | None:
 
 
 def by_name(topics: Iterable[Topic]) -> dict[str, Topic]:
-    """Return topics by absolute name; raises `TreeError` for duplicates and invalid names or types."""
+    """Return topics by absolute name; raises `TreeError` for duplicates, invalid names or types."""
     found: dict[str, Topic] = {}
     for topic in topics:
         name = absolute(topic.name)
@@ -283,6 +277,6 @@ def _importable(words: list[str]) -> bool:
 
 
 def topic_of(pattern: Pattern) -> Pattern | None:
-    """Return what a pattern requires of the field `topic`, or None."""
+    """Return the pattern of the field `topic`, or None."""
     fields = pattern.fields if isinstance(pattern, ObjectPattern) else ()
     return next((inner for name, inner in fields if name == "topic"), None)

@@ -1,8 +1,8 @@
 """Event patterns, and matching of events against them.
 
-A pattern is an immutable term. Names of rigid variables, shared by the whole tree, start with a
-capital. Names that start with `_` are local to one pattern. In the pattern of an event type, the
-lower-case parameters are variables too; `substitute` replaces them by arguments.
+Names of rigid variables, shared by the whole tree, start with a capital. Names that start with `_`
+are local to one pattern. In the pattern of an event type, the lower-case parameters are variables
+too; `substitute` replaces them by arguments.
 """
 
 from collections.abc import Iterator, Mapping
@@ -79,12 +79,12 @@ def variables(pattern: Pattern) -> tuple[str, ...]:
 
 
 def rigid_variables(pattern: Pattern) -> tuple[str, ...]:
-    """Return the variables that the pattern shares with the rest of the tree."""
+    """Return the variables shared with the rest of the tree."""
     return tuple(name for name in variables(pattern) if not name.startswith("_"))
 
 
 def substitute(pattern: Pattern, by: Mapping[str, Pattern]) -> Pattern:
-    """Return the pattern with the variables in `by` replaced. The parser bounds the nesting."""
+    """Return the pattern with the variables in `by` replaced; the parser bounds the nesting."""
     match pattern:
         case Variable(name):
             return by.get(name, pattern)
@@ -97,7 +97,7 @@ def substitute(pattern: Pattern, by: Mapping[str, Pattern]) -> Pattern:
 
 
 def match(pattern: Pattern, event: Json, binding: Binding) -> dict[str, Json] | None:
-    """Return the binding extended to match the event, or None; `binding` is not modified.
+    """Return a copy of the binding extended to match the event, or None.
 
     The result includes local variables; `rigid` removes them.
     """

@@ -27,7 +27,7 @@ T = TypeVar("T", bound=Hashable)
 
 @dataclass(frozen=True, slots=True)
 class Whole:
-    """The tree and the selection from which a restricted tree was made."""
+    """The origin of a restricted tree: the whole tree and the restriction."""
 
     tree: "RVAFT"
     branch: int | None = None
@@ -37,12 +37,9 @@ class Whole:
 class RVAFT:
     """An attack-fault tree with runtime events.
 
-    `nodes` has the order of declaration. `alphabet` determines the relevant events. A restricted
-    tree has its origin in `part_of` and keeps the alphabet of the whole tree. `topics` are the ROS
-    topics by absolute name; `time` and `semantics` may be None.
-
-    Trees are equal if their content is, regardless of order and positions. Topics are compared,
-    although no verdict depends on them.
+    `nodes` has the order of declaration. A restricted tree has its origin in `part_of` and keeps
+    the `alphabet` of the whole tree. `topics` are the ROS topics by absolute name; `time` and
+    `semantics` may be None. Trees with equal content are equal regardless of order and positions.
 
     Raises `TreeError` for an unknown root or child, a cycle, a duplicate child, a threshold out of
     range, an unknown event type, a wrong number of arguments, an unused parameter, a duplicate or
@@ -55,7 +52,7 @@ class RVAFT:
     """
 
     notebook_svg: "ClassVar[Callable[[RVAFT], str | None]]" = staticmethod(lambda _tree: None)
-    """Draws a tree in a notebook; `rvaft.api` sets it, because drawing is above the model."""
+    """Draws a tree in a notebook; set by `rvaft.api`, because drawing is a higher layer."""
 
     def __init__(
         self,
@@ -113,9 +110,7 @@ class RVAFT:
 
     @cached_property
     def graph(self) -> "nx.DiGraph":
-        """The nodes and their children as a frozen networkx graph; the attribute `node` has the
-        `Node`.
-        """
+        """The nodes and children as a frozen networkx graph; the attribute `node` is the `Node`."""
         import networkx as nx  # noqa: PLC0415 -- slow to import
 
         graph = nx.DiGraph()
@@ -169,7 +164,7 @@ class RVAFT:
     def instantiate(self, on: On) -> Pattern:
         """Return the pattern of an event type with arguments for parameters.
 
-        `_` is a fresh variable; if its parameter occurs more than once in the pattern, a local one.
+        `_` is a fresh variable, local if its parameter occurs more than once in the pattern.
         """
         event = self.events[on.event]
         by: dict[str, Pattern] = {}
@@ -209,7 +204,6 @@ class RVAFT:
         return tuple(dict.fromkeys(name for name in names if not name.startswith("_")))
 
     def _repr_svg_(self) -> str | None:
-        """Return the picture for a notebook, or None for the plain `repr`."""
         return type(self).notebook_svg(self)
 
     @cached_property
@@ -222,7 +216,7 @@ class RVAFT:
 
     @cached_property
     def _hash(self) -> int:
-        """Exclude nested values, so that hashing does not recurse."""
+        """Hash without nested values, so that hashing does not recurse."""
         return hash((self.root, frozenset((node.name, node.gate, node.children) for node in self.nodes.values())))
 
     def __hash__(self) -> int:
@@ -267,7 +261,7 @@ def sorted_topologically(children: Mapping[T, Sequence[T]]) -> Iterator[T]:
 
 
 def find_cycle(children: Mapping[T, Iterable[T]]) -> list[T]:
-    """Return the nodes of one cycle in order, by depth-first search; an empty list if acyclic."""
+    """Return the nodes of one cycle in order; an empty list if acyclic."""
     done: set[T] = set()
     for start in children:
         path = {start: iter(children[start])} if start not in done else {}

@@ -1,7 +1,6 @@
 """JSON values: equality by mathematical value, and hashable keys.
 
-Python's `==` is unsuitable, because `True == 1`. Values are those of a JSON decoder (`dict`,
-`list`, `str`, `int`, `float`, `bool`, `None`). Functions are not recursive, so values may be nested
+Python's `==` is unsuitable, because `True == 1`. Functions do not recurse, so values may be nested
 arbitrarily deep.
 """
 
@@ -12,10 +11,9 @@ from collections.abc import Hashable, Iterable, Mapping
 from typing import Any, Final, TypeAlias
 
 NUMBER: Final = re.compile(r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?", re.ASCII)
-"""The syntax of numbers in JSON."""
 Json: TypeAlias = Any
 JsonObject: TypeAlias = Mapping[str, Json]
-"""A JSON object; every event is one."""
+"""Every event is a JSON object."""
 Scalar: TypeAlias = str | int | float | bool | None
 _LONG: Final = 16
 """A decimal with fewer characters is the shortest one of its double."""
@@ -48,7 +46,7 @@ def decimal(written: str) -> float:
 
 
 def at(value: Json, path: Iterable[str], missing: Json = None) -> Json:
-    """Return the value at a path of fields.
+    """Return the value at a path of fields, or `missing`.
 
     >>> at({"header": {"stamp": 7}}, ["header", "stamp"]), at({"header": 7}, ["header", "stamp"])
     (7, None)
@@ -86,8 +84,9 @@ def is_finite(value: Json) -> bool:
 
 
 def has_larger(value: Json, bits: int, *, doubles: bool = False) -> bool:
-    """Whether a value contains an integer (with `doubles`, also a double) of more than `bits` bits,
-    with sign.
+    """Whether a value contains an integer that needs more than `bits` bits with its sign.
+
+    `doubles` includes doubles.
 
     >>> has_larger({"id": 2**63 - 1}, 64), has_larger([2**63], 64)
     (False, True)
@@ -118,9 +117,7 @@ def finite(value: Json) -> Json:
 
 
 def equal(left: Json, right: Json) -> bool:
-    """Return deep equality: numbers by mathematical value, booleans distinct from numbers, objects
-    by keys.
-    """
+    """Whether two values are equal, deeply; booleans differ from numbers."""
     todo = [(left, right)]
     while todo:
         a, b = todo.pop()
@@ -141,7 +138,7 @@ def equal(left: Json, right: Json) -> bool:
 
 
 def key(value: Json) -> Hashable:
-    """Return a hashable key: two values are `equal` if and only if their keys are."""
+    """Return a hashable key; two values are `equal` if and only if their keys are."""
     return _flattened(value, exactly=False)
 
 
@@ -168,7 +165,7 @@ def _flattened(value: Json, *, exactly: bool) -> Hashable:
 
 
 def exact(value: Json) -> Hashable:
-    """Return a hashable key that is equal for indistinguishable values, including undefined ones.
+    """Return a hashable key that is equal for indistinguishable values, undefined ones included.
 
     >>> exact(1) == exact(1.0), exact(1) == exact(True), exact([math.nan]) == exact([math.nan])
     (True, False, True)
@@ -177,7 +174,7 @@ def exact(value: Json) -> Hashable:
 
 
 def fingerprint(binding: Mapping[str, Json]) -> frozenset[tuple[str, Hashable]]:
-    """Return a hashable key of a binding that is equal for indistinguishable values."""
+    """Return the binding as a hashable set of `exact` keys."""
     return frozenset((name, exact(value)) for name, value in binding.items())
 
 

@@ -44,5 +44,5 @@ class Semantics(StrEnum):
 
     @property
     def ends(self) -> bool:
-        """Whether the verdict can become false: a match must begin with the first (relevant) event."""
+        """Whether the verdict can become false: a match begins with the first (relevant) event."""
         return self in (Semantics.STRICT, Semantics.PROJECTED)

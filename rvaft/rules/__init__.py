@@ -1,4 +1,4 @@
-"""The rules of `rvaft check`: one function and one code per rule."""
+"""The rules of `rvaft check`, one function each; its docstring states what the rule requires."""
 
 from rvaft.rules.registry import RULES, UnknownRule, check, check_draft, check_tree, explain, meanings, require_valid
 from rvaft.rules.rule import Rule

@@ -1,7 +1,4 @@
-"""The table of all rules, the explanation of codes, and the validation of trees.
-
-The documentation includes the result of `page`.
-"""
+"""The table of all rules, the explanation of codes, and the validation of trees."""
 
 import tomllib
 from collections.abc import Iterable
@@ -27,7 +24,7 @@ DRAFT_RULES: Final = (
     Rule("gate-without-children", Severity.ERROR, structure.gate_without_children),
     Rule("duplicate-child", Severity.ERROR, structure.duplicate_child),
     Rule("threshold", Severity.ERROR, structure.threshold),
-    # In a text an undeclared child becomes a leaf, so only trees built in code break this rule.
+    # Only trees built in code break this rule: in a text an undeclared child becomes a leaf.
     Rule("unknown-child", Severity.ERROR, lambda _: ()),
     Rule("times", Severity.ERROR, structure.times),
     Rule("within", Severity.ERROR, structure.within),
@@ -75,7 +72,7 @@ UNDECIDED: Final = Rule("undecided", Severity.WARNING, lambda _: ())
 RULES: Final[dict[str, Rule]] = {rule.code: rule for rule in (*DRAFT_RULES, *TREE_RULES, UNDECIDED)}
 
 SYNTAX: Final = "syntax"
-"""The code with which `check --format json` reports a syntax error."""
+"""The code of a syntax error in `check --format json`."""
 CODES: Final = (SYNTAX, "no-branch")
 """The codes of errors that are no findings."""
 
@@ -83,9 +80,7 @@ _ORDER: Final = attrgetter("place", "severity", "code")
 
 
 def check(draft: Draft, *, limit: int = DEFAULT_LIMIT) -> list[Finding]:
-    """Return all findings on a draft by position; the rules about scenarios require a valid
-    structure.
-    """
+    """Return all findings by position; the rules about scenarios require a valid structure."""
     found = check_draft(draft)
     if not any(finding.severity is Severity.ERROR for finding in found):
         found = sorted(found + check_tree(draft.build(), limit=limit), key=_ORDER)
@@ -98,9 +93,7 @@ def check_draft(draft: Draft) -> list[Finding]:
 
 
 def check_tree(tree: RVAFT, *, limit: int = DEFAULT_LIMIT) -> list[Finding]:
-    """Return the findings on a tree and its scenarios; a rule reports `undecided` after `limit`
-    steps.
-    """
+    """Return the findings on a tree; a rule reports `undecided` after `limit` steps."""
     return _findings(TREE_RULES, ScenarioSpace(tree, limit))
 
 
@@ -108,12 +101,12 @@ _checked: "WeakKeyDictionary[RVAFT, Finding | None]" = WeakKeyDictionary()
 
 
 def require_valid(tree: RVAFT) -> None:
-    """Raise `TreeError` for the first error of `check_tree`; the result is cached per tree.
+    """Raise `TreeError` for the first error of `check_tree`; cached per tree.
 
     A tree restricted to a kind is valid if one of its sub-DAGs is valid.
     """
     if tree not in _checked:
-        errors = [_first_error(one) for one in alternatives(tree)]
+        errors = [_first_error(part) for part in alternatives(tree)]
         _checked[tree] = None if None in errors else errors[0]
     error = _checked[tree]
     if error is not None:
@@ -142,8 +135,7 @@ def _findings(rules: Iterable[Rule], subject: Any) -> list[Finding]:
 
 
 class CodeMeaning(NamedTuple):
-    """The explanation of a code: `bad` is a minimal text that breaks the rule, `mended` its
-    correction.
+    """The explanation of a code, with a minimal text that breaks the rule and its correction.
 
     With `python`, both are code that builds a tree, because no text breaks the rule.
     """
@@ -176,9 +168,7 @@ class UnknownRule(RvaftError, KeyError):
 
 
 def explain(code: str) -> str:
-    """Return the explanation of a code, with a tree that breaks the rule and its correction.
-
-    Raises `UnknownRule`.
+    """Return the explanation of a code, with its examples; raises `UnknownRule`.
 
     >>> print(explain("no-scenario").splitlines()[0])
     no-scenario (error): no feasible scenario
@@ -187,9 +177,9 @@ def explain(code: str) -> str:
         raise UnknownRule(code)
     title, explanation, *examples, _ = meanings()[code]
     severity = RULES[code].severity if code in RULES else Severity.ERROR
-    said = f"{code} ({severity}): {title}\n\n{explanation}\n"
+    text = f"{code} ({severity}): {title}\n\n{explanation}\n"
     bad, mended = (indent(text.rstrip("\n"), "    ", lambda _: True) for text in examples)
-    return f"{said}\nIncorrect:\n\n{bad}\n\nCorrect:\n\n{mended}\n" if bad.strip() else said
+    return f"{text}\nIncorrect:\n\n{bad}\n\nCorrect:\n\n{mended}\n" if bad.strip() else text
 
 
 _PAGE: Final = """# The rules of `rvaft check`
@@ -211,27 +201,27 @@ These are the codes of errors that stop the work; no finding on a tree has them.
 _SECTION: Final = """
 ## {code}
 
-*{severity}: {said.title}.* {said.explanation}
+*{severity}: {meaning.title}.* {meaning.explanation}
 
 Incorrect:
 
 ```{language}
-{said.bad}```
+{meaning.bad}```
 
 Correct:
 
 ```{language}
-{said.mended}```
+{meaning.mended}```
 """
 
 
 def page() -> str:
-    """Return the page in Markdown: the table of rules, their explanations, and the other codes."""
+    """Return the page of all rules and codes in Markdown."""
     table, sections = "", ""
     for code, (_, severity, _) in RULES.items():
-        said = meanings()[code]
-        table += f"| [`{code}`](#{code}) | {severity} | {said.title} |\n"
-        language = "python" if said.python else "rvaft"
-        sections += _SECTION.format(code=code, severity=severity, said=said, language=language)
+        meaning = meanings()[code]
+        table += f"| [`{code}`](#{code}) | {severity} | {meaning.title} |\n"
+        language = "python" if meaning.python else "rvaft"
+        sections += _SECTION.format(code=code, severity=severity, meaning=meaning, language=language)
     others = "".join(f"- `{code}`: {meanings()[code].title}. {meanings()[code].explanation}\n" for code in CODES)
     return _PAGE.format(table=table, sections=sections, others=others)

@@ -1,4 +1,4 @@
-"""The rules of `rvaft check`: their type, their reports, and wording shared by reports."""
+"""The types of rules and their reports, and wording shared by reports."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from rvaft.model.nodes import Place
 
 
 class Severity(StrEnum):
-    """An error makes the tree unusable, a warning does not; an information describes an
+    """An error makes the tree unusable, a warning does not; an information states an
     interpretation.
 
     >>> Severity.ERROR.value
@@ -44,9 +44,7 @@ class Finding:
 
 
 class RuleReport(NamedTuple):
-    """A report of a rule: what is wrong and how to correct it; `undecided` if the rule could not
-    decide.
-    """
+    """What is wrong and how to correct it; `undecided` if the rule could not decide."""
 
     place: Place
     message: str
@@ -82,7 +80,7 @@ def did_you_mean(name: str, known: Iterable[str], *, cutoff: float = 0.6) -> str
 
 
 def branch_of(kept: Kept) -> str:
-    """Return the branch of a scenario as text: the choice at each `or`, the children kept at each
+    """Return the choices of a scenario as text: those at each `or`, and the children at each
     `KofN`.
     """
     gates = [part for part in kept if len(part.parts) > 1]

@@ -19,8 +19,6 @@ from rvaft.rules.rule import RuleReport, branch_of, did_you_mean, listing
 from rvaft.support.bits import bits, mask_of, union
 from rvaft.support.budget import Budget, Undecided
 
-# Whether anything can be detected (semantics, section 2).
-
 _EVENT, _NEVER = 1, 2
 
 
@@ -81,8 +79,6 @@ def infeasible_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
         yield RuleReport(tree.nodes[gate].place("gate"), f"the parts of {gate} {where}; {mend}", (gate,))
 
 
-# Events that match two occurrences, and nodes with two parents.
-
 _LISTED = 50
 
 
@@ -96,13 +92,12 @@ def ambiguous_event(space: ScenarioSpace) -> Iterator[RuleReport]:
             message = f"more than {_LISTED} pairs of unordered nodes share events; the others are not listed"
             yield RuleReport(place, message)
             return
-        said = f"{one} and {other} are not ordered, and one event can match either (but not both)"
-        yield RuleReport(place, f"{said}; order them with `sand`, or make their patterns differ", (one, other))
+        problem = f"{one} and {other} are not ordered, and one event can match either (but not both)"
+        yield RuleReport(place, f"{problem}; order them with `sand`, or make their patterns differ", (one, other))
 
 
 def _unordered(space: ScenarioSpace, one: str, other: str, budget: Budget) -> bool:
-    """Whether some feasible scenario contains both nodes unordered."""
-    # Without shared nodes, an order of two nodes is the same in every scenario.
+    # Without shared nodes, the order of two nodes is the same in every scenario.
     apart = bool(space.tree.shared) or space.ends
     if apart:
         budget.spend(5 * len(space.tree.order))
@@ -114,8 +109,7 @@ def _unordered(space: ScenarioSpace, one: str, other: str, budget: Budget) -> bo
 
 
 def _rivals(space: ScenarioSpace, budget: Budget) -> Iterator[tuple[str, str]]:
-    """Iterate over pairs of occurrences with overlapping events that may be unordered in a
-    scenario.
+    """Iterate over pairs of overlapping occurrences that may be unordered in a scenario.
 
     Sets of occurrences are bit masks; numbers are consecutive in every part of the forest.
     """
@@ -141,7 +135,7 @@ def _rivals(space: ScenarioSpace, budget: Budget) -> Iterator[tuple[str, str]]:
     def rivals(group: int) -> int:
         return members[group] | union(members[other] for other in bits(many.exact(group, budget)))
 
-    free: dict[Part, int] = {}  # the events that are not surely separated from a part by order or choice
+    free: dict[Part, int] = {}  # the events that no order or choice surely separates from a part
     for part in kept:
         around = parent.get(part)
         free[part] = _mask(range(len(events))) ^ _mask(below[part]) if around is None else free[around]
@@ -167,8 +161,8 @@ def _by_event(tree: RVAFT, names: list[str]) -> dict[Pattern, list[str]]:
 
 
 def _forest(kept: Kept, marked: Container[Part]) -> tuple[dict[Part, Part], dict[Part, range]]:
-    """Return the parent of each part with exactly one, and the numbers of the marked parts below
-    each part.
+    """Return the parent of each part with exactly one, and the range of marked parts below each
+    part.
     """
     parents: dict[Part, list[Part]] = {}
     for part, inside in kept.items():
@@ -221,17 +215,15 @@ def shared_under_order(space: ScenarioSpace) -> Iterator[RuleReport]:
             slot = (sides[first] ^ sides[second]).bit_length() - 1
             name, one, other = node_of(part), node_of(first), node_of(second)
             by, too = (one, other) if sides[first] >> slot & 1 else (other, one)
-            said = f"{name} is shared by {one} and {other} and happens once"
+            problem = f"{name} is shared by {one} and {other} and happens once"
             so = f"so the order that {owners[slot]} requires below {by} also applies below {too}"
-            message = f"{said}, {so}; use two nodes for two events"
+            message = f"{problem}, {so}; use two nodes for two events"
             yield RuleReport(tree.nodes[name].place(), message, (name, one, other))
             break
 
 
-# Variables and guards.
-
 _ONE_OF_TWO_LETTERS: Final = 0.5
-"""The similarity of names that are suggested: T1 and T2 are similar."""
+"""The similarity of `T1` and `T2`, one of which is suggested for the other."""
 
 
 def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
@@ -241,15 +233,15 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
     for occurrence in tree.occurrences:
         for name in rigid_variables(tree.pattern(occurrence) or Anything()):
             binders.setdefault(name, []).append(occurrence)
-    asked: list[tuple[Node, str]] = []  # guards with a variable that the node's own event does not bind
+    uses: list[tuple[Node, str]] = []  # guards with a variable that the node's own event does not bind
     for node in tree.top_down():
         bound_here = set(rigid_variables(tree.pattern(node.name) or Anything()))
-        bound_here.update(one.name for one in time_points(node.when))
-        asked += ((node, name) for name in variables(node.when) if name not in bound_here)
+        bound_here.update(point.name for point in time_points(node.when))
+        uses += ((node, name) for name in variables(node.when) if name not in bound_here)
     bearers = {name: [space.leaf[binder] for binder in some] for name, some in binders.items()}
-    sure = borne_surely(space, [(node.name, name) for node, name in asked], bearers)
+    sure = borne_surely(space, [(node.name, name) for node, name in uses], bearers)
     budget = space.budget()
-    for node, name in asked if space.resolutions else ():
+    for node, name in uses if space.resolutions else ():
         if (node.name, name) in sure:
             continue
         kept: Kept | None
@@ -258,12 +250,12 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
         except Undecided:
             if not space.acyclic:
                 raise
-            kept = {}  # Such a scenario exists, but the search for it reached the limit.
+            kept = {}  # The scenario exists, but the search for it reached the limit.
         if kept is not None:
             where = branch_of(kept) if kept else "some branch"
             mend = f"no `on` binds it{did_you_mean(name, tree.variables, cutoff=_ONE_OF_TWO_LETTERS)}"
             if name in binders:
-                there = f"add it to the `on` of a node that is in every scenario with {node.name} is"
+                there = f"add it to the `on` of a node that is in every scenario with {node.name}"
                 mend = f"only {listing(binders[name])} binds it: {there}"
             message = f"variable {name} in the guard of {node.name} is not bound in {where}; {mend}"
             yield RuleReport(node.place("when"), message, (node.name,))
@@ -271,11 +263,10 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 # Contradictory guards of one branch.
 #
-# Only guards that share variables can contradict each other. For each such group, search an
-# assignment that satisfies all guards; it usually exists. Otherwise compute a minimal subset
-# without a witness, and report it if a feasible scenario contains it. If none does, two of its
-# nodes usually exclude each other: continue without one of them, and with the guards compatible
-# with it.
+# Only guards that share variables can contradict each other. For each such group, search a witness
+# of all guards; it usually exists. Otherwise compute a minimal subset without a witness, and report
+# it if a feasible scenario contains it. If none does, two of its nodes usually exclude each other:
+# continue without one of them, and with the guards compatible with it.
 
 _PAIRS = 400
 _COST = 1_000
@@ -334,11 +325,9 @@ def _without_times(guard: Guard | None) -> Guard | None:
 
 
 def _conflicts(space: ScenarioSpace, group: Group, budget: Budget) -> Iterator[tuple[Core, Kept]]:
-    """Iterate over minimal sets of guards without a witness, each with a feasible scenario that
-    contains it.
+    """Iterate over minimal sets of guards without a witness, each with a feasible scenario.
 
-    Every scenario without a witness has such a set, unless an earlier one is part of it or overlaps
-    it.
+    Every scenario without a witness contains such a set, unless an earlier one overlaps it.
     """
 
     def possible(nodes: Core) -> bool:
@@ -348,7 +337,7 @@ def _conflicts(space: ScenarioSpace, group: Group, budget: Budget) -> Iterator[t
     seen = set(todo)
     while todo:
         names = todo.pop()
-        core = _core(names, group, budget, hopeful=len(names) == len(group))
+        core = _core(names, group, budget, expects_witness=len(names) == len(group))
         if not core:
             continue
         kept, apart = space.feasible(budget, core), None
@@ -366,7 +355,7 @@ def _conflicts(space: ScenarioSpace, group: Group, budget: Budget) -> Iterator[t
                 todo.append(smaller)
 
 
-def _core(names: Core, group: Group, budget: Budget, *, hopeful: bool) -> Core:
+def _core(names: Core, group: Group, budget: Budget, *, expects_witness: bool) -> Core:
     """Return a minimal subset of the guards without a witness; empty if all have one."""
 
     def exclusive(pair: Core) -> bool:
@@ -374,8 +363,8 @@ def _core(names: Core, group: Group, budget: Budget, *, hopeful: bool) -> Core:
         return bool(set(variables(one)) & set(variables(other))) and refuted([one, other])
 
     budget.spend(len(names))
-    if not hopeful:
-        # Neighbours are often the cause, and are cheap to test.
+    if not expects_witness:
+        # Neighbours are often the cause, and cheap to test.
         for pair in islice(pairwise(names), 3):
             if exclusive(pair):
                 return _smallest(pair, group, budget)
@@ -390,24 +379,23 @@ def _core(names: Core, group: Group, budget: Budget, *, hopeful: bool) -> Core:
 
 
 def _smallest(names: Core, group: Group, budget: Budget, *, twice: bool = False) -> Core:
-    """Return a minimal subset without a witness, by repeatedly adding the guard that removes the
-    last witness.
+    """Return a minimal subset without a witness.
 
-    The search depends on the order of guards; if the result has a witness in its own order, both
-    orders are tried.
+    It repeatedly adds the guard that removes the last witness. If the result has a witness in its
+    own order of guards, both orders are tried.
     """
 
-    def hopeless(some: Core) -> bool:
+    def lacks_witness(some: Core) -> bool:
         budget.spend(_COST // 10 + len(some))
         orders = (some, tuple(name for name in names if name in some)) if twice else (some,)
         return all(witness(group[name] for name in order) is None for order in orders)
 
     core, rest = names[:0], names
-    while not core or (rest and not hopeless(core)):
+    while not core or (rest and not lacks_witness(core)):
         low, high = 0, len(rest)
         while high - low > 1:
             middle = (low + high) // 2
-            if hopeless(core + rest[:middle]):
+            if lacks_witness(core + rest[:middle]):
                 high = middle
             else:
                 low = middle

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterator
 
 from rvaft.core.scenario_space import ScenarioSpace
-from rvaft.language.draft import UNMENTIONED, Draft, DraftTopic, GateUse, Said
+from rvaft.language.draft import UNMENTIONED, Draft, DraftTopic, GateUse, Located
 from rvaft.model.expressions import guard_text, name_text
 from rvaft.model.guards import time_points
 from rvaft.model.guards import variables as guard_variables
@@ -21,34 +21,34 @@ def duplicate_setting(draft: Draft) -> Iterator[RuleReport]:
     for node in draft.nodes.values():
         for part, places in node.settings().items():
             for again in places[1:]:
-                said = f"the {words.get(part, part)} of {node.name} is set twice, first at {places[0]}; remove one"
-                yield RuleReport(again, said, (node.name,))
+                message = f"the {words.get(part, part)} of {node.name} is set twice, first at {places[0]}; remove one"
+                yield RuleReport(again, message, (node.name,))
     for word, settings in draft.settings().items():
-        for said_again in settings[1:]:
+        for repeated in settings[1:]:
             first = settings[0]
-            if said_again.value != first.value:
+            if repeated.value != first.value:
                 to = f" to {first.value}" if isinstance(first.value, str) else ""
                 message = f"`{word}` is set twice, first{to} at {first.place}; remove one"
-                yield RuleReport(said_again.place, message)
+                yield RuleReport(repeated.place, message)
 
 
-def _gates(draft: Draft) -> Iterator[tuple[str, Said[GateUse]]]:
-    return ((node.name, said) for node in draft.nodes.values() for said in node.gates)
+def _gates(draft: Draft) -> Iterator[tuple[str, Located[GateUse]]]:
+    return ((node.name, gate) for node in draft.nodes.values() for gate in node.gates)
 
 
 def gate_without_children(draft: Draft) -> Iterator[RuleReport]:
     """A gate has children."""
-    for name, said in _gates(draft):
-        if not said.value.children:
+    for name, gate in _gates(draft):
+        if not gate.value.children:
             message = f"{name} is a gate without children; list them, or leave out the gate"
-            yield RuleReport(said.place, message, (name,))
+            yield RuleReport(gate.place, message, (name,))
 
 
 def duplicate_child(draft: Draft) -> Iterator[RuleReport]:
     """No gate lists a child twice."""
-    for name, said in _gates(draft):
+    for name, gate in _gates(draft):
         seen: dict[str, int] = {}
-        for child, place in said.value.children:
+        for child, place in gate.value.children:
             seen[child] = seen.get(child, 0) + 1
             if seen[child] == 2:
                 message = f"{name} lists its child {child} twice; use two nodes if it must happen twice"
@@ -88,9 +88,9 @@ def times(draft: Draft) -> Iterator[RuleReport]:
 def within(draft: Draft) -> Iterator[RuleReport]:
     """`within` requires a gate."""
     for node in draft.nodes.values():
-        for said in () if node.gates else node.withins:
+        for window in () if node.gates else node.withins:
             message = f"{node.name} is a leaf, but `within` applies to a gate; move it to a gate above the leaf"
-            yield RuleReport(said.place, message, (node.name,))
+            yield RuleReport(window.place, message, (node.name,))
 
 
 def unknown_time(draft: Draft) -> Iterator[RuleReport]:
@@ -99,10 +99,10 @@ def unknown_time(draft: Draft) -> Iterator[RuleReport]:
     there = set(known)
     for node in draft.nodes.values():
         for guard, place in node.whens:
-            for one in time_points(guard):
-                if one.node not in there:
-                    said = f"the guard of {node.name} uses {guard_text(one)}, but there is no node {one.node}"
-                    yield RuleReport(place, f"{said}{did_you_mean(one.node, known)}", (node.name,))
+            for point in time_points(guard):
+                if point.node not in there:
+                    problem = f"the guard of {node.name} uses {guard_text(point)}, but there is no node {point.node}"
+                    yield RuleReport(place, f"{problem}{did_you_mean(point.node, known)}", (node.name,))
 
 
 def no_root(draft: Draft) -> Iterator[RuleReport]:
@@ -112,13 +112,13 @@ def no_root(draft: Draft) -> Iterator[RuleReport]:
     elif draft.toplevels:
         first = draft.toplevels[0]
         known = set(draft.nodes) | {child.value for child in draft.undeclared()}
-        for said in draft.toplevels:
-            if said.value != first.value:
-                message = f"`toplevel` names {said.value}, but {first.value} at {first.place}; keep one of them"
-                yield RuleReport(said.place, message, (first.value, said.value))
-            elif said.value not in known:
-                guess = did_you_mean(said.value, draft.nodes)
-                yield RuleReport(said.place, f"the root {said.value} is not declared{guess}", (said.value,))
+        for toplevel in draft.toplevels:
+            if toplevel.value != first.value:
+                message = f"`toplevel` names {toplevel.value}, but {first.value} at {first.place}; keep one of them"
+                yield RuleReport(toplevel.place, message, (first.value, toplevel.value))
+            elif toplevel.value not in known:
+                guess = did_you_mean(toplevel.value, draft.nodes)
+                yield RuleReport(toplevel.place, f"the root {toplevel.value} is not declared{guess}", (toplevel.value,))
     elif len(roots := draft.parentless()) > 1:
         names = tuple(node.name for node in roots)
         message = f"{listing(names)} have no parent; declare the root with `toplevel NAME;`"
@@ -134,7 +134,7 @@ def cycle(draft: Draft) -> Iterator[RuleReport]:
     order = [*below]
     rank = {name: index for index, name in enumerate(order)}
     for ranks in sorted(sorted(rank[name] for name in knot) for knot in knots(below)):
-        members = [order[one] for one in ranks]
+        members = [order[number] for number in ranks]
         inside = set(members)
         names = tuple(find_cycle({name: [child for child in below[name] if child in inside] for name in members}))
         message = f"{listing(names)} form a cycle" if len(names) > 1 else f"{names[0]} is its own child"
@@ -151,11 +151,8 @@ def prune(draft: Draft) -> Iterator[RuleReport]:
 
 
 def dynamic_gate(draft: Draft) -> Iterator[RuleReport]:
-    """The translation of Galileo's dynamic gates."""
+    """Every translation of a dynamic gate is reported."""
     yield from (RuleReport(*gate) for gate in draft.dynamic_gates)
-
-
-# Event types and their use.
 
 
 def duplicate_event(draft: Draft) -> Iterator[RuleReport]:
@@ -213,7 +210,7 @@ def ignore_variable(tree: Draft | RVAFT) -> Iterator[RuleReport]:
 
 
 def variable_once(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """No variable is used once only, except at a counted leaf, whose events share it."""
+    """No variable is used only once, except at a counted leaf, whose events share it."""
     tree = space.tree
     uses: Counter[str] = Counter()
     where: dict[str, tuple[Place, str, tuple[str, ...]]] = {}
@@ -232,9 +229,6 @@ def variable_once(space: ScenarioSpace) -> Iterator[RuleReport]:
         yield RuleReport(place, f"variable {name} is used once only; write `_`{did_you_mean(name, known)}", nodes)
 
 
-# Declarations of topics.
-
-
 def duplicate_topic(draft: Draft) -> Iterator[RuleReport]:
     """All declarations of a topic have the same message type."""
     first: dict[str, DraftTopic] = {}
@@ -249,9 +243,9 @@ def duplicate_topic(draft: Draft) -> Iterator[RuleReport]:
 def malformed_topic(draft: Draft) -> Iterator[RuleReport]:
     """The names of topics and publishers and the message types are valid in ROS."""
     for topic in draft.topics:
-        for said in (topic.name, *topic.publishers):
-            if wrong := wrong_name(said.value):
-                yield RuleReport(said.place, wrong)
+        for name in (topic.name, *topic.publishers):
+            if wrong := wrong_name(name.value):
+                yield RuleReport(name.place, wrong)
         if wrong := wrong_type(topic.type.value):
             yield RuleReport(topic.type.place, wrong)
 
@@ -262,10 +256,10 @@ def unused_topic(space: ScenarioSpace) -> Iterator[RuleReport]:
     calls = [node.on for node in tree.nodes.values() if node.on is not None] + [ignore.on for ignore in tree.ignores]
     used: set[str] = set()
     for event in tree.events.values():
-        asked = topic_of(event.pattern)
-        patterns = [] if asked is None else [asked]
-        if isinstance(asked, Variable):
-            index = event.parameters.index(asked.name)
+        topic_pattern = topic_of(event.pattern)
+        patterns = [] if topic_pattern is None else [topic_pattern]
+        if isinstance(topic_pattern, Variable):
+            index = event.parameters.index(topic_pattern.name)
             patterns = [call.arguments[index] for call in calls if call.event == event.name]
         if not all(isinstance(pattern, Literal) for pattern in patterns):
             return  # any topic matches
@@ -276,10 +270,8 @@ def unused_topic(space: ScenarioSpace) -> Iterator[RuleReport]:
             yield RuleReport(topic.place, f"no event type has the topic {topic.name}; {mend}")
 
 
-# Statements without effect, or with an unintended one.
-
 _GUESSES = 100
-"""The maximum number of undeclared children with a suggestion; each search takes time."""
+"""The maximum number of undeclared children with a suggestion, which takes time."""
 
 
 def undeclared(space: ScenarioSpace) -> Iterator[RuleReport]:

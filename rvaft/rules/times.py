@@ -1,4 +1,4 @@
-"""Rules about time: the time declaration, the time points, and contradictory conditions on time."""
+"""Rules about the time declaration, the time points, and contradictory conditions on time."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -19,18 +19,17 @@ from rvaft.rules.rule import RuleReport, branch_of, listing
 def no_time(space: ScenarioSpace) -> Iterator[RuleReport]:
     """A tree with conditions on time declares the time field."""
     for node in space.tree.top_down() if space.tree.time is None else ():
-        for part in dict.fromkeys(part for part, _ in _asked(node)):
-            said = f"the {_WORDS[part]} of {node.name} uses times, but the tree has no `time` declaration"
-            yield RuleReport(node.place(part), f"{said}; add one, as in `time timestamp as iso8601;`", (node.name,))
+        for part in dict.fromkeys(part for part, _ in _points(node)):
+            problem = f"the {_WORDS[part]} of {node.name} uses times, but the tree has no `time` declaration"
+            yield RuleReport(node.place(part), f"{problem}; add one, as in `time timestamp as iso8601;`", (node.name,))
 
 
 _WORDS: Final = {"when": "guard", "within": "window"}
 
 
-def _asked(node: Node) -> list[tuple[str, TimePoint]]:
-    """Return the time points of a node's conditions, each with its clause."""
-    asked = [("when", one) for one in time_points(node.when)]
-    return asked if node.within is None else [*asked, ("within", TimePoint.of("end", node.name))]
+def _points(node: Node) -> list[tuple[str, TimePoint]]:
+    points = [("when", point) for point in time_points(node.when)]
+    return points if node.within is None else [*points, ("within", TimePoint.of("end", node.name))]
 
 
 def unbound_time(space: ScenarioSpace) -> Iterator[RuleReport]:
@@ -40,47 +39,45 @@ def unbound_time(space: ScenarioSpace) -> Iterator[RuleReport]:
     """
     tree = space.tree
     nodes = [node for node in tree.top_down() if space.whole[node.name] in space.resolutions]
-    asked = [(node, part, one) for node in nodes for part, one in _asked(node)]
-    if not asked:
+    points = [(node, part, point) for node in nodes for part, point in _points(node)]
+    if not points:
         return
     least = fewest_events(reversed(space.order), without=space.never)
     silent = {name for name, whole in space.whole.items() if whole in least and not least[whole].events}
-    bearers = {one.node: [space.whole[one.node]] for _, _, one in asked if one.node in space.whole}
-    there = borne_surely(space, [(node.name, one.node) for node, _, one in asked], bearers)
+    bearers = {point.node: [space.whole[point.node]] for _, _, point in points if point.node in space.whole}
+    there = borne_surely(space, [(node.name, point.node) for node, _, point in points], bearers)
     budget = space.budget()
-    for node, part, one in asked:
-        text, other, kept, name = guard_text(one), tree.nodes.get(one.node), None, node.name
-        said = f"{text} in the guard of {name}"
-        if one.point == "at" and other is not None and (other.times > 1 or tree.pattern(one.node) is None):
+    for node, part, point in points:
+        text, other, kept, name = guard_text(point), tree.nodes.get(point.node), None, node.name
+        problem = f"{text} in the guard of {name}"
+        if point.point == "at" and other is not None and (other.times > 1 or tree.pattern(point.node) is None):
             if space.feasible(budget, [name]) is not None:
                 has = "has no event of its own" if other.times == 1 else f"has {other.times} events"
                 mend = f"write start({text[3:-1]}) or end({text[3:-1]})"
                 mend = "give it one with `on`" if other.leaf and other.times == 1 else mend
-                message = f"{said} is the time of one event, but {one.node} {has}; {mend}"
+                message = f"{problem} is the time of one event, but {point.node} {has}; {mend}"
                 yield RuleReport(node.place(part), message, (name,))
             continue
-        if (name, one.node) not in there:
-            kept = space.feasible(budget, [name], without=[one.node])
+        if (name, point.node) not in there:
+            kept = space.feasible(budget, [name], without=[point.node])
         if kept is not None:
-            where = f"{one.node} is not in {branch_of(kept)}"
-            message = f"{said} has no event: {where}; use a node that is in every scenario with {name} is"
+            where = f"{point.node} is not in {branch_of(kept)}"
+            message = f"{problem} has no event: {where}; use a node that is in every scenario with {name}"
             yield RuleReport(node.place(part), message, (name,))
-        elif one.point != "at" and one.node in silent:
-            kept = space.feasible(budget, [name], silent=one.node)
+        elif point.point != "at" and point.node in silent:
+            kept = space.feasible(budget, [name], silent=point.node)
             if kept is not None:
-                said = said if part == "when" else f"the window of {name}"
-                where = f"the part of {one.node} has no event in {branch_of(kept)}"
-                message = f"{said} has no time: {where}; add an event with `on` to a node of that part"
+                problem = problem if part == "when" else f"the window of {name}"
+                where = f"the part of {point.node} has no event in {branch_of(kept)}"
+                message = f"{problem} has no time: {where}; add an event with `on` to a node of that part"
                 yield RuleReport(node.place(part), message, (name,))
 
 
-# Contradictory conditions on time: differences of times (x - y <= c) whose sum around a cycle is
-# negative.
+# Conditions on time are differences x - y <= c; they contradict each other if a cycle has a
+# negative sum.
 
 Need: TypeAlias = str | Event | Times | Edge
-"""A requirement of a bound on times: a node with its condition, an event, or a child below its
-parent.
-"""
+"""What a bound on times requires: a node's condition, an event, or a child below its parent."""
 
 
 class TimeBound(NamedTuple):
@@ -100,7 +97,7 @@ def contradictory_times(space: ScenarioSpace) -> Iterator[RuleReport]:
     if not bounds:
         return
     bounds += _containments(space)
-    budget, told = space.budget(), set[frozenset[Need]]()
+    budget, reported = space.budget(), set[frozenset[Need]]()
     todo: list[frozenset[Need]] = [frozenset()]
     seen = set(todo)
     while todo:
@@ -113,8 +110,8 @@ def contradictory_times(space: ScenarioSpace) -> Iterator[RuleReport]:
         events = (node_of(need) for need in needs if isinstance(need, Event | Times))
         edges = [need for need in needs if isinstance(need, tuple)]
         kept = space.feasible(budget, [*core, *events], edges=edges)
-        if kept is not None and frozenset(core) not in told:
-            told.add(frozenset(core))
+        if kept is not None and frozenset(core) not in reported:
+            reported.add(frozenset(core))
             yield _impossible(space, core, kept)
         new = [without | {need} for need in (needs if kept is None else core[-1:])]
         todo += [more for more in dict.fromkeys(new) if more not in seen]
@@ -122,11 +119,13 @@ def contradictory_times(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 
 def _impossible(space: ScenarioSpace, core: tuple[str, ...], kept: Kept) -> RuleReport:
-    found = list(dict.fromkeys((part, name) for name in core for part, _ in _asked(space.tree.nodes[name])))
+    found = list(dict.fromkeys((part, name) for name in core for part, _ in _points(space.tree.nodes[name])))
     named = [(word, [name for own, name in found if own == part]) for part, word in _WORDS.items()]
-    told = " and ".join(f"the {word}{'s' * (len(names) > 1)} of {listing(names)}" for word, names in named if names)
+    conditions = " and ".join(
+        f"the {word}{'s' * (len(names) > 1)} of {listing(names)}" for word, names in named if names
+    )
     together = " together" * (len(found) > 1)
-    message = f"{told} cannot hold{together} in {branch_of(kept)}, whatever the times are; change one"
+    message = f"{conditions} cannot hold{together} in {branch_of(kept)}, whatever the times are; change one"
     return RuleReport(space.tree.nodes[core[0]].place(found[0][0]), message, core)
 
 
@@ -138,9 +137,7 @@ def _conditions(node: Node) -> Iterator[TimeBound]:
 
 
 def _containments(space: ScenarioSpace) -> Iterator[TimeBound]:
-    """Return the bounds of every scenario: each event and child lies between the start and end of
-    its part.
-    """
+    """Return the bounds of every scenario: events lie between start and end of their part."""
     for part, inside in space.resolutions.union.items():
         at, start, end = (f"{point}({node_of(part)})" for point in POINTS)
         if isinstance(part, Event | Times):
@@ -191,7 +188,7 @@ def unstated_semantics(space: ScenarioSpace) -> Iterator[RuleReport]:
     for node in tree.top_down():
         alone = tree.occurrences == (node.name,) and not rigid_variables(tree.pattern(node.name) or Anything())
         if node.times > 1 and not alone:
-            said = f"{node.name} waits for {node.times} events, but the tree declares no semantics"
+            problem = f"{node.name} waits for {node.times} events, but the tree declares no semantics"
             so = "under the default, `projected`, another such event, or one with other values, ends the match"
             mend = "add `semantics scattered;`, or the intended semantics"
-            yield RuleReport(node.place("times"), f"{said}: {so}; {mend}", (node.name,))
+            yield RuleReport(node.place("times"), f"{problem}: {so}; {mend}", (node.name,))

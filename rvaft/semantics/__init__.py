@@ -1,8 +1,7 @@
 """The reference evaluator: the definition of the semantics as a program, slow and independent.
 
 Each function quotes the clause of the definition that it implements. Only `cross_check` and tests
-may import it. It shares only the tree with the code under test: equality, matching, guards,
-scenarios, branches and relevance are implemented here again.
+may import it. It implements equality, matching, guards, scenarios, branches and relevance again.
 """
 
 from rvaft.semantics.matches import matches

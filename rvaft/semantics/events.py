@@ -15,7 +15,7 @@ from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, 
 from rvaft.model.tree import RVAFT
 
 Binding = Mapping[str, Any]
-"""The values of variables, and the times of time points by their text (None if undefined)."""
+"""The values of variables and, by their text, of time points (None if undefined)."""
 
 
 def same(left: Any, right: Any) -> bool:
@@ -72,7 +72,7 @@ def time_of(declaration: EventTime | None, event: Any) -> int | None:
         return 0
     if int(exponent or 0) > 2000 or abs(number := Fraction(text)) >= 10**31:
         return None
-    return round(number * {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}[form])  # Python rounds half to even
+    return round(number * {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}[form])  # `round` rounds half to even
 
 
 def instant(text: str) -> int | None:
@@ -108,7 +108,7 @@ def arguments(tree: RVAFT, on: On) -> dict[str, Pattern]:
 
 
 def matches(pattern: Pattern, value: Any, binding: Binding, given: Mapping[str, Pattern]) -> Binding | None:
-    """The binding extended so that the pattern with the given arguments matches, or None.
+    """Return the binding extended so that the pattern with the given arguments matches, or None.
 
     Clause: an object pattern matches an object that has at least its fields, a list pattern a list
     of the same length; `_` and parameters match any value, null included, but not an absent field.
@@ -138,9 +138,10 @@ def matches(pattern: Pattern, value: Any, binding: Binding, given: Mapping[str, 
 
 
 def observe(tree: RVAFT, node: Node, event: Any, binding: Binding) -> Binding | None:
-    """The binding extended so that the event is the node's runtime event, or None.
+    """Return the binding extended so that the event is the node's runtime event, or None.
 
-    Clause: a leaf with neither event nor guard observes the default event `{"event": "<its name>"}`.
+    Clause: a leaf with neither event nor guard observes the default event `{"event": "<its
+    name>"}`.
     """
     if node.on is None:
         return binding if isinstance(event, dict) and "event" in event and same(event["event"], node.name) else None
@@ -149,7 +150,9 @@ def observe(tree: RVAFT, node: Node, event: Any, binding: Binding) -> Binding | 
 
 
 class Undefined(Exception):
-    """Clause: wrong types, division by zero, overflow and a result that is not finite are *undefined*."""
+    """Clause: wrong types, division by zero, overflow and a result that is not finite are
+    *undefined*.
+    """
 
 
 def holds(guard: Guard, binding: Binding) -> bool:
@@ -161,8 +164,7 @@ def holds(guard: Guard, binding: Binding) -> bool:
 
 
 def evaluate(guard: Guard, binding: Binding) -> Any:
-    """Return the value of a guard; raises `Undefined` (or Python's errors for division by zero and
-    overflow).
+    """Return the value of a guard; raises `Undefined`, `ZeroDivisionError` or `OverflowError`.
 
     Clause: undefined propagates through every operator, except that `and` and `or` read left to
     right and do not look at the right side when the left decides.
@@ -237,7 +239,9 @@ FUNCTIONS: Mapping[str, Callable[..., Any]] = {
 
 
 def binary(operator: str, left: Any, right: Any) -> Any:
-    """Clause: `== !=` on all JSON values; `< <= > >=` between two numbers or two strings; `+ - * /` on numbers."""
+    """Clause: `== !=` on all JSON values; `< <= > >=` between two numbers or two strings; `+ - * /`
+    on numbers.
+    """
     if operator in ("==", "!="):
         return same(left, right) is (operator == "==")
     if operator in ("<", "<=", ">", ">="):
@@ -253,15 +257,15 @@ def binary(operator: str, left: Any, right: Any) -> Any:
 
 
 def numeric(value: Any) -> int | float:
-    """Clause: a number is its mathematical value: a double with an integral value is that integer in arithmetic."""
+    """Clause: a number is its mathematical value: a double with an integral value is that integer
+    in arithmetic.
+    """
     number = typed(value, int, float)
     return int(number) if number == math.floor(number) else number
 
 
 def typed(value: Any, *types: type) -> Any:
-    """Return the value if it has one of the types (a boolean is not a number); raises `Undefined`
-    otherwise.
-    """
+    """Return a value of one of the types, else raise `Undefined`; a boolean is no number."""
     if isinstance(value, types) and (isinstance(value, bool) is (types == (bool,))):
         return value
     raise Undefined

@@ -12,7 +12,7 @@ from rvaft.semantics.reference import Partial, chosen_scenarios, guards_hold, re
 from rvaft.semantics.scenarios import Scenario
 
 Match = frozenset[tuple[str, int]]
-"""The events of a match as pairs of a node and a position (from 1). A counted node has several."""
+"""The events of a match as pairs of a node and a position (from 1)."""
 
 
 def matches(
@@ -28,7 +28,7 @@ def matches(
     """Return every match of a feasible scenario in a trace.
 
     `scenarios` are those of the branch or kind, if known. Raises `TooLarge` if more than `limit`
-    events would be tried for occurrences.
+    events would be tried.
 
     >>> from rvaft import loads
     >>> found = matches(loads("top sand a b;"), Semantics.SCATTERED, [{"event": name} for name in "aab"])
@@ -58,13 +58,13 @@ def _windows(tree: RVAFT, semantics: Semantics, trace: Sequence[Any], size: int)
     in_time = [position for position in every if position not in late]
     counted = [position for position in in_time if semantics.projects and relevant(tree, trace[position - 1])]
     match semantics:
-        case Semantics.STRICT:  # exactly the first k positions
+        case Semantics.STRICT:
             starts = [every[:size]] if late.isdisjoint(every[:size]) else []
-        case Semantics.PROJECTED:  # exactly the first k relevant positions
+        case Semantics.PROJECTED:
             starts = [counted[:size]]
-        case Semantics.CONSECUTIVE:  # exactly k relevant positions that follow each other
+        case Semantics.CONSECUTIVE:
             starts = [counted[first : first + size] for first in range(len(counted))]
-        case Semantics.SCATTERED:  # any
+        case Semantics.SCATTERED:
             starts = [in_time]
     yield from (window for window in starts if len(window) >= size)
 
@@ -72,8 +72,7 @@ def _windows(tree: RVAFT, semantics: Semantics, trace: Sequence[Any], size: int)
 def _served(
     scenario: Scenario, trace: Sequence[Any], positions: Sequence[int], limit: int
 ) -> Iterator[tuple[Match | None, int]]:
-    """Iterate over the matches with these positions, each with the number of events tried since the
-    last one.
+    """Iterate over the matches, each with the number of events tried since the last match.
 
     Clauses: one position for each occurrence and no position twice; every event matches its
     occurrence under one assignment of the variables; precedence is kept; every guard holds.

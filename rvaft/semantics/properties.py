@@ -1,7 +1,7 @@
 """The second reference: the verdicts of a property, by its scenarios (definition, sections 2 to 4).
 
-It reads only the parts of a property, nothing else of `rvaft.core`. Tests compare the build of a
-property and every pass with it.
+It imports only the parts of a property from `rvaft.core`. Tests compare the build of a property and
+every pass with it.
 """
 
 from collections.abc import Hashable, Iterator, Mapping
@@ -63,22 +63,20 @@ class _Scenario:
     kept: Chosen
 
     def below(self, part: Part) -> dict[Occurrence, Pattern]:
-        """Return the patterns of the events of a part."""
         found: dict[Occurrence, Pattern] = {}
         agenda, seen = [part], {part}
         while agenda:
-            one = agenda.pop()
-            if isinstance(one, Event):
-                found[one.source.node, one.source.number] = one.pattern
-            if isinstance(one, Times):
-                found |= {(one.source.node, number): one.pattern for number in range(1, one.count + 1)}
-            agenda += [inner for inner in self.kept[one] if inner not in seen]
-            seen.update(self.kept[one])
+            current = agenda.pop()
+            if isinstance(current, Event):
+                found[current.source.node, current.source.number] = current.pattern
+            if isinstance(current, Times):
+                found |= {(current.source.node, number): current.pattern for number in range(1, current.count + 1)}
+            agenda += [inner for inner in self.kept[current] if inner not in seen]
+            seen.update(self.kept[current])
         return found
 
     @cached_property
     def patterns(self) -> dict[Occurrence, Pattern]:
-        """The patterns of all events."""
         return self.below(self.prop.root)
 
     @cached_property
@@ -103,17 +101,17 @@ class _Scenario:
                     ]
                 )
         found = [self._closed(fixed.union(*chosen)) for chosen in product(*ways)]
-        return [order for order in found if all(one not in order[one] for one in order)]
+        return [order for order in found if all(occurrence not in order[occurrence] for occurrence in order)]
 
     def _closed(self, pairs: set[tuple[Occurrence, Occurrence]]) -> Mapping[Occurrence, frozenset[Occurrence]]:
-        before = {one: {a for a, b in pairs if b == one} for one in self.patterns}
+        before = {occurrence: {a for a, b in pairs if b == occurrence} for occurrence in self.patterns}
         for earlier in before.values():
             agenda = list(earlier)
             while agenda:
                 new = before[agenda.pop()] - earlier
                 earlier.update(new)
                 agenda += new
-        return {one: frozenset(found) for one, found in before.items()}
+        return {occurrence: frozenset(found) for occurrence, found in before.items()}
 
     @cached_property
     def conditions(self) -> list[Condition]:
@@ -121,7 +119,6 @@ class _Scenario:
 
     @cached_property
     def windows(self) -> list[tuple[frozenset[Occurrence], int]]:
-        """The windows: their events and durations."""
         return [(frozenset(self.below(part)), part.duration) for part in self.kept if isinstance(part, Within)]
 
     @cached_property
@@ -129,9 +126,9 @@ class _Scenario:
         """The time points of the guards by name, each with the events of its part."""
         found: dict[str, tuple[str, frozenset[Occurrence]]] = {}
         for condition in self.conditions:
-            for one in walk(condition.guard):
-                if isinstance(one, TimePoint):
-                    found[one.name] = (one.point, self._events_of(one))
+            for term in walk(condition.guard):
+                if isinstance(term, TimePoint):
+                    found[term.name] = (term.point, self._events_of(term))
         return found
 
     def _events_of(self, point: TimePoint) -> frozenset[Occurrence]:
@@ -143,7 +140,7 @@ class _Scenario:
     @property
     def feasible(self) -> bool:
         """Whether it has an order, and every guard without variables and time points holds."""
-        constant = [one.guard for one in self.conditions if not names(one.guard)]
+        constant = [condition.guard for condition in self.conditions if not names(condition.guard)]
         return bool(self.orders) and all(holds(guard, {}) for guard in constant)
 
     def allows(self, binding: Binding, times: Mapping[Occurrence, int | None]) -> bool:
@@ -151,13 +148,13 @@ class _Scenario:
         known = dict(binding)
         for name, (point, events) in self.points.items():
             if events and events <= times.keys():
-                known[name] = _extreme(point, [times[one] for one in events])
+                known[name] = _extreme(point, [times[event] for event in events])
         for condition in self.conditions:
             if names(condition.guard) <= known.keys() and not holds(condition.guard, known):
                 return False
         for events, duration in self.windows:
             if events and events <= times.keys():
-                own = [times[one] for one in events]
+                own = [times[event] for event in events]
                 start, end = _extreme("start", own), _extreme("end", own)
                 if start is None or end is None or end - start > duration:
                     return False
@@ -184,27 +181,25 @@ class _Partial(NamedTuple):
 
 
 class PropertyReference(Monitor):
-    """The verdict of a property after each prefix, by following every partial match of every
-    feasible scenario.
-    """
+    """The verdict of a property after each prefix, by following every partial match."""
 
     def __init__(self, prop: Property, semantics: Semantics | str) -> None:
         super().__init__()
         self.prop = prop
         self.semantics = Semantics(semantics)
         every = [_Scenario(prop, kept) for kept in _resolved(prop.root)]
-        self.scenarios = [one for one in every if one.feasible]
+        self.scenarios = [scenario for scenario in every if scenario.feasible]
         self._starts = [
             _Partial(number, order, {}, {})
-            for number, one in enumerate(self.scenarios)
-            for order in range(len(one.orders))
+            for number, scenario in enumerate(self.scenarios)
+            for order in range(len(scenario.orders))
         ]
         self._partials = {partial.key: partial for partial in self._starts}
         self._latest: int | None = None
 
     @property
     def state(self) -> Hashable:
-        """The verdict and the partial matches so far."""
+        """The verdict, the partial matches and the maximum time so far."""
         return self.verdict, frozenset(self._partials), self._latest
 
     def _advance(self, event: Any) -> Verdict:

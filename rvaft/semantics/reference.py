@@ -26,7 +26,7 @@ class Partial(NamedTuple):
 
     @property
     def key(self) -> Hashable:
-        """Equal for equal partial matches."""
+        """A hashable key, equal for equal partial matches."""
         values = frozenset((name, value_key(value)) for name, value in self.binding.items())
         return self.scenario, self.order, self.assigned, values, frozenset(self.times.items())
 
@@ -53,14 +53,14 @@ class Reference(Monitor):
         self.tree = tree
         self.semantics = Semantics(semantics or tree.semantics or Semantics.PROJECTED)
         self.scenarios = chosen_scenarios(tree, branch, None if kind is None else Kind(kind))
-        numbers = [(one, order) for one, s in enumerate(self.scenarios) for order in range(len(s.orders))]
+        numbers = [(number, order) for number, s in enumerate(self.scenarios) for order in range(len(s.orders))]
         self._starts = [Partial(scenario, order, frozenset(), {}, {}) for scenario, order in numbers]
         self._partials = {partial.key: partial for partial in self._starts}
         self._latest: int | None = None
 
     @property
     def state(self) -> Hashable:
-        """The verdict and the partial matches so far."""
+        """The verdict, the partial matches and the maximum time so far."""
         return self.verdict, frozenset(self._partials), self._latest
 
     def _advance(self, event: Any) -> Verdict:
@@ -112,18 +112,18 @@ class Reference(Monitor):
         """
         scenario = self.scenarios[partial.scenario]
         before = scenario.orders[partial.order]
-        for one in sorted(scenario.occurrences - partial.assigned):
-            if before[one] <= partial.assigned:
-                binding = observe(self.tree, scenario.observing[one], event, partial.binding)
+        for occurrence in sorted(scenario.occurrences - partial.assigned):
+            if before[occurrence] <= partial.assigned:
+                binding = observe(self.tree, scenario.observing[occurrence], event, partial.binding)
                 if binding is not None:
-                    times = {**partial.times, one: time} if scenario.points else {}
-                    found = partial._replace(assigned=partial.assigned | {one}, binding=binding, times=times)
+                    times = {**partial.times, occurrence: time} if scenario.points else {}
+                    found = partial._replace(assigned=partial.assigned | {occurrence}, binding=binding, times=times)
                     if guards_hold(scenario, found):
                         yield found
 
     def _complete(self, partial: Partial) -> bool:
-        """Clause: a match maps all its occurrences; every guard holds (all its variables are known
-        by then).
+        """Clause: a match maps all its occurrences. Every guard holds, since all its variables are
+        known.
         """
         return partial.assigned == self.scenarios[partial.scenario].occurrences
 
@@ -136,7 +136,7 @@ def guards_hold(scenario: Scenario, partial: Partial) -> bool:
     known = dict(partial.binding)
     for point, events in scenario.points.items():
         if events <= partial.assigned:
-            times = [partial.times[one] for one in events]
+            times = [partial.times[event] for event in events]
             defined = [time for time in times if time is not None]
             known[point] = None if len(defined) < len(times) else max(defined) if point[0] == "e" else min(defined)
     for node in scenario.nodes:
@@ -151,10 +151,10 @@ def guards_hold(scenario: Scenario, partial: Partial) -> bool:
 
 
 def relevant(tree: RVAFT, event: Any) -> bool:
-    """Whether an event is relevant.
+    """Return whether an event is relevant.
 
-    No `ignore` matches it and, for some assignment, it matches the runtime event of some reachable
-    node, that node's own `when` included if all the guard's variables occur in that node's `on`.
+    Clause: no `ignore` matches it and, for some assignment, it matches the runtime event of some
+    reachable node, that node's own `when` included if all the guard's variables occur in its `on`.
     """
     for ignore in tree.ignores:
         # Clause: the variables of an `ignore` are its own.
@@ -186,10 +186,14 @@ def _served(entry: Relevant, event: Any) -> bool:
 def chosen_scenarios(tree: RVAFT, branch: int | None, kind: Kind | None) -> list[Scenario]:
     """Return the feasible scenarios of the selected branches.
 
-    Raises `TreeError` if there is none, or if a guard is unbound.
+    Raises `TreeError` if there is none or a guard is unbound.
     """
     chosen = _chosen(tree, branch, kind)
-    found = [scenario for scenario in feasible_scenarios(tree) if any(of_branch(scenario, one) for one in chosen)]
+    found = [
+        scenario
+        for scenario in feasible_scenarios(tree)
+        if any(of_branch(scenario, resolution) for resolution in chosen)
+    ]
     if not found:
         raise TreeError("no feasible scenario", rule="no-scenario", nodes=[tree.root])
     for scenario in found:

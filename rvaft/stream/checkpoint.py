@@ -47,7 +47,7 @@ from rvaft.stream.keys import Field
 from rvaft.stream.monitor_set import DetectionCount
 from rvaft.stream.order import Backwards, Ordering
 from rvaft.stream.statistics import NearMissCount, Statistics
-from rvaft.support.files import SUFFIXES, opened, telling, write_whole
+from rvaft.support.files import SUFFIXES, error_context, opened, write_whole
 
 EVERY: Final = 10_000
 """Default number of events between two checkpoints."""
@@ -247,7 +247,7 @@ class CheckpointFile:
         )
         body = msgspec.json.encode(about) + b"\n" + payload
         self._digest = _sha(body)
-        with telling("cannot write", self.path):
+        with error_context("cannot write", self.path):
             write_whole(self.path, _MAGIC + self._digest.encode() + b"\n" + body, lasting=True)
             self._told.unlink(missing_ok=True)
         self._saved = events
@@ -256,7 +256,7 @@ class CheckpointFile:
     def note(self, event: int) -> None:
         """Record that a detection of that event is reported; valid until the next checkpoint."""
         self.noted = event
-        with telling("cannot write", self.path):
+        with error_context("cannot write", self.path):
             write_whole(self._told, f"{self._digest} {event}\n".encode())
 
     def load(self) -> tuple[Checkpoint, object] | None:

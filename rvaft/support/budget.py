@@ -28,8 +28,8 @@ SHORT: Final = 1_000_000
 class Work:
     """A counter of the work of a construction; raises `TooLarge` beyond the limit.
 
-    `item` names what `limit` counts. Each item allows `steps` and `characters`; `QUICK` steps and
-    `SHORT` characters are allowed under any limit.
+    `limit` counts items; each allows `steps` and `characters`. `QUICK` steps and `SHORT` characters
+    are always allowed.
     """
 
     def __init__(self, limit: int, *, item: str = "state", steps: int = 1000, characters: int = 100) -> None:
@@ -48,7 +48,7 @@ class Work:
             )
 
     def size(self, characters: int) -> None:
-        """Refuse a text that is too long."""
+        """Raise `TooLarge` if a text has too many characters."""
         if characters > SHORT:
             what = f"characters of the text, {self._characters} allowed for each {self._item}"
             self.check(characters, what, self._characters)
@@ -77,7 +77,7 @@ class Budget:
 
 
 class Expired(BaseException):
-    """The time limit is reached; not an `Exception`, so that the interrupted code does not handle
+    """The time limit is reached; a `BaseException`, so that the interrupted code does not handle
     it.
     """
 
@@ -86,8 +86,7 @@ class Expired(BaseException):
 def within(seconds: float | None) -> Iterator[None]:
     """Raise `Expired` inside the block after this many seconds; None is no limit.
 
-    It uses a signal, so it works only in the main thread and between two steps of the interpreter;
-    elsewhere there is no limit.
+    It uses a signal, so it works only in the main thread and between two steps of the interpreter.
     """
     if seconds is None or threading.current_thread() is not threading.main_thread() or not hasattr(signal, "SIGALRM"):
         yield
@@ -109,7 +108,7 @@ def within(seconds: float | None) -> Iterator[None]:
 def looking(look: Callable[[], object], seconds: float) -> Iterator[None]:
     """Call a function periodically during the block; its exceptions are raised in the block.
 
-    It has the restrictions of `within`, and does nothing if the signal is already in use.
+    It is restricted as `within` is, and does nothing if the signal is in use.
     """
     main = threading.current_thread() is threading.main_thread() and hasattr(signal, "SIGALRM")
     if not main or signal.getsignal(signal.SIGALRM) is not signal.SIG_DFL:
@@ -126,7 +125,7 @@ def looking(look: Callable[[], object], seconds: float) -> Iterator[None]:
 
 
 def run(call: Call[T]) -> T:
-    """Return the value of a call."""
+    """Return the value of a call, by an explicit stack."""
     stack: list[Call[Any]] = [call]
     value: Any = None
     while stack:

@@ -17,8 +17,7 @@ import click
 
 from rvaft.errors import ToolMissing, installed
 
-# Opening a file that may be compressed: `.gz` by the standard library, `.zst` by the package
-# `zstandard`.
+# Compressed files: `.gz` by the standard library, `.zst` by the package `zstandard`.
 
 SUFFIXES: Final = (".gz", ".zst")
 _CHUNK: Final = 1 << 16
@@ -88,11 +87,8 @@ def _zstandard() -> Any:
     return installed("zstandard", "zstandard", remedy)
 
 
-# The output of a command: standard output, or files written atomically.
-
-
 @contextmanager
-def telling(what: str, path: Path) -> Iterator[None]:
+def error_context(what: str, path: Path) -> Iterator[None]:
     """Add the failed action and the path to an `OSError`."""
     try:
         yield
@@ -117,7 +113,7 @@ def write_whole(path: Path, data: bytes, *, lasting: bool = False) -> None:
     A `lasting` file is a regular file with mode 0600, synced to disk before the rename. Its
     temporary name is fixed, so that the next write replaces the remains of a crash.
     """
-    with telling("cannot write", path):
+    with error_context("cannot write", path):
         odd = path.exists() and not stat.S_ISREG(path.stat().st_mode)
         if odd and lasting:
             raise OSError(errno.EINVAL, "not a regular file")
@@ -163,26 +159,26 @@ def place(folder: Path, files: Mapping[str, str | None], *, force: bool = False)
     """Write texts into a folder, which is created if absent; a file with None must not exist.
 
     Unchanged files are not touched. Raises `OSError`, with all changes undone, if a file differs or
-    must not exist (`force` replaces or removes it), and if the folder cannot be created or written
-    to. Only a crash between two renames can leave a partial result.
+    must not exist (`force` replaces or removes it), or the folder cannot be written to. Only a
+    crash between two renames can leave a partial result.
     """
     data = {folder / name: None if text is None else os.fsencode(text) for name, text in files.items()}
     with ExitStack() as unmake:
         if _made(folder):
             unmake.callback(folder.rmdir)
         changed = {path: content for path, content in data.items() if _differs(path, content, force=force)}
-        with telling("cannot write into the folder", folder):
+        with error_context("cannot write into the folder", folder):
             staged = Path(tempfile.mkdtemp(prefix=".rvaft-", dir=folder))
         unmake.callback(shutil.rmtree, staged)
         with ExitStack() as undo:
             for target, content in changed.items():
-                with telling("cannot write", target):
+                with error_context("cannot write", target):
                     if content is not None:
                         (staged / target.name).write_bytes(content)
                         if target.exists():
                             shutil.copymode(target, staged / target.name)
             for target in changed:
-                with telling("cannot write", target):
+                with error_context("cannot write", target):
                     new, old = staged / target.name, staged / f"{target.name}.old"
                     if target.exists() or target.is_symlink():
                         target.rename(old)
@@ -198,12 +194,12 @@ def place(folder: Path, files: Mapping[str, str | None], *, force: bool = False)
 def _made(folder: Path) -> bool:
     """Create the folder; return whether it was absent."""
     try:
-        with telling("cannot make the folder", folder):
+        with error_context("cannot make the folder", folder):
             folder.mkdir()
     except OSError as error:
         if error.errno == errno.EEXIST and folder.is_dir():
             return False
-        why = {errno.EEXIST: "a file of this name is there", errno.ENOENT: "make the one above it first"}
+        why = {errno.EEXIST: "a file has this name", errno.ENOENT: "create its parent folder first"}
         if error.errno in why:
             number = errno.ENOTDIR if error.errno == errno.EEXIST else error.errno
             raise OSError(number, f"cannot make the folder: {why[error.errno]}", str(folder)) from error
@@ -212,15 +208,14 @@ def _made(folder: Path) -> bool:
 
 
 def _differs(path: Path, content: bytes | None, *, force: bool) -> bool:
-    """Whether a file must be written or removed."""
     if not path.exists() and not path.is_symlink():
         return content is not None
     if not path.is_file():
-        raise OSError(errno.EEXIST, "there is something other than a file of this name; move it away", str(path))
+        raise OSError(errno.EEXIST, "the path exists and is not a regular file; move it away", str(path))
     if content is not None and path.read_bytes() == content:
         return False
     if not force:
-        how = "out of date, and there is no new one; --force removes it"
-        how = how if content is None else "there already with another text; --force replaces it"
+        how = "out of date and no longer needed; --force removes it"
+        how = how if content is None else "there with another text; --force replaces it"
         raise OSError(errno.EEXIST, f"the file is {how}", str(path))
     return True

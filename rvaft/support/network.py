@@ -2,7 +2,7 @@
 
 A foreign page in a browser must not reach a server on the user's machine. An attacker can point a
 name at this machine, so only addresses, `localhost` and allowed names are accepted as `Host`. An
-`Origin` is accepted only with the port of the request, since other servers have other pages.
+`Origin` must have the port of the request, since other servers have other pages.
 """
 
 import errno
@@ -17,19 +17,15 @@ from urllib.parse import urlsplit
 from rvaft.errors import OptionError
 
 LOCAL: Final = "127.0.0.1"
-"""The loopback address, reachable only from this machine."""
 _PORTS: Final = {"http": 80, "https": 443}
-"""The schemes of web pages, and their default ports."""
 _ADDRESS: Final = re.compile(r"[0-9A-Fa-f.:]+(?:%[A-Za-z0-9._-]+)?")
 _NAME: Final = re.compile(r"(?!-)[A-Za-z0-9_-]{1,63}(?<!-)(?:\.(?!-)[A-Za-z0-9_-]{1,63}(?<!-))*\.?")
 _NUMBER: Final = re.compile(r"(?:.*\.)?(?:[0-9]+|0[xX][0-9A-Fa-f]*)\.?")
-"""Texts such as `0` and `0x7f.1`, which the system reads as addresses; no valid name ends so."""
+"""Texts such as `0` and `0x7f.1`, which the system reads as addresses."""
 
 
 def require_host(text: str) -> None:
-    """Raise `OptionError` unless the text is an IP address or a host name (RFC 1123, and `_` for
-    containers).
-    """
+    """Raise `OptionError` unless the text is an IP address or a host name (RFC 1123, and `_`)."""
     if not is_address(text) and (len(text) > 253 or not _NAME.fullmatch(text) or _NUMBER.fullmatch(text)):
         raise OptionError(
             f'"{text}" is not an IP address or a host name; write only that, as in 127.0.0.1 or robot.local'
@@ -73,16 +69,14 @@ def allowed(origins: Sequence[str], host: str | None, extra: Collection[str]) ->
 
 
 def own(hosts: Sequence[str], extra: Collection[str]) -> bool:
-    """Whether the `Host` headers name this server: an address, `localhost`, or the host of an
-    allowed origin.
-    """
+    """Whether the `Host` headers name an address, `localhost`, or the host of an allowed origin."""
     if len(hosts) != 1:
         return False
     try:
         name = urlsplit(f"//{hosts[0]}").hostname or ""
     except ValueError:
         return False
-    known = {urlsplit(one).hostname for one in extra}
+    known = {urlsplit(url).hostname for url in extra}
     return name == "localhost" or is_address(name) or name in known
 
 

@@ -20,8 +20,7 @@ class Killed(Exception):
 def in_processes(
     work: Callable[[Item], Result], items: Iterable[Item], *, jobs: int
 ) -> Generator[tuple[Item, Result | Killed], None, None]:
-    """Iterate over the items with their results, in order; closing the iterator stops all
-    processes.
+    """Iterate over the items with their results, in order; closing it stops all processes.
 
     A few items per process are read in advance. `jobs` processes are forked before the first
     result; items and results are pickled.

@@ -39,9 +39,7 @@ def cut(text: str, most: int = 40) -> str:
 
 
 def columns(rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return rows of cells as lines with aligned columns, separated by two spaces, never cut or
-    wrapped.
-    """
+    """Return rows of cells as lines with aligned columns, never cut or wrapped."""
     from rich.table import Table  # noqa: PLC0415 -- imported on use
     from rich.text import Text  # noqa: PLC0415 -- imported on use
 
@@ -70,7 +68,7 @@ _PAUSE: Final = 0.1
 
 
 class ProgressBar:
-    """A progress bar on standard error, shown only on a terminal, for long runs with a known total."""
+    """A progress bar for long runs with a known total, on standard error if that is a terminal."""
 
     def __init__(self, total: int) -> None:
         self._total = total if total and sys.stderr is not None and sys.stderr.isatty() else 0

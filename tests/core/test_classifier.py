@@ -35,7 +35,7 @@ class Counting(tuple[dict[str, str], ...]):
 
 def test_an_event_meets_only_the_patterns_that_ask_for_its_value() -> None:
     told = Discriminators(ObjectPattern((("event", Literal(f"e{number}")),)) for number in range(1000))
-    told._asked = Counting(told._asked)
+    told._literals = Counting(told._literals)
     for number in range(1000):
         assert told.candidates(told.values({"event": f"e{number}"})) == (number,)
     assert told.candidates(told.values({"event": "other"})) == ()

@@ -130,7 +130,7 @@ def test_a_prune_that_cannot_be_is_noted(
     tmp_path: Path, text: str, faults: list[tuple[str, str, str | None, int]]
 ) -> None:
     broken = parse_file(write(tmp_path, main_rvaft=text)).broken_prunes
-    assert [(b.why, b.pruned, b.node, b.place.line) for b in broken] == faults
+    assert [(b.reason, b.pruned, b.node, b.place.line) for b in broken] == faults
 
 
 @pytest.mark.parametrize(

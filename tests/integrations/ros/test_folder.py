@@ -87,17 +87,15 @@ def test_a_folder_that_cannot_be(tmp_path: Path) -> None:
     for name in ("file", "no\nline"):
         (tmp_path / name).write_text("x")
     for folder, part in (
-        (tmp_path / "file", "a file of this name is there"),
+        (tmp_path / "file", "a file has this name"),
         (tmp_path / "file" / "below", "Not a directory"),
-        (tmp_path / "none" / "below", "make the one above it first"),
+        (tmp_path / "none" / "below", "create its parent folder first"),
         (Path("/proc/nowhere"), "cannot make the folder"),
         (tmp_path / "no\nline", r"no\nline"),
     ):
         failed(run("rosmonitoring", ROS, "-o", folder), part)
     (tmp_path / "taken" / "monitors.yaml").mkdir(parents=True)
-    failed(
-        run("rosmonitoring", ROS, "-o", tmp_path / "taken", "--force"), "monitors.yaml", "something other than a file"
-    )
+    failed(run("rosmonitoring", ROS, "-o", tmp_path / "taken", "--force"), "monitors.yaml", "not a regular file")
     assert [path.name for path in (tmp_path / "taken").iterdir()] == ["monitors.yaml"]
 
 

@@ -1,15 +1,14 @@
 """A property compiled to numbers, for look-ups per event.
 
-Nodes are numbered in the order of the tree, parents first; sets of nodes are bit masks. The
-children of a sequence are in time order. Without shared nodes, the tree is one *part*. Otherwise
-shared nodes and their ancestors form the *core*. Every other child of a core node is the root of a
-*part*, a read-once tree.
+Nodes are numbered in tree order, parents first; sets of nodes are bit masks. The children of a
+sequence are in time order. A node joins a part of the property with its unshared condition and its
+own event.
 
-A node of the engine is a part of the property, joined with its unshared condition and its own
-event.
+A tree without shared nodes is one *part*. Otherwise shared nodes and their ancestors form the
+*core*, and every other child of a core node is the root of a *part*, a read-once tree.
 
 A guard over variables of its own event only is a *filter*. Other variables are *exported*: a
-partial match remembers them until the guards are decided.
+partial match keeps their values until the guards are decided.
 """
 
 from abc import ABC, abstractmethod
@@ -33,7 +32,7 @@ from rvaft.support.bits import mask_of
 
 
 class _Node(NamedTuple):
-    """A node of the engine; `event_first` tells whether its own event precedes its children."""
+    """A node of the engine; `event_first`: whether its own event precedes its children."""
 
     part: Part
     event: core.Event | None
@@ -117,30 +116,30 @@ class CompiledTree:
         nodes = _nodes(prop)
         number = {one.part: node for node, one in enumerate(nodes)}
         self.names = tuple("" if one.part.source is None else one.part.source.node for one in nodes)
-        """For each node, its node of the tree; several may have the same."""
+        """For each node, its name in the tree; several nodes may share a name."""
         self.events = tuple(None if one.event is None else one.event.source for one in nodes)
         """For each node, its occurrence or None."""
         self.ops = tuple(one.op for one in nodes)
         self.children = tuple(tuple(number[child] for child in one.children) for one in nodes)
         self.need = tuple(one.need for one in nodes)
-        """For each node, the minimum number of children that a scenario keeps."""
+        """For each node, the minimum number of children in a scenario."""
         choosing = (node for node, one in enumerate(nodes) if len(one.children) > one.need)
         self.chooses = mask_of(choosing)
-        """The nodes that need not keep all children."""
+        """The nodes that may keep fewer than all children."""
         self.certain = 1 << self.root
-        """The nodes that every scenario has."""
+        """The nodes of every scenario."""
         for node, children in enumerate(self.children):
             if self.certain >> node & ~self.chooses >> node & 1:
                 self.certain |= mask_of(children)
         self.own = tuple(one.event is not None for one in nodes)
         self.top_down = next((one.event_first for one in nodes if one.event_first is not None), True)
-        """Whether a node's event precedes those below it."""
+        """Whether a node's event precedes the events below it."""
         self.patterns = tuple(None if one.event is None else one.event.pattern for one in nodes)
         self._note_variables(nodes)
         seen = Counter(child for children in self.children for child in children)
         self._note_parts({child for child, count in seen.items() if count > 1})
         self.dead = 0
-        """The initially impossible nodes: none, since passes remove them."""
+        """The initially impossible nodes: none, because passes remove them."""
         waiting = (node for node in range(len(nodes)) if self.needs[node])
         self.closed = (1 << len(nodes)) - 1 ^ mask_of(waiting)
         """The nodes without a guard that waits for variables."""
@@ -156,7 +155,7 @@ class CompiledTree:
         return {name: node for node, name in enumerate(self.names) if name and self.ops[node] is PartKind.ONE}
 
     def decided_by(self, nodes: Iterable[int]) -> dict[int, Guard]:
-        """Return the guards that wait only for variables of one event of these nodes, by node."""
+        """Return the guards, by node, that an event of these nodes decides alone."""
         found: dict[int, Guard] = {}
         for node in nodes:
             own = set(self.exported[node])
@@ -176,7 +175,7 @@ class CompiledTree:
         """The variables that hold times of events."""
         points = [None if one.event is None else TimePoint.of("at", *one.event.source).name for one in nodes]
         self.time_of = tuple(name if name in self.times else None for name in points)
-        """For each node, the variable of its event's time, if a guard uses it."""
+        """For each node, the variable of its event's time, if a guard uses the time."""
         bound = [() if pattern is None else rigid_variables(pattern) for pattern in self.patterns]
         bound = [names if time is None else (*names, time) for names, time in zip(bound, self.time_of, strict=True)]
         needs = [guard_variables(guard) for guard in guards]
@@ -186,14 +185,14 @@ class CompiledTree:
         self.filters = tuple(guard if only else None for guard, only in zip(guards, filters, strict=True))
         """For each node, the guard that its event alone decides."""
         self.guards = tuple(None if only else guard for guard, only in zip(guards, filters, strict=True))
-        """For each node, the guard that waits for remembered variables (or is constant)."""
+        """For each node, the guard that waits for remembered variables, or is constant."""
         self.needs = tuple(() if only else names for names, only in zip(needs, filters, strict=True))
-        """The variables of these guards."""
+        """For each node, the variables of that guard."""
         self.exported = tuple(
             tuple(name for name in names if name not in private[node] or name in self.needs[node])
             for node, names in enumerate(bound)
         )
-        """For each node, the variables of its event that must be remembered."""
+        """For each node, the variables of its event that a partial match keeps."""
         self.predicates = tuple(None if guard is None else predicate(guard) for guard in self.guards)
         self.guarded_by: dict[str, list[int]] = {}
         """For each variable, the nodes whose guard waits for it."""
@@ -218,14 +217,14 @@ class CompiledTree:
                 core.add(node)
             picks[node] = self.ops[node] is PartKind.ONE or any(picks[child] for child in self.children[node])
         self.picks = mask_of(node for node in range(size) if picks[node])
-        """The nodes that keep one child, or have such a node below."""
+        """The nodes that keep one child, and their ancestors."""
         self.core, self.members = tuple(sorted(core)), frozenset(core)
         self.parent, self.slot, self.part_of = [-1] * size, [-1] * size, list(range(size))
         self.freezer = [-1] * size
-        """The nearest node upwards in its part that a later event can end, or -1.
+        """For each node, the nearest node upwards in its part that a later event can end, or -1.
 
-        Such a node is a child of a sequence other than the last, or of a gate whose own event
-        follows its children.
+        Such a node is a child of a sequence, but not the last, or of a gate whose own event follows
+        its children.
         """
         for node, children in enumerate(self.children):
             ends = self.own[node] and not self.top_down
@@ -237,9 +236,7 @@ class CompiledTree:
 
 
 class Condition(NamedTuple):
-    """A guard, its variables, whether these are times, and the differences that it bounds (or
-    None).
-    """
+    """A guard, its variables, whether all are times, and the differences that it bounds, if any."""
 
     guard: Guard
     names: tuple[str, ...]
@@ -263,15 +260,13 @@ class Hit(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """The meaning of one event for a tree; `hits` depends on the strategy and is empty without a
-    match.
-    """
+    """The meaning of one event for a tree; `hits` is empty if no letter matches."""
 
     relevant: bool
-    hits: Sequence[Any]  # of a type that only the strategy reads
+    hits: Sequence[Any]  # the type depends on the strategy
 
 
-_new: Final = tuple.__new__  # half the time of the classes' own constructors
+_new: Final = tuple.__new__  # twice as fast as the constructors of the classes
 NOTHING: Final = Reading(relevant=False, hits=())
 """The reading of an event that matches no pattern."""
 QUIET: Final = Reading(relevant=False, hits=(None,))
@@ -279,16 +274,16 @@ QUIET: Final = Reading(relevant=False, hits=(None,))
 
 
 class Admission(NamedTuple):
-    """One letter: its nodes, whether it makes an event relevant, and its reader."""
+    """A letter: its nodes, whether it makes an event relevant, and its reader."""
 
     letter: int
     nodes: tuple[int, ...]
     relevant: bool
     reader: Reader
     time: str | None
-    """The variable of the event's time, if a guard compares it."""
+    """The variable of the event's time, if a guard uses it."""
     decided: tuple[tuple[int, Guard | EventTest], ...]
-    """The guards that the event alone decides, each with its node as a bit."""
+    """The guards that the event alone decides, with their nodes as bits."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -296,21 +291,21 @@ class EventClass:
     """An equivalence class of events: the same letters match and the same guards hold."""
 
     serving: tuple[Admission, ...] = ()
-    """The matching letters that serve a node."""
+    """The letters that match and serve a node."""
     relevant: bool = False
     held: tuple[int, ...] = ()
-    """For each of these letters, the decided guards that hold, as bits."""
+    """For each serving letter, the decided guards that hold, as bits."""
     timed: bool = False
     """Whether a letter uses the time of the event."""
     parts: tuple["EventClass", ...] = ()
-    """With alternatives, the class for each."""
+    """With alternatives, one class per alternative."""
 
 
 class Inert(NamedTuple):
     """The events of a class that change nothing in the current state.
 
-    `letters` may change something, unless the values of their relevant fields (None if unknown) are
-    in `known`.
+    `letters` pairs each letter that may change something with its relevant fields (None if
+    unknown). An event changes nothing if the values of these fields are in `known`.
     """
 
     letters: Sequence[tuple[int, Collection[str] | None]]
@@ -318,7 +313,7 @@ class Inert(NamedTuple):
 
 
 class EngineLetters(ABC):
-    """The classification of events by shape and guards."""
+    """The classification of events."""
 
     def __init__(self, patterns: Iterable[Pattern]) -> None:
         self.patterns = tuple(patterns)
@@ -329,7 +324,7 @@ class EngineLetters(ABC):
 
     @abstractmethod
     def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
-        """Return the table from events to classes, for events that can match only these patterns."""
+        """Return the table from events to classes, for events that match only these patterns."""
 
     def classify(self, event: Mapping[str, Json]) -> EventClass:
         """Return the class of an event."""
@@ -337,7 +332,7 @@ class EngineLetters(ABC):
 
 
 class TreeLetters(EngineLetters):
-    """The letters of a tree: those of its occurrences, its alphabet, and its ignored events.
+    """The letters of a tree: its occurrences, its alphabet, and its ignored events.
 
     Equal patterns with equal guards are one letter. With `decide`, a class includes the guards that
     the event alone decides.
@@ -386,7 +381,7 @@ class TreeLetters(EngineLetters):
         return found
 
     def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
-        """Return the table from events to classes, for events that can match only these patterns."""
+        """Return the table from events to classes."""
         letters = [one for one in self._admissions if one.reader.pattern in possible]
         ignored = [one for one in self._ignored if one.pattern in possible]
         decided = [test for one in letters for _, test in one.decided]

@@ -1,12 +1,8 @@
 """The explanation of a detection, and the awaited events of branches (semantics, sections 2 and 4).
 
-A node is pending in a branch if some partial match has all that precedes the node's event, but not
-that event. Whether the variables and guards can ever agree is ignored.
-
-Under `scattered`, only partial matches that the engine follows count. Under `consecutive` and
-`scattered`, the engine drops those that the times rule out, because no ⊥ depends on them.
-
-Explanations are computed on demand.
+A node is pending in a branch if some partial match has everything that precedes the node's event,
+but not that event. Whether the variables and guards can ever agree is ignored. Only partial matches
+that the engine follows count, so under `scattered` subsumed ones do not.
 """
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping
@@ -33,7 +29,7 @@ from rvaft.support.bits import mask_of
 SEARCHING: Final = 20_000_000
 """The maximum number of nodes visited in the search for a lower branch."""
 BRANCHES: Final = 20_000
-"""The maximum number of branches of a kind that are tried."""
+"""The maximum number of branches tried for a kind."""
 
 Choices: TypeAlias = Mapping[str, str]
 """The child that each `or` gate keeps, if reached."""
@@ -48,9 +44,7 @@ class Step(NamedTuple):
 
 
 class FoundMatch(NamedTuple):
-    """A match: its steps in the order of events, and the nodes of its scenario with their kept
-    children.
-    """
+    """A match: its steps in event order, and the nodes of its scenario with their kept children."""
 
     steps: list[Step]
     kept: Mapping[str, tuple[str, ...]]
@@ -66,7 +60,7 @@ def kept_nodes(tree: RVAFT, chosen: Mapping[str, tuple[str, ...]]) -> dict[str, 
 
 
 def made_choices(prop: Property) -> dict[str, str]:
-    """Return the child that each `or` gate of a property keeps, if its choices are made."""
+    """Return the child that each `or` gate of a resolved property keeps."""
     gates = [part for part in prop.parts if isinstance(part, One) and part.source is not None]
     kept = ((gate.source, gate.parts[0].source) for gate in gates)
     return {gate.node: child.node for gate, child in kept if gate is not None and child is not None}
@@ -147,10 +141,9 @@ class MatchFinder:
                     yield matching, match
 
     def is_possible(self, gate: str, child: str) -> bool:
-        """Whether a match may keep this child of a choice, or avoid the choice if it is the first
-        child.
+        """Return False if no match can keep this child of a choice.
 
-        False is certain.
+        For the first child, a match that avoids the choice counts too. True is not certain.
         """
         if gate not in self.compiled.choices:
             return False
@@ -224,7 +217,7 @@ def explain(strategy: Following | LinearMonitor) -> Explanation:
         number = number_of(tree, made_choices(prop))
     elif number is None and prop.kind is None:
         found, number = _lowest(tree, finder, found)
-    elif number is None:  # a match may be in a branch through nodes outside its scenario
+    elif number is None:  # nodes outside a match's scenario may determine its branch
         of_kind = (branch for branch in islice(branches(tree), BRANCHES) if prop.kind in branch.kinds)
         matches = ((match, branch.number) for branch in of_kind if (match := finder.find(branch.choices)) is not None)
         found, number = next(matches, (found, None))
@@ -242,9 +235,10 @@ def explain(strategy: Following | LinearMonitor) -> Explanation:
 
 
 def _lowest(tree: RVAFT, finder: MatchFinder, found: FoundMatch) -> tuple[FoundMatch, int | None]:
-    """Return the match with the lowest branch, and its number if it is certain.
+    """Return the match with the lowest branch, and its number unless the search takes too long.
 
-    Digits are minimized from the most significant on; unreached choices have digit 0.
+    The digits of the number are minimized from the most significant on; unreached choices have
+    digit 0.
     """
     fixed: dict[str, str] = {}
     effort = 0
@@ -268,8 +262,8 @@ def _lowest(tree: RVAFT, finder: MatchFinder, found: FoundMatch) -> tuple[FoundM
 def pending(strategy: Following | LinearMonitor, *, limit: int, before: int | None = None) -> tuple[Pending, ...]:
     """Return the awaited events of each live branch.
 
-    `before` selects the state before the event at this position. Beyond `limit` branches, all are
-    joined. Raises `TooLarge`.
+    `before` selects the state before the event at this position. Beyond `limit` branches, all
+    branches are joined.
     """
     finder = MatchFinder(strategy)
     prop, tree = finder.prop, finder.prop.tree
@@ -298,7 +292,7 @@ def pending(strategy: Following | LinearMonitor, *, limit: int, before: int | No
 
 
 def together(waiting: Iterable[Pending], *, numbered: bool = True) -> tuple[Pending, ...]:
-    """Return the list with entries of the same branch and values joined; if not `numbered`, all
+    """Return the entries with those of equal branch and values joined; unless `numbered`, all
     branches are one.
     """
     found: dict[Hashable, tuple[Pending, dict[Awaited, None]]] = {}

@@ -22,7 +22,7 @@ class SettledChoices:
         self.weights: dict[int, int] = {}
         """For each part that a choice may keep, its contribution to the number."""
         self.firsts = 0
-        """Parts with the lowest digit, of choices that every scenario makes."""
+        """The parts with the lowest digit, of choices that every scenario makes."""
         self._gates: dict[int, int] = {}
         self._others: dict[int, int] = {}
         self._below = [0] * len(compiled.names)
@@ -52,10 +52,8 @@ class SettledChoices:
                         self.firsts |= 1 << part
 
     def place(self, configuration: Configuration, progress: PartProgress) -> tuple[Hashable, bool]:
-        """Return a key that is equal for partial matches with equal futures, and whether choices
-        are settled.
-
-        The key ignores values of variables.
+        """Return a key that is equal for partial matches with equal futures up to values of
+        variables, and whether choices are settled.
         """
         taken, dead, closed = configuration.taken, configuration.dead, configuration.closed
         settled: dict[int, int] = {}
@@ -72,9 +70,7 @@ class SettledChoices:
         return (taken, dead, closed, broken, names, mask_of(-1 - one for one in settled.values())), bool(settled)
 
     def number(self, last: Witness | None) -> int:
-        """Return the number of the choices of a partial match; the lower number has the lower
-        branch.
-        """
+        """Return the number of the choices of a partial match; lower numbers are lower branches."""
         parts = set[int]()
         while last is not None:
             parts.add(self.compiled.part_of[last.node])

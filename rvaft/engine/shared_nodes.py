@@ -1,13 +1,12 @@
 """Trees with shared nodes: the scenarios of the core that are consistent with a partial match.
 
-A shared gate is resolved once, and an order between events may depend on the gates above. Parts are
-single *elements* of the core (see `compiled_tree`): an order relative to the rest of the tree
-applies to the whole part.
+A shared gate is resolved once, and an order between events may depend on the gates above. A part is
+a single *element* of the core (see `compiled_tree`), because an order relative to the rest of the
+tree applies to the whole part.
 
-The search for resolutions walks the core from the root and resolves only reached choices. A partial
-resolution is dropped as soon as an occurrence taken is unreachable or breaks an order, because
-later choices cannot repair this. Of partial resolutions with the same reached nodes and relevant
-orders, one is followed.
+The search resolves reached choices from the root on. It drops a partial resolution as soon as an
+occurrence taken is unreachable or breaks an order. Of partial resolutions with the same reached
+nodes and relevant orders, it follows one.
 """
 
 from collections.abc import Hashable, Iterator, Mapping
@@ -42,8 +41,8 @@ class SharedNodes:
         self._memory: dict[Hashable, tuple[bool, bool]] = {}
 
     def classify(self, configuration: Configuration) -> tuple[bool, bool]:
-        """Return whether the occurrences taken are a whole feasible scenario, and otherwise a
-        proper part of one.
+        """Return whether the occurrences taken are a whole feasible scenario, or else a proper part
+        of one.
         """
         mask = self._mask
         own = configuration.taken & mask, configuration.dead & mask, configuration.closed & mask
@@ -77,7 +76,7 @@ class SharedNodes:
         return frozenset((element, other) for other in bits(touched) if self._before[other] >> element & 1)
 
     def settled(self, configuration: Configuration, node: int, *, chosen: bool) -> bool:
-        """Whether every scenario has the node's element (or it is `chosen`), and all before it is
+        """Whether the node's element is `chosen` or in every scenario, and its predecessors are
         taken.
         """
         own = self.compiled.part_of[node]
@@ -103,9 +102,6 @@ class SharedNodes:
         parts = [[child for child in children if child not in compiled.members] for children in choices]
         return {one: tuple(other for other in some if other != one) for some in parts for one in some}
 
-    # Elements: the events of the core and its whole parts, with their precedence (semantics,
-    # section 2).
-
     def _touched(self, configuration: Configuration) -> int:
         parts = (part for part in self.compiled.parts if self.progress.flags(configuration, part) & TOUCHED)
         return configuration.taken & self._mask | mask_of(parts)
@@ -114,7 +110,7 @@ class SharedNodes:
         """Return the elements with events, and the complete ones; parts count as complete if
         possible.
 
-        For a partial resolution, reached but unresolved nodes are included.
+        A partial resolution includes reached but unresolved nodes.
         """
         compiled = self.compiled
         present, finished = int(compiled.own[compiled.root]), 0
@@ -162,14 +158,14 @@ class SharedNodes:
     def _outlook(self, configuration: Configuration, kept: Resolution, touched: int, ahead: int) -> Hashable:
         """Return the relevant state of a resolution for the unresolved nodes `ahead`.
 
-        None if it is infeasible, or the occurrences taken are not downward closed or break an
-        order.
+        Return None if it is infeasible, or if the occurrences taken are not downward closed or
+        break an order.
         """
         present, finished = self._elements(configuration, kept)
         left = present & ~finished
         if not self._ordered:
             return left > 0
-        before = self._precedence(kept, present | ahead)  # a node ahead stands for all of its part
+        before = self._precedence(kept, present | ahead)  # a node ahead stands for its whole part
         if any(before[element] & left for element in bits(present & touched)):
             return None
         if any(before.get(late, 0) >> early & 1 for early, late in configuration.inversions):
@@ -181,8 +177,8 @@ class SharedNodes:
             if not free:
                 return None
             left ^= free
-        # For each node ahead: its direct and transitive predecessors, and the constraints on its
-        # part.
+        # for each node ahead: its predecessors, direct and transitive, and the constraints on its
+        # part
         left = present & ~finished
         early, late = (mask_of(pair[end] for pair in configuration.inversions) for end in (0, 1))
         relations: list[Hashable] = [left > 0]
@@ -211,7 +207,7 @@ class SharedNodes:
             if configuration.taken >> node & 1
             or any(self._has(configuration, child, TOUCHED) for child in compiled.children[node])
         ]
-        # Partial resolutions: the index in the core, the nodes reached, and the resolved nodes.
+        # partial resolutions: the index in the core, the nodes reached, and the resolved nodes
         agenda: list[tuple[int, int, dict[int, tuple[int, ...]]]] = [(0, 1, {})] if able & 1 else []
         seen: set[Hashable] = set()
         steps = 0
@@ -264,7 +260,7 @@ class SharedNodes:
     def _options(
         self, configuration: Configuration, node: int, able: int, *, complete: bool
     ) -> Iterator[tuple[int, ...]]:
-        """Return the ways to keep children of a kept node, one per equivalence class."""
+        """Iterate over the ways to keep children of a node, one per equivalence class."""
         compiled = self.compiled
         children = compiled.children[node]
         if not able >> node & 1:
@@ -280,8 +276,8 @@ class SharedNodes:
         silent = [child for child in rest if self._has(configuration, child, SURE if complete else DONE)]
         waiting = [child for child in rest if child not in compiled.members and child not in silent]
         if compiled.ops[node] is PartKind.ONE:
-            # Waiting parts are equivalent, because the same orders apply; so are silent ones, apart
-            # from their branches.
+            # Waiting parts are equivalent, because the same orders apply; so are silent parts,
+            # apart from their branches.
             picks = silent if complete else [*silent[:1], *waiting[:1]]
             ways = (touched if len(touched) == 1 else []) if touched else [*picks, *shared]
             yield from ((child,) for child in ways)

@@ -161,7 +161,7 @@ class Reporter(Listener):
         self.settings = settings
         self.columns = settings.plan.monitors.columns
         self.sink = sink
-        self.fields = detection.told_fields(settings.tree)
+        self.fields = detection.identifying_fields(settings.tree)
         self._ends = 0
         self.totals: Totals | None = None
 
@@ -226,7 +226,7 @@ class _JsonLines(Reporter):
         if not self.every and not change.detected:
             return
         said = self._said(change.watch, change.number, change.verdicts)
-        if change.number <= self.told_before:
+        if change.number <= self.reported_before:
             said["again"] = True
         details: dict[int, dict[str, Json]] = {column: {} for column in change.columns}
         for column, count in change.counts.items():
@@ -282,7 +282,7 @@ class _Text(Reporter):
         many = len(titles) > 1
         said = {place: f"{verdicts[place]}{_numbered(change.counts.get(place))}" for place in change.columns}
         changed = ", ".join(f"{titles[place]} {verdict}" for place, verdict in said.items())
-        again = " (reported before)" if change.number <= self.told_before else ""
+        again = " (reported before)" if change.number <= self.reported_before else ""
         yield f"{where}event {change.number}: {changed if many else said[0]}{again}"
         for which, explanation in detection.unlike(change.explanations):
             title = f"{', '.join(titles[place] for place in which)}: " if many else ""

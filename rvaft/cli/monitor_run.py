@@ -113,7 +113,7 @@ class _OnDetection(Listener):
 
     def change(self, change: VerdictChange) -> None:
         settings, watch = self._settings, change.watch
-        again = {"again": True} if change.number <= self.told_before else {}
+        again = {"again": True} if change.number <= self.reported_before else {}
         about = {"tree": settings.name, "trace": watch.trace, **settings.key(watch), "event": change.number, **again}
         for explanation, kinds, count in change.detections:
             self.count += 1
@@ -272,7 +272,7 @@ class _Run(Listener):
             except Exception as error:  # a damaged or manipulated pickle
                 raise kept.unreadable(error) from error
             for listener in self.listeners:
-                listener.told_before = kept.noted
+                listener.reported_before = kept.noted
         elif kept is not None:
             kept.save(run.state, 0, LinesRead(BytesIO()))
         run.begin()

@@ -104,7 +104,7 @@ class Alternatives:
             strategy.restore(state)
 
     def explanation(self) -> Explanation:
-        """Return one match of the lowest-numbered branch that has a match, after a detection."""
+        """Return one match of the lowest-numbered branch that has a match."""
         pairs = zip(self.verdicts, self.parts, strict=True)
         found = [explain(strategy) for verdict, strategy in pairs if verdict is Verdict.TRUE]
         return min(found, key=lambda one: (one.branch is None, one.branch or 0))

@@ -54,7 +54,7 @@ def _nodes(prop: Property) -> list[_Node]:
             found.append(node)
             below = set(node.children)
             agenda = [inner for inner in part.parts if inner not in below]
-            while agenda:  # parts joined into this node
+            while agenda:
                 inner = agenda.pop()
                 taken.add(inner)
                 agenda += [one for one in inner.parts if one not in below]
@@ -100,7 +100,8 @@ def _need(part: Part, rest: tuple[Part, ...]) -> int:
 
 
 class CompiledTree:
-    """The structure of a property; `parent` and `slot` are -1 for core nodes and roots of parts.
+    """The structure of a property, with sequences by node; `parent` and `slot` are -1 outside of
+    parts.
 
     >>> import rvaft
     >>> from rvaft.core.build import build
@@ -116,13 +117,12 @@ class CompiledTree:
         nodes = _nodes(prop)
         number = {one.part: node for node, one in enumerate(nodes)}
         self.names = tuple("" if one.part.source is None else one.part.source.node for one in nodes)
-        """For each node, its name in the tree; several nodes may share a name."""
+        """The name of each node in the tree; several nodes may share a name."""
         self.events = tuple(None if one.event is None else one.event.source for one in nodes)
-        """For each node, its occurrence or None."""
         self.ops = tuple(one.op for one in nodes)
         self.children = tuple(tuple(number[child] for child in one.children) for one in nodes)
         self.need = tuple(one.need for one in nodes)
-        """For each node, the minimum number of children in a scenario."""
+        """The minimum number of children in a scenario."""
         choosing = (node for node, one in enumerate(nodes) if len(one.children) > one.need)
         self.chooses = mask_of(choosing)
         """The nodes that may keep fewer than all children."""
@@ -133,7 +133,7 @@ class CompiledTree:
                 self.certain |= mask_of(children)
         self.own = tuple(one.event is not None for one in nodes)
         self.top_down = next((one.event_first for one in nodes if one.event_first is not None), True)
-        """Whether a node's event precedes the events below it."""
+        """Whether events of nodes precede the events below them."""
         self.patterns = tuple(None if one.event is None else one.event.pattern for one in nodes)
         self._note_variables(nodes)
         seen = Counter(child for children in self.children for child in children)
@@ -175,7 +175,7 @@ class CompiledTree:
         """The variables that hold times of events."""
         points = [None if one.event is None else TimePoint.of("at", *one.event.source).name for one in nodes]
         self.time_of = tuple(name if name in self.times else None for name in points)
-        """For each node, the variable of its event's time, if a guard uses the time."""
+        """The variables of the events' times, if a guard uses them."""
         bound = [() if pattern is None else rigid_variables(pattern) for pattern in self.patterns]
         bound = [names if time is None else (*names, time) for names, time in zip(bound, self.time_of, strict=True)]
         needs = [guard_variables(guard) for guard in guards]
@@ -183,21 +183,21 @@ class CompiledTree:
         private = [{name for name in names if mentioned[name] == 1 and name not in self.times} for names in bound]
         filters = [bool(names) and private[node].issuperset(names) for node, names in enumerate(needs)]
         self.filters = tuple(guard if only else None for guard, only in zip(guards, filters, strict=True))
-        """For each node, the guard that its event alone decides."""
+        """The guards that a node's event alone decides."""
         self.guards = tuple(None if only else guard for guard, only in zip(guards, filters, strict=True))
-        """For each node, the guard that waits for remembered variables, or is constant."""
+        """The guards that wait for remembered variables, or are constant."""
         self.needs = tuple(() if only else names for names, only in zip(needs, filters, strict=True))
-        """For each node, the variables of that guard."""
+        """The variables of `guards`."""
         self.exported = tuple(
             tuple(name for name in names if name not in private[node] or name in self.needs[node])
             for node, names in enumerate(bound)
         )
-        """For each node, the variables of its event that a partial match keeps."""
+        """The variables of the events that a partial match keeps."""
         self.predicates = tuple(None if guard is None else predicate(guard) for guard in self.guards)
         self.guarded_by: dict[str, list[int]] = {}
-        """For each variable, the nodes whose guard waits for it."""
+        """By variable, the nodes whose guard waits for it."""
         self.mentions: dict[str, int] = {}
-        """For each variable, the nodes whose event binds or compares it."""
+        """By variable, the nodes whose event binds or compares it."""
         for node in range(len(nodes)):
             for name in self.needs[node]:
                 self.guarded_by.setdefault(name, []).append(node)
@@ -206,7 +206,7 @@ class CompiledTree:
 
     @cached_property
     def conditions(self) -> tuple[tuple["Condition", ...], ...]:
-        """For each node, the conjuncts of its guard."""
+        """The conjuncts of each node's guard."""
         return tuple(tuple(Condition.of(part, self.times) for part in conjuncts(guard)) for guard in self.guards)
 
     def _note_parts(self, core: set[int]) -> None:
@@ -221,7 +221,7 @@ class CompiledTree:
         self.core, self.members = tuple(sorted(core)), frozenset(core)
         self.parent, self.slot, self.part_of = [-1] * size, [-1] * size, list(range(size))
         self.freezer = [-1] * size
-        """For each node, the nearest node upwards in its part that a later event can end, or -1.
+        """The nearest node upwards in its part that a later event can end, or -1.
 
         Such a node is a child of a sequence, but not the last, or of a gate whose own event follows
         its children.
@@ -281,7 +281,6 @@ class Admission(NamedTuple):
     relevant: bool
     reader: Reader
     time: str | None
-    """The variable of the event's time, if a guard uses it."""
     decided: tuple[tuple[int, Guard | EventTest], ...]
     """The guards that the event alone decides, with their nodes as bits."""
 
@@ -294,11 +293,10 @@ class EventClass:
     """The letters that match and serve a node."""
     relevant: bool = False
     held: tuple[int, ...] = ()
-    """For each serving letter, the decided guards that hold, as bits."""
+    """The decided guards that hold, as bits, for each serving letter."""
     timed: bool = False
     """Whether a letter uses the time of the event."""
     parts: tuple["EventClass", ...] = ()
-    """With alternatives, one class per alternative."""
 
 
 class Inert(NamedTuple):
@@ -350,7 +348,6 @@ class TreeLetters(EngineLetters):
         found = tuple(dict.fromkeys([*serves, *alphabet]))
         self.letters = tuple(letter for letter, _ in found)
         self.serves = tuple(tuple(serves.get(one, ())) for one in found)
-        """For each letter, its nodes."""
         self._admissions: list[Admission] = []
         for number, (letter, time) in enumerate(found):
             nodes, own = self.serves[number], reader(number, letter)

@@ -137,7 +137,6 @@ def _counted(flags: int) -> Tally:
 
 _COUNTED: Final = [_counted(flags) for flags in range(16)]
 _CHANGES: Final = [[tuple(b - a for a, b in zip(x, y, strict=True)) for y in _COUNTED] for x in _COUNTED]
-"""The change of the tally, by the old and the new flags of a child."""
 
 
 class PartProgress:
@@ -177,7 +176,7 @@ class PartProgress:
                 if tally is not None and tally[0] > compiled.slot[frozen]:
                     return True
             if self.flags(configuration, gate) & (TOUCHED | DONE) == TOUCHED:
-                return False  # a touched gate that is not done is not over, and neither is its parent
+                return False  # neither is its parent
             frozen = compiled.freezer[gate]
         return False
 
@@ -220,7 +219,7 @@ class PartProgress:
                 _, child_possible, child_done, child_more, *_ = _COUNTED[self.flags(configuration, child)]
                 late += 1 - child_done
                 if late:
-                    break  # no scenario has the gate any more
+                    break
                 possible -= child_possible
                 more -= child_more
             last = slot

@@ -36,7 +36,7 @@ Choices: TypeAlias = Mapping[str, str]
 
 
 class Step(NamedTuple):
-    """An occurrence, with its event's position and values."""
+    """An occurrence and its event."""
 
     source: Source
     position: int
@@ -75,7 +75,7 @@ class MatchFinder:
         self.prop = strategy.compiled.prop
 
     def find(self, choices: Choices) -> FoundMatch | None:
-        """Return a match of a scenario with these choices, or None."""
+        """Return a match with these choices, or None."""
         strategy = self.strategy
         if isinstance(strategy, LinearMonitor):
             run = self._run(strategy, choices)
@@ -237,8 +237,7 @@ def explain(strategy: Following | LinearMonitor) -> Explanation:
 def _lowest(tree: RVAFT, finder: MatchFinder, found: FoundMatch) -> tuple[FoundMatch, int | None]:
     """Return the match with the lowest branch, and its number unless the search takes too long.
 
-    The digits of the number are minimized from the most significant on; unreached choices have
-    digit 0.
+    Digits are minimized from the most significant on; unreached choices have digit 0.
     """
     fixed: dict[str, str] = {}
     effort = 0

@@ -145,7 +145,7 @@ class FoxgloveSink(Publisher):
     def change(self, change: VerdictChange) -> None:
         """Publish changed verdicts and detections."""
         watch, labels = change.watch, [column.label for column in change.watch.monitors.columns]
-        again = {"again": True} if change.number <= self.told_before else {}
+        again = {"again": True} if change.number <= self.reported_before else {}
         about = {"tree": self._name, "trace": watch.trace, **self._key(watch), "event": change.number, **again}
         each = {label: verdict.value for label, verdict in zip(labels, change.verdicts, strict=True)}
         verdicts = {"verdicts": each} if len(labels) > 1 else {}

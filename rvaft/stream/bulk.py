@@ -1,10 +1,9 @@
 """Batch processing of events: the only module that knows batches.
 
-It only makes monitoring faster; the results are the same without it.
-
-A log that no listener reads event by event is read in blocks. Irrelevant events are only counted,
-with their key and their place in the order. Other events are grouped by class. If no group can
-change the state, the group sizes are added to the counts; otherwise the run takes them one by one.
+It makes monitoring faster and does not change the results. A log that no listener reads event by
+event is read in blocks. Irrelevant events are only counted, with their key and their place in the
+order. Other events are grouped by class. If no group can change the state, only counts change;
+otherwise the run takes the events one by one.
 """
 
 from collections import Counter, defaultdict, deque
@@ -28,7 +27,7 @@ from rvaft.readers.json_blocks import EventBlock, JsonBlockReader, exact_time, p
 from rvaft.readers.json_lines import LinesRead
 from rvaft.readers.log import ALL, Interest, Log
 from rvaft.stream.data_warnings import DataWarnings
-from rvaft.stream.detection import told_fields
+from rvaft.stream.detection import identifying_fields
 from rvaft.stream.listeners import MonitoredTrace, VerdictChange
 from rvaft.stream.monitor_set import MonitorSet
 from rvaft.stream.order import Backwards, Ordering, Place
@@ -38,24 +37,24 @@ from rvaft.stream.statistics import EventKind, EventTypeIndex
 
 ENABLED: Final = True
 STRETCH: Final = parallel_blocks.STRETCH
-"""Bytes that a process reads at a time; a shorter file is read by one process."""
+"""Bytes that a process reads at a time; one process reads a shorter file."""
 FEW: Final = 32
-"""Smaller blocks are processed event by event; also the maximum pause after a failed batch."""
+"""Smaller blocks are processed event by event; also the maximum pause after failures."""
 BLOCK: Final = 500
 """Events per batch for formats other than JSON Lines."""
 FEW_VALUES: Final = 16
-"""Maximum number of distinct values of a field that are tested in place of all events."""
+"""Maximum number of distinct values of a field that are tested instead of all events."""
 _NO_EVENT: Final[JsonObject] = {}
-"""Stands for an event that matches no pattern; in such trees every pattern has a literal."""
+"""The stand-in for events that match no pattern; every pattern then has a literal."""
 _NUMBERS: Final = frozenset({int, float})
 _OWN_KEYS: Final = frozenset({str, int})
-"""Types whose values compare as themselves, in events that change nothing."""
+"""Types whose values compare as themselves."""
 _LARGEST: Final = float_info.max
 _END: Final = EventBlock(0, ())
 T = TypeVar("T")
 H = TypeVar("H")
 KeyValues: TypeAlias = tuple[Json, ...]
-"""Stands for an irrelevant event: its values in the key fields, or () if it lacks one."""
+"""The stand-in for an irrelevant event: its values in the key fields, or () if it lacks one."""
 Turn: TypeAlias = JsonObject | KeyValues
 
 
@@ -71,8 +70,8 @@ def read(
 ) -> Iterator[bool]:
     """Read all events of a source as `run.read` does, and pause after each block.
 
-    Without `by_blocks` events are read one by one. A `live` source is read as events arrive; `jobs`
-    processes decode a regular file. Raises what `run.read` raises.
+    Without `by_blocks` events are read one by one. A `live` source is read as events arrive. `jobs`
+    processes decode a regular file.
     """
     if ENABLED and by_blocks:
         reading = BulkReading(run)
@@ -82,11 +81,8 @@ def read(
     return run.read(source, name, line=line)
 
 
-# What has to be read.
-
-
 def _times_count(monitors: MonitorSet) -> bool:
-    """Whether the time of every event matters; for a backend, if the tree has times."""
+    """Whether the time of every event matters."""
     return monitors.may_be_late if monitors.engines else monitors.time is not None
 
 
@@ -95,8 +91,8 @@ def interest(plan: MonitoringPlan) -> Interest:
     """Return the parts of an event that are read when no listener needs whole events."""
     types = plan.monitors.types
     also = (name for one in plan.fields for name in (one.text, one.path[0]))
-    found = Interest.of(plan.reads, (TIME, *told_fields(types.tree), *also))
-    # The key, the place in the order and the time of irrelevant events may still matter.
+    found = Interest.of(plan.reads, (TIME, *identifying_fields(types.tree), *also))
+    # the key, the place and the time of irrelevant events may still matter
     counted_only = plan.plain and not _times_count(plan.monitors) and found.fields is not None
     return replace(found, may_be=types.may_be) if counted_only else found
 
@@ -104,21 +100,21 @@ def interest(plan: MonitoringPlan) -> Interest:
 @lru_cache(maxsize=16)
 def block_reader(plan: MonitoringPlan) -> JsonBlockReader | None:
     """Return a block reader for JSON Lines, or None if every event must be read in full."""
-    # If every event counts, monitors of keys would need the irrelevant events, too.
+    # if every event counts, monitors of keys need the irrelevant events too
     each = plan.key is not None and plan.monitors.counts_all
     if each or any(len(field.path) > 1 for field in plan.fields):
         return None
     types, names = plan.monitors.types, [field.text for field in plan.fields]
     possible = (lambda _: True) if _times_count(plan.monitors) else types.possible
-    fields, time = plain_fields(plan.reads, (TIME, *told_fields(types.tree), *names)), exact_time(types.tree)
+    fields, time = plain_fields(plan.reads, (TIME, *identifying_fields(types.tree), *names)), exact_time(types.tree)
     if not fields or time in names:
         return None
     return JsonBlockReader(plan.reads, possible, fields, time=time, strict=plan.strict_json, kept=names)
 
 
 def _blocks_of(events: Iterable[JsonObject | None]) -> Iterator[EventBlock]:
-    """Yield events in blocks; None counts as an irrelevant event. An error comes after earlier
-    events.
+    """Yield events in blocks; None counts as an irrelevant event. An error follows the events
+    before it.
     """
     total, held = 0, list[tuple[int, JsonObject]]()
     try:
@@ -145,11 +141,8 @@ def _block_of(turns: Sequence[Turn]) -> EventBlock:
     )
 
 
-# Groups of events.
-
-
 class EventGroup:
-    """One or more events with the same fields; columns of values are computed once."""
+    """Events with the same fields; columns of values are computed once."""
 
     __slots__ = ("_ends", "_types", "_values", "events")
 
@@ -167,7 +160,7 @@ class EventGroup:
         return found
 
     def types(self, field: str) -> set[type]:
-        """Return the types of these values."""
+        """Return the types of the values in a field."""
         found = self._types.get(field)
         if found is None:
             found = self._types[field] = set(map(type, self.values(field)))
@@ -267,9 +260,9 @@ def needs_no_warning(warnings: DataWarnings, group: EventGroup, event_kind: Even
 
 
 def changes_nothing(monitors: MonitorSet, group: EventGroup, event_kind: EventKind, *, keyed: bool) -> bool | None:
-    """For events of one kind that change nothing: whether they are relevant to the tree.
+    """Return whether events of one kind that change nothing are relevant to the tree.
 
-    None if an event may change something, or if a key has a monitor that is not looked up.
+    Return None if an event may change something, or if the monitor of a key is not known.
     """
     projects, event_class = monitors.semantics.projects, event_kind.classes[0]
     if not event_kind.relevant and (projects or not event_kind.serves):
@@ -308,11 +301,10 @@ def events_of_concern(
     warnings: DataWarnings,
     concerns: Callable[[EventKind], bool],
 ) -> Iterator[tuple[int, JsonObject]] | None:
-    """Yield the possibly relevant events of JSON Lines with their numbers; None if batches cannot
-    be used.
+    """Yield the possibly relevant events of JSON Lines with their numbers.
 
-    `concerns` returns whether events of a kind matter. If none in a block matters and none causes a
-    warning, the last event stands for the block.
+    Return None if batches cannot be used. `concerns` returns whether events of a kind matter. If no
+    event of a block matters or causes a warning, the last event stands for the block.
     """
     time = types.tree.time
     fields = plain_fields(reads, time.field[:1] if time else ()) if ENABLED else ()
@@ -337,11 +329,8 @@ def events_of_concern(
     return numbered(JsonBlockReader(reads, possible, fields, time=exact_time(types.tree), strict=strict_json))
 
 
-# Order and clock.
-
-
 class BulkOrdering:
-    """Adds events to an `Ordering` in batches."""
+    """Batches of events for an `Ordering`."""
 
     def __init__(self, ordering: Ordering[Turn]) -> None:
         self._ordering = ordering
@@ -351,8 +340,7 @@ class BulkOrdering:
     def add(self, block: EventBlock, values: Sequence[Json], others: Sequence[Turn]) -> list[Turn]:
         """Add the events of a block and return the events that are due.
 
-        `values` and `others` are the order fields of the irrelevant events and the stand-ins for
-        them.
+        `values` and `others` are the order fields and the stand-ins of the irrelevant events.
         """
         ordering = self._ordering
         came = _in_places(block, others, [event for _, event in block.events])
@@ -361,15 +349,17 @@ class BulkOrdering:
             places = _in_places(block, values, [ordering.place(event) for _, event in block.events])
         else:  # the first value fixes the type of the field
             known, name = dict(zip(block.passed, values, strict=True)), ordering.field.text
-            told = ({name: known[place]} if place in known else event for place, event in enumerate(came))
-            places = list(map(ordering.place, told))
+            stand_ins = ({name: known[place]} if place in known else event for place, event in enumerate(came))
+            places = list(map(ordering.place, stand_ins))
         if None not in places and (found := self._add_sorted(cast("list[Place]", places), came)) is not None:
             return found
         self._as_they_came = False
         return [event for event in map(ordering.put, places, came) if event is not None]
 
     def _add_sorted(self, places: Sequence[Place], events: Sequence[Turn]) -> list[Turn] | None:
-        """Add events in one step and return those due; None, without an effect, if one is late."""
+        """Add events in one step and return those due; return None, without an effect, if one is
+        late.
+        """
         ordering = self._ordering
         held = ordering.held
         known = [*held, *zip(places, count(ordering.came + 1), events)]
@@ -379,8 +369,8 @@ class BulkOrdering:
             known.sort(key=itemgetter(0, 1))
             numbers = [number for _, number, _ in known]
             self._as_they_came = all(map(lt, numbers, islice(numbers, 1, None)))
-            # Each event has to be present when it is due: the first one when the window is full,
-            # and so on.
+            # Each event has to be present when it is due: the first when the window is full, and so
+            # on.
             full = ordering.came + 1 + ordering.window - len(held)
             if turns and (known[0][0] < ordering.latest or any(map(gt, numbers[:turns], count(full)))):
                 return None
@@ -395,7 +385,7 @@ class BulkOrdering:
 
 
 def _in_places(block: EventBlock, others: Sequence[T], own: Sequence[T]) -> list[T]:
-    """Merge own items of the events and items of irrelevant events into the order of the block."""
+    """Merge items of the events and items of irrelevant events into the order of the block."""
     if len(own) < len(others):
         found = list(others)
         for (place, _), one in zip(block.events, own, strict=True):
@@ -418,11 +408,8 @@ def see_all(clock: Backwards, events: Sequence[JsonObject], numbers: Iterable[in
         clock.see(number, event)
 
 
-# The run.
-
-
 class BulkReading:
-    """Reads the events of a trace in blocks, for a run."""
+    """The batch reader of a run."""
 
     def __init__(self, run: TraceRun) -> None:
         self.run = run
@@ -432,7 +419,7 @@ class BulkReading:
             self._ordering = BulkOrdering(cast("Ordering[Turn]", run.ordering))
 
     def blocks(self, source: Source, name: str, line: int, *, live: bool, jobs: int) -> Iterator[EventBlock] | None:
-        """Return the events of a source in blocks, or None if they have to be read one by one."""
+        """Return the events of a source in blocks, or None to read them one by one."""
         run, plan = self.run, self.run.plan
         quickly = not any(one.whole or (one.every and run.one_by_one) for one in run.listeners)
         if isinstance(source, Log):
@@ -460,7 +447,7 @@ class BulkReading:
             yield block is not _END
 
     def _in_turn(self, blocks: Iterable[EventBlock]) -> Iterator[EventBlock]:
-        """Yield blocks in time order; an error of the source comes after the events before it."""
+        """Yield blocks in time order; an error of the source follows the events before it."""
         run, failure = self.run, None
         try:
             for block in blocks:
@@ -492,7 +479,7 @@ class BulkReading:
         return _block_of(self._ordering.add(block, places, keys))
 
     def _process(self, block: EventBlock) -> None:
-        """Process a block as a batch if it changes nothing, else event by event."""
+        """Process a block as a batch if only counts change, else event by event."""
         run, before = self.run, self.run.number
         events = block.events if run.keys is None or not block.passed else self._with_new_keys(block)
         monitors = run.plan.monitors
@@ -514,8 +501,8 @@ class BulkReading:
     def _process_in_bulk(self, events: Sequence[tuple[int, JsonObject]], before: int) -> bool:
         """Process events as a batch. Return False, without an effect, unless only counts change.
 
-        Places count from the event `before`. After failures the next blocks are not tried, with a
-        pause that doubles up to `FEW` blocks.
+        Places count from the event `before`. After a failure the next blocks are not tried; the
+        pause doubles up to `FEW` blocks.
         """
         run = self.run
         self._tries -= 1
@@ -583,10 +570,8 @@ class BulkReading:
         known = [(watch, number) for watch, number in found if watch is not None]
         return known if len(known) == len(found) else None
 
-    # Irrelevant events.
-
     def _with_new_keys(self, block: EventBlock) -> Sequence[tuple[int, JsonObject]]:
-        """Return the events of a block, and a stand-in for the first event of each new key."""
+        """Return the events of a block, with a stand-in for the first event of each new key."""
         keys = self.run.keys
         assert keys is not None, "only events with keys are kept by them"
         new = [values for values in dict.fromkeys(block.kept) if not self._is_known(values)]
@@ -610,7 +595,7 @@ class BulkReading:
         return True
 
     def _count_passed(self, block: EventBlock, events: Sequence[tuple[int, JsonObject]], end: int) -> None:
-        """Add the skipped events of a block, before place `end`, to the counts of their keys."""
+        """Count the skipped events of a block, before place `end`, for their keys."""
         keys = self.run.keys
         assert keys is not None, "only events with keys are kept by them"
         looked_at = {place for place, _ in events}
@@ -638,18 +623,18 @@ class BulkReading:
             self._count_passed(block, events, block.total)
 
     def _filled(self, events: Iterable[tuple[int, JsonObject]], before: int) -> Iterator[tuple[int, JsonObject]]:
-        """Yield events, stepping monitors over irrelevant events between them."""
+        """Yield events, after stepping monitors over the irrelevant events before each."""
         for place, event in events:
             self._fill(before + place + 1)
             yield place, event
 
     def _fill(self, number: int) -> None:
-        """Step monitors over irrelevant events before that number: `strict` and backends count
-        them.
+        """Step monitors over the irrelevant events before that number, for `strict` and
+        backends.
         """
         run, monitors = self.run, self.run.watch.monitors
         kind = run.plan.monitors.types.of(_NO_EVENT)
         while monitors.live and run.number + 1 < number:
             run.number += 1
             if changed := monitors.step(_NO_EVENT, run.number, kind):
-                run.tell(VerdictChange(run.watch, run.number, _NO_EVENT, changed))
+                run.notify(VerdictChange(run.watch, run.number, _NO_EVENT, changed))

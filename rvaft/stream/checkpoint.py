@@ -1,15 +1,15 @@
 """Checkpoints: the state of a monitor in a file, to continue from after a crash.
 
 A checkpoint is valid only for the same tree, semantics, columns, settings and rvaft version. The
-trace must begin with the bytes that were read. After a crash the events since the last
-checkpoint are read again, and the verdicts equal those of an uninterrupted run. A detection is
-recorded before it is reported, so that a repeated report is marked. (After a power failure the
-latest records may be missing: they are not synced.)
+trace must begin with the bytes that were read. After a crash the events since the last checkpoint
+are read again, and the verdicts equal those of an uninterrupted run. A detection is recorded before
+it is reported, so that a repeated report is marked. The records are not synced: a power failure may
+lose the latest.
 
 File format: a line with the file type, a line with the digest of the rest, a line of JSON, and a
 pickle. Unpickling admits only data classes, by name. Still, a checkpoint is only as trustworthy as
-everyone who can write to it. The file is readable by its owner only. Until the next checkpoint, the
-file `.NAME.told` beside it has the number of the last event with a reported detection.
+everyone who can write to it. Only the owner can read the file. Until the next checkpoint, the file
+`.NAME.told` beside it has the number of the last event with a reported detection.
 """
 
 import hashlib
@@ -52,9 +52,9 @@ from rvaft.support.files import SUFFIXES, opened, telling, write_whole
 EVERY: Final = 10_000
 """Default number of events between two checkpoints."""
 _GRACE: Final = 1.0
-"""Seconds that checkpoints may take beyond the time of all other work; then they become rarer."""
+"""Seconds that checkpoints may take beyond the time of all other work before they become rarer."""
 _EDGE: Final = 1 << 16
-"""Bytes hashed at the start of a trace, and before the current offset, to identify the trace."""
+"""Bytes hashed at the start of a trace and before the current offset, to identify the trace."""
 _MAGIC: Final = b"rvaft checkpoint 5\n"
 _BLOCK: Final = 1 << 20
 _ANEW: Final = "remove it to begin anew"
@@ -79,15 +79,15 @@ _ALL: Final = (*_BUILT_IN, *_OF_TREES, *_OF_MONITORS, *_COUNTS)
 _ADMITTED: Final = {(one.__module__, one.__qualname__): one for one in _ALL}
 """The classes allowed in a checkpoint.
 
-None of them runs commands, writes files or listens on a port, and none may: a pickle can set the
-attributes of any class that it can name.
+None of them may run commands, write files or listen on a port: a pickle can set the attributes of
+any class that it names.
 """
 
 
 class _DataPickler(pickle.Pickler):
-    """Writes only what `_DataUnpickler` admits, so that an error occurs before the crash."""
+    """A pickler for what `_DataUnpickler` admits, so that an error occurs before the crash."""
 
-    def reducer_override(self, obj: object) -> Any:  # NotImplemented has no public type
+    def reducer_override(self, obj: object) -> Any:
         kind = obj if isinstance(obj, type) else type(obj)
         if _ADMITTED.get((kind.__module__, kind.__qualname__)) is not kind:
             raise pickle.PicklingError(f"{kind.__module__}.{kind.__qualname__} has no place in a checkpoint")
@@ -148,8 +148,8 @@ def _is_compressed(path: Path) -> bool:
 
 
 def identity(trace: Path | BinaryIO, offset: int) -> tuple[int, str]:
-    """Return the identity of a trace that was read up to this offset: a size, and a digest of the
-    first and last bytes.
+    """Return a size and a digest of the first and last bytes of a trace that was read up to the
+    offset.
 
     Path and inode do not count: a moved or restored log is the same trace. Of a compressed file all
     compressed bytes count. A stream is an uncompressed file; its position changes. Raises
@@ -175,7 +175,7 @@ def _sha(data: bytes | memoryview) -> str:
 
 
 class Checkpoint(msgspec.Struct, kw_only=True):
-    """What a checkpoint belongs to, and how far the trace was read.
+    """The tree, settings and trace of a checkpoint, and the position in the trace.
 
     `offset` counts bytes after decompression. Detections up to the event `noted` were reported,
     perhaps by an earlier run that read further than `events`.
@@ -229,11 +229,10 @@ class CheckpointFile:
         return idle or 2 * self._spent <= monotonic() - self._begun + _GRACE
 
     def save(self, state: object, events: int, place: LinesRead | FollowedFile, trace: BinaryIO | None = None) -> None:
-        """Replace the checkpoint atomically; the previous one stays until the new one is on the
-        disk.
+        """Replace the checkpoint atomically, once the new one is on the disk.
 
-        `trace` is the open file, if the path may name another file by now. Raises `OSError` with
-        the path, and `CheckpointError` for a state that cannot be saved.
+        `trace` is the open file, because the path may name another file by now. Raises `OSError`
+        with the path, and `CheckpointError` for a state that cannot be saved.
         """
         begun = monotonic()
         try:
@@ -262,8 +261,8 @@ class CheckpointFile:
     def load(self) -> tuple[Checkpoint, object] | None:
         """Return the checkpoint and the state, or None if the file does not exist.
 
-        Raises `CheckpointError` for a checkpoint of another run and for a damaged file, `OSError`,
-        and what `identity` raises.
+        Raises `CheckpointError` for a damaged file or a checkpoint of another run, `OSError`, and
+        what `identity` raises.
         """
         start = len(_MAGIC) + 65
         try:

@@ -1,10 +1,10 @@
 """Follows a growing file line by line, until a stop is requested.
 
-The file is polled with `os.stat`, which works on every file system. Log rotation is detected in two
-forms. Renaming: a new file stands at the path; the old one is read to its end first, and its last
-line may lack a line end. Truncating or rewriting: the bytes last read have changed; an unfinished
-line is dropped. The new contents are read from the start, and the change is reported. A file that
-is replaced twice between two polls is missed.
+The file is polled with `os.stat`, which works on every file system. Two forms of log rotation are
+detected, read from the start, and reported. After renaming, a new file stands at the path; the old
+one is read to its end first, and its last line may lack a line end. After truncating or rewriting,
+the bytes last read have changed; an unfinished line is dropped. A file that is replaced twice
+between two polls is missed.
 """
 
 import io
@@ -35,14 +35,12 @@ class FollowedFile(io.IOBase):
     """The lines of a file as it grows; an input stream for `rvaft.readers.json_lines.read`.
 
     `changed` is called with a message when another file begins, `idle` while no data comes. Reading
-    ends once `stop` returns true; an unfinished line is then not returned. Reading starts at
-    `offset`, the start of a line, after `line` lines.
+    ends once `stop` returns true, without an unfinished line. It starts at `offset`, the start of a
+    line, after `line` lines. The attributes `offset` and `line` count what was returned of the
+    current `file`.
 
     Raises `OSError` for a file that cannot be opened, also later for its replacement. Raises
     `OptionError` for a file that is compressed, not regular, or shorter than `offset`.
-
-    The attributes `offset` and `line` count the bytes and lines of the current `file` returned so
-    far.
     """
 
     def __init__(
@@ -98,7 +96,7 @@ class FollowedFile(io.IOBase):
         super().close()
 
     def readline(self, size: int | None = -1) -> bytes:
-        """Return the next complete line, or the first `size` bytes of a longer one; b"" after the
+        """Return the next complete line, or the first `size` bytes of a longer line; b"" after the
         stop.
         """
         most = sys.maxsize if size is None or size < 0 else size
@@ -117,7 +115,7 @@ class FollowedFile(io.IOBase):
                 return b""
 
     def _more(self) -> bool:
-        """Wait until more bytes are buffered; False after the stop."""
+        """Wait until more bytes are buffered; return False after the stop."""
         while not self._stop():
             if self._fill():
                 return True
@@ -136,7 +134,9 @@ class FollowedFile(io.IOBase):
         return False
 
     def _fill(self) -> bool:
-        """Read on and return whether there was data; re-reads preceding bytes to detect a rewrite."""
+        """Read on and return whether there was data; re-read preceding bytes to detect a
+        rewrite.
+        """
         self.file.seek(self._position - len(self._before))
         seen = self.file.read(len(self._before) + _BLOCK)
         if not seen.startswith(self._before):
@@ -169,30 +169,30 @@ class FollowedFile(io.IOBase):
 
 @contextmanager
 def stopping() -> Iterator[Callable[[], bool]]:
-    """Catch Ctrl-C and SIGTERM; yields a function that returns whether a signal came.
+    """Catch Ctrl-C and SIGTERM; yield a function that returns whether a signal came.
 
-    After the first signal the former handlers are restored, so that a second Ctrl-C interrupts.
-    Must run in the main thread.
+    The first signal restores the former handlers, so that a second Ctrl-C interrupts. Must run in
+    the main thread.
     """
-    asked = False
+    requested = False
 
     def restore() -> None:
         for each, handler in before.items():
             signal.signal(each, handler)
 
-    def ask(_number: int, _frame: FrameType | None) -> None:
-        nonlocal asked
-        asked = True
+    def request_stop(_number: int, _frame: FrameType | None) -> None:
+        nonlocal requested
+        requested = True
         restore()
 
-    before = {each: signal.signal(each, ask) for each in (signal.SIGINT, signal.SIGTERM)}
+    before = {each: signal.signal(each, request_stop) for each in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield lambda: asked
+        yield lambda: requested
     finally:
         restore()
 
 
 def _opened(path: Path) -> BinaryIO:
-    if not stat.S_ISREG(path.stat().st_mode):  # check before opening: opening a pipe blocks
+    if not stat.S_ISREG(path.stat().st_mode):  # opening a pipe would block
         raise OptionError(f"{path}: only a regular file can be followed")
     return cast("BinaryIO", path.open("rb", buffering=0))

@@ -32,8 +32,8 @@ BOUND: Final = 10_000
 class EventBuffer:
     """The recent events of one trace by number, for explanations.
 
-    Older events are read again from the regular file `path`; events of a stream are lost. `reads`
-    are the parts of events that are read, by `reader` if the log is not JSON Lines.
+    Older events are read again from the regular file `path`, of which `reads` are the parts read.
+    `reader` is needed for a log that is not JSON Lines. Events of a stream are lost.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class MonitoredTrace:
 
 
 class VerdictChange:
-    """The verdicts changed by one event: the columns, those that detect, and explanations."""
+    """The verdicts changed by one event: the columns, the detecting ones, and explanations."""
 
     def __init__(self, watch: MonitoredTrace, number: int, event: Json, columns: Sequence[int]) -> None:
         self.watch = watch
@@ -94,7 +94,7 @@ class VerdictChange:
         self.verdicts = watch.monitors.verdicts
         self.detected = [column for column in columns if self.verdicts[column] is Verdict.TRUE]
         self.counts = {column: watch.monitors.found[column] for column in self.detected if watch.monitors.repeat}
-        """With repeat: the number of detections, including this one, by detecting column."""
+        """With repeat: per detecting column, the number of detections including this one."""
 
     @cached_property
     def explanations(self) -> Mapping[int, Explanation]:
@@ -104,7 +104,7 @@ class VerdictChange:
 
     @cached_property
     def events(self) -> Mapping[int, Json]:
-        """The events in the explanations, as far as they are available."""
+        """The available events in the explanations."""
         wanted = matched_events(self.explanations.values()) - {self.number}
         return {**self.watch.buffer.events(wanted), self.number: self.event}
 
@@ -113,8 +113,7 @@ class VerdictChange:
         """The distinct detections: explanation, kinds of the detecting monitors, and count (with
         repeat).
 
-        Monitors of branches or kinds take precedence over that of the tree. Backends give no
-        explanation.
+        Monitors of branches or kinds take precedence over the monitor of the tree.
         """
         parts = [column for column in self.detected if column] or self.detected
         if parts and not self.explanations:
@@ -138,7 +137,7 @@ class Listener:
     every = False
     concerned = False
     whole = False
-    told_before = 0
+    reported_before = 0
     """The number of the last event whose detections an earlier run reported."""
 
     def begin(self, watch: MonitoredTrace) -> None:
@@ -161,7 +160,7 @@ class Listener:
 
 
 class Audience(NamedTuple):
-    """The listeners for events without a change: for each event, for ranges, and for relevant
+    """The listeners for events without a change: for each event, for ranges, for relevant
     events.
     """
 
@@ -171,7 +170,7 @@ class Audience(NamedTuple):
 
     @classmethod
     def of(cls, listeners: Iterable[Listener], *, one_by_one: bool) -> "Audience":
-        """Sort listeners into an audience; `one_by_one` excludes ranges."""
+        """Sort listeners; `one_by_one` excludes ranges."""
         found = list(listeners)
         every = [listener for listener in found if listener.every]
         each = [listener for listener in every if listener.whole or one_by_one]
@@ -182,12 +181,10 @@ class Audience(NamedTuple):
 class Publisher(Listener):
     """A listener that reports to a file or to the clients of a port; a context manager.
 
-    `name` names the tree in messages, `key` returns the key of a trace, and `warn` receives
-    failures.
+    `name` names the tree in messages, `key` returns the key of a trace, `warn` receives failures.
     """
 
     url = ""
-    """The address for clients, if there is a server."""
 
     @abstractmethod
     def __init__(

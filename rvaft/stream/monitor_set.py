@@ -1,5 +1,4 @@
-"""Columns (the tree, and beside it its branches or kinds) and their monitors, which read the same
-events.
+"""Columns (a tree and its branches or kinds) and their monitors, which read the same events.
 
 These are the options (a), (b) and (c) of the paper, section 4.3, with the monitor names of its
 Tables 2 and 3.
@@ -29,7 +28,7 @@ _UNKNOWN: Final = Verdict.UNKNOWN
 
 
 class Per(StrEnum):
-    """The parts of a tree that have a verdict each."""
+    """The parts of a tree with separate verdicts."""
 
     TREE = "tree"
     BRANCH = "branch"
@@ -38,7 +37,7 @@ class Per(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One monitored part: `label` for programs (`tree`, a branch number, a kind), `title` for
+    """One monitored part: `label` (`tree`, a branch number, a kind) for programs, `title` for
     people.
     """
 
@@ -48,7 +47,7 @@ class Column:
 
 
 def columns(tree: RVAFT, per: Per = Per.TREE) -> tuple[Column, ...]:
-    """Return the column of a tree or part, and those of its branches, from 1, or kinds.
+    """Return the column of a tree or part, then those of its branches or kinds.
 
     Parts without a feasible scenario have no column. Raises `TreeError`, and `TooLarge` beyond
     `MOST` branches.
@@ -95,7 +94,7 @@ class DetectionCount:
     _before: int = 0
 
     def add(self, number: int, time: int | None, cooldown: int | None) -> bool:
-        """Count a detection and return whether it is reported: not within `cooldown` ns of the last
+        """Count a detection; return whether it is reported, `cooldown` ns or more after the last
         report.
         """
         if cooldown and time is not None and self.time is not None and abs(time - self.time) < cooldown:
@@ -109,7 +108,7 @@ class DetectionCount:
 
     @property
     def fields(self) -> dict[str, int]:
-        """The number of the last detection, and how many were suppressed before it, for JSON
+        """The number of reported detections, and how many were suppressed before the last, for JSON
         output.
         """
         return {"detection": self.notified, **({"suppressed": self.between} if self.between else {})}
@@ -120,7 +119,7 @@ Snapshots: TypeAlias = tuple[list[dict[str, Json]], dict[int, int], list[Detecti
 
 @dataclass(eq=False)
 class MonitorSet:
-    """One monitor for each column; the first is that of the whole.
+    """One monitor for each column; the first column is the whole.
 
     The caller numbers events increasingly, perhaps with gaps. `types` classifies an event once for
     all monitors. `since` maps columns with a final verdict to the deciding event, `found` counts
@@ -130,9 +129,9 @@ class MonitorSet:
     - `serves`: an explanation may name the event;
     - `late`: the event came too late for a match.
 
-    With `repeat` monitors restart after each detection, and ⊤ is not final. `cooldown` suppresses
-    detections of the same column within so many nanoseconds. Raises `TooLarge` as its monitors do,
-    and `OptionError` for a cooldown with a tree without times.
+    With `repeat` monitors restart after each detection, and ⊤ is not final. `cooldown`, in
+    nanoseconds, suppresses detections of the same column. Raises `TooLarge` as its monitors do, and
+    `OptionError` for a cooldown with a tree without times.
     """
 
     columns: Sequence[Column]
@@ -216,9 +215,7 @@ class MonitorSet:
             self._take_over(self.monitors)
 
     def step(self, event: Json, number: int, event_kind: EventKind | None = None) -> Sequence[int]:
-        """Read one event and return the columns whose verdict changed; `event_kind` is its class in
-        `types`.
-        """
+        """Read one event of this kind and return the columns whose verdict changed."""
         self.serves = False
         if self._resting:
             self.begin_again()

@@ -13,16 +13,12 @@ from rvaft.stream.semantics_hint import SemanticsHint
 from rvaft.stream.statistics import Statistics
 
 TIME: Final = "time"
-"""The time field of relevant events of a tree that declares none; a warning counts times that go
-back.
-"""
+"""The time field of a tree that declares none; a warning counts times that go back."""
 
 
 @dataclass(frozen=True)
 class MonitoringPlan:
-    """How each trace is monitored: `monitors` are fresh; `also` are fields for other readers of
-    events.
-    """
+    """How each trace is monitored; `monitors` are fresh, `also` are fields for other readers."""
 
     monitors: MonitorSet
     key: Key | None = None
@@ -51,7 +47,7 @@ class MonitoringPlan:
 
 @dataclass(slots=True)
 class Totals:
-    """The sums over several traces: statistics (if wanted), data warnings, and the semantics hint."""
+    """The sums over several traces."""
 
     statistics: Statistics | None
     data_warnings: DataWarnings

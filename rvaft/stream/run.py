@@ -116,7 +116,7 @@ class TraceRun:
             yield event is not None
 
     def _in_turn(self, events: Iterable[JsonObject]) -> Iterator[JsonObject | None]:
-        """Yield events in time order, and None at the end; an error comes after the events before
+        """Yield events in time order, and None at the end; an error follows the events before
         it.
         """
         ordering, failure = self.ordering, None
@@ -138,9 +138,8 @@ class TraceRun:
     def take(  # noqa: PLR0915
         self, events: Iterable[tuple[int, JsonObject]], before: int
     ) -> None:
-        """Step the monitors over events; places count from the event `before`.
-
-        The loop is inlined, because each call per event costs time.
+        """Step the monitors over events, in one loop for speed; places count from the event
+        `before`.
         """
         prefix, keys, fresh = self.prefix, self.keys, self.plan.monitors
         each, _, of_concern = self.audience
@@ -187,7 +186,7 @@ class TraceRun:
                     if monitors.serves:
                         watch.buffer.remember(number, event)
                     if changed:
-                        self.tell(VerdictChange(watch, number, event, changed))
+                        self.notify(VerdictChange(watch, number, event, changed))
                         continue
                     if of_concern and monitors.live and (monitors.concerned or (event_kind.relevant and not skips)):
                         for listener in of_concern:
@@ -199,13 +198,13 @@ class TraceRun:
             raise
 
     def notify_unchanged(self, last: int) -> None:
-        """Notify listeners of unreported events up to this number; they changed no verdict."""
+        """Notify listeners of unreported events up to this number, which changed no verdict."""
         if self._notified < last:
             for listener in self.audience.in_rows:
                 listener.events(self.watch, self._notified + 1, last, self._verdicts)
             self._notified = last
 
-    def tell(self, change: VerdictChange) -> None:
+    def notify(self, change: VerdictChange) -> None:
         """Notify listeners of a change, after the events before it."""
         self.notify_unchanged(change.number - 1)
         monitors = change.watch.monitors

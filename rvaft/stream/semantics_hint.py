@@ -1,6 +1,6 @@
 """A hint for traces that end in ⊥ under a default semantics: the verdicts under `scattered`.
 
-Events that match a pattern are kept, up to a limit, and read again at the end, up to a time limit.
+Events that match a pattern are kept and read again at the end, up to a time limit.
 """
 
 from contextlib import suppress
@@ -43,7 +43,7 @@ class SemanticsHint:
         return monitor(self._tree, semantics=Semantics.SCATTERED, limit=LIMIT)
 
     def keep(self, watch: int, number: int, event: Json) -> None:
-        """Keep an event for that trace or key; if there is no room, keep only its number."""
+        """Keep an event for that trace or key; without room, keep only its number."""
         kept = self._kept.setdefault(watch, [])
         if self._room > 0:
             self._room -= 1
@@ -78,7 +78,7 @@ class SemanticsHint:
         self._left = max(self._left - (monotonic() - begun), 0)
 
     def forget(self) -> None:
-        """Drop all events kept, at the start of a trace."""
+        """Drop all kept events, at the start of a trace."""
         self._room = ROOM if self._tried else 0
         self._kept: dict[int, list[tuple[int, Json]]] = {}
 

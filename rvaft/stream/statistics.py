@@ -28,11 +28,11 @@ from rvaft.model.values import Json, at
 from rvaft.support.terminal import cut
 
 LOOKED_AT: Final = 20
-"""Maximum number of examined unmatched events with the same values in the discriminating fields."""
+"""Maximum number of examined unmatched events with the same discriminating values."""
 MOST: Final = 10_000
-"""Maximum number of distinct values of these fields; events with others are not examined."""
+"""Maximum number of combinations of discriminating values; further ones are not examined."""
 UNSEEN: Final[tuple[int, ...]] = (-1,)
-"""Marks checks that are not computed yet, and missing fields."""
+"""The mark of missing fields, and of checks that are not computed yet."""
 
 Path = tuple[str, ...]
 
@@ -48,7 +48,7 @@ class WarningChecks:
 
 @dataclass(slots=True, eq=False)
 class EventKind:
-    """The class of events with the same shape and the same true guards; the default matches
+    """A class of events with the same shape and the same true guards; the default matches
     nothing.
     """
 
@@ -64,15 +64,13 @@ class EventKind:
     serves: bool = field(default=False, init=False)
     """Whether the event may be that of a node."""
     noted: object = field(default=None, init=False)
-    """The statistics that have counted these types as seen."""
     checks: WarningChecks = field(default_factory=WarningChecks)
-    """Shared by all kinds that match the same patterns."""
 
 
 class EventTypeIndex:
     """Classifies events for a tree and for its engines with one look-up.
 
-    An event type is what an `on` names, or a leaf with its default event. `compound` are the types
+    An event type is a type in an `on`, or a leaf with its default event. `compound` are the types
     with several fields, which have near misses.
     """
 
@@ -101,7 +99,6 @@ class EventTypeIndex:
         self._patterns = (*(one.pattern for _, _, one in letters), *also)
         self.shapes = PatternIndex(self._patterns, self._table)
         self.late = EventKind(classes=(EventClass(),) * len(engines))
-        """The kind of late events: no match can use them."""
         reads = TreeReads(tree)
         self.discriminators: Discriminators = reads.discriminators
         self._read = reads.patterns
@@ -152,7 +149,7 @@ class EventTypeIndex:
         return made
 
     def possible(self, values: Iterable[Hashable]) -> bool:
-        """Whether events with these values in the discriminating fields may match, up to spelling."""
+        """Whether events with these discriminating values may match, up to spelling."""
         meant = {
             field: self._meant[field].get(_spelling(value), value) if isinstance(value, str) else None
             for field, value in zip(self.discriminators.fields, values, strict=True)
@@ -160,11 +157,11 @@ class EventTypeIndex:
         return bool(self.discriminators.candidates(self.discriminators.values(meant)))
 
     def may_be(self, field: str, text: str) -> bool:
-        """Whether an event with this text in this field may match a pattern, up to spelling."""
+        """Whether an event with this text in this field may match, up to spelling."""
         if field not in self._texts:
-            asked = [literals_of(pattern).get(field) for pattern in self._read]
-            texts = frozenset(_spelling(one) for one in asked if isinstance(one, str))
-            self._texts[field] = texts if all(isinstance(one, str) for one in asked) else None
+            literals = [literals_of(pattern).get(field) for pattern in self._read]
+            texts = frozenset(_spelling(one) for one in literals if isinstance(one, str))
+            self._texts[field] = texts if all(isinstance(one, str) for one in literals) else None
         known = self._texts[field]
         return known is None or _spelling(text) in known
 
@@ -189,7 +186,7 @@ class NearMissCount:
 class Statistics:
     """Counts for the events of traces of one tree; can be pickled and merged.
 
-    `tally` counts relevant events by their set of types, `seen` has the types that occurred.
+    `tally` counts relevant events by their set of types; `seen` has the types that occurred.
     """
 
     def __init__(self, types: EventTypeIndex) -> None:
@@ -209,7 +206,7 @@ class Statistics:
     def add(
         self, event: Mapping[str, Json], number: int, prefix: str = "", event_kind: EventKind | None = None
     ) -> bool:
-        """Count an event and return whether it is relevant; prefix and number give its place."""
+        """Count an event and return whether it is relevant."""
         self.events += 1
         event_kind = event_kind or self.types.of(event)
         if event_kind.noted is not self:
@@ -285,7 +282,7 @@ def _leaves(pattern: Pattern) -> Iterator[tuple[Path, Pattern]]:
 
 
 def _only_miss(
-    leaves: Iterable[tuple[Path, Pattern]], event: Json, telling: Sequence[str]
+    leaves: Iterable[tuple[Path, Pattern]], event: Json, discriminating: Sequence[str]
 ) -> tuple[Path, Pattern, str | None] | None:
     """Return the only differing field, its pattern and its value; None if several fields differ.
 
@@ -302,7 +299,7 @@ def _only_miss(
         if miss is not None:
             return None
         misspelt = isinstance(expected, Literal) and _spelling(expected.value) == _spelling(found)
-        if len(path) == 1 and path[0] in telling and not misspelt:
+        if len(path) == 1 and path[0] in discriminating and not misspelt:
             return None
         miss = path, expected, None if found is UNSEEN else cut(json.dumps(found, ensure_ascii=False))
     return miss

@@ -27,7 +27,7 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.readers.json_lines import decode, marked
 from rvaft.readers.log import BOM
 from rvaft.stream.data_warnings import DataWarnings
-from rvaft.stream.detection import explained, kept, matched_events, told_fields
+from rvaft.stream.detection import explained, identifying_fields, kept, matched_events
 from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, VerdictChange
 from rvaft.stream.monitor_set import DetectionCount, MonitorSet, Per, columns
 
@@ -89,7 +89,7 @@ class Session:
         parts = columns(tree, per)
         self.monitors = {column.label: MonitorSet([column], make, meaning, **repeating) for column in parts}
         self.failures: dict[str, str] = {}
-        self.fields = told_fields(tree)
+        self.fields = identifying_fields(tree)
         self.buffer = EventBuffer()
         self.listener: Listener | None = None
         self.watch = MonitoredTrace("", self.looked_at, buffer=self.buffer)

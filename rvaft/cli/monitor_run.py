@@ -69,7 +69,7 @@ class TraceSource(NamedTuple):
 
         needed = tuple((one.text, one.path[0]) for one in (plan.key.fields if plan.key else ()))
         given, strict = cast("LogSource", source), plan.strict_json
-        return Log(self.reader, given, self.name, plan.reads, strict, line, needed=needed, told=told, live=live)
+        return Log(self.reader, given, self.name, plan.reads, strict, line, needed=needed, on_reject=told, live=live)
 
     @property
     def is_plain(self) -> bool:

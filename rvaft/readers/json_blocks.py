@@ -27,11 +27,11 @@ from rvaft.support.files import SUFFIXES
 SIZE: Final = 3 << 15
 """Bytes per read; a block fits into the processor cache."""
 MEMORY: Final = 10_000
-"""Maximum number of cached discriminating values, and of line skeletons; then the cache is cleared."""
+"""Maximum number of cached discriminating values, and of line skeletons."""
 FEW: Final = 16
-"""A block may have one new skeleton per so many lines, since new ones are slow."""
+"""A block may have one new skeleton per so many lines, since new skeletons are slow."""
 _REST: Final = 64
-"""Blocks skipped by the fast path after one with too many new skeletons."""
+"""Blocks skipped by the fast path after a block with too many new skeletons."""
 _SHORT: Final = 2 * MAX_DEPTH
 """A line of this length has neither too many levels nor too many digits."""
 _DIGITS: Final = re.compile(rb"[0-9]{%d}" % (MAX_DIGITS + 1))
@@ -39,18 +39,17 @@ _OF_NUMBERS: Final = b"0123456789.+-eE"
 _STRETCH: Final = 29_000
 """Bytes per call when keys are counted."""
 _REFUSED: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
-"""Exceptions of a decoder for a line of an unexpected form, malformed or not."""
+"""Exceptions of a decoder for a line of an unexpected form."""
 _Line: TypeAlias = Any
 _Value: TypeAlias = Scalar | msgspec.UnsetType
 """The value of a field, `msgspec.UNSET` if missing."""
 _Values: TypeAlias = _Value | tuple[_Value, ...]
 _DOUBT: Final = ("doubt",)
-"""Marks a line that `rvaft.readers.json_lines` has to decode."""
+"""The mark of a line that `rvaft.readers.json_lines` has to decode."""
 
 
 class EventBlock(NamedTuple):
-    """Consecutive events: the number of all, and the possibly relevant ones with their places, from
-    0.
+    """Consecutive events: the total, and the possibly relevant ones with their places, from 0.
 
     If a reader keeps fields of all events, `passed` has the places of the others. `kept` has their
     values (or tuples of values) in these fields, with `msgspec.UNSET` for missing ones.
@@ -72,7 +71,7 @@ def _blocks(
     it.
     """
     failures = failures_of(file)
-    # A failing call loses its data, so compressed files are read in as small pieces as by lines.
+    # A failing call loses its data, so compressed files are read in small pieces.
     at_once = min(SIZE, DEFAULT_BUFFER_SIZE) if Path(file).suffix.lower() in SUFFIXES else SIZE
     held, mark = b"", BOM if line == 1 else b""
     failure: Exception | None = None
@@ -107,8 +106,8 @@ def plain_fields(reads: TreeReads, also: Iterable[str] = ()) -> Sequence[str]:
     """Return the fields that a `JsonBlockReader` decodes, or () if it cannot read logs for the
     tree.
 
-    It cannot for a tree without discriminating strings, or with patterns that are no objects. Nor
-    can it if JSON can spell a field name in several ways (other than by numeric escapes).
+    It cannot for a tree without discriminating strings, for patterns that are no objects, and if
+    JSON can spell a field name in several ways (other than by numeric escapes).
     """
     patterns = [one for one in reads.patterns if isinstance(one, ObjectPattern)]
     fields = tuple(dict.fromkeys((*(name for one in patterns for name, _ in one.fields), *also)))
@@ -123,10 +122,10 @@ def exact_time(tree: RVAFT) -> str | None:
 
 
 class JsonBlockReader:
-    """Reads logs for one tree; `possible` tests values of the discriminating fields for relevance.
+    """Reads logs for one tree; `possible` tests discriminating values for relevance.
 
-    Decodes only `fields`; numbers in the field `time` are exact. Values of the discriminating
-    fields are a tuple if there are several. The `kept` fields are returned for every event.
+    Only `fields` are decoded; numbers in the field `time` are exact. Several discriminating values
+    are a tuple. The `kept` fields are returned for every event.
     """
 
     def __init__(
@@ -142,20 +141,22 @@ class JsonBlockReader:
         self._reads = reads
         self._strict = strict
         self._possible = possible
-        self._asked = reads.discriminators.fields
+        self._discriminating = reads.discriminators.fields
         assert time not in kept, "what is kept is no more exact than a double"
         self._kept = tuple(kept)
         # Python treats 1 and True as equal, so Booleans in kept fields go to the other reader.
-        types = {field: Scalar if field not in kept else str | int | float | None for field in (*fields, *self._asked)}
-        # msgspec calls a float hook only for values of type Any.
+        types = {
+            field: Scalar if field not in kept else str | int | float | None
+            for field in (*fields, *self._discriminating)
+        }
+        # msgspec calls a float hook only for values of type Any
         read = {field: Any if field == time else types[field] for field in fields}
         event = TypedDict("event", read, total=False)  # type: ignore[misc] # the names come with the tree
         self._event: msgspec.json.Decoder[_Line] = msgspec.json.Decoder(event, float_hook=_decimal)
         self._time = time
-        told = tuple(dict.fromkeys((*self._asked, *kept)))
-        names = {f"f{number}": field for number, field in enumerate(told)}
-        # Without garbage collection: heads live for one block and contain no references to each
-        # other.
+        head_fields = tuple(dict.fromkeys((*self._discriminating, *kept)))
+        names = {f"f{number}": field for number, field in enumerate(head_fields)}
+        # without garbage collection: heads live for one block and do not refer to each other
         head = msgspec.defstruct(
             "Head",
             [(name, types[field] | msgspec.UnsetType, msgspec.UNSET) for name, field in names.items()],
@@ -165,8 +166,8 @@ class JsonBlockReader:
         )
         self._head = msgspec.json.Decoder(head)
         self._short = short = {field: name for name, field in names.items()}
-        self._of_event = _gets(self._asked)
-        self._of_head = attrgetter(*map(short.__getitem__, self._asked))
+        self._of_event = _gets(self._discriminating)
+        self._of_head = attrgetter(*map(short.__getitem__, self._discriminating))
         self._kept_of_event = _gets(self._kept) if kept else None
         self._kept_of_head = attrgetter(*map(short.__getitem__, self._kept)) if kept else None
         self._known: dict[Hashable, tuple[bool, tuple[bytes, ...]]] = {}
@@ -193,7 +194,7 @@ class JsonBlockReader:
         for first, text, lines, size in _blocks(stream, file, line, live=live):
             dense = self._dense
             sound = self._sound(text, lines) if dense else None
-            heads, found, told = (
+            heads, found, kept_values = (
                 self._heads(text, lines) if sound is None else (sound, list(map(self._of_event, sound)), None)
             )
             different = set(found)
@@ -204,11 +205,15 @@ class JsonBlockReader:
             passed: Sequence[int] = ()
             kept: Sequence[_Values] = ()
             get: Callable[[_Line], _Values] | None = self._kept_of_event if dense else self._kept_of_head
-            if told is not None and not places:
-                passed, kept = range(len(found)), told
+            if kept_values is not None and not places:
+                passed, kept = range(len(found)), kept_values
             elif get is not None and dead:
                 passed = [place for place, values in enumerate(found) if values in dead]
-                kept = [get(heads[place]) for place in passed] if told is None else [told[place] for place in passed]
+                kept = (
+                    [get(heads[place]) for place in passed]
+                    if kept_values is None
+                    else [kept_values[place] for place in passed]
+                )
             if sound is not None:
                 reached(size, len(lines) - (not text.endswith(b"\n")))
                 events = [(place, sound[place]) for place in places] if dead else list(enumerate(sound))
@@ -243,7 +248,7 @@ class JsonBlockReader:
             yield EventBlock(len(found) - len(blank), events, _without(blank, passed), kept)
 
     def _sound(self, text: bytes, lines: list[bytes]) -> list[_Line] | None:
-        """Return the decoded events of a block without hidden errors, or None if there may be some.
+        """Return the decoded events of a block, or None if there may be hidden errors.
 
         The *skeleton* of a line is the line without number characters. Two lines with the same
         skeleton have the same brackets and, up to number characters, the same strings: number
@@ -280,8 +285,8 @@ class JsonBlockReader:
         return self._time is not None and type(event.get(self._time)) in (dict, list)
 
     def _heads(self, text: bytes, lines: list[bytes]) -> tuple[list[_Line], list[Hashable], Sequence[_Values] | None]:
-        """Return the decoded lines, their discriminating values (or `_DOUBT`), and the kept values
-        if known.
+        """Return the decoded lines, their discriminating values (or `_DOUBT`), and kept values if
+        known.
         """
         decoder = self._event if self._dense else self._head
         get: Callable[[_Line], Hashable] = self._of_event if self._dense else self._of_head
@@ -295,14 +300,14 @@ class JsonBlockReader:
             doubts.update(place for place, values in enumerate(found) if values is _DOUBT)
         columns = {} if doubts else {field: list(map(self._lookup(field), heads)) for field in self._kept}
         counts = Counter(found)
-        for number, field in enumerate(dict.fromkeys((*self._asked, *self._kept))):
-            # If no line spells a field with escapes, counting keys in the whole block suffices.
+        for number, field in enumerate(dict.fromkeys((*self._discriminating, *self._kept))):
+            # if no line spells a field with escapes, counting keys in the whole block suffices
             key, there = _quoted(field), -1
             if doubts:
                 pass
-            elif number < len(self._asked):
-                asked = ((self._every(values)[number], count) for values, count in counts.items())
-                there = sum(count for value, count in asked if value is not msgspec.UNSET)
+            elif number < len(self._discriminating):
+                spelled = ((self._every(values)[number], count) for values, count in counts.items())
+                there = sum(count for value, count in spelled if value is not msgspec.UNSET)
             else:
                 types = set(map(type, columns[field]))
                 there = len(heads) - (columns[field].count(msgspec.UNSET) if msgspec.UnsetType in types else 0)
@@ -311,8 +316,8 @@ class JsonBlockReader:
         for place in doubts:
             found[place] = _DOUBT
         every = [columns[field] for field in self._kept] if columns else []
-        told: Sequence[_Values] | None = every[0] if len(every) == 1 else list(zip(*every, strict=True))
-        return heads, found, told if every else None
+        kept_values: Sequence[_Values] | None = every[0] if len(every) == 1 else list(zip(*every, strict=True))
+        return heads, found, kept_values if every else None
 
     def _lookup(self, field: str) -> Callable[[_Line], _Value]:
         return methodcaller("get", field, msgspec.UNSET) if self._dense else attrgetter(self._short[field])
@@ -327,8 +332,8 @@ class JsonBlockReader:
         known = self._known.get(values)
         if known is None:
             every = self._every(values)
-            asked = self._reads.discriminators.values(dict(zip(self._asked, every, strict=True)))
-            keys = tuple(_quoted(field) for field in self._reads.where(asked).fields if field not in self._short)
+            texts = self._reads.discriminators.values(dict(zip(self._discriminating, every, strict=True)))
+            keys = tuple(_quoted(field) for field in self._reads.where(texts).fields if field not in self._short)
             known = self._possible(every), keys
             if len(self._known) >= MEMORY:
                 self._known.clear()
@@ -364,9 +369,7 @@ def _doubtful(text: bytes, lines: list[bytes]) -> set[int]:
 
 
 def _is_odd(text: bytes) -> bool:
-    """Whether the text is invalid UTF-8, or has a numeric escape of an ASCII letter, as in an
-    escaped key.
-    """
+    """Whether the text is invalid UTF-8, or has a numeric escape of an ASCII letter."""
     place = text.find(b"\\")
     while place >= 0:
         if text.startswith(b"u00", place + 1) and text[place + 4 : place + 5] in (b"2", b"3", b"4", b"5", b"6", b"7"):

@@ -43,8 +43,7 @@ def read(
     """Yield the events of a trace; raises `TraceError`, `ToolMissing` and `OSError`.
 
     `source` is a path (`.gz` and `.zst` are decompressed) or a binary stream; `name` replaces it in
-    errors. Without `reads`, repeated keys are refused everywhere. `line` is the number of the first
-    line.
+    errors. Without `reads`, repeated keys are refused everywhere.
 
     >>> import io
     >>> list(read(io.BytesIO(b'{"event": "a"}')))
@@ -59,7 +58,7 @@ def read(
 
 
 class JsonLinesReader(LogReader):
-    """JSON Lines; a malformed line ends the log, since the file is probably damaged there.
+    """JSON Lines; a malformed line ends the log, since the file is probably damaged.
 
     >>> import io
     >>> list(Log(JsonLinesReader(), io.BytesIO(b'{"event": "a"}'), "log.jsonl").events())
@@ -71,7 +70,7 @@ class JsonLinesReader(LogReader):
     by_lines = True
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
-        """Yield the events of all lines that are not blank."""
+        """Yield the events with their line numbers."""
         return _numbered(log.stream, log.name, log.reads, log.line, strict=log.strict)
 
 
@@ -151,7 +150,7 @@ def checked(
 
 
 class NonFiniteEvent(dict[str, Json]):
-    """An event with a number that is not finite in the `field` that is read; `number` is its
+    """An event with a number that is not finite in a `field` that is read; `number` is its
     spelling.
     """
 
@@ -194,7 +193,7 @@ DECODER: Final = json.JSONDecoder(object_pairs_hook=_object, parse_int=_integer,
 
 
 def described(value: Json) -> str:
-    """Return a short text with the type of a value and the value.
+    """Return the type and the value of a value as a short text.
 
     >>> described("yesterday"), described(None)
     ('a string ("yesterday")', 'null')
@@ -310,8 +309,7 @@ class LinesRead(BufferedIOBase):
 
 
 def settled(event: dict[str, Json], log: Log) -> dict[str, Json]:
-    """Return the event of another format, as a `NonFiniteEvent` if a number that is read is not
-    finite.
+    """Return the event of another format, as `marked` does.
 
     Raises `ValueError` if the log is read strictly.
 

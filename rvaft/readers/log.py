@@ -30,9 +30,9 @@ from rvaft.model.values import NUMBER, Json, decimal
 from rvaft.support.files import SUFFIXES, damage, opened
 
 MAX_LINE: Final = 64 * 1024 * 1024
-"""Maximum length of a line in bytes; protects the memory."""
+"""Maximum length of a line in bytes, to bound the memory."""
 MAX_DIGITS: Final = 4300
-"""Maximum digits of an integer; conversion takes quadratic time."""
+"""Maximum digits of an integer, because conversion takes quadratic time."""
 BOM: Final = b"\xef\xbb\xbf"
 
 Source: TypeAlias = str | os.PathLike[str] | BinaryIO
@@ -66,7 +66,7 @@ class FieldType(StrEnum):
 
 
 def by_content(text: str) -> Json:
-    """Return a text in the number syntax of JSON as a number, if it fits a double, else as text.
+    """Convert a text in the number syntax of JSON to a number, if it fits a double.
 
     >>> by_content("12.50"), by_content("007"), by_content("1e999"), by_content("true")
     (12.5, '007', '1e999', 'true')
@@ -115,7 +115,7 @@ class InputOptions:
 
     @property
     def given(self) -> frozenset[str]:
-        """The names of the options that are given."""
+        """The names of the given options."""
         return frozenset(name for name in ("records", "types", "pattern") if getattr(self, name))
 
     def only(self, names: Collection[str]) -> "InputOptions":
@@ -127,8 +127,8 @@ class InputOptions:
 class Interest:
     """The parts of events that are used: these `fields`, or all if None; readers may skip the rest.
 
-    `may_be(field, value)` says whether an event with this text in this field may be relevant. A
-    reader may yield None for an event that cannot.
+    `may_be(field, value)` returns whether an event with this text in this field may be relevant;
+    else a reader may yield None for it.
     """
 
     fields: frozenset[str] | None = None
@@ -136,7 +136,7 @@ class Interest:
 
     @classmethod
     def of(cls, reads: Scope, also: Iterable[str]) -> Self:
-        """Return the interest of a tree with some further fields; all if a pattern is no object.
+        """Return the interest of a tree with further fields; all fields if a pattern is no object.
 
         >>> import rvaft
         >>> from rvaft.core.classifier import TreeReads
@@ -171,7 +171,7 @@ class Log:
     `source` is a binary stream; for a reader with `needs_file` a path, for a URL reader the URL.
     `name` replaces it in messages. `line` is the number of the first line. Events must have one
     field of each `needed` tuple. `reading` is the current line. `rejected` counts rejected records;
-    `first` is the error for the first one, and is passed to `told` at once.
+    the error for the `first` one is passed to `on_reject` at once.
 
     >>> import io
     >>> from rvaft.readers.registry import reader
@@ -195,7 +195,7 @@ class Log:
     given: int = 0
     rejected: int = 0
     first: TraceError | None = None
-    told: Callable[[TraceError], object] | None = None
+    on_reject: Callable[[TraceError], object] | None = None
     live: Live = field(default_factory=Live)
 
     @property
@@ -242,8 +242,8 @@ class Log:
         self.rejected += count
         if self.first is None:
             self.first = self.error_at(reason, place)
-            if self.told is not None:
-                self.told(self.first)
+            if self.on_reject is not None:
+                self.on_reject(self.first)
 
     def require(self, columns: Collection[str]) -> None:
         """Raise `TraceError` if a table lacks a needed column."""
@@ -288,7 +288,6 @@ class LogReader(ABC):
     """Whether rejected records are expected."""
 
     def __init__(self, options: InputOptions = InputOptions()) -> None:
-        """Raises `OptionError` for invalid options."""
         self.options = options
 
     @classmethod
@@ -303,9 +302,9 @@ class LogReader(ABC):
 
     @abstractmethod
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json] | None]]:
-        """Yield the events with their places; None for events that are irrelevant.
+        """Yield the events with their places; None for irrelevant events.
 
-        Calls `log.reject` for records that are no events. Raises `TraceError` (see `log.error_at`)
+        Call `log.reject` for records that are no events. Raises `TraceError` (see `log.error_at`)
         for an unreadable log, and `ToolMissing`.
         """
 
@@ -335,9 +334,7 @@ class LineReader(LogReader):
 
 
 def lines_of(stream: BinaryIO, file: str, line: int = 1) -> Iterator[tuple[int, bytes]]:
-    """Yield the lines of a stream with their numbers, without a byte order mark; raises
-    `TraceError`.
-    """
+    """Yield the lines of a stream with their numbers, without a byte order mark."""
     failures = failures_of(file)
     for number in count(line):
         try:
@@ -353,11 +350,8 @@ def lines_of(stream: BinaryIO, file: str, line: int = 1) -> Iterator[tuple[int, 
         yield number, data
 
 
-# Log files.
-
-
 def suffix(path: Path) -> str:
-    """Return the suffix of a file in lower case, without that of a compression.
+    """Return the suffix of a file in lower case, before that of a compression.
 
     >>> suffix(Path("logs/Monday.CSV.gz"))
     '.csv'
@@ -387,8 +381,7 @@ def unreadable(error: Exception, file: str, line: int | None = None, where: str 
 
 
 def expanded(name: str) -> list[str]:
-    """Return the files for a name: itself, or, if there is no such file, those that match the
-    pattern.
+    """Return the files for a name: the file, or, if there is none, those that match the pattern.
 
     In a pattern `**` matches any folders. Raises `FileNotFoundError` without a match. A URL stands
     for itself.

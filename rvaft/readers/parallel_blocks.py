@@ -18,13 +18,11 @@ from rvaft.readers.json_lines import MAX_DEPTH
 from rvaft.support.processes import Killed, in_processes
 
 STRETCH: Final = 1 << 20
-"""Bytes per task; a file that is not longer is read by one process."""
+"""Bytes per task; one process reads a file that is not longer."""
 
 
 class _Stretch(BufferedIOBase):
-    """The lines of a file that begin between two offsets, or up to the end; leaves the file
-    position.
-    """
+    """The lines of a file that begin between two offsets; leaves the file position."""
 
     def __init__(self, handle: int, start: int, end: int | None, *, torn: bool) -> None:
         super().__init__()
@@ -51,7 +49,7 @@ class _Stretch(BufferedIOBase):
         return self._more(most, to_end=True)
 
     def _more(self, most: int, *, to_end: bool = False) -> bytes:
-        """Return up to `most` bytes, or with `to_end` at most up to the end of the line."""
+        """Return up to `most` bytes, with `to_end` at most up to the end of the line."""
         data = os.pread(self._handle, most, self._place) if most > 0 else b""
         data = data[: data.find(b"\n") + 1 or len(data)] if to_end else data
         self._place += len(data)
@@ -68,7 +66,9 @@ def read_in_processes(
     line: int = 1,
     reached: Callable[[int, int], None] = lambda _size, _lines: None,
 ) -> Iterator[EventBlock]:
-    """Yield what `reader.read` yields for a regular file, from its position, the start of a line."""
+    """Yield what `reader.read` yields for a regular file, from its position, the start of a
+    line.
+    """
     handle, begin = source.fileno(), source.tell()
     starts = range(begin, max(os.fstat(handle).st_size, begin + 1), STRETCH)
 

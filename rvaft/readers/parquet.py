@@ -1,8 +1,8 @@
 """Parquet tables, read in batches by `pyarrow`: columns are fields.
 
-Only columns that are used are read. A null means that the event lacks the field. Times become ISO
-8601 texts in the column's precision (UTC with a zone), durations integer nanoseconds, decimals
-numbers, and bytes UTF-8 text or else base64.
+A null means that the event lacks the field. Times become ISO 8601 texts in the column's precision
+(UTC with a zone), durations integer nanoseconds, decimals numbers, and bytes UTF-8 text or else
+base64.
 """
 
 from base64 import b64encode

@@ -91,8 +91,7 @@ def format_of(file: str) -> Format | None:
 
 
 def fired_text(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json], *, colour: bool = False) -> str:
-    """Return a detection as a tree for the terminal, with matched nodes marked by a dot and their
-    events.
+    """Return a detection as a tree for the terminal, with matched nodes and their events marked.
 
     `events` has the known matched events by number, from 1. `colour` adds ANSI escapes: marked
     lines are bold, yellow for faults and red for attacks; others are faint.

@@ -1,8 +1,8 @@
 r"""A tree as a graph for Graphviz in the style of fault trees: each node is a box above its gate.
 
 Faults are orange and attacks red, as in the paper; both stay legible in grey prints. Conditions
-(guards without event) have a dashed frame. All text is escaped. In an SVG, a box has the node's
-name in `id`, its kind in `class`, and a tooltip.
+(guards without event) have a dashed frame. In an SVG, a box has the node's name in `id`, its kind
+in `class`, and a tooltip.
 """
 
 import re
@@ -23,8 +23,8 @@ from rvaft.export.layout import (
     gate_text,
     is_condition,
     legend,
+    node_line,
     rows,
-    said,
     turn,
     view,
     wrapped,
@@ -34,7 +34,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.support.terminal import visible
 
 _SPECIAL: Final = str.maketrans({"\\": "\\\\", "]": "&#93;"})
-"""Besides HTML: Graphviz interprets backslashes, and misplaces a text that consists of `]`."""
+"""Graphviz also interprets backslashes, and misplaces a text that consists of `]`."""
 _TITLE: Final = str.maketrans({"&": "&amp;", "\\": "&#92;", '"': "&quot;"})
 """In SVG titles and tooltips Graphviz keeps entities, and prints escapes literally."""
 _SPACE: Final = "&#160;"
@@ -160,7 +160,7 @@ def _box(node: Node, tree: RVAFT, look: Look, part: View, number: Mapping[str, i
     label = table(_set(*row, node.kind, faint=faint) for row in rows(node, look))
     kinds = " ".join(filter(None, [node.kind and node.kind.value, "condition" * is_condition(node)]))
     kind = f'class="{kinds}", ' if kinds else ""
-    known = f'id="node-{name}", {kind}tooltip={title(f"{node.name}  {said(node)}".rstrip())}'
+    known = f'id="node-{name}", {kind}tooltip={title(f"{node.name}  {node_line(node)}".rstrip())}'
     fill, style = _PALE if faint else _FILL[node.kind], "filled,dashed" if is_condition(node) else "filled"
     yield f'n{own} [label=<{label}>, fillcolor="{fill}", style="{style}"{bold}, {known}];'
     if node.gate is None:

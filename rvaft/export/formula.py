@@ -119,11 +119,13 @@ class _Writer:
         self._own_first = prop.tree.causality is Causality.TOP_DOWN
         self._spread: dict[Part, list[Formula]] = {}
         guards = (part.guard for part in prop.parts if isinstance(part, Condition))
-        self._asked = {(one.point, Source(one.node, one.number)) for guard in guards for one in time_points(guard)}
+        self._guard_points = {
+            (one.point, Source(one.node, one.number)) for guard in guards for one in time_points(guard)
+        }
         self._names = {whole: source.node for source, whole in prop.wholes.items() if self._spans(source)}
 
     def _spans(self, source: Source) -> bool:
-        return not {("start", source), ("end", source)}.isdisjoint(self._asked)
+        return not {("start", source), ("end", source)}.isdisjoint(self._guard_points)
 
     def row(self, part: Part) -> Formula:
         """Return the formula of a part, without a name."""
@@ -158,7 +160,7 @@ class _Writer:
 
     def _event(self, name: str) -> Leaf:
         node = self._nodes[name]
-        used = ("at", Source(name)) in self._asked or (node.leaf and self._spans(Source(name)))
+        used = ("at", Source(name)) in self._guard_points or (node.leaf and self._spans(Source(name)))
         return Leaf(node, named=node.on is not None and used)
 
     def _guarded(self, inner: Part, condition: Condition) -> list[Formula]:

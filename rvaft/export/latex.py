@@ -1,7 +1,7 @@
 r"""LaTeX output of names, guards and listings, with all special characters escaped.
 
-Symbols and Greek letters become commands of `textcomp` and mathematics. Other scripts pass
-unchanged and need LuaLaTeX or XeLaTeX. Mathematics needs `amsmath` for `\text`.
+Symbols and Greek letters become commands of `textcomp` and mathematics. Other scripts need LuaLaTeX
+or XeLaTeX. Mathematics needs `amsmath` for `\text`.
 """
 
 import re
@@ -22,11 +22,11 @@ _SPECIAL: Final = str.maketrans(
         "\\": r"\textbackslash{}",
         "~": r"\textasciitilde{}",
         "^": r"\textasciicircum{}",
-        # Characters that some fonts lack, or that begin ligatures.
+        # characters that some fonts lack, or that begin ligatures
         "<": r"\textless{}",
         ">": r"\textgreater{}",
         "|": r"\textbar{}",
-        # Straight in typewriter fonts; a closing quotation mark in others.
+        # straight in typewriter fonts; a closing quotation mark in others
         '"': r"\texttt{\char34}",
         "'": r"\textquotesingle{}",
         "`": r"\textasciigrave{}",

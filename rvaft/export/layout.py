@@ -95,10 +95,10 @@ def branch_marks(tree: RVAFT, number: int) -> Marks:
 
 def _note(number: int, event: Json, tree: RVAFT) -> Iterator[str]:
     yield f"event {number}"
-    told = {field: event[field] for field in ("time", "topic") if isinstance(event, Mapping) and field in event}
+    fields = {field: event[field] for field in ("time", "topic") if isinstance(event, Mapping) and field in event}
     if tree.time is not None and (written := tree.time.written(event)) is not None:
-        told = {**told, "time": written}
-    for field, value in sorted(told.items()):
+        fields = {**fields, "time": written}
+    for field, value in sorted(fields.items()):
         yield f"{field} {cut(value, LONGEST) if isinstance(value, str) else _written(value)}"
 
 
@@ -229,7 +229,7 @@ Role = Enum("Role", "PLAIN BOLD EVENT GUARD")
 
 
 def rows(node: Node, look: Look) -> Iterator[tuple[Role, list[str]]]:
-    """Yield the rows in the box of a node that the look shows; the first identifies the node.
+    """Yield the rows in the box of a node; the first identifies the node.
 
     Numbers of events and windows are always shown, like gates.
     """
@@ -260,7 +260,7 @@ def _window(node: Node) -> str:
     return "" if node.within is None else f"within {duration_text(node.within)}"
 
 
-def said(node: Node, *, events: bool = True) -> str:
+def node_line(node: Node, *, events: bool = True) -> str:
     """Return a node in one line: gate, window, kind, event, number, guard and label."""
     parts = [
         gate_text(node),
@@ -309,8 +309,6 @@ def legend(view: View, marks: Marks | None, *, graph: bool) -> Iterator[tuple[Si
         yield sign, sample, marks.meaning if marks is not None and sign is Sign.MARKED else meaning
 
 
-# Line wrapping: labels between words, events and guards between their parts.
-
 _WORD: Final = re.compile(r"(\s*)(\S+)")
 _PART: Final = re.compile(r"[^/_.:,;\s-]*[/_.:,;\s-]+|[^/_.:,;\s-]+")
 _TOKEN: Final = re.compile(
@@ -324,8 +322,6 @@ _INSIDE: Final = 3
 
 def wrapped(text: str, width: int) -> list[str]:
     """Return the lines of a text of at most `width` columns, or 1.5 times that for a single word.
-
-    Line ends are kept; other control characters are shown as escapes.
 
     >>> wrapped("to the decontamination waypoint", 12)
     ['to the', 'decontamination', 'waypoint']

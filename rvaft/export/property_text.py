@@ -107,8 +107,8 @@ def property_unicode(part: RVAFT | Branch, *, limit: int = DEFAULT_LIMIT) -> str
 def property_latex(part: RVAFT | Branch, *, width: int | None = None, limit: int = DEFAULT_LIMIT) -> str:
     r"""Return the property in LaTeX mathematics without an environment; needs `amsmath`.
 
-    With a `width` in characters, long formulas are broken for an environment like `align*`, with
-    `\\` and `&\quad`. Raises `TooLarge` beyond `limit` pieces.
+    With a `width` in characters, long formulas are broken with `\\` and `&\quad`, for an
+    environment like `align*`. Raises `TooLarge` beyond `limit` pieces.
     """
     term = _formula(part)
     if width is None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import Final
 
-from rvaft.export.layout import Look, Role, View, gate_text, is_condition, rows, said, text_columns, turn, view
+from rvaft.export.layout import Look, Role, View, gate_text, is_condition, node_line, rows, text_columns, turn, view
 from rvaft.model.nodes import Node
 from rvaft.model.tree import RVAFT
 from rvaft.support.terminal import visible
@@ -87,7 +87,7 @@ def _place(part: View, look: Look, boxes: Mapping[str, SvgBox]) -> tuple[float, 
     own: dict[str, list[str]] = {node.name: [] for node in part.nodes}
     for node in part.nodes:
         own[node.name] = [child for child in dict.fromkeys(part.children(node)) if above[child] == node.name]
-    # Bottom up: move each subtree as close to its left neighbour as their outlines permit.
+    # bottom up: move each subtree as close to its left neighbour as their outlines permit
     shift: dict[str, float] = {}
     outlines: dict[str, dict[int, tuple[float, float]]] = {}
     for node in reversed(part.nodes):
@@ -128,13 +128,13 @@ def _place(part: View, look: Look, boxes: Mapping[str, SvgBox]) -> tuple[float, 
 def _lines(
     node: Node, part: View, boxes: Mapping[str, SvgBox], bottoms: Sequence[float], number: Mapping[str, int]
 ) -> Iterator[str]:
-    """Yield the lines from a gate to the children, with numbers where their order may not be
-    visible.
+    """Yield the lines from a gate to the children, with numbers where their order may be
+    invisible.
     """
     box, children = boxes[node.name], part.children(node)
     for place, child in enumerate(children):
         below = boxes[child]
-        # Vertical to the end of the level, a curve between two levels, then vertical to the child.
+        # vertical to the end of the level, a curve between two levels, then vertical to the child
         end, begin = bottoms[box.level], bottoms[box.level] + _DOWN
         bends = f"C{box.x:.1f} {(end + begin) / 2:.1f} {below.x:.1f} {(end + begin) / 2:.1f} {below.x:.1f} {begin:.1f}"
         way = f"M{box.x:.1f} {box.bottom:.1f}V{end:.1f}{bends}V{below.y:.1f}"
@@ -147,7 +147,7 @@ def _drawn(box: SvgBox, number: int) -> Iterator[str]:
     node, left = box.node, box.x - box.width / 2
     words = ["node", node.kind.value if node.kind else "", "condition" if is_condition(node) else ""]
     yield f'<g class="{" ".join(filter(None, words))}" data-node="{number}">'
-    yield f"<title>{escape(visible(f'{node.name}  {said(node)}'.rstrip()))}</title>"
+    yield f"<title>{escape(visible(f'{node.name}  {node_line(node)}'.rstrip()))}</title>"
     if node.gate is not None:
         text, top = gate_text(node), box.y + box.height
         wide = (text_columns(text) + 2) * _CHARACTER

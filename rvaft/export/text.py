@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Final
 
-from rvaft.export.layout import TERMINAL, Look, View, said, view
+from rvaft.export.layout import TERMINAL, Look, View, node_line, view
 from rvaft.model.expressions import name_text
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
@@ -63,7 +63,7 @@ def _lines(tree: RVAFT, look: Look, part: View) -> Iterator[tuple[str, str, str 
             drawn.add(name)
             node = tree.nodes[name]
             children = part.children(node)
-            if words := said(node, events=look.events):
+            if words := node_line(node, events=look.events):
                 shown += f"{' ' if node.gate else '  '}{words}"
             if level == MAX_LEVELS and children:
                 sections.append(name)

@@ -124,8 +124,8 @@ def _below(look: Look, part: View) -> Iterator[str]:
     if look.legend and (signs := list(legend(part, look.marks, graph=False))):
         yield rf"\matrix[anchor=north west, row sep=2pt, column sep=2pt, ampersand replacement=\&] {_UNDER} {{"
         for sign, sample, meaning in signs:
-            said = rf"\node[anchor=base west, font=\footnotesize\sffamily] {{{_flat(meaning)}}};"
-            yield rf"\node[{_STYLES[sign]}, anchor=base] {{{_flat(sample)}}}; \& {said} \\"
+            label = rf"\node[anchor=base west, font=\footnotesize\sffamily] {{{_flat(meaning)}}};"
+            yield rf"\node[{_STYLES[sign]}, anchor=base] {{{_flat(sample)}}}; \& {label} \\"
         yield "};"
 
 

@@ -1,8 +1,8 @@
 """Detections and verdicts for Foxglove, in an MCAP file or from a WebSocket server.
 
 Messages are JSON with a schema: detections (as for commands) on `/rvaft/detections`, changes of
-verdicts on `/rvaft/verdicts`. Their log time is that of the event if the tree declares times, else
-the current time. Needs `foxglove-sdk`.
+verdicts on `/rvaft/verdicts`. Their log time is the event time, or the current time if the tree
+declares no time. Needs `foxglove-sdk`.
 """
 
 import os
@@ -54,7 +54,7 @@ _SCHEMAS: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
 class FoxgloveSink(Publisher):
     """Publishes to a `.mcap` file, complete once closed, or on a port (a number or `HOST:PORT`).
 
-    A failure to write is reported to `warn` at once, and raised by `close` as `OSError`. Raises
+    A failure to write is reported to `warn` at once; `close` raises it as `OSError`. Raises
     `OptionError` for an invalid target or an unavailable port, `OSError` and `ToolMissing`.
 
     >>> import rvaft, tempfile
@@ -118,8 +118,9 @@ class FoxgloveSink(Publisher):
             self._file.finish()
 
     def on_detection(self, **options: Unpack[MonitorOptions]) -> Callable[[Json], Verdict]:
-        """Return a function that reads one event and publishes detections; options as for
-        `rvaft.on_detection`.
+        """Return a function that reads one event and publishes detections.
+
+        The options are those of `rvaft.on_detection`.
         """
         monitor, buffer = rvaft.monitor(self._tree, **options), EventBuffer()
         number, about = 0, {"tree": self._name}
@@ -152,8 +153,8 @@ class FoxgloveSink(Publisher):
         self._log(VERDICTS, {**about, "verdict": change.verdicts[0].value, **verdicts}, change.event)
         for explanation, _, count in change.detections:
             counted = {} if count is None else count.fields
-            told = detection({**about, **counted}, explanation, change.events, self._tree)
-            self._log(DETECTIONS, told, change.event)
+            record = detection({**about, **counted}, explanation, change.events, self._tree)
+            self._log(DETECTIONS, record, change.event)
 
     def _log(self, topic: str, message: Mapping[str, Json], event: Json) -> None:
         if self._failure is not None:
@@ -181,7 +182,7 @@ def port_of(target: int | str | os.PathLike[str]) -> tuple[str, int] | None:
 
 
 class _File:
-    """A file written under a temporary name; remembers the first failure and then ignores writes."""
+    """A file with a temporary name; after the first failure it ignores writes."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -206,7 +207,7 @@ class _File:
         return self._unless_failed(lambda: self._stream.seek(offset, whence), offset)
 
     def _unless_failed(self, do: Callable[[], Given], otherwise: Given) -> Given:
-        """Call a function, or remember its failure; the library would report the same error
+        """Call a function, or keep its failure; the library would report the same error
         repeatedly.
         """
         if self.failure is None:

@@ -39,18 +39,18 @@ Told = tuple[str, bytes]
 Asked = Literal["page", "events"]
 
 
-def asked(target: str, *, live: bool) -> Asked | None:
+def resource_kind(target: str, *, live: bool) -> Asked | None:
     """Return the kind of resource at a request target, or None.
 
-    >>> asked("/", live=True), asked("/events?after=1", live=True), asked("/../etc/passwd", live=True)
-    ('page', 'events', None)
+    >>> [resource_kind(target, live=True) for target in ("/", "/events?after=1", "/../etc/passwd")]
+    ['page', 'events', None]
     """
     path = target.partition("?")[0]
     return "page" if path == "/" else "events" if path == "/events" and live else None
 
 
 def cursor_of(target: str, last: str | None) -> str:
-    """Return the cursor of a request for events: the last event id, or else that in the target."""
+    """Return the cursor of a request: the last event id, or else the cursor in the target."""
     with suppress(ValueError):
         return last or parse_qs(urlsplit(target).query).get("after", [""])[0]
     return ""
@@ -80,7 +80,7 @@ def headers(kind: Asked | None, *, live: bool) -> Mapping[str, str]:
 
 
 def refusal(status: HTTPStatus, more: str = "") -> str:
-    r"""Return the text of a refusal; `more` completes the list of what is there.
+    r"""Return the text of a refusal; `more` completes the list of resources.
 
     >>> refusal(HTTPStatus.NOT_FOUND, ", and WebSocket")
     '404 not found: there is only the page at /, and WebSocket\n'
@@ -95,7 +95,7 @@ class Questions:
         self._waiting: SimpleQueue[tuple[str | None, Future[Any]]] = SimpleQueue()
 
     def ask(self, cursor: str | None) -> Any:
-        """Wait for and return the changes since a cursor, or the page for None."""
+        """Wait for the changes since a cursor, or for the page if it is None, and return them."""
         future: Future[Any] = Future()
         self._waiting.put((cursor, future))
         return future.result()
@@ -189,7 +189,7 @@ class _Answering(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Send the page or the stream of updates."""
         server = self.server
-        kind = asked(self.path, live=server.live)
+        kind = resource_kind(self.path, live=server.live)
         if not own(self.headers.get_all("Host", []), server.origins):
             self._refuse(HTTPStatus.FORBIDDEN)
         elif kind is None:

@@ -1,6 +1,6 @@
 """Monitoring on Apache Spark: a monitor per key, over a table or a stream of events.
 
-Spark distributes the keys, sorts the events of each by time, and keeps the state of each. Verdicts
+Spark distributes the keys, sorts the events of each key by time, and keeps its state. Verdicts
 equal those of `rvaft monitor`, since the same run processes the events. Needs PySpark 4 (the extra
 `spark`) and Java.
 """
@@ -103,17 +103,18 @@ def monitor(
     cooldown: str | None = None,
     strict_json: bool = False,
 ) -> "DataFrame":
-    """Return the detections in a table or stream of events as a table or stream of `SCHEMA`.
+    """Return the detections in a table or stream of events, in `SCHEMA`.
 
     The options are those of `rvaft monitor`. `key` names the key fields (dotted paths). `order_by`
-    is the field that orders the events of a key, by default the `time` of the tree. `cooldown` is a
-    duration like `10 min`. Events are JSON texts in `column`, or in `value` if it is the only
-    column; otherwise rows are events, without null fields.
+    orders the events of a key, by default by the `time` of the tree. `cooldown` is a duration like
+    `10 min`. Events are JSON texts in `column`, or in `value` if it is the only column; otherwise
+    rows are events, without null fields.
 
     A detection has the `key` as JSON, the number of the `event` within its key, its `time`,
     `branch` and `kinds`. `detection` is its number (with `repeat`), and `record` the JSON object
-    that `rvaft monitor` passes to commands. Rows with a `warning` and no record report events without
-    the key, lines that are no JSON objects, undefined guards, late events, and failed monitors.
+    that `rvaft monitor` passes to commands. Rows with a `warning` and no record report events
+    without the key, lines that are no JSON objects, undefined guards, late events, and failed
+    monitors.
 
     A stream keeps the state of a key in Spark's state store. A query that is restarted from its
     `checkpointLocation` continues, reports each detection once, and refuses another tree or
@@ -236,11 +237,11 @@ class _Detections(Listener):
                 "event": change.number,
                 **(counts.fields if counts else {}),
             }
-            told = detection(about, explanation, change.events, tree)
+            record = detection(about, explanation, change.events, tree)
             time = places(change.event, tree).get("time")
             written = time if isinstance(time, str) or time is None else json.dumps(time)
-            number, branch, kinds = told.get("detection"), told["branch"], told["kinds"]
-            self.rows.append((json.dumps(key), change.number, written, number, branch, kinds, json.dumps(told), None))
+            number, branch, kinds = record.get("detection"), record["branch"], record["kinds"]
+            self.rows.append((json.dumps(key), change.number, written, number, branch, kinds, json.dumps(record), None))
 
 
 class _KeyRun:
@@ -267,7 +268,7 @@ class _KeyRun:
             self._failure, self._rejected, self._unplaced, number, kept = found
             if not self._failure:
                 self._run.restore(kept, number)
-        self._said = set(self._lines)
+        self._reported = set(self._lines)
 
     @property
     def state(self) -> bytes:
@@ -307,8 +308,8 @@ class _KeyRun:
         if refusals:
             yield _warning(self.key, f"{counted(self._rejected - rejected)} rejected (first: {refusals[0]})")
         for line in self._lines:
-            if line not in self._said:
-                self._said.add(line)
+            if line not in self._reported:
+                self._reported.add(line)
                 yield _warning(self.key, line)
 
 

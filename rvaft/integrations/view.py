@@ -57,9 +57,9 @@ class LivePageReporter(PageReporter):
         del kept[: max(len(kept) - _LINES, 0)]
         gone = [f"{counted(self._gone, 'line')} before these are no longer on this page"] if self._gone else []
         odd = [f"rvaft: warning: {line}" for line in self.run.warnings] if self.run and not self.run.ended else []
-        told = self.told([*gone, *odd, *(f"rvaft: warning: {line}" for line in self.report.left_out)])
+        lines = self.told([*gone, *odd, *(f"rvaft: warning: {line}" for line in self.report.left_out)])
         name = self.settings.name
-        return self.report.page(name, told, live=True) if cursor is None else self.report.since(cursor, name, told)
+        return self.report.page(name, lines, live=True) if cursor is None else self.report.since(cursor, name, lines)
 
     def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:
         """Do nothing: the page already has all warnings."""

@@ -1,6 +1,4 @@
-"""Configurations of ROSMonitoring: monitors of ROS topics for a tree, and commands for their
-oracles.
-"""
+"""Configurations of ROSMonitoring: monitors of ROS topics for a tree, and their oracles."""
 
 import re
 import shlex
@@ -43,9 +41,7 @@ class RosVersion(StrEnum):
 
 
 class Action(StrEnum):
-    """Whether a monitor only logs messages, or forwards them from publishers to the topic as a
-    filter.
-    """
+    """Whether a monitor only logs messages, or filters them between publishers and the topic."""
 
     LOG = "log"
     FILTER = "filter"
@@ -60,11 +56,11 @@ class Oracle(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class RosOptions:
-    """The options of a configuration.
+    """The options of a configuration; raises `OptionError` for an invalid host.
 
-    `port` is that of the first oracle. Without `action`, topics with publishers are filtered if
+    `port` is the port of the first oracle. Without `action`, topics with publishers are filtered if
     possible. `name` is the base of monitor names, by default the root. `branch` and `kind` select
-    one part. Raises `OptionError` for an invalid host.
+    one part.
     """
 
     semantics: Semantics = Semantics.PROJECTED
@@ -244,10 +240,7 @@ def specifications(monitor: Planned, semantics: Semantics) -> dict[str, str]:
 
 
 def configuration_text(monitors: Sequence[Planned], options: RosOptions) -> str:
-    """Return the configuration as YAML; `nodes` are the publishers of filtered topics.
-
-    Raises `ToolMissing`.
-    """
+    """Return the configuration as YAML; `nodes` are the publishers of filtered topics."""
     publishers: dict[str, None] = {}
     entries: list[Json] = []
     for monitor in monitors:

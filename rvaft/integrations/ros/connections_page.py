@@ -10,7 +10,7 @@ from collections.abc import Collection
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Final
 
-from rvaft.integrations.live_page import BROWSERS, PERIOD, asked, cursor_of, headers, message, refusal
+from rvaft.integrations.live_page import BROWSERS, PERIOD, cursor_of, headers, message, refusal, resource_kind
 from rvaft.integrations.ros.protocol import Session
 from rvaft.model.tree import RVAFT
 from rvaft.reports.log_report import SHOWN, LogReport, Told
@@ -50,12 +50,12 @@ class ConnectionsPage:
         self._lines: deque[str] = deque(maxlen=_LINES)
         self._earlier = self._asking = 0
         if shared:
-            session.tell(self.report, "all connections")
+            session.notify(self.report, "all connections")
 
     def opened(self, number: int, peer: str, session: Session) -> None:
         """Register an opened connection."""
         if not self.shared:
-            session.tell(self.report, "", (f"{number} from {peer}",))
+            session.notify(self.report, "", (f"{number} from {peer}",))
 
     def closed(self, session: Session) -> None:
         """Note that a connection was closed."""
@@ -77,7 +77,7 @@ class ConnectionsPage:
         self, connection: "ServerConnection", request: "Request", origins: Collection[str], stop: asyncio.Event
     ) -> "Response":
         """Answer a plain HTTP request."""
-        kind, status, more = asked(request.path, live=True), HTTPStatus.OK, ""
+        kind, status, more = resource_kind(request.path, live=True), HTTPStatus.OK, ""
         if not own(request.headers.get_all("Host"), origins):
             status = HTTPStatus.FORBIDDEN
         elif getattr(request, "method", "GET") != "GET":  # websockets before 16 accepts GET only

@@ -5,8 +5,8 @@ A message is one JSON event. The reply is the event with the field `verdict`. RO
 verdict would count as definitive `true`, so a malformed message gets an error with the current
 verdict.
 
-A definitive verdict ends a monitor that only logs. Therefore ⊥ is not sent as definitive unless
-requested, nor is a detection if the session continues after it.
+A definitive verdict ends a monitor that only logs. So ⊥ is sent as definitive only on request, and
+a detection only if the session ends with it.
 """
 
 import re
@@ -69,7 +69,7 @@ class Session:
 
     A monitor fails beyond `limit` partial matches; `failures` has the reasons. `buffer` keeps time
     and topic of a bounded number of recent events, for explanations. `repeat` and `cooldown` are as
-    for `MonitorSet`. Raises what `rvaft.stream.monitor_set.columns` raises.
+    for `MonitorSet`.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Session:
         twin.watch = MonitoredTrace("", twin.looked_at, buffer=twin.buffer, events=self.events)
         return twin
 
-    def tell(self, listener: Listener, trace: str, key: tuple[Json, ...] | None = None) -> None:
+    def notify(self, listener: Listener, trace: str, key: tuple[Json, ...] | None = None) -> None:
         """Notify a listener of further events, as those of a trace or key."""
         self.listener, self.watch.trace, self.watch.key = listener, trace, key
         listener.begin(self.watch)
@@ -161,8 +161,8 @@ class Session:
 class Protocol:
     """Reads and answers messages for a tree or part.
 
-    Messages of more than `longest` bytes are errors. So are numbers that are not finite with
-    `strict_json`; otherwise the reply repeats them. `definitive` sends ⊥ as definitive.
+    Messages of more than `longest` bytes are errors; with `strict_json`, so are numbers that are
+    not finite. `definitive` sends ⊥ as definitive.
 
     >>> import rvaft
     >>> tree = rvaft.loads("top and a; a;")
@@ -226,9 +226,9 @@ class Protocol:
     def _as_spelled(self, event: dict[str, Json]) -> dict[str, Json]:
         """Return the event with topic and service names spelled as in the tree.
 
-        ROS treats `/command` and `command` (in the root namespace) as equal, and versions of
-        ROSMonitoring differ, while trees distinguish them. A name that the tree spells both ways,
-        or that starts with several slashes, is unchanged.
+        ROS treats `/command` and `command` (in the root namespace) as equal, while trees
+        distinguish them. A name that the tree spells both ways, or that starts with several
+        slashes, is unchanged.
         """
         renamed: dict[str, Json] = {}
         for field, known in self._names.items():

@@ -16,8 +16,6 @@ from rvaft.readers.log import Interest, Log, LogSource, expanded, required_strea
 from rvaft.stream.detection import identifying_fields
 
 _NARROWEST: Final = 60
-"""Minimum width of the table in columns."""
-
 _CONFIGURATIONS: Final = "Maximum number of partial matches per branch."
 
 
@@ -75,7 +73,7 @@ def coverage_command(
             if log.fault is not None:
                 warn(str(log.fault))
     found = coverage.report()
-    # Fit the table to the terminal; do not cut piped output.
+    # fit the table to the terminal; do not cut piped output
     width = max(shutil.get_terminal_size((80, 24)).columns, _NARROWEST) if sys.stdout.isatty() else None
     sys.stdout.write(json_text(found) if form == "json" else table_text(found, width=width))
     low = fail_under is not None and 100 * found.exercised < fail_under * len(found.branches)

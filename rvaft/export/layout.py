@@ -110,7 +110,7 @@ def _title(number: int | None, kinds: Collection[Kind]) -> str:
 def _written(value: Json) -> str:
     try:
         return cut(json.dumps(value, ensure_ascii=False, default=repr), LONGEST)
-    except ValueError:  # an integer beyond the digit limit of Python
+    except ValueError:  # more digits than Python converts
         return "…"
 
 

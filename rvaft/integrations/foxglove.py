@@ -85,7 +85,7 @@ class FoxgloveSink(Publisher):
         found = port_of(target)
         remedy = "pip install '.[foxglove]' in a checkout of rvaft"
         sdk = installed("foxglove", "foxglove-sdk", remedy)
-        context = self._context = sdk.Context()  # a context without references closes its channels
+        context = self._context = sdk.Context()  # unreferenced contexts close their channels
         self._channels = {
             topic: sdk.Channel(topic, schema={"type": "object", "title": title, "properties": has}, context=context)
             for topic, (title, has) in _SCHEMAS.items()
@@ -113,7 +113,7 @@ class FoxgloveSink(Publisher):
         if self._file is None:
             self._open.stop()
         elif not self._file.closed:
-            with suppress(RuntimeError):  # the file has the reason
+            with suppress(RuntimeError):
                 self._open.close()
             self._file.finish()
 
@@ -182,8 +182,6 @@ def port_of(target: int | str | os.PathLike[str]) -> tuple[str, int] | None:
 
 
 class _File:
-    """A file with a temporary name; after the first failure it ignores writes."""
-
     def __init__(self, path: Path) -> None:
         self.path = path
         self.failure: OSError | None = None
@@ -207,9 +205,7 @@ class _File:
         return self._unless_failed(lambda: self._stream.seek(offset, whence), offset)
 
     def _unless_failed(self, do: Callable[[], Given], otherwise: Given) -> Given:
-        """Call a function, or keep its failure; the library would report the same error
-        repeatedly.
-        """
+        """Call a function, or keep its failure, which the library would report repeatedly."""
         if self.failure is None:
             try:
                 return do()
@@ -222,7 +218,7 @@ class _File:
         with telling("cannot write", self.path):
             try:
                 self.flush()
-                with suppress(OSError):  # after a failed flush
+                with suppress(OSError):
                     self._stream.close()
                 if self.failure is not None:
                     raise self.failure

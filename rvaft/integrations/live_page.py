@@ -22,11 +22,9 @@ from rvaft.reports.log_report import policy
 from rvaft.support.network import LOCAL, own, unavailable
 
 PERIOD: Final = 0.25
-"""Seconds between checks for updates."""
 BROWSERS: Final = 32
-"""Maximum number of concurrent requests; an open page needs one."""
+"""Maximum number of concurrent requests."""
 _PATIENCE: Final = 10.0
-"""Timeout in seconds for reading requests and sending answers."""
 _HEARTBEAT: Final = 5.0
 """Seconds between messages that detect closed connections."""
 _REFUSALS: Final = {
@@ -89,7 +87,7 @@ def refusal(status: HTTPStatus, more: str = "") -> str:
 
 
 class Questions:
-    """Requests of browser threads, answered by the thread that reads the log."""
+    """Requests from browser threads to the reading thread."""
 
     def __init__(self) -> None:
         self._waiting: SimpleQueue[tuple[str | None, Future[Any]]] = SimpleQueue()

@@ -30,13 +30,9 @@ ROOM: Final = 64 * 1024 * 1024
 USER: Final = "MQTT_USERNAME"
 PASSWORD: Final = "MQTT_PASSWORD"  # noqa: S105 (the name of the variable that has it)
 _EACH: Final = 500
-"""Bytes of overhead per message."""
 _POLL: Final = 0.2
-"""Seconds between checks for a stop."""
 _PATIENCE: Final = 15.0
-"""Timeout for the broker in seconds."""
 _ALIVE: Final = 30
-"""Keep-alive interval in seconds."""
 _SESSION: Final = 3600
 """Seconds for which the broker keeps messages after a lost connection."""
 _QOS: Final = {"0": 0, "1": 1, "2": 2}
@@ -166,9 +162,7 @@ def _event(message: "MQTTMessage", came: int, log: Log) -> dict[str, Json]:
 
 
 def _placed(topic: str, time: int, payload: dict[str, Json]) -> dict[str, Json]:
-    """Return a payload with topic and time; fields with these names are renamed as in
-    recordings.
-    """
+    """Return a payload with topic and time; its own fields of these names are renamed."""
     event = {TOPIC: topic, TIME: time, **{ELSEWHERE.get(name, name): value for name, value in payload.items()}}
     if len(event) < len(payload) + 2:
         raise ValueError(f"the payload has a field and message_… of the same name, for {' and '.join(ELSEWHERE)}")
@@ -187,9 +181,7 @@ class _Waiting:
         self._size = self._lost = 0
 
     def put(self, item: Any, size: int = 0) -> None:
-        """Add a message of that size, or a notice; count the message as lost if there is no
-        room.
-        """
+        """Add a message of that size, or a notice; without room, count it as lost."""
         with self._changed:
             if size and self._held and self._size + size > ROOM:
                 self._lost += 1
@@ -219,7 +211,7 @@ class _Waiting:
 
 
 class _Connection:
-    """A subscription kept up by a thread; it reconnects and reports lost connections."""
+    """A subscription kept up by a thread."""
 
     def __init__(self, address: Address, log: Log) -> None:
         remedy = "pip install '.[mqtt]' in a checkout of rvaft"
@@ -274,9 +266,7 @@ class _Connection:
             raise self._log.error_at(self._refusal, None)
 
     def next(self) -> "tuple[int, MQTTMessage] | str | RvaftError | None":
-        """Return the next message with its time, a notice, or the final error; None after the
-        last.
-        """
+        """Return the next message with its time, a notice or the final error, or None."""
         while True:
             if not self._closing and self._log.live.stop():
                 self.close()

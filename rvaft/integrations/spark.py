@@ -49,7 +49,6 @@ SCHEMA: Final = (
 )
 """The columns of detections and warnings as a Spark schema."""
 _KEYED: Final = "key string, place bigint, part double, came bigint, text string"
-"""An event with its key and its place: integer part, fraction, and arrival."""
 _ORDER: Final = ["place", "part", "came"]
 _FIRST: Final = -(1 << 63)
 _NO_KEY: Final = ""
@@ -75,7 +74,7 @@ class _Options(NamedTuple):
 
     @property
     def digest(self) -> bytes:
-        """Identifies the options and the rvaft version of a stored state."""
+        """Return a digest of the options and the rvaft version."""
         return sha256(f"{rvaft.__version__} {tuple(self)}".encode()).digest()
 
 
@@ -145,7 +144,7 @@ def monitor(
         None if cooldown is None else duration(cooldown),
         strict_json,
     )
-    _planned(options)  # raise errors here, not on a worker
+    _planned(options)
     if column is None and events.columns == ["value"]:
         column = "value"
     text = spark.to_json(spark.struct("*")) if column is None else spark.col(column)
@@ -173,7 +172,7 @@ def _planned(options: _Options) -> _Plan:
 def _keyed(options: _Options, batches: Iterable["pyarrow.RecordBatch"]) -> Iterator["pyarrow.RecordBatch"]:
     """Yield the events with key and place; rows without a key come first.
 
-    Columns have no nulls, since pandas would convert them to floats.
+    Nulls would make pandas convert columns to floats.
     """
     from pyspark import TaskContext  # noqa: PLC0415
 
@@ -195,7 +194,6 @@ def _keyed(options: _Options, batches: Iterable["pyarrow.RecordBatch"]) -> Itera
 
 
 def _object_in(text: str) -> dict[str, Json] | None:
-    """Decode a text quickly; errors are reported later, with their place."""
     try:
         event = _QUICK.decode(text)
     except (ValueError, RecursionError):
@@ -207,9 +205,7 @@ def _object_in(text: str) -> dict[str, Json] | None:
 
 
 def _key_text(values: tuple[Json, ...] | None) -> str:
-    """Return the values of a key as JSON; equal values have the same text (1 and 1.0, any key
-    order).
-    """
+    """Return the values of a key as JSON, the same for equal values."""
     text = json.dumps(values, sort_keys=True)
     if all(isinstance(value, (str, int, type(None))) for value in values or ()):
         return text
@@ -335,7 +331,7 @@ def _without_key(options: _Options, texts: Iterable[tuple[int, str]]) -> Iterato
 
 
 def _monitored(options: _Options, batches: Iterable["pyarrow.RecordBatch"]) -> Iterator["pyarrow.RecordBatch"]:
-    """Yield the rows of all keys of a partition, whose events are sorted by key and place."""
+    """Yield the rows of a partition, sorted by key and place."""
 
     def events() -> Iterator[tuple[str, int, str]]:
         for batch in batches:

@@ -57,7 +57,7 @@ def reader_class(name: str) -> type[LogReader]:
         raise UnknownFormat(name, tuple(found))
     try:
         made: type[LogReader] = found[name].load()
-    except Exception as error:  # a third party's module may raise anything
+    except Exception as error:
         reason = f"it cannot be loaded: {type(error).__name__}: {error}"
         raise ToolFailed(f"the reader of {name}", reason=reason) from error
     if lacking := sorted(getattr(made, "__abstractmethods__", ())):

@@ -220,7 +220,7 @@ def publisher_class(name: str) -> type[Publisher]:
     for entry in entry_points(group=GROUP, name=name):
         try:
             made: type[Publisher] = entry.load()
-        except Exception as error:  # a third party's module may raise anything
+        except Exception as error:
             reason = f"it cannot be loaded: {type(error).__name__}: {error}"
             raise ToolFailed(f"the publisher {name}", reason=reason) from error
         return made

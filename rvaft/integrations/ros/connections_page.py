@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 UNIT: Final = "connection"
 _LINES: Final = 200
 _WAIT: Final = 3.0
-"""Seconds that a request waits for updates; less than the timeout for opening a connection."""
+"""Seconds that a request waits for updates."""
 _AGAIN: Final = b"retry: 200\n\n"
-"""The delay before the next request of the browser, in milliseconds."""
+"""The delay before the next request, in milliseconds."""
 
 
 class ConnectionsPage:

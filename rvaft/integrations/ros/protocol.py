@@ -35,7 +35,7 @@ MAX_MESSAGE: Final = 1024 * 1024
 """Default maximum size of a message in bytes."""
 _WHOLE: Final = "tree"
 _OF_LINES: Final = re.compile(r"(?: \([^()]*\))?; a trace has one JSON object per line$")
-"""References to lines and traces in reader errors, which do not apply to messages."""
+"""References to lines and traces, which messages lack."""
 
 
 class Polarity(StrEnum):
@@ -60,7 +60,6 @@ _WORDS: Final[Mapping[Polarity, Mapping[Verdict, str]]] = {
 
 
 _GOING_ON: Final = {Polarity.PROPERTY: "currently_false", Polarity.DETECTION: "currently_true"}
-"""The word for a detection after which the session continues."""
 
 
 class Session:
@@ -181,7 +180,6 @@ class Protocol:
     def __post_init__(self) -> None:
         self._reads = TreeReads(self.tree)
         self._names: dict[str, set[str]] = {"topic": set(), "service": set()}
-        """Literal names of topics and services in events and `ignore` declarations."""
         for pattern in self._reads.patterns:
             for field, inner in pattern.fields if isinstance(pattern, ObjectPattern) else ():
                 if field in self._names and isinstance(inner, Literal) and isinstance(inner.value, str):
@@ -216,7 +214,7 @@ class Protocol:
 
     def _word(self, verdict: Verdict | None, session: Session) -> str | bool:
         if verdict is None:
-            return "unknown"  # ROSMonitoring: neither a violation nor definitive
+            return "unknown"  # neither a violation nor definitive
         if verdict is Verdict.TRUE and session.repeat:
             return _GOING_ON[self.polarity]
         holds = verdict is Verdict.FALSE and self.polarity is Polarity.PROPERTY

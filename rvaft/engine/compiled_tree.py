@@ -100,8 +100,7 @@ def _need(part: Part, rest: tuple[Part, ...]) -> int:
 
 
 class CompiledTree:
-    """The structure of a property, with sequences by node; `parent` and `slot` are -1 outside of
-    parts.
+    """The structure of a property; `parent` and `slot` are -1 outside of parts.
 
     >>> import rvaft
     >>> from rvaft.core.build import build
@@ -117,7 +116,7 @@ class CompiledTree:
         nodes = _nodes(prop)
         number = {one.part: node for node, one in enumerate(nodes)}
         self.names = tuple("" if one.part.source is None else one.part.source.node for one in nodes)
-        """The name of each node in the tree; several nodes may share a name."""
+        """The name in the tree; several nodes may share a name."""
         self.events = tuple(None if one.event is None else one.event.source for one in nodes)
         self.ops = tuple(one.op for one in nodes)
         self.children = tuple(tuple(number[child] for child in one.children) for one in nodes)
@@ -139,7 +138,7 @@ class CompiledTree:
         seen = Counter(child for children in self.children for child in children)
         self._note_parts({child for child, count in seen.items() if count > 1})
         self.dead = 0
-        """The initially impossible nodes: none, because passes remove them."""
+        """No node is initially impossible, because passes remove such nodes."""
         waiting = (node for node in range(len(nodes)) if self.needs[node])
         self.closed = (1 << len(nodes)) - 1 ^ mask_of(waiting)
         """The nodes without a guard that waits for variables."""
@@ -172,7 +171,6 @@ class CompiledTree:
     def _note_variables(self, nodes: Sequence[_Node]) -> None:
         guards = [one.guard for one in nodes]
         self.times = frozenset(point.name for guard in guards for point in time_points(guard))
-        """The variables that hold times of events."""
         points = [None if one.event is None else TimePoint.of("at", *one.event.source).name for one in nodes]
         self.time_of = tuple(name if name in self.times else None for name in points)
         """The variables of the events' times, if a guard uses them."""
@@ -197,7 +195,7 @@ class CompiledTree:
         self.guarded_by: dict[str, list[int]] = {}
         """By variable, the nodes whose guard waits for it."""
         self.mentions: dict[str, int] = {}
-        """By variable, the nodes whose event binds or compares it."""
+        """By variable, the nodes whose event has it."""
         for node in range(len(nodes)):
             for name in self.needs[node]:
                 self.guarded_by.setdefault(name, []).append(node)
@@ -236,7 +234,7 @@ class CompiledTree:
 
 
 class Condition(NamedTuple):
-    """A guard, its variables, whether all are times, and the differences that it bounds, if any."""
+    """A guard with its variables and the differences that it bounds."""
 
     guard: Guard
     names: tuple[str, ...]
@@ -260,17 +258,17 @@ class Hit(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """The meaning of one event for a tree; `hits` is empty if no letter matches."""
+    """The meaning of an event; `hits` is empty if no letter matches."""
 
     relevant: bool
-    hits: Sequence[Any]  # the type depends on the strategy
+    hits: Sequence[Any]
 
 
 _new: Final = tuple.__new__  # twice as fast as the constructors of the classes
 NOTHING: Final = Reading(relevant=False, hits=())
-"""The reading of an event that matches no pattern."""
+"""An event that matches no pattern."""
 QUIET: Final = Reading(relevant=False, hits=(None,))
-"""The reading under `scattered` of an event that matches a node but changes nothing."""
+"""Under `scattered`, an event that matches but changes nothing."""
 
 
 class Admission(NamedTuple):
@@ -282,12 +280,12 @@ class Admission(NamedTuple):
     reader: Reader
     time: str | None
     decided: tuple[tuple[int, Guard | EventTest], ...]
-    """The guards that the event alone decides, with their nodes as bits."""
+    """The guards that the event alone decides, by node bit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EventClass:
-    """An equivalence class of events: the same letters match and the same guards hold."""
+    """Events for which the same letters match and the same guards hold."""
 
     serving: tuple[Admission, ...] = ()
     """The letters that match and serve a node."""
@@ -295,7 +293,6 @@ class EventClass:
     held: tuple[int, ...] = ()
     """The decided guards that hold, as bits, for each serving letter."""
     timed: bool = False
-    """Whether a letter uses the time of the event."""
     parts: tuple["EventClass", ...] = ()
 
 
@@ -315,14 +312,13 @@ class EngineLetters(ABC):
 
     def __init__(self, patterns: Iterable[Pattern]) -> None:
         self.patterns = tuple(patterns)
-        """The patterns of the letters and of ignored events."""
         self._shapes = PatternIndex(
             self.patterns, lambda decided: self.table({self.patterns[one] for one in chain(*decided)})
         )
 
     @abstractmethod
     def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
-        """Return the table from events to classes, for events that match only these patterns."""
+        """Return the table for events that match only these patterns."""
 
     def classify(self, event: Mapping[str, Json]) -> EventClass:
         """Return the class of an event."""
@@ -330,7 +326,7 @@ class EngineLetters(ABC):
 
 
 class TreeLetters(EngineLetters):
-    """The letters of a tree: its occurrences, its alphabet, and its ignored events.
+    """The letters of a tree.
 
     Equal patterns with equal guards are one letter. With `decide`, a class includes the guards that
     the event alone decides.
@@ -362,7 +358,6 @@ class TreeLetters(EngineLetters):
         super().__init__(one.pattern for one in chain((one.reader for one in self._admissions), self._ignored))
 
     def _test(self, admission: Admission, guard: Guard) -> Guard | EventTest:
-        """Return a guard over the variables of a letter as a test of events."""
         fields = admission.reader.fields
         if fields is not None and fields.keys() >= set(guard_variables(guard)):
             return renamed(guard, fields)
@@ -371,14 +366,14 @@ class TreeLetters(EngineLetters):
         return EventTest(name, lambda event: admits(event) and holds(self.values(admission, event)))
 
     def values(self, admission: Admission, event: Mapping[str, Json]) -> dict[str, Json]:
-        """Return the values of a letter's variables in a matching event."""
+        """Return the values of a letter's variables."""
         found = admission.reader.values(event)
         if admission.time is not None and self._time is not None:
             found[admission.time] = self._time.read(event)
         return found
 
     def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
-        """Return the table from events to classes."""
+        """Return the table to classes."""
         letters = [one for one in self._admissions if one.reader.pattern in possible]
         ignored = [one for one in self._ignored if one.pattern in possible]
         decided = [test for one in letters for _, test in one.decided]
@@ -401,7 +396,7 @@ class TreeLetters(EngineLetters):
         return guard_table([*(one.reader.test for one in letters), *(one.test for one in ignored), *decided], derive)
 
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
-        """Return the reading of an event of a class."""
+        """Return the reading of an event."""
         serving = event_class.serving
         if not event_class.timed:
             hits = [_new(Hit, (one[0], one[1], one[3].values(event))) for one in serving]

@@ -25,7 +25,7 @@ from rvaft.model.values import Json, fingerprint
 
 
 class Witness(NamedTuple):
-    """The last occurrence taken, the position and values of its event, and the earlier steps."""
+    """The last step: node, position and values, and the earlier steps."""
 
     before: Optional["Witness"]
     node: int
@@ -77,7 +77,7 @@ class Configuration:
 
 
 def history(last: Witness | None) -> list[Witness]:
-    """Return the steps of a match up to its last one."""
+    """Return the steps up to the last."""
     steps = []
     while last is not None:
         steps.append(last)
@@ -96,11 +96,11 @@ class Snapshot(NamedTuple):
     steps: list[tuple[int, int, int, Mapping[str, Json]]]
     groups: list[list[tuple[Configuration, int]]]
     begun: int = 0
-    """The nodes of independent parts that need not begin again."""
+    """The nodes of parts that need not begin again."""
 
     @classmethod
     def of(cls, *groups: list[Configuration]) -> "Snapshot":
-        """Return a snapshot of the groups that later steps do not change."""
+        """Return a snapshot that later steps do not change."""
         found, numbers = cls([], []), dict[int, int]()
         for one in chain(*groups):
             step, new = one.witness, []
@@ -140,7 +140,7 @@ _CHANGES: Final = [[tuple(b - a for a, b in zip(x, y, strict=True)) for y in _CO
 
 
 class PartProgress:
-    """The initial flags of all nodes, and their updates as occurrences are taken."""
+    """The initial flags of nodes, and their updates."""
 
     def __init__(self, compiled: CompiledTree) -> None:
         self.compiled = compiled
@@ -159,12 +159,12 @@ class PartProgress:
                 self._flags[node] = self._evaluate(start, node)
 
     def flags(self, configuration: Configuration, node: int) -> int:
-        """Return the flags of a node of a part."""
+        """Return the flags of a node."""
         found = configuration.flags.get(node)
         return self._flags[node] if found is None else found
 
     def over(self, configuration: Configuration, node: int) -> bool:
-        """Whether an occurrence that must follow the node, or a part around it, has been taken."""
+        """Whether an occurrence after the node or its part has been taken."""
         compiled = self.compiled
         frozen = compiled.freezer[node]
         while frozen >= 0:
@@ -176,14 +176,12 @@ class PartProgress:
                 if tally is not None and tally[0] > compiled.slot[frozen]:
                     return True
             if self.flags(configuration, gate) & (TOUCHED | DONE) == TOUCHED:
-                return False  # neither is its parent
+                return False
             frozen = compiled.freezer[gate]
         return False
 
     def refresh(self, configuration: Configuration, node: int) -> bool:
-        """Update the flags of a node and its ancestors; return False if a touched node is ruled
-        out.
-        """
+        """Update the flags upwards; return False if a touched node is ruled out."""
         flags, parents = configuration.flags, self.compiled.parent
         while True:
             old = self.flags(configuration, node)
@@ -243,7 +241,7 @@ class PartProgress:
         return found if configuration.closed >> node & 1 else found & ~SURE
 
     def inner(self, configuration: Configuration, node: int) -> int:
-        """Return the joint flags of a node's children; without children, the node is complete."""
+        """Return the joint flags of a node's children."""
         compiled = self.compiled
         size = len(compiled.children[node])
         if not size:

@@ -27,9 +27,9 @@ from rvaft.monitors import Awaited, Explanation, MatchedEvent, Pending
 from rvaft.support.bits import mask_of
 
 SEARCHING: Final = 20_000_000
-"""The maximum number of nodes visited in the search for a lower branch."""
+"""The maximum number of visited nodes."""
 BRANCHES: Final = 20_000
-"""The maximum number of branches tried for a kind."""
+"""The maximum number of tried branches."""
 
 Choices: TypeAlias = Mapping[str, str]
 """The child that each `or` gate keeps, if reached."""
@@ -44,14 +44,14 @@ class Step(NamedTuple):
 
 
 class FoundMatch(NamedTuple):
-    """A match: its steps in event order, and the nodes of its scenario with their kept children."""
+    """A match: its steps in event order, and the kept children of nodes."""
 
     steps: list[Step]
     kept: Mapping[str, tuple[str, ...]]
 
 
 def kept_nodes(tree: RVAFT, chosen: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
-    """Return the nodes that are reachable under choices, with their kept children."""
+    """Return the reachable nodes with their kept children."""
 
     def children(name: str) -> tuple[str, ...]:
         return chosen.get(name, tree.nodes[name].children)
@@ -60,7 +60,7 @@ def kept_nodes(tree: RVAFT, chosen: Mapping[str, tuple[str, ...]]) -> dict[str, 
 
 
 def made_choices(prop: Property) -> dict[str, str]:
-    """Return the child that each `or` gate of a resolved property keeps."""
+    """Return the child that each `or` gate keeps, after all choices."""
     gates = [part for part in prop.parts if isinstance(part, One) and part.source is not None]
     kept = ((gate.source, gate.parts[0].source) for gate in gates)
     return {gate.node: child.node for gate, child in kept if gate is not None and child is not None}
@@ -94,9 +94,7 @@ class MatchFinder:
     def waiting(
         self, choices: Choices | None, histories: Iterable[list[Witness]]
     ) -> Iterator[tuple[set[str], Mapping[str, Json]]]:
-        """Iterate over the awaited nodes of matches with these steps, grouped by the values of
-        variables.
-        """
+        """Iterate over the awaited nodes after these steps, by the values of variables."""
         if isinstance(self.strategy, LinearMonitor):
             yield {self.compiled.names[node] for node in self._run(self.strategy, choices or {}).awaited()}, {}
             return
@@ -217,7 +215,7 @@ def explain(strategy: Following | LinearMonitor) -> Explanation:
         number = number_of(tree, made_choices(prop))
     elif number is None and prop.kind is None:
         found, number = _lowest(tree, finder, found)
-    elif number is None:  # nodes outside a match's scenario may determine its branch
+    elif number is None:
         of_kind = (branch for branch in islice(branches(tree), BRANCHES) if prop.kind in branch.kinds)
         matches = ((match, branch.number) for branch in of_kind if (match := finder.find(branch.choices)) is not None)
         found, number = next(matches, (found, None))
@@ -291,9 +289,7 @@ def pending(strategy: Following | LinearMonitor, *, limit: int, before: int | No
 
 
 def together(waiting: Iterable[Pending], *, numbered: bool = True) -> tuple[Pending, ...]:
-    """Return the entries with those of equal branch and values joined; unless `numbered`, all
-    branches are one.
-    """
+    """Return the entries, joined by branch and values; unless `numbered`, by values."""
     found: dict[Hashable, tuple[Pending, dict[Awaited, None]]] = {}
     for one in waiting:
         place = one.branch if numbered else None, fingerprint(one.variables)
@@ -302,7 +298,7 @@ def together(waiting: Iterable[Pending], *, numbered: bool = True) -> tuple[Pend
 
 
 def awaited(tree: RVAFT, names: Iterable[str]) -> tuple[Awaited, ...]:
-    """Return these nodes in the order of the tree, each once, with their events as text."""
+    """Return these nodes in tree order with their events."""
     wanted = set(names)
     nodes = (tree.nodes[name] for name in tree.order if name in wanted)
     return tuple(Awaited(n.name, event_text(n)) for n in nodes)

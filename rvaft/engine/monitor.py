@@ -26,7 +26,7 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DEFAULT_BRANCHES, Ended, Explanation, Monitor, Pending
 
 DEFAULT_LIMIT: Final = 100_000
-_UNKNOWN: Final = Verdict.UNKNOWN  # a local constant for speed
+_UNKNOWN: Final = Verdict.UNKNOWN
 
 
 class Engine(Monitor):
@@ -41,7 +41,7 @@ class Engine(Monitor):
     """
 
     _apart: ClassVar = True
-    """Whether independent parts of a tree are followed separately."""
+    """Whether independent parts are followed separately."""
 
     def __init__(self, tree: RVAFT, semantics: Semantics | str | None = None, *, limit: int = DEFAULT_LIMIT) -> None:
         super().__init__()
@@ -69,7 +69,7 @@ class Engine(Monitor):
         return {**vars(self), "tree": None, "_strategy": self._strategy.snapshot()}
 
     def restore(self, snapshot: dict[str, object]) -> None:
-        """Continue from a snapshot of a monitor of the same tree; this monitor must be new."""
+        """Continue from a snapshot of the same tree; this monitor must be new."""
         vars(self).update({**snapshot, "tree": self.tree, "_strategy": self._strategy})
         self._strategy.restore(snapshot["_strategy"])
         self.pass_time(self._latest)
@@ -78,13 +78,13 @@ class Engine(Monitor):
         """Return the tree and the state, without the compiled tree."""
         return {**self.snapshot(), "tree": self.tree}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:  # attributes of several types
+    def __setstate__(self, state: dict[str, Any]) -> None:
         Engine.__init__(self, state["tree"], state["semantics"], limit=state["_limit"])
         self.restore(state)
 
     @property
     def letters(self) -> EngineLetters:
-        """The letters, which determine the class of an event."""
+        """The letters of the tree."""
         return self._strategy.letters
 
     @property
@@ -103,7 +103,7 @@ class Engine(Monitor):
 
     @property
     def noted(self) -> bool:
-        """Whether the last event may be part of a match; False is certain."""
+        """Whether the last event may be in a match; False is certain."""
         return self._strategy.noted
 
     def take(self, reading: Reading, position: int | None = None) -> Verdict:
@@ -115,7 +115,7 @@ class Engine(Monitor):
         return self._verdict
 
     def skip(self, count: int) -> Verdict:
-        """As `step`, for `count` events that match no pattern of the tree."""
+        """As `step`, for `count` events without a match."""
         if count > 0 and self._verdict is _UNKNOWN:
             # Under `strict` the first event ends a match; otherwise no such event changes anything.
             self._verdict = self._strategy.advance(NOTHING, self._position + 1)
@@ -124,7 +124,7 @@ class Engine(Monitor):
         return self._verdict
 
     def step(self, event: Json) -> Verdict:
-        """Read one event and return the verdict; raises `TraceError` if it is no JSON object."""
+        """Read an event and return the verdict; raises `TraceError` for other JSON."""
         if type(event) is not dict or self._verdict is not _UNKNOWN or self._may_be_late:
             return super().step(event)
         self._read += 1  # the fast path for most events
@@ -134,9 +134,7 @@ class Engine(Monitor):
         return self._verdict
 
     def go_on_after(self, earlier: Self) -> None:
-        """Continue after the events that another engine of the same tree has read; this engine must
-        be new.
-        """
+        """Continue after another engine of the same tree; this engine must be new."""
         super().go_on_after(earlier)
         self._position = earlier._position
         self.pass_time(earlier._latest)
@@ -176,7 +174,7 @@ class Engine(Monitor):
 
     @property
     def state(self) -> Hashable:
-        """Equal states of monitors of one tree under one semantics have equal futures."""
+        """Equal states of one tree have equal futures."""
         return self.verdict if self.verdict.final else (self.verdict, self._strategy.state, self._latest)
 
     @property
@@ -189,7 +187,7 @@ class Engine(Monitor):
         return self._explanation
 
     def pending(self, *, limit: int = DEFAULT_BRANCHES) -> tuple[Pending, ...]:
-        """Return the awaited events of each live branch; raises `TooLarge` as `step` does."""
+        """Return the awaited events of each live branch; raises `TooLarge`."""
         return () if self.verdict.final else self._pending(limit)
 
     def _pending(self, limit: int, before: int | None = None) -> tuple[Pending, ...]:

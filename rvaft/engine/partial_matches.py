@@ -104,7 +104,7 @@ class Matching:
         return new if in_core or self.progress.refresh(new, node) else None
 
     def replayed(self, steps: Iterable[tuple[int, Mapping[str, Json], int]]) -> Configuration | None:
-        """Return the partial match after these nodes, values and positions, or None."""
+        """Return the partial match after these steps, or None."""
         configuration: Configuration | None = self.start()
         for node, values, position in steps:
             if configuration is not None:
@@ -140,11 +140,11 @@ class Matching:
                     yield node
 
     def may_hold(self, node: int, binding: Mapping[str, Json]) -> bool:
-        """Whether a guard over times can still hold, given the known times."""
+        """Whether a guard over times can still hold."""
         return all(one.holds(binding) for one in self.early_differences[node])
 
     def fail(self, configuration: Configuration, node: int) -> bool:
-        """Mark the guard of a node as failed; return False if a touched node is ruled out."""
+        """Mark a guard as failed; return False if a touched node is ruled out."""
         configuration.closed |= 1 << node
         configuration.dead |= 1 << node
         return node in self.compiled.members or self.progress.refresh(configuration, node)
@@ -162,20 +162,18 @@ class Following(ABC):
         self.matching = Matching(compiled, limit=limit, early=early)
         self.letters = letters
         self.noted = True
-        """Whether the last event may be part of a followed partial match."""
+        """Whether the last event may be in a match."""
         self.matches: list[Configuration] = []
         """The matches, after a detection."""
         self.lost: list[Configuration] = []
-        """After ⊥, the partial matches before the event that ended them, possibly with a step of
-        it.
-        """
+        """After ⊥, the partial matches before the last event."""
 
     def _begin(self) -> None:
         start = self.matching.start()
         self.follow([start] if self.matching.standing(start)[1] else [])
 
     def forget(self, watermark: int) -> None:  # noqa: B027 (most need not)
-        """Set the watermark: no event with an earlier time counts any more."""
+        """Set the watermark, the minimum time of later events."""
 
     @abstractmethod
     def follow(self, configurations: Iterable[Configuration]) -> None:
@@ -193,7 +191,7 @@ class Following(ABC):
 
     @abstractmethod
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
-        """Return the reading of an event of a class."""
+        """Return the reading of an event."""
 
     @abstractmethod
     def advance(self, reading: Reading, position: int) -> Verdict:
@@ -215,7 +213,7 @@ class Following(ABC):
         return Snapshot.of(self.partial, self.matches, self.lost)
 
     def restore(self, snapshot: object) -> None:
-        """Restore the state of a snapshot of the same tree."""
+        """Restore a snapshot of the same tree."""
         assert isinstance(snapshot, Snapshot), "made by the same strategy"
         partial, self.matches, self.lost = snapshot.groups_again()
         self.follow(partial)
@@ -235,7 +233,7 @@ class Following(ABC):
 
 
 class Contiguous(Following):
-    """The strategy for contiguous matches: all partial matches use the same events.
+    """All partial matches use the same events.
 
     Under `consecutive`, they use the same events since their first.
     """
@@ -247,7 +245,7 @@ class Contiguous(Following):
         self._begin()
 
     def follow(self, configurations: Iterable[Configuration]) -> None:
-        """Replace the followed partial matches by copies, because a step may change them."""
+        """Replace the partial matches by copies, because a step may change them."""
         self._configurations = [configuration.copy() for configuration in configurations]
 
     @property

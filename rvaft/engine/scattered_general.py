@@ -49,15 +49,15 @@ from rvaft.model.verdict import Verdict
 from rvaft.support.bits import bits, mask_of, union
 
 MEMORY: Final = 500_000
-"""The maximum size of cached stages, counted in nodes with known flags."""
+"""The maximum number of nodes with flags in cached stages."""
 REMEMBERED: Final = 20_000
-"""The maximum number of cached values without effect, and of cached event classes."""
+"""The maximum number of cached values and event classes."""
 MIN_STAGES: Final = 1_000
-"""The number of stages that are allowed for any limit."""
+"""The number of stages allowed for any limit."""
 STAGE_COST: Final = 10
 """The cost of a stage, in partial matches."""
 _MANY: Final = 4
-"""The maximum number of guards to enumerate, and of partial matches to visit without the index."""
+"""The maximum number of guards to enumerate, and of members to visit without the index."""
 _UNKNOWN: Final = Verdict.UNKNOWN
 
 
@@ -68,20 +68,17 @@ class Stage:
     sample: Configuration
     is_match: bool
     names: tuple[str, ...]
-    """The variables that its partial matches remember."""
+    """The remembered variables."""
     ranking: Ranking
-    """The comparison of their values."""
     deadlines: tuple[TimeDifference, ...]
-    """The time differences that its partial matches must satisfy."""
+    """The time differences that must hold."""
     settled: bool
-    """Whether its partial matches may differ in settled choices."""
+    """Whether settled choices may differ."""
     moves: dict[int, "StageMove | None"] = field(default_factory=dict)
 
 
 class Scan(NamedTuple):
-    """A query for the partial matches that an event may extend, by necessary conditions of
-    guards.
-    """
+    """Necessary conditions for the partial matches that an event may extend."""
 
     names: tuple[str, ...]
     """The remembered variables that must equal `terms`, which are over the event's values."""
@@ -94,10 +91,10 @@ class Order(NamedTuple):
     """An order of partial matches, with the bounds of an event on it and a stop condition."""
 
     term: Term | None
-    """The ordering term; None is the order of arrival."""
+    """None is the order of arrival."""
     bounds: tuple[Bound, ...]
     last_first: bool
-    """Whether the last members in this order give the best new partial matches."""
+    """Whether the last members are the best."""
     enough: tuple[Term, ...] | None
     """The search stops when these terms have the event's own values; None: a full scan."""
 
@@ -137,9 +134,7 @@ class StageMove:
     """The guards that depend on remembered values too."""
     scan: Scan | None = None
     outcomes: dict[tuple[int, tuple[bool, ...]], tuple[Stage, bool] | None] = field(default_factory=dict)
-    """By the outcomes of guards: the target stage, and whether the original is subsumed; None if
-    impossible.
-    """
+    """By outcomes: the target stage, and whether it subsumes the original."""
 
 
 class Stages:
@@ -168,7 +163,7 @@ class Stages:
         return found
 
     def rank(self, stage: Stage, binding: Mapping[str, Json], last: Witness | None, node: int | None = None) -> Rank:
-        """Return the rank of a partial match with these steps, followed by a node's event."""
+        """Return the rank after these steps and a node's event."""
         rank = stage.ranking.of(binding)
         if not stage.settled:
             return rank
@@ -203,8 +198,8 @@ class Stages:
         return stage.moves[node]
 
     def outcome(self, move: StageMove, held: int, outcomes: tuple[bool, ...]) -> tuple[Stage, bool] | None:
-        """Return the target of a move for these outcomes of guards: `held` for those that the event
-        alone decides, `outcomes` for the joint ones.
+        """Return the target of a move for these outcomes: `held` of guards on the event alone,
+        `outcomes` of joint guards.
         """
         place = (held & move.alone, outcomes)
         if place not in move.outcomes:
@@ -223,7 +218,7 @@ class Stages:
         return move.outcomes[place]
 
     def scan(self, move: StageMove) -> Scan:
-        """Return the index query for the partial matches that a move may extend."""
+        """Return the query for a move."""
         if move.scan is None:
             compiled, joint = self.matching.compiled, [*move.joint]
             own, joined = compiled.exported[move.node], dict[str, Guard]()
@@ -267,8 +262,8 @@ class Stages:
 def _time_bounds(
     difference: TimeDifference, far: Collection[str], own: Collection[str]
 ) -> Iterator[tuple[Term, Bound]]:
-    """Return the bounds of a time difference on the remembered times (`far`), given the event's
-    times (`own`).
+    """Return the bounds of a time difference on remembered times (`far`), given the event's
+    (`own`).
     """
     plus, minus = difference.plus, difference.minus
     for rising, ours, theirs in ((True, plus, minus), (False, minus, plus)):
@@ -313,15 +308,12 @@ class LetterMoves:
     names: tuple[str, ...]
     """The relevant variables of the event."""
     moves: list[tuple[StageGroup, StageMove, int]] = field(default_factory=list)
-    """The possible moves of the groups, with the index of the node in the letter."""
+    """The possible moves of groups, with the index of the node."""
     groups: int = 0
-    """The number of groups already processed."""
 
 
 class RelevantHit(NamedTuple):
-    """A letter that may change something, with its values, the guards that hold, and a cache
-    key.
-    """
+    """A letter that may change something: values, guards that hold, cache key."""
 
     values: Mapping[str, Json]
     watch: LetterMoves
@@ -330,9 +322,7 @@ class RelevantHit(NamedTuple):
 
 
 class NewMatch(NamedTuple):
-    """A new partial match: its order, the match that it extends, the event, and the values to
-    remember.
-    """
+    """A new partial match: its order, origin, event, and values to remember."""
 
     order: tuple[int, int, int]
     before: Configuration
@@ -344,7 +334,7 @@ class NewMatch(NamedTuple):
 
 
 class CandidateMove(NamedTuple):
-    """A letter with possible moves, unless its values are cached as without effect.
+    """A letter with possible moves.
 
     `fields` are the relevant fields, or None if they are unknown.
     """
@@ -356,7 +346,7 @@ class CandidateMove(NamedTuple):
 
 
 class ScatteredMatches(Following):
-    """The partial matches by stage; a partial match does not change once it is added."""
+    """The partial matches by stage; an added partial match does not change."""
 
     uses_up = False
 
@@ -378,13 +368,13 @@ class ScatteredMatches(Following):
         self._groups: dict[Stage, StageGroup] = {}
         self._watches: dict[int, LetterMoves] = {}
         self._quiet: set[Hashable] = set()
-        """Letters with values that change nothing while the partial matches stay the same."""
+        """Letters with values that change nothing at present."""
         self._candidates: dict[EventClass, tuple[CandidateMove, ...]] = {}
-        """By event class, the letters with possible moves while the groups stay the same."""
+        """By event class, the letters with possible moves at present."""
         self._added = 0
         self._whole = 0
         """The nodes of the parts that have a match."""
-        # otherwise a copy would drop partial matches earlier than the original
+        # a copy must not drop partial matches earlier
         watermark, self._watermark = self._watermark, None
         for configuration in configurations:
             self._add(self._stages.of(configuration), configuration)
@@ -400,7 +390,7 @@ class ScatteredMatches(Following):
 
     @property
     def combined(self) -> list[Configuration]:
-        """Each partial match of a part, combined with the first of every other part."""
+        """Each partial match of a part, with the first of the others."""
         if not self._parts:
             return self.partial
         found: list[list[Configuration]] = [
@@ -435,13 +425,13 @@ class ScatteredMatches(Following):
         return super().snapshot()._replace(begun=self._begun)
 
     def restore(self, snapshot: object) -> None:
-        """Restore the state of a snapshot of the same tree."""
+        """Restore a snapshot of the same tree."""
         assert isinstance(snapshot, Snapshot), "made by the same strategy"
         self._begun = snapshot.begun
         super().restore(snapshot)
 
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
-        """Return the reading of an event: the letters that may change something now."""
+        """Return the letters that may change something now."""
         if not event_class.serving:
             return NOTHING
         candidates = self._candidates.get(event_class)
@@ -509,9 +499,7 @@ class ScatteredMatches(Following):
         for order, (values, watch, held, _) in enumerate(reading.hits):
             for group, move, place in watch.moves:
                 parts: Sequence[tuple[Iterable[Member], tuple[Term, ...] | None]] = group.everyone
-                if (
-                    move.scan or move.compared or len(group.members) > _MANY
-                ):  # for few members a scan is cheaper than the index
+                if move.scan or move.compared or len(group.members) > _MANY:  # cheaper for few members
                     scan = move.scan or self._stages.scan(move)
                     parts = self._concerned(group, scan, values) if scan.orders else parts
                 for members, enough in parts:
@@ -549,7 +537,7 @@ class ScatteredMatches(Following):
     def _concerned(
         self, group: StageGroup, scan: Scan, values: Mapping[str, Json]
     ) -> Sequence[tuple[Iterable[Member], tuple[Term, ...] | None]]:
-        """Return the members of a group that may make a move, in slices with stop conditions."""
+        """Return the members that may make a move, with stop conditions."""
         required = [values[one.name] if type(one) is Variable else value(one, values) for one in scan.terms]
         if UNDEFINED in required:
             return ()
@@ -592,7 +580,7 @@ class ScatteredMatches(Following):
         return _UNKNOWN
 
     def forget(self, watermark: int) -> None:
-        """Set the watermark and drop the partial matches that it rules out."""
+        """Set the watermark and drop what it rules out."""
         self._watermark = watermark
         for group in self._groups.values():
             group.forget(watermark)

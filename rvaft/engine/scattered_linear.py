@@ -34,10 +34,10 @@ from rvaft.support.bits import union
 MEMORY: Final = 4096
 """The maximum number of cached event classes."""
 EFFORT: Final = 1_000_000
-"""The maximum number of steps to decide whether occurrences are concurrent."""
+"""The maximum number of steps to find concurrent occurrences."""
 
 Served: TypeAlias = Sequence[tuple[int, Mapping[str, Json]]]
-"""The occurrences that an event can serve, each with its values."""
+"""Occurrences that an event can serve, with values."""
 
 
 Before: TypeAlias = tuple[int, int]
@@ -57,7 +57,7 @@ class StartConditions(NamedTuple):
 
     parents: list[list[int]]
     before: list[frozenset[Before]]
-    """For each node, its start conditions without transitive ones."""
+    """Without transitive conditions."""
 
 
 def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> StartConditions | None:
@@ -157,9 +157,9 @@ class UsefulEvents:
         self.entries: list[tuple[int, Served]] = []
         """The positions of the events, each with the occurrences that it can serve."""
         self.own: dict[int, int] = {}
-        """The position of the last event kept for a node's own occurrence."""
+        """The last event kept for a node."""
         self._latest: dict[int, int] = {}
-        """The position of the last event kept for a node or any node below it."""
+        """The last event kept for a node or below it."""
         self.useless: set[int] = set()
         """The nodes for which no event is kept until an event for another node is."""
 
@@ -169,7 +169,7 @@ class UsefulEvents:
         return {"entries": list(self.entries), "own": dict(self.own), "_latest": dict(self._latest)}
 
     def note(self, position: int, served: Served) -> None:
-        """Keep an event for the occurrences that may need it."""
+        """Keep an event if it may be needed."""
         kept = [one for one in served if one[0] not in self.useless and self._is_useful(one[0])]
         if not kept:
             self.useless.update(node for node, _ in served)
@@ -207,7 +207,7 @@ class UsefulEvents:
 
 
 class LinearRun:
-    """One evaluation; with `choices`, an `or` gate is complete only through the chosen child."""
+    """One evaluation under `choices` of `or` gates."""
 
     def __init__(
         self, compiled: CompiledTree, starts: StartConditions, choices: Mapping[int, int] | None = None
@@ -216,11 +216,11 @@ class LinearRun:
         self.starts = starts
         self.choices = choices or {}
         self.fired: dict[int, tuple[int, Mapping[str, Json]]] = {}
-        """The occurrences that have their event, with its position and values."""
+        """The occurrences with their events: position and values."""
         self.listening: set[int] = set()
         """The nodes that wait for their event."""
         self._completed: dict[int, dict[int, None]] = {}
-        # the gates whose children have started, each with its complete children in order
+        # the started gates with their complete children in order
         self._started: set[int] = set()
         self._done: set[int] = set()
         self._agenda: list[tuple[Callable[[int], None], int]] = [(self._start, compiled.root)]
@@ -239,7 +239,7 @@ class LinearRun:
         return self.compiled.root in self._done
 
     def fire(self, served: Served, position: int) -> None:
-        """Pass an event to the listening nodes among those that it can serve."""
+        """Pass an event to listening nodes."""
         self._agenda = []
         for node, values in served:
             if node in self.listening:
@@ -259,7 +259,7 @@ class LinearRun:
                 continue
             if node in self.listening:
                 found.append(node)
-                continue  # nothing below it has started, or all is complete
+                continue
             new = [child for child in self._kept(node) if child not in seen]
             seen.update(new)
             agenda.extend(new)
@@ -270,7 +270,7 @@ class LinearRun:
         return tuple(child for child in children if self.choices.get(node, child) == child)
 
     def scenario(self) -> Iterator[tuple[int, tuple[int, ...]]]:
-        """Iterate over the nodes of the matched scenario, with their kept children."""
+        """Iterate over the nodes of the match, with kept children."""
         agenda, seen = [self.compiled.root], {self.compiled.root}
         while agenda:
             node = agenda.pop()
@@ -359,15 +359,14 @@ def possible_nodes(
 
 
 class LinearSnapshot(NamedTuple):
-    """The mutable state of the run, and of the kept events, if any."""
+    """The state of the run and of the kept events."""
 
     run: dict[str, object]
     useful: dict[str, object]
 
 
 class LinearMonitor:
-    """The strategy: one run over all events, and the events from which each branch's match can be
-    found.
+    """One run over all events, and events to keep for the explanation.
 
     Raises `TooLarge` if more than `limit` events are kept.
     """
@@ -379,11 +378,11 @@ class LinearMonitor:
         self.starts = starts
         self.run = LinearRun(compiled, starts)
         self.useful = UsefulEvents(compiled, starts) if PartKind.ONE in compiled.ops else None
-        """None for a tree without choices, where only listening nodes matter."""
+        """None for a tree without choices."""
         self.noted = True
         """Whether the last event may be part of a match."""
         self._matter: dict[EventClass, tuple[Admission, ...]] = {}
-        """By event class, the letters that may change something in the current state."""
+        """By event class, the letters that matter now."""
 
     def forget(self, watermark: int) -> None:
         """Set the watermark, which changes nothing here."""
@@ -406,7 +405,7 @@ class LinearMonitor:
         return LinearSnapshot(self.run.state, {} if self.useful is None else self.useful.state)
 
     def restore(self, snapshot: object) -> None:
-        """Restore the state of a snapshot of the same tree."""
+        """Restore a snapshot of the same tree."""
         assert isinstance(snapshot, LinearSnapshot), "made by the same strategy"
         run, useful = snapshot
         self._matter.clear()
@@ -458,7 +457,7 @@ class LinearMonitor:
         return Verdict.TRUE if self.run.detected else Verdict.UNKNOWN
 
     def came(self, node: int) -> bool:
-        """Whether a node's own event, if any, has occurred at any time."""
+        """Whether a node's own event may have occurred."""
         return self.useful is None or not self.compiled.own[node] or node in self.useful.own
 
     def run_under(self, choices: Mapping[int, int]) -> LinearRun:

@@ -15,12 +15,12 @@ from rvaft.support.bits import mask_of
 
 
 class SettledChoices:
-    """The choices of a tree that may be settled; none for a kind, whose branches depend on more."""
+    """The choices that may be settled; none for a kind, whose branches depend on more."""
 
     def __init__(self, compiled: CompiledTree) -> None:
         self.compiled = compiled
         self.weights: dict[int, int] = {}
-        """For each part that a choice may keep, its contribution to the number."""
+        """The contribution of parts to the number."""
         self.firsts = 0
         """The parts with the lowest digit, of choices that every scenario makes."""
         self._gates: dict[int, int] = {}

@@ -18,7 +18,7 @@ _PLAIN: Final = (str, int, float)
 
 
 class Member(NamedTuple):
-    """A partial match with its number, in order of arrival, and its rank."""
+    """A partial match, numbered by arrival."""
 
     number: int
     configuration: Configuration
@@ -30,11 +30,11 @@ class Bound(NamedTuple):
 
     rising: bool
     by: Callable[[Mapping[str, Json]], Callable[[Json], bool]]
-    """A function from the event's values to the test of the remembered value."""
+    """From the event's values to a test of the remembered value."""
 
 
 class LaneMember(NamedTuple):
-    """A member in the order of a value."""
+    """A member with its ordering value."""
 
     value: Json
     number: int
@@ -42,12 +42,12 @@ class LaneMember(NamedTuple):
 
 
 NEAR: Final = 64
-"""The distance from the end of an order within which the search is stepwise."""
+"""The distance from the end searched stepwise."""
 LOOSE: Final = "loose"
 """The kind of numbers so large that sums need not keep their order."""
 _Place: TypeAlias = Hashable
 _Lanes: TypeAlias = dict[tuple[Hashable, ...], list[LaneMember]]
-"""The members with equal values, by type and values of the ordering term."""
+"""By type and values of the ordering term."""
 
 
 def place_of(values: Iterable[Json]) -> _Place:
@@ -63,15 +63,14 @@ class StageGroup:
         self.members: dict[int, Member] = {}
         self.everyone = ((self.members.values(), None),)
         self.watermark: int | None = None
-        """The minimum time of later events, if known."""
         self._deadlines = deadlines
         self._ending: list[tuple[int, int]] = []
-        """A heap of pairs: the watermark that rules out a member, and the member's number."""
+        """A heap: the watermark that rules out a member, its number."""
         self._fronts: dict[_Place, list[Member]] = {}
         self._ordered: dict[tuple[tuple[str, ...], Term | None], dict[_Place, _Lanes]] = {}
 
     def excels(self, rank: Rank) -> bool:
-        """Whether some members can do everything that a match of this rank can."""
+        """Whether some members are at least as good."""
         front = self._fronts.get(rank.place)
         if front is None:
             return False
@@ -163,9 +162,7 @@ class StageGroup:
         bounds: Sequence[Bound],
         event: Mapping[str, Json],
     ) -> list[tuple[list[LaneMember], int, int]]:
-        """Return the members with these values whose term satisfies all bounds, as slices of sorted
-        lists.
-        """
+        """Return the members with these values and bounds, as slices of sorted lists."""
         ordered = self._ordered.get((names, term))
         if ordered is None:
             ordered = self._ordered[names, term] = {}
@@ -210,10 +207,7 @@ def _lane(
 
 
 def _turn(lane: Sequence[LaneMember], holds: Callable[[Json], bool], *, wanted: bool) -> int:
-    """Return the first index from which `holds` has the wanted value.
-
-    The search starts from the end, where recent values are.
-    """
+    """Return the first index from which `holds` is `wanted`, searching from the recent end."""
     if holds(lane[0].value) is wanted:
         return 0
     step, end = 1, len(lane)

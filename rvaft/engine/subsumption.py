@@ -62,7 +62,7 @@ from rvaft.model.values import Json, exact, is_number, key
 
 
 def commits(matching: Matching, before: Configuration, after: Configuration, node: int, *, firsts: int) -> bool:
-    """Whether the partial match after a node's event can do everything that the one before it can.
+    """Whether the partial match `after` a node's event subsumes the one `before`.
 
     `firsts` are the core parts with the lowest branch of a choice that every scenario makes.
     """
@@ -117,9 +117,7 @@ _FIRST_GREATER: Final = (Operator.GT, Operator.GE)
 
 
 class Term(NamedTuple):
-    """A number or text from a binding; the greater (sign 1) or the smaller (-1) is at least as
-    good.
-    """
+    """A number or text; the greater (sign 1) or smaller (-1) is at least as good."""
 
     sign: int
     extreme: Extreme
@@ -131,7 +129,7 @@ class Term(NamedTuple):
 
 
 class Rank(NamedTuple):
-    """The rank of a partial match in its stage; only ranks of the same `place` are compared."""
+    """The rank of a partial match; only equal `place` values are compared."""
 
     place: Hashable
     values: tuple[Json, ...]
@@ -154,9 +152,9 @@ class Ranking(NamedTuple):
     excluded: tuple[str, ...] = ()
     """The variables that occur only in inequalities with later values."""
     differing: tuple[tuple[int, ...], ...] = ()
-    """For each later value, the indexes of the `excluded` variables that must differ from it."""
+    """By later value, the `excluded` variables that differ from it."""
     above_watermark: bool = False
-    """Whether a greatest time, the second of two terms, matters only above the watermark."""
+    """Whether a greatest time matters only above the watermark."""
 
     def of(self, binding: Mapping[str, Json]) -> Rank:
         """Return the rank of a binding."""
@@ -174,7 +172,7 @@ class Ranking(NamedTuple):
         return Rank(tuple(place), tuple(values), tuple(excluded))
 
     def covers(self, rivals: Sequence[Rank], rank: Rank) -> bool:
-        """Whether some rivals in the same place can do everything that this rank's match can."""
+        """Whether some rivals in the same place are at least as good."""
         able = [rival for rival in rivals if all(map(ge, rival.values, rank.values))]
         return bool(able) and not self._exclude_only(rank.excluded, [rival.excluded for rival in able], 0, {})
 
@@ -185,10 +183,7 @@ class Ranking(NamedTuple):
         number: int,
         values: Mapping[int, Hashable],
     ) -> bool:
-        """Whether later values can exclude all rivals from `number` on but not `excluded`.
-
-        `values` holds the later values chosen so far.
-        """
+        """Whether later values can exclude all rivals from `number` on, but not `excluded`."""
         while number < len(rivals) and any(
             rivals[number][place] == value for group, value in values.items() for place in self.differing[group]
         ):
@@ -205,11 +200,11 @@ class Ranking(NamedTuple):
 
 
 MOST_EXCLUDED: Final = 9
-"""The maximum product of excluded variables and inequalities; beyond it, values must be equal."""
+"""Beyond this product of variables and inequalities, values must be equal."""
 
 
 def ranking(compiled: CompiledTree, configuration: Configuration) -> Ranking:
-    """Return the ranking of partial matches in the same stage."""
+    """Return the ranking of a stage."""
     binding = configuration.binding
     fixed = {name for name in binding if compiled.mentions[name] & ~configuration.taken}
     terms: dict[Term, None] = {}
@@ -259,7 +254,7 @@ def _differs(guard: Guard, name: str) -> Guard | None:
 
 
 def repeats(guard: Guard, name: str) -> Guard | None:
-    """Return the term that a guard requires a variable to equal, if it is such an equality."""
+    """Return the term that a variable must equal, or None."""
     match guard:
         case Operation(Operator.EQ, sides) | Operation(Operator.NOT, (Operation(Operator.NE, sides),)):
             return _beside(sides, name)
@@ -296,7 +291,7 @@ def tendency(guard: Guard, name: str) -> int | None:
 
 
 def _steady(guard: Guard, name: str) -> bool:
-    """Whether a monotone guard is defined for all values of a variable, or for none."""
+    """Whether a monotone guard is always or never defined."""
     if name not in variables(guard):
         return True
     match guard:
@@ -346,9 +341,7 @@ def _moderate(value: Json) -> bool:
 
 
 def scale(value: Json) -> type | None:
-    """Return the class within which values are comparable (`int` for all integral numbers), or
-    None.
-    """
+    """Return `int` for integral numbers, or the type within which values are comparable."""
     if type(value) is str or (type(value) is int and _moderate(value)):
         return type(value)
     if type(value) is float and _moderate(value):

@@ -52,9 +52,9 @@ from rvaft.support.files import SUFFIXES, opened, telling, write_whole
 EVERY: Final = 10_000
 """Default number of events between two checkpoints."""
 _GRACE: Final = 1.0
-"""Seconds that checkpoints may take beyond the time of all other work before they become rarer."""
+"""Seconds beyond which checkpoints become rarer than other work permits."""
 _EDGE: Final = 1 << 16
-"""Bytes hashed at the start of a trace and before the current offset, to identify the trace."""
+"""Bytes hashed at the start of a trace and before the offset."""
 _MAGIC: Final = b"rvaft checkpoint 5\n"
 _BLOCK: Final = 1 << 20
 _ANEW: Final = "remove it to begin anew"
@@ -103,7 +103,7 @@ class _DataUnpickler(pickle.Unpickler):
 
 
 def packed(state: object) -> bytes:
-    """Pickle the state of a run; raises `ValueError` for a class that is not admitted."""
+    """Pickle a state; raises `ValueError` for a class that is not admitted."""
     payload = io.BytesIO()
     limit = sys.getrecursionlimit()
     sys.setrecursionlimit(limit + 4 * MAX_DEPTH)  # values are as deep as in a trace; `pickle` makes two calls per level
@@ -123,10 +123,9 @@ def unpacked(data: bytes | memoryview) -> object:
 
 @contextmanager
 def open_at(trace: Path, *, offset: int = 0, line: int = 0) -> Iterator[LinesRead]:
-    """Open a trace at an offset in bytes (after decompression), and keep track of the position.
+    """Open a trace at an offset in bytes (after decompression).
 
-    Raises what `rvaft.support.files.opened` raises, and `TraceError` if a compressed file is
-    damaged or ends before the offset.
+    Raises what `opened` raises, and `TraceError` if a compressed file is damaged or too short.
     """
     with opened(trace) as stream:
         left = offset if _is_compressed(trace) else 0
@@ -175,10 +174,10 @@ def _sha(data: bytes | memoryview) -> str:
 
 
 class Checkpoint(msgspec.Struct, kw_only=True):
-    """The tree, settings and trace of a checkpoint, and the position in the trace.
+    """The tree, settings and trace of a checkpoint, and the position.
 
-    `offset` counts bytes after decompression. Detections up to the event `noted` were reported,
-    perhaps by an earlier run that read further than `events`.
+    `offset` counts bytes after decompression. Detections up to the event `noted`, perhaps beyond
+    `events`, were reported.
     """
 
     version: str
@@ -195,8 +194,8 @@ class Checkpoint(msgspec.Struct, kw_only=True):
 class CheckpointFile:
     """The checkpoint file of a run, written every `every` events.
 
-    `settings` are the options that affect the meaning of the state, as text. Detections up to the
-    event `noted` were reported, or were about to be.
+    `settings` affect the meaning of the state. Detections up to the event `noted` were reported, or
+    were about to be.
     """
 
     path: Path
@@ -231,8 +230,8 @@ class CheckpointFile:
     def save(self, state: object, events: int, place: LinesRead | FollowedFile, trace: BinaryIO | None = None) -> None:
         """Replace the checkpoint atomically, once the new one is on the disk.
 
-        `trace` is the open file, because the path may name another file by now. Raises `OSError`
-        with the path, and `CheckpointError` for a state that cannot be saved.
+        `trace` is the open file, as the path may name another by now. Raises `OSError` and
+        `CheckpointError`.
         """
         begun = monotonic()
         try:
@@ -253,7 +252,7 @@ class CheckpointFile:
         self._spent += monotonic() - begun
 
     def note(self, event: int) -> None:
-        """Record that a detection of that event is reported; valid until the next checkpoint."""
+        """Record that a detection is reported, until the next checkpoint."""
         self.noted = event
         with telling("cannot write", self.path):
             write_whole(self._told, f"{self._digest} {event}\n".encode())
@@ -268,7 +267,7 @@ class CheckpointFile:
         try:
             with self.path.open("rb") as stream:
                 data = stream.read(start)
-                data += stream.read() if data.startswith(_MAGIC) else b""  # another kind of file may be endless
+                data += stream.read() if data.startswith(_MAGIC) else b""  # other files may be endless
         except FileNotFoundError:
             return None
         body = memoryview(data)[start:]
@@ -283,12 +282,12 @@ class CheckpointFile:
         end = data.find(b"\n", start)
         try:
             found = msgspec.json.decode(data[start:end], type=Checkpoint)
-        except (ValueError, TypeError) as error:  # includes the errors of msgspec
+        except (ValueError, TypeError) as error:
             raise self.unreadable(error) from error
         self._require_same(found)
         try:
             state = unpacked(body[end + 1 - start :])
-        except Exception as error:  # any exception of an admitted class
+        except Exception as error:
             raise self.unreadable(error) from error
         self._saved = found.events
         self.noted = found.noted
@@ -321,7 +320,7 @@ class CheckpointFile:
                 raise self._other(f"of another trace: {self.trace} does not begin with what was read")
 
     def unreadable(self, error: Exception) -> CheckpointError:
-        """Return the error for a checkpoint with a valid digest and invalid contents."""
+        """Return the error for invalid contents."""
         return CheckpointError(self.path, f"the checkpoint cannot be read: {_one_line(error)}; {_ANEW}")
 
     def _other(self, which: str) -> CheckpointError:

@@ -1,8 +1,7 @@
 """Warnings about data that could hide a detection, with counts and a first example.
 
-Guards are evaluated on events, not on partial matches, so the warnings do not depend on the
-strategy. Each event that binds a variable of a comparison is checked with the last values of the
-other variables.
+Guards are evaluated on events, not on partial matches: each event that binds a variable of a
+comparison is checked with the last values of the other variables.
 """
 
 import json
@@ -25,10 +24,10 @@ from rvaft.stream.statistics import UNSEEN, EventKind, EventTypeIndex
 
 MOST: Final = 20
 _ANY: Final = (1, "a", True)
-"""Samples for an unknown value: if none makes a comparison defined, no value does."""
+"""Samples for an unknown value."""
 _JUNCTIONS: Final = (Operator.AND, Operator.OR, Operator.NOT)
 _BY_VALUE: Final = frozenset({Operator.DIV, Operator.MUL, Operator.NUMBER})
-"""Operators whose result may be undefined for some values of the right types."""
+"""Operators that may be undefined for values of the right types."""
 
 
 class Reason(StrEnum):
@@ -50,7 +49,7 @@ _MESSAGES: Final = {
 
 @dataclass(slots=True)
 class DataWarning:
-    """The number of events with one fault; `about` is the guard or the allowed lateness."""
+    """The events with one fault; `about` is the guard or the allowed lateness."""
 
     reason: Reason
     about: str
@@ -68,9 +67,7 @@ class _Comparison(NamedTuple):
 
 
 def _can_be_decided(guard: Guard, known: Mapping[str, Json]) -> bool:
-    """Whether some values of the unbound variables decide the guard; assumed for more than
-    three.
-    """
+    """Whether some values of unbound variables decide the guard, assumed for more than three."""
     others = [name for name in variables(guard) if name not in known]
     chosen = product((*_ANY, *(known[name] for name in variables(guard) if name in known)), repeat=len(others))
     bindings = ({**known, **dict(zip(others, some, strict=True))} for some in chosen)
@@ -79,10 +76,9 @@ def _can_be_decided(guard: Guard, known: Mapping[str, Json]) -> bool:
 
 @dataclass(slots=True)
 class _LetterChecks:
-    """The checks of events of one letter: `fields` with its variables, and value types known as
-    `good`.
+    """The checks of events of one letter: its fields, and value types known as `good`.
 
-    `fields` is None if the pattern does not locate the variables, or types alone do not decide.
+    `fields` is None if the pattern does not locate the variables, or types do not decide.
     """
 
     values: Values
@@ -143,9 +139,7 @@ class DataWarnings:
             self.note(Reason.TIME, "", f"{prefix}event {number}", wrong or f"the field {name} is missing")
 
     def _good(self, event_kind: EventKind) -> tuple[Sequence[str] | None, set[tuple[type, ...]]]:
-        """Return the fields to check, or None if types do not decide, and an empty set of good
-        types.
-        """
+        """Return the fields to check, None if types do not decide, and an empty set."""
         of_letters = [self._checks[letter].fields for letter in event_kind.checks.looked_at]
         known = [fields for fields in of_letters if fields is not None]
         fields = tuple(dict.fromkeys(chain(*known))) if len(known) == len(of_letters) else None
@@ -156,9 +150,7 @@ class DataWarnings:
     def _look(
         self, event: Mapping[str, Json], place: str, event_kind: EventKind, kinds: tuple[type, ...] | None
     ) -> None:
-        """Check an event, and remember whether events with the same value types can skip the
-        check.
-        """
+        """Check an event; events with the same value types may skip the check."""
         version, good = self.version, True
         for letter in event_kind.checks.looked_at:
             one = self._checks[letter]
@@ -170,7 +162,7 @@ class DataWarnings:
             event_kind.checks.good[3].add(kinds)
 
     def over(self, events: Iterable[tuple[int, Json]], prefix: str) -> Iterator[tuple[int, Json, EventKind | None]]:
-        """Check the events of a trace; yield number, event and kind (None for a late event)."""
+        """Check and yield events with number and kind (None if late)."""
         latest, look_up = None, self._types.of
         time = self.time if self.time is not None and self.time.late is not None else None
         for number, event in events:
@@ -255,9 +247,7 @@ def _checks(types: EventTypeIndex) -> Iterator[tuple[int, _LetterChecks]]:
 
 
 def _parts(guard: Guard, whose: str) -> Iterator[_Comparison]:
-    """Yield the conditions of a guard that some value makes undefined, except those on time
-    points.
-    """
+    """Yield the conditions of a guard that can be undefined, except on time points."""
     timed = bool(time_points(guard))
     agenda = [guard]
     while agenda:

@@ -45,7 +45,7 @@ def matched_events(explanations: Collection[Explanation]) -> set[int]:
 
 
 def identifying_fields(tree: RVAFT) -> tuple[str, ...]:
-    """Return the fields that identify an event in output: time, topic, and discriminating fields.
+    """Return time, topic, and discriminating fields, which identify an event in output.
 
     >>> import rvaft
     >>> identifying_fields(rvaft.loads('event e(x) = { kind: "k", x: x }; top and a; a on e(1);'))
@@ -76,9 +76,7 @@ def kept(event: Json, fields: Sequence[str]) -> dict[str, Json]:
 
 
 def other_fields(node: str, event: Json, tree: RVAFT, fields: Sequence[str]) -> dict[str, Json]:
-    """Return the identifying fields of a node's event, except time and topic; none for a default
-    event.
-    """
+    """Return the identifying fields besides time and topic; none for a default event."""
     if node in tree.nodes and tree.nodes[node].on is None:
         return {}
     found = kept(event, [name for name in fields if name not in (*PLACES, *_time_field(tree))])
@@ -88,9 +86,7 @@ def other_fields(node: str, event: Json, tree: RVAFT, fields: Sequence[str]) -> 
 def explained(
     explanation: Explanation, tree: RVAFT, events: Mapping[int, Json], fields: Sequence[str]
 ) -> dict[str, Json]:
-    """Return branch, kinds, matched events and variables; `events` has the known events by
-    number.
-    """
+    """Return an explanation as JSON; `events` has the known events."""
     matched = []
     for node, occurrence, number in explanation.matched:
         event = events.get(number)
@@ -128,10 +124,10 @@ def unlike(explanations: Mapping[int, Explanation]) -> Collection[tuple[list[int
 def detection(
     about: Mapping[str, Json], explanation: Explanation | None, events: Mapping[int, Json], tree: RVAFT
 ) -> dict[str, Json]:
-    """Return the JSON object for a command: `about`, the explanation, and the known matched events.
+    """Return the JSON object for a command: `about`, the explanation, and the known events by
+    number as text.
 
-    Without an explanation, `branch`, `kinds`, `matched` and `variables` are null or empty. The keys
-    of `events` are numbers as text.
+    Without an explanation, `branch`, `kinds`, `matched` and `variables` are null or empty.
     """
     found, numbers = _UNEXPLAINED, set[int]()
     if explanation is not None:
@@ -151,7 +147,7 @@ class Hooks:
         return any(command is not None for command in (self.always, *self.on.values()))
 
     def run(self, detected: Mapping[str, Json], also: Collection[Kind] = ()) -> list[str]:
-        """Run the commands in turn (always, faults, attacks) and return the failures as messages.
+        """Run the commands in turn (always, faults, attacks); return the failures as messages.
 
         `also` has further detected kinds: a branch of a kind may match without a node of that kind.
         """
@@ -165,9 +161,7 @@ class Hooks:
 
 
 def _run(command: str, text: bytes) -> str | None:
-    """Run a command in its own process group, so that it can be killed; return the failure, if
-    any.
-    """
+    """Run a command in a process group to kill; return the failure, if any."""
     import subprocess  # noqa: PLC0415
 
     output = subprocess.DEVNULL if sys.__stderr__ is None else sys.__stderr__.fileno()

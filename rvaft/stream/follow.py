@@ -28,7 +28,6 @@ POLL: Final = 0.2
 _BLOCK: Final = 1 << 18
 """Bytes read at a time."""
 _KEPT: Final = 256
-"""Bytes before the position that identify the file."""
 
 
 class FollowedFile(io.IOBase):
@@ -63,11 +62,10 @@ class FollowedFile(io.IOBase):
         self.line = line
         self.file = _opened(self.path)
         self._next: BinaryIO | None = None
-        """The file now at the path, if it is another one."""
         self._ending = False
         """Whether the buffer holds the last line of the file."""
         self._marked = False
-        """Whether a byte order mark may follow: at the start of each file but the first."""
+        """Whether a byte order mark may follow."""
         self._ready = bytearray()
         self._searched = 0
         self._position = offset
@@ -80,7 +78,7 @@ class FollowedFile(io.IOBase):
 
     @property
     def offset(self) -> int:
-        """The number of bytes of the current file returned so far."""
+        """The number of bytes returned so far."""
         return self._position - len(self._ready)
 
     @property
@@ -96,9 +94,7 @@ class FollowedFile(io.IOBase):
         super().close()
 
     def readline(self, size: int | None = -1) -> bytes:
-        """Return the next complete line, or the first `size` bytes of a longer line; b"" after the
-        stop.
-        """
+        """Return the next line, or the first `size` bytes of it; b"" after the stop."""
         most = sys.maxsize if size is None or size < 0 else size
         while True:
             end = self._ready.find(b"\n", self._searched) + 1
@@ -124,7 +120,7 @@ class FollowedFile(io.IOBase):
                     if not os.path.samestat(self.path.stat(), os.fstat(self.file.fileno())):
                         self._next = _opened(self.path)
                 self._idle()
-                time.sleep(POLL)  # the writer of the old file may still write
+                time.sleep(POLL)  # the old file may still grow
             elif self._ready:
                 self._ready += b"\n"
                 self._ending = True
@@ -134,8 +130,8 @@ class FollowedFile(io.IOBase):
         return False
 
     def _fill(self) -> bool:
-        """Read on and return whether there was data; re-read preceding bytes to detect a
-        rewrite.
+        """Read on, and re-read preceding bytes to detect a rewrite; return whether there was
+        data.
         """
         self.file.seek(self._position - len(self._before))
         seen = self.file.read(len(self._before) + _BLOCK)

@@ -15,7 +15,7 @@ MAX_KEYS: Final = 100_000
 """Default maximum number of values of a key."""
 _ABSENT: Final = object()
 _OWN_KEYS: Final = frozenset({str, int})
-"""Types whose values serve as dictionary keys directly; they equal other types only as doubles."""
+"""Types whose values serve as dictionary keys."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,12 +61,12 @@ class Key:
         return cls(tuple(map(Field.parse, dict.fromkeys(texts))))
 
     def of(self, event: Json) -> tuple[Json, ...] | None:
-        """Return the value of each field, or None if the event lacks one."""
+        """Return the values, or None if the event lacks a field."""
         found = [field.of(event) for field in self.fields]
         return None if None in found else tuple(value[0] for value in found if value is not None)
 
     def as_json(self, values: tuple[Json, ...]) -> Json:
-        """Return the value of a single field, or an object for several fields."""
+        """Return a single value, or an object for several fields."""
         if len(self.fields) == 1:
             return values[0]
         return {field.text: value for field, value in zip(self.fields, values, strict=True)}
@@ -90,7 +90,6 @@ class KeyedTraces:
         self.lacking = self.first_lacking = 0
         self.names = tuple(one.text for one in key.fields) if all(len(one.path) == 1 for one in key.fields) else ()
         self.known: dict[tuple[Json, ...], MonitoredTrace | None] = {}
-        """A cache of traces by values that serve as dictionary keys directly."""
         self._most = most
         self._fork = fork
         self._begin = begin

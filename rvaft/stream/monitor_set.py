@@ -37,9 +37,7 @@ class Per(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One monitored part: `label` (`tree`, a branch number, a kind) for programs, `title` for
-    people.
-    """
+    """A monitored part: `label` for programs, `title` for people."""
 
     label: str
     title: str
@@ -78,10 +76,9 @@ def columns(tree: RVAFT, per: Per = Per.TREE) -> tuple[Column, ...]:
 
 @dataclass(slots=True)
 class DetectionCount:
-    """The detections of one monitor: the number reported, and event, explanation and time of the
-    last.
+    """The detections of one monitor: count, and event, explanation and time of the last.
 
-    `suppressed` counts the others; `between` counts those between the last two reported ones.
+    `suppressed` counts the others, `between` those between the last two reports.
     """
 
     notified: int = 0
@@ -94,9 +91,7 @@ class DetectionCount:
     _before: int = 0
 
     def add(self, number: int, time: int | None, cooldown: int | None) -> bool:
-        """Count a detection; return whether it is reported, `cooldown` ns or more after the last
-        report.
-        """
+        """Count a detection; return whether `cooldown` ns have passed since the last report."""
         if cooldown and time is not None and self.time is not None and abs(time - self.time) < cooldown:
             self.suppressed += 1
             self.first_suppressed = self.first_suppressed or number
@@ -108,9 +103,7 @@ class DetectionCount:
 
     @property
     def fields(self) -> dict[str, int]:
-        """The number of reported detections, and how many were suppressed before the last, for JSON
-        output.
-        """
+        """The counts for JSON output."""
         return {"detection": self.notified, **({"suppressed": self.between} if self.between else {})}
 
 
@@ -160,7 +153,7 @@ class MonitorSet:
         """Whether an irrelevant event may change a verdict."""
         self._live = tuple(range(len(self.monitors)))
         self._resting: tuple[int, ...] = ()
-        """The columns that detected with the last event and restart with the next."""
+        """The columns that restart with the next event."""
 
     def _take_over(self, monitors: tuple[Monitor, ...]) -> None:
         self.monitors = monitors
@@ -207,7 +200,7 @@ class MonitorSet:
         return twin
 
     def begin_again(self) -> None:
-        """Restart the repeating monitors that detected with the last event."""
+        """Restart the monitors that have detected."""
         if self._resting:
             for column in self._resting:
                 cast("Repetition", self.monitors[column]).begin_again()
@@ -263,7 +256,7 @@ class MonitorSet:
         return bool(self._resting)
 
     def _changed(self, number: int, event: Json) -> Sequence[int]:
-        """Return the columns that detected with that event, or whose verdict became final."""
+        """Return the columns that detected, or whose verdict became final."""
         changed, suppressed = [], []
         for column in self._live:
             verdict = self.monitors[column].verdict
@@ -300,7 +293,7 @@ class MonitorSet:
         return self.monitors[column].explanation
 
     def ended(self, column: int) -> Ended | None:
-        """Why that column can no longer detect; None for backends and if the list is too long."""
+        """Why the column can no longer detect; None if unknown."""
         try:
             return self.monitors[column].ended
         except TooLarge:

@@ -28,7 +28,7 @@ class OrderedField:
         self.time = time if time is not None and ".".join(time.field) == field else None
         self.field = Field.parse(field) if self.time is None else Field(field, self.time.field)
         self.holds_times: bool | None = None
-        """Whether the field has ISO 8601 times; None before the first value."""
+        """None before the first value."""
 
     def place(self, event: Json) -> Place | None:
         """Return the number or time of an event; None for Booleans and values that are not
@@ -65,10 +65,10 @@ class Ordering(OrderedField, Generic[E]):
         self.window = window
         self.late = self.without = 0
         self.first_late = self.first_without = 0
-        """The numbers of the first late event and the first without a place, in reading order."""
+        """The first late event and the first without a place, as read."""
         self.came = 0
         self.held: list[tuple[Place, int, E]] = []
-        """A heap of the held events: place, number, event."""
+        """A heap."""
         self.before: Place = -inf
         self.latest: Place = -inf
         """The greatest place of an event returned."""
@@ -94,7 +94,7 @@ class Ordering(OrderedField, Generic[E]):
         if len(self.held) < self.window:
             heappush(self.held, entry)
             return None
-        # Once an event was returned the window stays full, so a late event is returned at once.
+        # the window stays full, so a late event is returned at once
         first = heappushpop(self.held, entry)
         self.latest = max(self.latest, first[0])
         return first[2]

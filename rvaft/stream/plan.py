@@ -13,7 +13,7 @@ from rvaft.stream.semantics_hint import SemanticsHint
 from rvaft.stream.statistics import Statistics
 
 TIME: Final = "time"
-"""The time field of a tree that declares none; a warning counts times that go back."""
+"""The time field without a declaration, for the warning."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class MonitoringPlan:
 
     @property
     def plain(self) -> bool:
-        """Whether all events go to the same monitors in reading order."""
+        """Whether the same monitors read all events in reading order."""
         return self.key is None and self.order_by is None
 
     @property

@@ -16,10 +16,10 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
 
 ROOM: Final = 10_000
-"""Maximum number of events kept per trace, over all keys."""
+"""Maximum number of kept events per trace."""
 LIMIT: Final = 1_000
 SECONDS: Final = 2.0
-"""Time limit in seconds, for all traces together."""
+"""Time limit in seconds, for all traces."""
 _MEANING: Final = (
     "false under projected, the default semantics: a match must use every relevant event, "
     "and these events cannot become a match; "
@@ -52,7 +52,7 @@ class SemanticsHint:
             kept.append((number, None))
 
     def is_full(self, watch: int) -> bool:
-        """Whether further events of that trace or key make no difference."""
+        """Whether further events make no difference."""
         kept = self._kept.get(watch, [])
         return bool(kept) and self._room <= 0 and kept[-1][1] is None
 
@@ -92,7 +92,7 @@ class SemanticsHint:
 
     @property
     def line(self) -> str | None:
-        """The meaning of ⊥ and the result under `scattered`, or None if no trace ended in ⊥."""
+        """The meaning of ⊥ and the result, or None if no trace ended in ⊥."""
         if not self.ended:
             return None
         if not self._tried:

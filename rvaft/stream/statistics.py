@@ -28,39 +28,37 @@ from rvaft.model.values import Json, at
 from rvaft.support.terminal import cut
 
 LOOKED_AT: Final = 20
-"""Maximum number of examined unmatched events with the same discriminating values."""
+"""Maximum number of examined events with the same discriminating values."""
 MOST: Final = 10_000
-"""Maximum number of combinations of discriminating values; further ones are not examined."""
+"""Maximum number of combinations of these values."""
 UNSEEN: Final[tuple[int, ...]] = (-1,)
-"""The mark of missing fields, and of checks that are not computed yet."""
+"""Marks missing fields, and checks not computed yet."""
 
 Path = tuple[str, ...]
 
 
 @dataclass(slots=True, eq=False)
 class WarningChecks:
-    """The checks by data warnings of events that match the same patterns."""
+    """The data warnings' checks for events that match the same patterns."""
 
     looked_at: tuple[int, ...] = UNSEEN
     good: tuple[object, int, Sequence[str] | None, set[tuple[type, ...]]] | None = None
-    """The cache of passed checks: owner, version, fields, and value types."""
+    """Passed checks: owner, version, fields, value types."""
 
 
 @dataclass(slots=True, eq=False)
 class EventKind:
-    """A class of events with the same shape and the same true guards; the default matches
-    nothing.
-    """
+    """Events with the same shape and true guards; by default, without a match."""
 
     fits: tuple[int, ...] = ()
-    """The numbers of the letters whose patterns match."""
+    """The letters whose patterns match."""
     admitted: tuple[int, ...] = ()
-    """The numbers of the letters that match with their guards."""
+    """The letters that match with their guards."""
     classes: tuple[EventClass, ...] = ()
     types: frozenset[str] = field(default=frozenset(), init=False)
     entries: bool = field(default=False, init=False)
     relevant: tuple[str, ...] | None = field(default=(), init=False)
-    """The types for which the event is relevant; None for an ignored event."""
+    """The relevant types; None for an ignored event."""
     serves: bool = field(default=False, init=False)
     """Whether the event may be that of a node."""
     noted: object = field(default=None, init=False)
@@ -68,10 +66,10 @@ class EventKind:
 
 
 class EventTypeIndex:
-    """Classifies events for a tree and for its engines with one look-up.
+    """Classifies events for a tree and its engines with one look-up.
 
-    An event type is a type in an `on`, or a leaf with its default event. `compound` are the types
-    with several fields, which have near misses.
+    An event type is a type in an `on`, or a leaf with its default event. `compound` types have
+    several fields, and so near misses.
     """
 
     def __init__(self, tree: RVAFT, engines: Sequence[EngineLetters] = ()) -> None:
@@ -94,7 +92,7 @@ class EventTypeIndex:
             (reader(number, Letter(one.pattern)).test, reader(number, one).test)
             for number, (_, _, one) in enumerate(letters)
         ]
-        """The tests of each letter: the pattern, and the pattern with its guard."""
+        """By letter: tests without and with the guard."""
         also = dict.fromkeys(pattern for one in engines for pattern in one.patterns)
         self._patterns = (*(one.pattern for _, _, one in letters), *also)
         self.shapes = PatternIndex(self._patterns, self._table)
@@ -103,7 +101,7 @@ class EventTypeIndex:
         self.discriminators: Discriminators = reads.discriminators
         self._read = reads.patterns
         self._texts: dict[str, frozenset[Json] | None] = {}
-        """The literals of a field in which every pattern has a text, else None."""
+        """The literals of a field if every pattern has a text in it."""
         self._meant: dict[str, dict[Json, Json]] = {field: {} for field in self.discriminators.fields}
         for pattern in reads.patterns:
             for name, value in pattern.fields if isinstance(pattern, ObjectPattern) else ():
@@ -149,7 +147,7 @@ class EventTypeIndex:
         return made
 
     def possible(self, values: Iterable[Hashable]) -> bool:
-        """Whether events with these discriminating values may match, up to spelling."""
+        """Whether such events may match, up to spelling."""
         meant = {
             field: self._meant[field].get(_spelling(value), value) if isinstance(value, str) else None
             for field, value in zip(self.discriminators.fields, values, strict=True)
@@ -157,7 +155,7 @@ class EventTypeIndex:
         return bool(self.discriminators.candidates(self.discriminators.values(meant)))
 
     def may_be(self, field: str, text: str) -> bool:
-        """Whether an event with this text in this field may match, up to spelling."""
+        """Whether this text may match, up to spelling."""
         if field not in self._texts:
             literals = [literals_of(pattern).get(field) for pattern in self._read]
             texts = frozenset(_spelling(one) for one in literals if isinstance(one, str))
@@ -170,8 +168,8 @@ class EventTypeIndex:
 class NearMissCount:
     """Events that match an event type in all fields but one.
 
-    `expected` is the pattern of that field, `found` its value in the first event (None if missing),
-    `first` the place of that event. With `more` there are similar events that were not examined.
+    `expected` is the pattern of that field, `found` its value in the `first` event (None if
+    missing). With `more` similar events were not examined.
     """
 
     type: str
@@ -184,7 +182,7 @@ class NearMissCount:
 
 
 class Statistics:
-    """Counts for the events of traces of one tree; can be pickled and merged.
+    """Counts for the events of one tree.
 
     `tally` counts relevant events by their set of types; `seen` has the types that occurred.
     """
@@ -230,7 +228,7 @@ class Statistics:
 
     @property
     def never_seen(self) -> tuple[str, ...]:
-        """The event types that did not occur, in the order of the tree."""
+        """The missing event types in tree order."""
         return tuple(name for name in self.names if name not in self.seen)
 
     def merge(self, other: "Statistics") -> None:
@@ -284,7 +282,7 @@ def _leaves(pattern: Pattern) -> Iterator[tuple[Path, Pattern]]:
 def _only_miss(
     leaves: Iterable[tuple[Path, Pattern]], event: Json, discriminating: Sequence[str]
 ) -> tuple[Path, Pattern, str | None] | None:
-    """Return the only differing field, its pattern and its value; None if several fields differ.
+    """Return the only differing field, its pattern and its value, if there is only one.
 
     An event that differs in a discriminating field is of another type, unless it is a misspelling.
     """

@@ -142,7 +142,7 @@ class Session:
                 self.listener.event(self.watch, self.events, event)
 
     def begin_again(self) -> None:
-        """Restart the repeating monitors that detected with the last event."""
+        """Restart the monitors that have detected."""
         for monitors in self.monitors.values():
             monitors.begin_again()
 

@@ -42,7 +42,7 @@ class BagReader(LogReader):
 
     @classmethod
     def suits(cls, path: Path, options: InputOptions) -> bool:  # noqa: ARG003
-        """Whether the path has one of the suffixes, or is a rosbag2 folder."""
+        """Whether the path has a suffix, or is a rosbag2 folder."""
         return suffix(path) in cls.suffixes or (path / BAG_METADATA).is_file()
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json] | None]]:
@@ -76,7 +76,7 @@ class BagReader(LogReader):
                     )
         except (TraceError, ToolMissing):
             raise
-        except Exception as error:  # a damaged file raises anything
+        except Exception as error:
             reason = " ".join(str(error).split()).removesuffix(".") or type(error).__name__
             raise log.error_at(f"the recording cannot be read: {reason}", number + 1 if number else None) from error
 
@@ -86,7 +86,7 @@ class _Unread(ValueError):
 
 
 class _Decoder:
-    """The decoder of one connection; `idle` if none of its messages is of interest."""
+    """The decoder of one connection, `idle` without interest."""
 
     def __init__(
         self, connection: "Connection", types: "Typestore", deserialize: Callable[[bytes, str], object], log: Log
@@ -139,7 +139,7 @@ def message_event(message: object, topic: str, time: int) -> dict[str, Json]:
 
 
 def _object(message: object, elsewhere: Mapping[str, str] = MappingProxyType({})) -> dict[str, Json]:
-    kind: Any = type(message)  # for mypy, the class of an object is not hashable
+    kind: Any = type(message)
     names = _field_names(kind)
     return _fields(message, names, [elsewhere.get(name, name) for name in names])
 
@@ -181,13 +181,13 @@ def _json(value: object) -> Json:
 
 
 def _parts(types: "Typestore", name: str, fields: Collection[str] | None = None) -> set[str]:
-    """Return the basic types in a message type, or in these fields of it; raises `KeyError`."""
+    """Return the basic types in a message type; raises `KeyError`."""
     agenda: list[tuple[str, Collection[str] | None]] = [(name, fields)]
     found, seen = set[str](), {name}
     while agenda:
         one, chosen = agenda.pop()
         for own, how in types.fielddefs[one][1]:
-            kind, about = cast("tuple[Any, Any]", how)  # rosbags nests types in several ways
+            kind, about = cast("tuple[Any, Any]", how)  # nested in several ways
             base, of = (kind, about) if kind.name in ("BASE", "NAME") else about[0]
             if chosen is not None and own not in chosen:
                 continue

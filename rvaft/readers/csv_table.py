@@ -35,7 +35,7 @@ class CsvReader(LogReader):
     takes: ClassVar[frozenset[str]] = frozenset({"types"})
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
-        """Yield the events with the line numbers where their rows begin."""
+        """Yield the events with the first lines of their rows."""
         lines = (data.decode(errors="surrogateescape") for _, data in lines_of(log.stream, log.name, log.line))
         head = next(lines, "")
         declared = _DIVIDED.fullmatch(head)
@@ -57,7 +57,7 @@ class CsvReader(LogReader):
             raise log.error_at(f"the header cannot be read: {str(error).partition(' - ')[0]}", 1 + before) from error
         columns = [(name, self._converter(name, delimiter)) for name in header]
         self._check(header, log, 1 + before)
-        odd = FieldType.NUMBER in self.options.types.values()  # without a type, no cell is NaN
+        odd = FieldType.NUMBER in self.options.types.values()  # otherwise no cell is NaN
         while True:
             number = rows.line_num + before + 1
             try:

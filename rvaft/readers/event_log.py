@@ -12,7 +12,7 @@ from rvaft.readers.json_lines import MAX_DEPTH, settled
 from rvaft.readers.log import MAX_LINE, FieldType, Log, LogReader
 
 CASE: Final = "case"
-"""The field with the name of an event's case, and the prefix of the other case attributes."""
+"""The field with the name of an event's case."""
 _NAME: Final = "concept:name"
 _HOLDERS: Final = {"log": ("",), "trace": ("log",), "event": ("log", "trace")}
 _TYPES: Final = {
@@ -78,14 +78,14 @@ class XesReader(LogReader):
                         yield number, event
         except TraceError:
             raise
-        except (ET.ParseError, LookupError, ValueError) as error:  # also for an unknown encoding
+        except (ET.ParseError, LookupError, ValueError) as error:  # or an unknown encoding
             raise log.error_at(f"this is no XML, or damaged: {error}", None) from error
 
 
 class _XmlStream:
     """A stream of XML without document types, whose entities could expand without bounds.
 
-    `pending` counts the bytes read since the last event.
+    `pending` counts bytes since the last event.
     """
 
     def __init__(self, log: Log) -> None:
@@ -105,7 +105,7 @@ class _XmlStream:
         data = self._log.stream.read(size)
         self.pending += len(data)
         if not self._begun:
-            with suppress(expat.ExpatError, LookupError, UnicodeError):  # the parser itself reports these
+            with suppress(expat.ExpatError, LookupError, UnicodeError):  # the parser reports these
                 self._prolog.Parse(data)
         return data
 
@@ -140,7 +140,7 @@ def _of_case(key: str) -> str:
 
 
 def _of_event(key: str) -> str:
-    """Return the field for an attribute of an event, distinct from the attributes of its case."""
+    """Return a field that differs from those of the case."""
     return f"event:{key}" if key == CASE or key.startswith(f"{CASE}:") else key
 
 

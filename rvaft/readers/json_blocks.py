@@ -25,34 +25,33 @@ from rvaft.readers.log import BOM, MAX_DIGITS, MAX_LINE, failures_of, unreadable
 from rvaft.support.files import SUFFIXES
 
 SIZE: Final = 3 << 15
-"""Bytes per read; a block fits into the processor cache."""
 MEMORY: Final = 10_000
-"""Maximum number of cached discriminating values, and of line skeletons."""
+"""Maximum number of cached values, and of line skeletons."""
 FEW: Final = 16
-"""A block may have one new skeleton per so many lines, since new skeletons are slow."""
+"""New skeletons are slow: a block may have one per so many lines."""
 _REST: Final = 64
-"""Blocks skipped by the fast path after a block with too many new skeletons."""
+"""Blocks skipped after too many new skeletons."""
 _SHORT: Final = 2 * MAX_DEPTH
-"""A line of this length has neither too many levels nor too many digits."""
+"""Shorter lines have neither too many levels nor too many digits."""
 _DIGITS: Final = re.compile(rb"[0-9]{%d}" % (MAX_DIGITS + 1))
 _OF_NUMBERS: Final = b"0123456789.+-eE"
 _STRETCH: Final = 29_000
 """Bytes per call when keys are counted."""
 _REFUSED: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
-"""Exceptions of a decoder for a line of an unexpected form."""
+"""Exceptions for a line of an unexpected form."""
 _Line: TypeAlias = Any
 _Value: TypeAlias = Scalar | msgspec.UnsetType
-"""The value of a field, `msgspec.UNSET` if missing."""
+"""`msgspec.UNSET` if missing."""
 _Values: TypeAlias = _Value | tuple[_Value, ...]
 _DOUBT: Final = ("doubt",)
-"""The mark of a line that `rvaft.readers.json_lines` has to decode."""
+"""Marks a line for `rvaft.readers.json_lines`."""
 
 
 class EventBlock(NamedTuple):
     """Consecutive events: the total, and the possibly relevant ones with their places, from 0.
 
-    If a reader keeps fields of all events, `passed` has the places of the others. `kept` has their
-    values (or tuples of values) in these fields, with `msgspec.UNSET` for missing ones.
+    If a reader keeps fields of all events, `passed` has the places of the others, and `kept` their
+    values (or tuples of values), with `msgspec.UNSET` for missing ones.
     """
 
     total: int
@@ -66,12 +65,11 @@ def _blocks(
 ) -> Iterator[tuple[int, bytes, list[bytes], int]]:
     """Yield blocks of whole lines: number of the first line, text, lines, and bytes consumed.
 
-    The text excludes a byte order mark. A line longer than `MAX_LINE` ends the input. A `live`
-    stream is passed on as it arrives. Raises `TraceError` for a read error, after the lines before
-    it.
+    A line longer than `MAX_LINE` ends the input. A `live` stream is passed on as it arrives. Raises
+    `TraceError` for a read error, after the lines before it.
     """
     failures = failures_of(file)
-    # A failing call loses its data, so compressed files are read in small pieces.
+    # a failing call loses its data: read compressed files in small pieces
     at_once = min(SIZE, DEFAULT_BUFFER_SIZE) if Path(file).suffix.lower() in SUFFIXES else SIZE
     held, mark = b"", BOM if line == 1 else b""
     failure: Exception | None = None
@@ -96,7 +94,7 @@ def _blocks(
             if not lines[-1]:
                 lines.pop()
             yield line, given, lines, end
-            line += len(lines)  # only the last block may end within a line
+            line += len(lines)  # not the number of line ends in the last block
         held, mark = text[end:], b""
     if failure is not None:
         raise unreadable(failure, file, line) from failure
@@ -116,7 +114,7 @@ def plain_fields(reads: TreeReads, also: Iterable[str] = ()) -> Sequence[str]:
 
 
 def exact_time(tree: RVAFT) -> str | None:
-    """Return the time field of a tree whose times are exact numbers, else None."""
+    """Return the time field if times are exact numbers."""
     time = tree.time
     return time.field[0] if time is not None and time.format.value in UNITS and len(time.field) == 1 else None
 
@@ -144,7 +142,7 @@ class JsonBlockReader:
         self._discriminating = reads.discriminators.fields
         assert time not in kept, "what is kept is no more exact than a double"
         self._kept = tuple(kept)
-        # Python treats 1 and True as equal, so Booleans in kept fields go to the other reader.
+        # Booleans go to the other reader, since 1 equals True in Python
         types = {
             field: Scalar if field not in kept else str | int | float | None
             for field in (*fields, *self._discriminating)
@@ -156,7 +154,7 @@ class JsonBlockReader:
         self._time = time
         head_fields = tuple(dict.fromkeys((*self._discriminating, *kept)))
         names = {f"f{number}": field for number, field in enumerate(head_fields)}
-        # without garbage collection: heads live for one block and do not refer to each other
+        # without garbage collection: heads live briefly and hold no references
         head = msgspec.defstruct(
             "Head",
             [(name, types[field] | msgspec.UnsetType, msgspec.UNSET) for name, field in names.items()],
@@ -175,7 +173,7 @@ class JsonBlockReader:
         self._skeletons: set[bytes] = set()
         self._resting = 0
         self._dense = False
-        """Whether most recent lines were relevant; then all are decoded as full events."""
+        """Whether most lines were relevant; then all are decoded as events."""
 
     def read(
         self,
@@ -285,9 +283,7 @@ class JsonBlockReader:
         return self._time is not None and type(event.get(self._time)) in (dict, list)
 
     def _heads(self, text: bytes, lines: list[bytes]) -> tuple[list[_Line], list[Hashable], Sequence[_Values] | None]:
-        """Return the decoded lines, their discriminating values (or `_DOUBT`), and kept values if
-        known.
-        """
+        """Return the decoded lines, their discriminating values (or `_DOUBT`), and kept values."""
         decoder = self._event if self._dense else self._head
         get: Callable[[_Line], Hashable] = self._of_event if self._dense else self._of_head
         doubts = _doubtful(text, lines)
@@ -301,7 +297,7 @@ class JsonBlockReader:
         columns = {} if doubts else {field: list(map(self._lookup(field), heads)) for field in self._kept}
         counts = Counter(found)
         for number, field in enumerate(dict.fromkeys((*self._discriminating, *self._kept))):
-            # if no line spells a field with escapes, counting keys in the whole block suffices
+            # without escapes, counting keys in the whole block suffices
             key, there = _quoted(field), -1
             if doubts:
                 pass
@@ -326,9 +322,7 @@ class JsonBlockReader:
         return values if isinstance(values, tuple) else (values,)
 
     def _meaning(self, values: Hashable) -> tuple[bool, tuple[bytes, ...]]:
-        """Return whether events with these values are relevant, and the quoted keys that must not
-        repeat.
-        """
+        """Return whether such events are relevant, and the keys that must not repeat."""
         known = self._known.get(values)
         if known is None:
             every = self._every(values)
@@ -348,14 +342,13 @@ def _gets(fields: Sequence[str]) -> Callable[[dict[str, Json]], _Values]:
 
 
 def _without(blank: Sequence[int], places: Sequence[int]) -> Sequence[int]:
-    """Convert places of lines to places among the lines that are not blank."""
+    """Convert places of lines to places without blank lines."""
     return [place - bisect_left(blank, place) for place in places] if blank else places
 
 
 def _doubtful(text: bytes, lines: list[bytes]) -> set[int]:
-    """Return the places of lines with possible errors that the decoder does not detect.
-
-    These are invalid UTF-8, excessive nesting or digits in skipped values, and escaped keys.
+    """Return the lines with possible errors that the decoder misses: invalid UTF-8, excessive
+    nesting or digits in skipped values, and escaped keys.
     """
     found: set[int] = set()
     if _is_odd(text):
@@ -369,7 +362,7 @@ def _doubtful(text: bytes, lines: list[bytes]) -> set[int]:
 
 
 def _is_odd(text: bytes) -> bool:
-    """Whether the text is invalid UTF-8, or has a numeric escape of an ASCII letter."""
+    """Whether the text is invalid UTF-8 or escapes an ASCII letter."""
     place = text.find(b"\\")
     while place >= 0:
         if text.startswith(b"u00", place + 1) and text[place + 4 : place + 5] in (b"2", b"3", b"4", b"5", b"6", b"7"):
@@ -391,7 +384,7 @@ def _decimal(written: str) -> float:
 
 
 def _count(text: bytes, key: bytes) -> int:
-    """Count a key in pieces of the text: on long texts, `count` is slower."""
+    """Count a key in pieces, since `count` is slow on long texts."""
     more = len(key) - 1
     return sum([text.count(key, start, start + _STRETCH + more) for start in range(0, len(text), _STRETCH)])
 

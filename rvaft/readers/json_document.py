@@ -21,15 +21,15 @@ from rvaft.readers.log import BOM, MAX_LINE, InputOptions, Log, LogReader, failu
 from rvaft.support.files import SUFFIXES
 
 DEFAULT_PATH: Final = "Records"
-"""The default path of the events, as in CloudTrail files."""
+"""As in CloudTrail files."""
 _BEGINS: Final = re.compile(rb'\s*(?:\[|\{[ \t\r]*\n|\{[^\n]*"Records"[ \t]*:[ \t]*\[)')
 _HEAD: Final = 4096
-"""Bytes examined to distinguish a document from JSON Lines."""
+"""Bytes that distinguish a document from JSON Lines."""
 _BLOCK: Final = 1 << 18
 _SPACE: Final = re.compile(r"[ \t\r\n]*")
 _CLOSED: Final = frozenset('[{"')
 _WORD: Final = 12
-"""An error this close to the end of the window may be due to a torn token."""
+"""An error this close to the end may be due to a torn token."""
 
 
 class JsonReader(LogReader):
@@ -70,9 +70,7 @@ class JsonReader(LogReader):
     def _inside(
         self, window: "_Window", log: Log, path: Sequence[str], *, first: bool
     ) -> Iterator[tuple[int, dict[str, Json]]]:
-        """Yield the events in the value at the window: the array, or an object on the path to
-        it.
-        """
+        """Yield the events in the next value: the array, or an object on the path."""
         begin = window.next()
         if begin == "[" and (first or not path):
             yield from self._items(window, log)
@@ -84,7 +82,7 @@ class JsonReader(LogReader):
             raise window.wrong(f"there should be {kind} here{hint}" if begin else "the document ends too early")
 
     def _member(self, window: "_Window", log: Log, path: Sequence[str]) -> Iterator[tuple[int, dict[str, Json]]]:
-        """Yield the events in the member at `path`; a key with dots may match several steps."""
+        """Yield the events in the member at `path`; keys may contain dots."""
         found = False
         for _ in window.parts("{", "}"):
             name, _ = window.value()
@@ -135,7 +133,7 @@ class _Window:
         self._ended = False
 
     def next(self) -> str:
-        """Return the next character that is not space, without consuming it; "" at the end."""
+        """Return the next character that is not space, or "" at the end."""
         while True:
             space = _SPACE.match(self._text, self._place)
             self._place = space.end() if space else self._place
@@ -151,7 +149,7 @@ class _Window:
         self._place += 1
 
     def parts(self, begin: str, end: str) -> Iterator[int]:
-        """Iterate over the parts of an array or object; the caller consumes each part."""
+        """Iterate over the parts of an array or object, which the caller consumes."""
         self.expect(begin)
         for number in count(1) if self.next() != end else ():
             yield number
@@ -215,5 +213,5 @@ class _Window:
 
     @property
     def _at_once(self) -> int:
-        """Bytes per read; few for compressed files, since a failing call loses its data."""
+        """Bytes per read; few for compressed files, where a failing call loses data."""
         return DEFAULT_BUFFER_SIZE if Path(self._log.name).suffix.lower() in SUFFIXES else _BLOCK

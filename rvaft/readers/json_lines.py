@@ -24,7 +24,7 @@ from rvaft.support.files import opened
 from rvaft.support.terminal import cut
 
 MAX_DEPTH: Final = 500
-"""Maximum nesting; below the limits of every JSON decoder, so that all readers agree."""
+"""Maximum nesting, below the limits of all decoders."""
 BLANK: Final = b" \t\r\n"
 
 HINT: Final = "a trace has one JSON object per line"
@@ -86,7 +86,7 @@ def _numbered(
 def event_on(
     line: bytes, file: str, number: int, reads: Scope | None, *, strict: bool = False
 ) -> dict[str, Json] | None:
-    """Return the event on a line, or None for a blank line; raises `TraceError`."""
+    """Return the event on a line, None if blank; raises `TraceError`."""
     if len(line) <= MAX_LINE and not line.strip(BLANK):
         return None
     try:
@@ -121,7 +121,7 @@ def decode(
     check_depth(text)
     try:
         event = (_STRICT if strict else DECODER).decode(text)
-    except json.JSONDecodeError as error:  # its messages never quote the input
+    except json.JSONDecodeError as error:
         reason = (error.msg[:1].lower() + error.msg[1:]).removesuffix(" at").removesuffix(" starting")
         raise ValueError(f"not JSON: {reason} (column {error.colno}); {HINT}") from None
     except RecursionError:
@@ -189,7 +189,7 @@ _STRICT: Final = json.JSONDecoder(
     object_pairs_hook=_object, parse_constant=_constant, parse_int=_integer, parse_float=decimal
 )
 DECODER: Final = json.JSONDecoder(object_pairs_hook=_object, parse_int=_integer, parse_float=decimal)
-"""Decodes JSON, and NaN and infinities."""
+"""Accepts NaN and infinities."""
 
 
 def described(value: Json) -> str:
@@ -275,7 +275,7 @@ def marked(event: dict[str, Json], reads: Scope | None, *, strict: bool = False,
 
 
 class LinesRead(BufferedIOBase):
-    """The lines of a stream, with the position in the trace: `offset` bytes and `line` lines."""
+    """The lines of a stream, with the position: `offset` bytes and `line` lines."""
 
     def __init__(self, stream: BinaryIO, *, offset: int = 0, line: int = 0) -> None:
         super().__init__()
@@ -284,14 +284,14 @@ class LinesRead(BufferedIOBase):
         self.line = line
 
     def readline(self, size: int | None = -1) -> bytes:
-        """Return the next line, or the first `size` bytes of a longer one."""
+        """Return the next line, or its first `size` bytes."""
         line = self._stream.readline(-1 if size is None else size)
         self.offset += len(line)
         self.line += line.endswith(b"\n")
         return line
 
     def read1(self, size: int | None = -1) -> bytes:
-        """Return up to `size` bytes; the caller reports consumed bytes with `reach`."""
+        """Return up to `size` bytes; the caller then calls `reach`."""
         return self._stream.read1(-1 if size is None else size)  # type: ignore[attr-defined, no-any-return]
 
     def fileno(self) -> int:

@@ -18,17 +18,17 @@ from rvaft.readers.json_lines import MAX_DEPTH
 from rvaft.support.processes import Killed, in_processes
 
 STRETCH: Final = 1 << 20
-"""Bytes per task; one process reads a file that is not longer."""
+"""Bytes per task."""
 
 
 class _Stretch(BufferedIOBase):
-    """The lines of a file that begin between two offsets; leaves the file position."""
+    """The lines that begin between two offsets of a file."""
 
     def __init__(self, handle: int, start: int, end: int | None, *, torn: bool) -> None:
         super().__init__()
         self._handle = handle
         self._torn = torn
-        """Whether a line that began earlier may continue here."""
+        """Whether an earlier line may continue here."""
         self._place = start - torn
         self._end = sys.maxsize if end is None else end
         self._last = b"\n"
@@ -66,9 +66,7 @@ def read_in_processes(
     line: int = 1,
     reached: Callable[[int, int], None] = lambda _size, _lines: None,
 ) -> Iterator[EventBlock]:
-    """Yield what `reader.read` yields for a regular file, from its position, the start of a
-    line.
-    """
+    """Yield the blocks of a regular file from its position, the start of a line."""
     handle, begin = source.fileno(), source.tell()
     starts = range(begin, max(os.fstat(handle).st_size, begin + 1), STRETCH)
 
@@ -78,7 +76,7 @@ def read_in_processes(
         sizes: list[tuple[int, int]] = []
         found: list[bytes] = []
         failure: tuple[str, int | None] | None = None
-        first = 1 if start == 0 else 2  # line 1 may begin with a byte order mark
+        first = 1 if start == 0 else 2  # a byte order mark
         try:
             batches = reader.read(stretch, file, line=first, reached=lambda *one: sizes.append(one))
             found.extend(map(_packed, batches))
@@ -92,7 +90,7 @@ def read_in_processes(
                 raise TraceError("cannot be read: the process that read it was killed", file=file, line=line)
             found, sizes, failure = result
             if source.seekable():
-                source.seek(start)  # for observers of the progress
+                source.seek(start)  # for the progress bar
             before = line
             for batch, (size, lines) in zip(found, sizes, strict=True):
                 line += lines
@@ -104,7 +102,7 @@ def read_in_processes(
 
 
 def _packed(batch: EventBlock) -> bytes:
-    """Serialise a block: with `marshal` if its values are plain, else with `pickle`."""
+    """Serialise a block, if possible with `marshal`."""
     found = tuple(map(list, batch[1:]))
     try:
         return b"m" + marshal.dumps((batch.total, *found))

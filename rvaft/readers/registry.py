@@ -51,7 +51,7 @@ def all_readers() -> Mapping[str, EntryPoint]:
 
 
 def reader_class(name: str) -> type[LogReader]:
-    """Import the reader class of a format; raises `UnknownFormat` and `ToolFailed`."""
+    """Import a reader class; raises `UnknownFormat` and `ToolFailed`."""
     found = all_readers()
     if name not in found:
         raise UnknownFormat(name, tuple(found))
@@ -107,7 +107,7 @@ def format_of(file: str, options: InputOptions = InputOptions()) -> str:  # noqa
     if suffix(path) in JsonLinesReader.suffixes:
         return JsonLinesReader.name
     for name in all_readers():
-        with suppress(ToolFailed):  # skip broken third-party readers
+        with suppress(ToolFailed):
             if reader_class(name).suits(path, options):
                 return name
     return JsonLinesReader.name

@@ -17,7 +17,6 @@ from rvaft.readers.log import InputOptions, LineReader, Log, by_content
 from rvaft.support.budget import Expired, looking
 
 _PATIENCE: Final = 1.0
-"""Seconds between two checks for a stuck search."""
 _FACILITIES: Final = (
     *("kern", "user", "mail", "daemon", "auth", "syslog", "lpr", "news", "uucp", "cron", "authpriv", "ftp"),
     *("ntp", "security", "console", "solaris-cron", *(f"local{number}" for number in range(8))),
@@ -91,9 +90,7 @@ def _parameters(text: str) -> Json:
 
 
 def _written(log: Log) -> date:
-    """Return the day after the last change of the log, or after today, as zones may differ by a
-    day.
-    """
+    """Return the day after the last change of the log, or after today."""
     last = datetime.now(tz=UTC)
     with suppress(OSError, ValueError):
         if Path(log.name).is_file():
@@ -142,7 +139,7 @@ class RegexReader(LineReader):
         }
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
-        """Yield the events; raises `TraceError` if the pattern takes a second or two on a line."""
+        """Yield the events; raises `TraceError` if the pattern takes too long."""
         with looking(self._look, _PATIENCE):
             try:
                 yield from super().events(log)
@@ -156,7 +153,7 @@ class RegexReader(LineReader):
         self._before = self._searched
 
     def event(self, line: str, log: Log) -> dict[str, Json]:
-        """Return the groups that took part in the match."""
+        """Return the groups of the match."""
         self._searched = line
         found = self._search(line)
         self._searched = ""

@@ -47,7 +47,7 @@ class Format(StrEnum):
 
     @property
     def drawing(self) -> bool:
-        """Whether the format is a drawing, instead of the complete tree."""
+        """Whether this is a drawing, not the complete tree."""
         return self not in _WRITTEN
 
 
@@ -86,7 +86,7 @@ def draw(tree: RVAFT, form: Format, look: Look | None = None) -> bytes:
 
 
 def format_of(file: str) -> Format | None:
-    """Return the format for the suffix of a file, if any."""
+    """Return the format for a suffix, if any."""
     return SUFFIXES.get(PurePath(file).suffix.lower())
 
 
@@ -112,7 +112,7 @@ def fired_text(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]
 
 
 def fired_dot(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> str:
-    """Return a detection in the DOT language: matched nodes and edges bold, others grey."""
+    """Return a detection in the DOT language: matches bold, the rest grey."""
     tree = whole(tree)
-    wide = 26  # event values are long, and the picture is for a screen
+    wide = 26  # for long values, on a screen
     return dot_text(tree, Look(events=True, wrap=wide, marks=marks(tree, explanation, events)))

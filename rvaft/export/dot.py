@@ -34,15 +34,15 @@ from rvaft.model.tree import RVAFT
 from rvaft.support.terminal import visible
 
 _SPECIAL: Final = str.maketrans({"\\": "\\\\", "]": "&#93;"})
-"""Graphviz also interprets backslashes, and misplaces a text that consists of `]`."""
+"""Graphviz interprets backslashes, and misplaces the text `]`."""
 _TITLE: Final = str.maketrans({"&": "&amp;", "\\": "&#92;", '"': "&quot;"})
-"""In SVG titles and tooltips Graphviz keeps entities, and prints escapes literally."""
+"""For SVG titles and tooltips."""
 _SPACE: Final = "&#160;"
 _CREATED: Final = re.compile(rb"/CreationDate \(D:\d{14}")
-"""The creation time of a PDF, which `dot` always writes."""
+"""The creation time of a PDF."""
 
 SIZE: Final = 10
-"""The size of all text in points."""
+"""In points."""
 _FILL: Final = {Kind.FAULT: "#fbb659", Kind.ATTACK: "#ee7872", None: "#ffffff"}
 _CODE: Final = {Role.EVENT: "#17406d", Role.GUARD: "#6d2a17"}
 _GATE, _PALE, _GREY, _BLACK = "#e8eef7", "#f6f6f6", "#b8b8b8", "#000000"
@@ -57,8 +57,8 @@ _OUTLINES: Final[Mapping[Gate, str]] = {
     Gate.PAND: 'shape=house, orientation=270, height=0.22, style="filled,rounded"',
     Gate.VOT: "shape=hexagon, height=0.28",
 }
-"""Outlines: pointed roof for OR, round for AND, signpost for SAND, round signpost for PAND, hexagon
-for a vote.
+"""Pointed roof for OR, round for AND, signpost for SAND, round signpost for PAND, hexagon for a
+vote.
 """
 _SAMPLES: Final[Mapping[Sign | Gate, str]] = {
     Sign.FAULT: f'fillcolor="{_FILL[Kind.FAULT]}"',
@@ -73,23 +73,23 @@ assert set(_OUTLINES) == set(Gate), "every gate has an outline"
 
 
 def html(text: str, width: int) -> str:
-    """Return the text wrapped and escaped for an HTML-like label."""
+    """Return the text wrapped for an HTML-like label."""
     return html_lines(wrapped(text, width))
 
 
 def html_lines(lines: Iterable[str]) -> str:
-    """Return lines escaped for an HTML-like label."""
+    """Return lines for an HTML-like label."""
     return "<br/>".join(escape(line).translate(_SPECIAL) or _SPACE for line in lines) or _SPACE
 
 
 def table(rows: Iterable[str], *, space: int = 0, cell: str = "") -> str:
-    """Return rows of escaped text as a borderless table; `space` is the cell spacing."""
+    """Return rows as a borderless table; `space` separates cells."""
     cells = "".join(f"<tr><td {cell}>{row}</td></tr>" if cell else f"<tr><td>{row}</td></tr>" for row in rows)
     return f'<table border="0" cellborder="0" cellspacing="{space}" cellpadding="1">{cells}</table>'
 
 
 def title(text: str) -> str:
-    """Return a quoted text for the name of a graph, or for a tooltip."""
+    """Return a quoted text for a name or tooltip."""
     return f'"{visible(text).translate(_TITLE)}"'
 
 

@@ -85,7 +85,7 @@ def galileo_text(tree: RVAFT) -> str:
 
 
 def losses(tree: RVAFT) -> Iterator[str]:
-    """Yield the parts of the tree that the Galileo text lacks, one clause each."""
+    """Yield what the Galileo text lacks, one clause each."""
     nodes = list(tree.top_down())
     several = _with_several_leaves(tree)
     ordered = sum(node.gate in _SEQUENCES and not several.isdisjoint(node.children) for node in nodes)
@@ -117,7 +117,7 @@ def losses(tree: RVAFT) -> Iterator[str]:
 
 
 def _with_several_leaves(tree: RVAFT) -> set[str]:
-    """Return the nodes with more than one leaf below them in some scenario."""
+    """Return the nodes with several leaves in some scenario."""
     most: dict[str, int] = {}
     for node in tree.bottom_up():
         below = [most[child] for child in node.children]

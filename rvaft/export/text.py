@@ -15,7 +15,6 @@ from rvaft.model.tree import RVAFT
 from rvaft.support.terminal import visible
 
 MAX_LEVELS = 20
-"""Maximum levels of indentation in a section."""
 MARK: Final = "● "
 _COLOURS: Final = {Kind.FAULT: "1;33", Kind.ATTACK: "1;31", None: "1"}
 _FAINT: Final = "2"
@@ -47,7 +46,7 @@ def tree_text(tree: RVAFT, look: Look = TERMINAL, *, colour: bool = False) -> st
 
 
 def _lines(tree: RVAFT, look: Look, part: View) -> Iterator[tuple[str, str, str | None, bool]]:
-    """Yield lines with their node, the parent of a reference, and whether events are shown."""
+    """Yield lines with node, parent of a reference, and whether events are shown."""
     sections = deque([tree.root])
     drawn: set[str] = set()
     while sections:

@@ -192,7 +192,7 @@ class _Run(Listener):
             run.end()
             ended = True
         except (RvaftError, OSError) as error:
-            if isinstance(error, OSError) and error.filename is None:  # of standard output
+            if isinstance(error, OSError) and error.filename is None:  # standard output failed
                 raise
             failed = True
             run.stop()

@@ -170,7 +170,7 @@ semantics_option: Final = choice(
 
 
 def part_options(function: F) -> F:
-    """Add `--branch` and `--kind`, which exclude each other and most `--per`."""
+    """Add `--branch` and `--kind`, which exclude each other and every `--per` but the first."""
 
     @wraps(function)
     def checked(**given: Any) -> Any:

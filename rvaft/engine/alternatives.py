@@ -25,7 +25,7 @@ class AlternativeLetters(EngineLetters):
         super().__init__(dict.fromkeys(pattern for one in letters for pattern in one.patterns))
 
     def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
-        """Return the table to classes."""
+        """Return the table from events to classes."""
 
         def join(parts: tuple[EventClass, ...]) -> EventClass:
             serving = tuple(chain.from_iterable(one.serving for one in parts))

@@ -100,7 +100,8 @@ def _need(part: Part, rest: tuple[Part, ...]) -> int:
 
 
 class CompiledTree:
-    """The structure of a property; `parent` and `slot` are -1 outside of parts.
+    """The structure of a property, mostly as tuples by node; `parent` and `slot` are -1 outside of
+    parts.
 
     >>> import rvaft
     >>> from rvaft.core.build import build
@@ -173,7 +174,7 @@ class CompiledTree:
         self.times = frozenset(point.name for guard in guards for point in time_points(guard))
         points = [None if one.event is None else TimePoint.of("at", *one.event.source).name for one in nodes]
         self.time_of = tuple(name if name in self.times else None for name in points)
-        """The variables of the events' times, if a guard uses them."""
+        """The variable of the time of a node's event, if a guard uses it."""
         bound = [() if pattern is None else rigid_variables(pattern) for pattern in self.patterns]
         bound = [names if time is None else (*names, time) for names, time in zip(bound, self.time_of, strict=True)]
         needs = [guard_variables(guard) for guard in guards]
@@ -190,7 +191,7 @@ class CompiledTree:
             tuple(name for name in names if name not in private[node] or name in self.needs[node])
             for node, names in enumerate(bound)
         )
-        """The variables of the events that a partial match keeps."""
+        """The variables of a node's event that a partial match keeps."""
         self.predicates = tuple(None if guard is None else predicate(guard) for guard in self.guards)
         self.guarded_by: dict[str, list[int]] = {}
         """By variable, the nodes whose guard waits for it."""
@@ -258,7 +259,7 @@ class Hit(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """The meaning of an event; `hits` is empty if no letter matches."""
+    """The meaning of an event; `hits` depends on the strategy, and is empty without a match."""
 
     relevant: bool
     hits: Sequence[Any]
@@ -318,7 +319,7 @@ class EngineLetters(ABC):
 
     @abstractmethod
     def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
-        """Return the table for events that match only these patterns."""
+        """Return the table from events to classes, for events that match only these patterns."""
 
     def classify(self, event: Mapping[str, Json]) -> EventClass:
         """Return the class of an event."""
@@ -373,7 +374,7 @@ class TreeLetters(EngineLetters):
         return found
 
     def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
-        """Return the table to classes."""
+        """Return the table from events to classes."""
         letters = [one for one in self._admissions if one.reader.pattern in possible]
         ignored = [one for one in self._ignored if one.pattern in possible]
         decided = [test for one in letters for _, test in one.decided]

@@ -166,7 +166,7 @@ class Following(ABC):
         self.matches: list[Configuration] = []
         """The matches, after a detection."""
         self.lost: list[Configuration] = []
-        """After ⊥, the partial matches before the last event."""
+        """After ⊥, the partial matches before the last event, perhaps with a step of it."""
 
     def _begin(self) -> None:
         start = self.matching.start()

@@ -499,7 +499,8 @@ class ScatteredMatches(Following):
         for order, (values, watch, held, _) in enumerate(reading.hits):
             for group, move, place in watch.moves:
                 parts: Sequence[tuple[Iterable[Member], tuple[Term, ...] | None]] = group.everyone
-                if move.scan or move.compared or len(group.members) > _MANY:  # cheaper for few members
+                # few members are visited without the index
+                if move.scan or move.compared or len(group.members) > _MANY:
                     scan = move.scan or self._stages.scan(move)
                     parts = self._concerned(group, scan, values) if scan.orders else parts
                 for members, enough in parts:

@@ -101,7 +101,7 @@ class SharedNodes:
         return configuration.taken & self._mask | mask_of(parts)
 
     def _elements(self, configuration: Configuration, kept: Resolution) -> tuple[int, int]:
-        """Return the elements with events, and those that may be complete.
+        """Return the elements with events, and those that are complete, parts if possible.
 
         A partial resolution includes reached but unresolved nodes.
         """
@@ -149,8 +149,8 @@ class SharedNodes:
         return before
 
     def _outlook(self, configuration: Configuration, kept: Resolution, touched: int, ahead: int) -> Hashable:
-        """Return the relevant state of a resolution for the nodes `ahead`, or None if it is
-        infeasible.
+        """Return the relevant state of a resolution for the nodes `ahead`, or None if no scenario
+        fits.
         """
         present, finished = self._elements(configuration, kept)
         left = present & ~finished
@@ -191,7 +191,7 @@ class SharedNodes:
         compiled, core = self.compiled, self.compiled.core
         able = self._able(configuration, complete=complete)
         touched = self._touched(configuration)
-        needed = [  # nodes that every scenario needs
+        needed = [  # nodes that the occurrences taken need
             node
             for node in core
             if configuration.taken >> node & 1

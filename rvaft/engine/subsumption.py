@@ -133,7 +133,7 @@ class Rank(NamedTuple):
 
     place: Hashable
     values: tuple[Json, ...]
-    """Values in ascending order of quality."""
+    """Values of which the greater is at least as good."""
     excluded: tuple[Hashable, ...]
     """Values that later values must differ from."""
 

@@ -95,7 +95,7 @@ class Notation:
     label: str = ": "
     condition: Callable[[str], str] = "[{}]".format
     whole: frozenset[Join] = frozenset({Join.SEQUENCE})
-    """Without brackets at the top level."""
+    """The joins without brackets at the top level."""
 
 
 def formula(prop: Property) -> Formula:

@@ -313,7 +313,7 @@ _TOKEN: Final = re.compile(
 )
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"?')
 _INSIDE: Final = 3
-"""Of the inside of a comparison."""
+"""The break rank inside a comparison."""
 
 
 def wrapped(text: str, width: int) -> list[str]:

@@ -31,7 +31,7 @@ from rvaft.support.files import SUFFIXES, damage, opened
 
 MAX_LINE: Final = 64 * 1024 * 1024
 MAX_DIGITS: Final = 4300
-"""Conversion takes quadratic time."""
+"""Maximum digits of an integer: conversion takes quadratic time."""
 BOM: Final = b"\xef\xbb\xbf"
 
 Source: TypeAlias = str | os.PathLike[str] | BinaryIO
@@ -271,16 +271,16 @@ class LogReader(ABC):
 
     name: ClassVar[str]
     suffixes: ClassVar[tuple[str, ...]] = ()
-    """In lower case, without that of a compression."""
+    """The suffixes of files in lower case, before that of a compression."""
     schemes: ClassVar[tuple[str, ...]] = ()
-    """Of URLs with live events."""
+    """The schemes of URLs with live events."""
     unit: ClassVar[str] = "line"
-    """Of places, from 1."""
+    """The unit of places, which count from 1."""
     takes: ClassVar[frozenset[str]] = frozenset()
     by_lines: ClassVar[bool] = False
     """Whether lines are independent, so that reading can resume anywhere."""
     needs_file: ClassVar[bool] = False
-    """For random access."""
+    """Whether the reader needs a file, for random access."""
     lenient: ClassVar[bool] = False
 
     def __init__(self, options: InputOptions = InputOptions()) -> None:

@@ -40,12 +40,12 @@ from rvaft.support.terminal import cut, visible
 PLACES: Final = 300_000
 """Default maximum number of places, except changes of verdicts."""
 SHOWN: Final = 20_000
-"""Maximum number of places with text."""
+"""Maximum number of places with the text of their event."""
 CHANGES: Final = 20_000
 SECONDS: Final = 10.0
 """Maximum processor time for missing events, in seconds."""
 RECORDS: Final = 50
-"""Maximum number of bindings at one place."""
+"""Maximum number of bindings with missing events at one place."""
 LONGEST: Final = 240
 ENDED: Final = 1_000
 """Maximum number of ended traces and keys on a growing page."""
@@ -102,7 +102,7 @@ class LogReport(Listener):
         self._dropped = self._undetected = self._unwatched = 0
         """The numbers of dropped places, detections and ended watches."""
         self._before: dict[int, _Seen] = {}
-        """The state of each watch before its first place."""
+        """The state of each watch before its first remaining place."""
         self._ended: dict[int, list[Any]] = {}
         """The final rows of ended watches on a growing page."""
         self._left_there = 0

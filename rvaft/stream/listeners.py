@@ -156,7 +156,7 @@ class Listener:
 
 
 class Audience(NamedTuple):
-    """The listeners for events without a change."""
+    """The listeners for events without a change: for each, for ranges, for relevant events."""
 
     each: Sequence[Listener]
     in_rows: Sequence[Listener]

@@ -122,9 +122,9 @@ class MonitorSet:
     - `serves`: an explanation may name the event;
     - `late`: the event came too late for a match.
 
-    With `repeat` monitors restart after each detection, and ⊤ is not final. `cooldown`, in
-    nanoseconds, suppresses detections of the same column. Raises `TooLarge` as its monitors do, and
-    `OptionError` for a cooldown with a tree without times.
+    With `repeat` monitors restart after each detection, and ⊤ is not final. A detection within
+    `cooldown` nanoseconds of the last report of its column is suppressed. Raises `TooLarge` as its
+    monitors do, and `OptionError` for a cooldown with a tree without times.
     """
 
     columns: Sequence[Column]

@@ -68,7 +68,7 @@ class Ordering(OrderedField, Generic[E]):
         """The first late event and the first without a place, as read."""
         self.came = 0
         self.held: list[tuple[Place, int, E]] = []
-        """A heap."""
+        """A heap of place, number and event."""
         self.before: Place = -inf
         self.latest: Place = -inf
         """The greatest place of an event returned."""

@@ -13,7 +13,7 @@ from rvaft.stream.semantics_hint import SemanticsHint
 from rvaft.stream.statistics import Statistics
 
 TIME: Final = "time"
-"""The time field without a declaration, for the warning."""
+"""The time field of a tree that declares none, for the warning about order."""
 
 
 @dataclass(frozen=True)

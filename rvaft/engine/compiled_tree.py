@@ -5,7 +5,7 @@ sequence are in time order. A node joins a part of the property with its unshare
 own event.
 
 A tree without shared nodes is one *part*. Otherwise shared nodes and their ancestors form the
-*core*, and every other child of a core node is the root of a *part*, a read-once tree.
+*core*. Every other child of a core node is the root of a *part*, a read-once tree.
 
 A guard over variables of its own event only is a *filter*. Other variables are *exported*: a
 partial match keeps their values until the guards are decided.

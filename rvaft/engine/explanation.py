@@ -2,7 +2,8 @@
 
 A node is pending in a branch if some partial match has everything that precedes the node's event,
 but not that event. Whether the variables and guards can ever agree is ignored. Only partial matches
-that the engine follows count, so under `scattered` subsumed ones do not.
+that the engine follows count. Under `scattered` it drops subsumed ones, and under `consecutive` and
+`scattered` those that the times rule out.
 """
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping

@@ -57,7 +57,7 @@ class StartConditions(NamedTuple):
 
     parents: list[list[int]]
     before: list[frozenset[Before]]
-    """Without transitive conditions."""
+    """The start conditions of each node, without transitive ones."""
 
 
 def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> StartConditions | None:
@@ -146,9 +146,9 @@ def _beside(compiled: CompiledTree, one: int, other: int) -> tuple[bool, int]:
 class UsefulEvents:
     """The events to keep so that a detection can find the match of every branch.
 
-    An event is kept for an occurrence only if a possible predecessor was kept since the
-    occurrence's last event, because the earliest match takes the first event after its
-    predecessors. The number of kept events depends on the tree, not on the trace.
+    The earliest match takes the first event after its predecessors. So an event is kept for an
+    occurrence only if a possible predecessor was kept since the last event kept for it. The number
+    of kept events depends on the tree, not on the trace.
     """
 
     def __init__(self, compiled: CompiledTree, starts: StartConditions) -> None:

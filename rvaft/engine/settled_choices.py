@@ -1,6 +1,6 @@
 """Settled choices: choices whose only remaining effect is the number of the branch.
 
-If a gate of the core (see `compiled_tree`) keeps one child, a part with all its events, then no
+A gate of the core (see `compiled_tree`) may keep one child, a part with all its events. Then no
 other part below the gate can have an event. Partial matches that differ only in such a choice have
 equal futures; the one with the lower branch is kept. One number encodes the choices, with the
 digits of branch numbers.

@@ -1,8 +1,8 @@
 """Trees with shared nodes: the scenarios of the core that are consistent with a partial match.
 
 A shared gate is resolved once, and an order between events may depend on the gates above. A part is
-a single *element* of the core (see `compiled_tree`), because an order relative to the rest of the
-tree applies to the whole part.
+a single *element* of the core (see `compiled_tree`): an order relative to the rest of the tree
+applies to all of it.
 
 The search resolves reached choices from the root on. It drops a partial resolution as soon as an
 occurrence taken is unreachable or breaks an order. Of partial resolutions with the same reached

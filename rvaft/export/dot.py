@@ -42,7 +42,7 @@ _CREATED: Final = re.compile(rb"/CreationDate \(D:\d{14}")
 """The creation time of a PDF."""
 
 SIZE: Final = 10
-"""In points."""
+"""The size of text, in points."""
 _FILL: Final = {Kind.FAULT: "#fbb659", Kind.ATTACK: "#ee7872", None: "#ffffff"}
 _CODE: Final = {Role.EVENT: "#17406d", Role.GUARD: "#6d2a17"}
 _GATE, _PALE, _GREY, _BLACK = "#e8eef7", "#f6f6f6", "#b8b8b8", "#000000"

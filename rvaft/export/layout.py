@@ -30,7 +30,7 @@ WIDTH: Final = 14
 """Width of text in a box, in columns."""
 _LISTED: Final = 5
 NARROWEST: Final = 4
-"""In columns."""
+"""Minimum width of a box, in columns."""
 
 _GATES: Final[Mapping[Gate, tuple[str, str]]] = {
     Gate.OR: ("OR", "one of them"),

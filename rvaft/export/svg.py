@@ -77,7 +77,7 @@ def _box(node: Node, look: Look) -> SvgBox:
 def _place(part: View, look: Look, boxes: Mapping[str, SvgBox]) -> tuple[float, list[float]]:
     """Position all boxes; return width and bottom of each level."""
     above: dict[str, str] = {}
-    for node in part.nodes:  # below the deepest parent
+    for node in part.nodes:  # parents first: a shared node goes below its deepest parent
         for place, child in enumerate(part.children(node)):
             lower = look.stagger and place % 2 == 1 and boxes[child].node.leaf
             level = boxes[node.name].level + 1 + lower

@@ -187,7 +187,7 @@ def _parts(types: "Typestore", name: str, fields: Collection[str] | None = None)
     while agenda:
         one, chosen = agenda.pop()
         for own, how in types.fielddefs[one][1]:
-            kind, about = cast("tuple[Any, Any]", how)  # nested in several ways
+            kind, about = cast("tuple[Any, Any]", how)  # rosbags nests types in several ways
             base, of = (kind, about) if kind.name in ("BASE", "NAME") else about[0]
             if chosen is not None and own not in chosen:
                 continue

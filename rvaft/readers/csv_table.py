@@ -57,7 +57,7 @@ class CsvReader(LogReader):
             raise log.error_at(f"the header cannot be read: {str(error).partition(' - ')[0]}", 1 + before) from error
         columns = [(name, self._converter(name, delimiter)) for name in header]
         self._check(header, log, 1 + before)
-        odd = FieldType.NUMBER in self.options.types.values()  # otherwise no cell is NaN
+        odd = FieldType.NUMBER in self.options.types.values()  # a cell without a type is never NaN
         while True:
             number = rows.line_num + before + 1
             try:

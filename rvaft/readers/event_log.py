@@ -78,7 +78,7 @@ class XesReader(LogReader):
                         yield number, event
         except TraceError:
             raise
-        except (ET.ParseError, LookupError, ValueError) as error:  # or an unknown encoding
+        except (ET.ParseError, LookupError, ValueError) as error:  # LookupError: an unknown encoding
             raise log.error_at(f"this is no XML, or damaged: {error}", None) from error
 
 

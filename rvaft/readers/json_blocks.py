@@ -104,8 +104,8 @@ def plain_fields(reads: TreeReads, also: Iterable[str] = ()) -> Sequence[str]:
     """Return the fields that a `JsonBlockReader` decodes, or () if it cannot read logs for the
     tree.
 
-    It cannot for a tree without discriminating strings, for patterns that are no objects, and if
-    JSON can spell a field name in several ways (other than by numeric escapes).
+    It needs discriminating strings, patterns that are objects, and field names that JSON spells in
+    one way (except for numeric escapes).
     """
     patterns = [one for one in reads.patterns if isinstance(one, ObjectPattern)]
     fields = tuple(dict.fromkeys((*(name for one in patterns for name, _ in one.fields), *also)))

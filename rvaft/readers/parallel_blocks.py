@@ -76,7 +76,7 @@ def read_in_processes(
         sizes: list[tuple[int, int]] = []
         found: list[bytes] = []
         failure: tuple[str, int | None] | None = None
-        first = 1 if start == 0 else 2  # a byte order mark
+        first = 1 if start == 0 else 2  # line 1 may begin with a byte order mark
         try:
             batches = reader.read(stretch, file, line=first, reached=lambda *one: sizes.append(one))
             found.extend(map(_packed, batches))

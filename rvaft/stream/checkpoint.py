@@ -267,7 +267,7 @@ class CheckpointFile:
         try:
             with self.path.open("rb") as stream:
                 data = stream.read(start)
-                data += stream.read() if data.startswith(_MAGIC) else b""  # other files may be endless
+                data += stream.read() if data.startswith(_MAGIC) else b""  # a file of another kind may be endless
         except FileNotFoundError:
             return None
         body = memoryview(data)[start:]

@@ -13,7 +13,7 @@ from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow
 from rvaft.cli.monitor_run import run
 from rvaft.errors import OptionError
 from rvaft.model.nodes import Kind
-from rvaft.reports.log_report import PLACES, SHOWN, LogReport, Told
+from rvaft.reports.log_report import PLACES, SHOWN, LogReport, Messages
 from rvaft.stream.detection import Hooks
 from rvaft.stream.listeners import MonitoredTrace
 from rvaft.stream.monitor_set import Per
@@ -40,7 +40,7 @@ class PageReporter(Reporter):
         """Note that a log cannot be read further."""
         self.stopped = True
 
-    def collected_messages(self, messages: Sequence[str] = ()) -> Told:
+    def collected_messages(self, messages: Sequence[str] = ()) -> Messages:
         """Return all messages so far, these additional ones, and the summary of the logs."""
         totals, kept = self.totals, self.sink.kept or []
         assert totals is not None

@@ -36,7 +36,7 @@ from rvaft.support.terminal import visible
 _SPECIAL: Final = str.maketrans({"\\": "\\\\", "]": "&#93;"})
 """Graphviz interprets backslashes, and misplaces the text `]`."""
 _TITLE: Final = str.maketrans({"&": "&amp;", "\\": "&#92;", '"': "&quot;"})
-"""For SVG titles and tooltips."""
+"""In SVG titles and tooltips Graphviz keeps entities, and prints escapes literally."""
 _SPACE: Final = "&#160;"
 _CREATED: Final = re.compile(rb"/CreationDate \(D:\d{14}")
 """The creation time of a PDF."""
@@ -73,17 +73,17 @@ assert set(_OUTLINES) == set(Gate), "every gate has an outline"
 
 
 def html(text: str, width: int) -> str:
-    """Return the text wrapped for an HTML-like label."""
+    """Return the text wrapped and escaped for an HTML-like label."""
     return html_lines(wrapped(text, width))
 
 
 def html_lines(lines: Iterable[str]) -> str:
-    """Return lines for an HTML-like label."""
+    """Return lines escaped for an HTML-like label."""
     return "<br/>".join(escape(line).translate(_SPECIAL) or _SPACE for line in lines) or _SPACE
 
 
 def table(rows: Iterable[str], *, space: int = 0, cell: str = "") -> str:
-    """Return rows as a borderless table; `space` separates cells."""
+    """Return rows of escaped text as a borderless table; `space` separates cells."""
     cells = "".join(f"<tr><td {cell}>{row}</td></tr>" if cell else f"<tr><td>{row}</td></tr>" for row in rows)
     return f'<table border="0" cellborder="0" cellspacing="{space}" cellpadding="1">{cells}</table>'
 

@@ -173,7 +173,9 @@ class View:
 
     @cached_property
     def numbered(self) -> frozenset[str]:
-        """Gates above shared nodes that need numbers: a layout may draw these out of order."""
+        """SAND and PAND gates whose children need numbers: a layout may draw shared nodes out of
+        order.
+        """
         loose = set(self.shared)
         for node in reversed(self.nodes):
             if not loose.isdisjoint(self.children(node)):
@@ -285,7 +287,7 @@ class Sign(Enum):
 def legend(view: View, marks: Marks | None, *, graph: bool) -> Iterator[tuple[Sign | Gate, str, str]]:
     """Yield the constructs in a drawing: sign, sample and meaning.
 
-    A `graph` draws a shared node once and numbers children; other formats repeat it.
+    A `graph` draws a shared node once and numbers ordered children; other formats repeat it.
     """
     kinds = {node.kind for node in view.nodes}
     gates = {node.gate for node in view.nodes if view.children(node)}
@@ -318,6 +320,8 @@ _INSIDE: Final = 3
 
 def wrapped(text: str, width: int) -> list[str]:
     """Return the lines of a text of at most `width` columns, or 1.5 times that for a single word.
+
+    Line ends are kept; other control characters are shown as escapes.
 
     >>> wrapped("to the decontamination waypoint", 12)
     ['to the', 'decontamination', 'waypoint']

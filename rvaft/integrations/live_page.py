@@ -23,7 +23,7 @@ from rvaft.support.network import LOCAL, own, unavailable
 
 PERIOD: Final = 0.25
 BROWSERS: Final = 32
-"""Maximum number of concurrent requests."""
+"""Maximum number of concurrent requests; an open page needs one."""
 _PATIENCE: Final = 10.0
 _HEARTBEAT: Final = 5.0
 """Seconds between messages that detect closed connections."""
@@ -33,11 +33,11 @@ _REFUSALS: Final = {
     HTTPStatus.METHOD_NOT_ALLOWED: "allowed methods: GET",
     HTTPStatus.SERVICE_UNAVAILABLE: "too many open pages; close another one",
 }
-Told = tuple[str, bytes]
-Asked = Literal["page", "events"]
+Changes = tuple[str, bytes]
+ResourceKind = Literal["page", "events"]
 
 
-def resource_kind(target: str, *, live: bool) -> Asked | None:
+def resource_kind(target: str, *, live: bool) -> ResourceKind | None:
     """Return the kind of resource at a request target, or None.
 
     >>> [resource_kind(target, live=True) for target in ("/", "/events?after=1", "/../etc/passwd")]
@@ -54,17 +54,17 @@ def cursor_of(target: str, last: str | None) -> str:
     return ""
 
 
-def message(told: Told) -> bytes:
+def message(changes: Changes) -> bytes:
     r"""Return changes as a server-sent event.
 
     >>> message(("7", b"{}"))
     b'id: 7\ndata: {}\n\n'
     """
-    cursor, new = told
+    cursor, new = changes
     return b"id: %s\ndata: %s\n\n" % (cursor.encode(), new)
 
 
-def headers(kind: Asked | None, *, live: bool) -> Mapping[str, str]:
+def headers(kind: ResourceKind | None, *, live: bool) -> Mapping[str, str]:
     """Return the headers of an answer: type, content policy, and no caching."""
     types = {"page": "text/html", "events": "text/event-stream", None: "text/plain"}
     return {
@@ -234,12 +234,12 @@ class _Answering(BaseHTTPRequestHandler):
     def _refuse(self, status: HTTPStatus, more: str = "") -> None:
         self._send(status, refusal(status, more).encode(), None)
 
-    def _send(self, status: HTTPStatus, body: bytes, kind: Asked | None) -> None:
+    def _send(self, status: HTTPStatus, body: bytes, kind: ResourceKind | None) -> None:
         self._begin(status, kind, len(body))
         if self.command != "HEAD":
             self.wfile.write(body)
 
-    def _begin(self, status: HTTPStatus, kind: Asked | None, length: int | None = None) -> None:
+    def _begin(self, status: HTTPStatus, kind: ResourceKind | None, length: int | None = None) -> None:
         self.send_response(status)
         for name, value in headers(kind, live=self.server.live).items():
             self.send_header(name, value)

@@ -53,7 +53,7 @@ SHARE: Final = 0.1
 """Maximum share of the time for missing events, and for scanning keys."""
 _CURSOR: Final = re.compile(r"([0-9a-f]{16}-[0-9]{1,9})((?:-[0-9]{1,9}){6})")
 _STYLE_AND_SCRIPT: Final = re.compile(r"<(?:style|script)>(.*?)</(?:style|script)>", re.DOTALL)
-Told = Mapping[str, Sequence[str]]
+Messages = Mapping[str, Sequence[str]]
 """Lines of text by heading: messages `said`, and the summary `held`."""
 
 
@@ -110,8 +110,8 @@ class LogReport(Listener):
         self._rows: list[list[Any]] = []
         """The last row of each watch."""
         self._revised: list[int] = []
-        self._told: Told = {}
-        self._told_revised = self._revision = 0
+        self._messages: Messages = {}
+        self._messages_revised = self._revision = 0
         self._due = self._refilled = monotonic()
 
     def begin(self, watch: MonitoredTrace) -> None:
@@ -194,9 +194,9 @@ class LogReport(Listener):
             found.append(f"only the first {SHOWN} events are shown in full, later ones only in detections")
         return found
 
-    def page(self, name: str, told: Told, *, live: bool = False) -> bytes:
+    def page(self, name: str, messages: Messages, *, live: bool = False) -> bytes:
         """Return the page as one file; a `live` page requests updates."""
-        data = self._all(name, told)
+        data = self._all(name, messages)
         if live:
             data["cursor"] = self._cursor
         # `<` could end the script element
@@ -209,22 +209,22 @@ class LogReport(Listener):
             found += [parts[word], after]
         return "".join(found).encode("utf-8", errors="replace")
 
-    def since(self, cursor: str, name: str, told: Told) -> tuple[str, bytes]:
+    def since(self, cursor: str, name: str, messages: Messages) -> tuple[str, bytes]:
         """Return a cursor and the JSON of the changes since another cursor.
 
         The JSON is empty without changes, complete for an invalid cursor.
         """
-        self._revise(told)
+        self._revise(messages)
         here = self._cursor
         if cursor == here:
             return here, b""
         known, ends = _CURSOR.fullmatch(cursor), [*map(int, here.split("-")[2:])]
         from_ = [int(end) for end in known[2].split("-")[1:]] if known else ends
         if known is None or not here.startswith(f"{known[1]}-") or any(map(int.__gt__, from_, ends)):
-            new: dict[str, Any] = {**self._all(name, told), "cursor": here}
+            new: dict[str, Any] = {**self._all(name, messages), "cursor": here}
         else:
             places, node_sets, waits, changes, revision, late = from_
-            told_too = {"told": self._shown} if self._told_revised > revision else {}
+            new_messages = {"told": self._shown} if self._messages_revised > revision else {}
             new = {
                 "places": {name: some[places:] for name, some in self._lists.items()},
                 "node_sets": list(islice(self._node_sets, node_sets, None)),
@@ -234,7 +234,7 @@ class LogReport(Listener):
                 "changes": self._changes[changes:],
                 "watches": [[at, row] for at, row in enumerate(self._rows) if self._revised[at] > revision],
                 "traces": self._traces,
-                **told_too,
+                **new_messages,
             }
         return here, json.dumps(new, separators=(",", ":")).encode()
 
@@ -251,12 +251,12 @@ class LogReport(Listener):
 
     @property
     def _shown(self) -> dict[str, list[str]]:
-        return {heading: [visible(line) for line in lines] for heading, lines in self._told.items()}
+        return {heading: [visible(line) for line in lines] for heading, lines in self._messages.items()}
 
-    def _all(self, name: str, told: Told) -> dict[str, Any]:
+    def _all(self, name: str, messages: Messages) -> dict[str, Any]:
         monitors, tree = self.plan.monitors, self.tree
         self._due = 0.0
-        self._revise(told)
+        self._revise(messages)
         return {
             "token": self._token,
             "unit": self.unit,
@@ -281,16 +281,16 @@ class LogReport(Listener):
             "told": self._shown,
         }
 
-    def _revise(self, told: Told) -> None:
+    def _revise(self, messages: Messages) -> None:
         """Update the messages and, at intervals, the rows."""
         last = len(self._lists["waits"]) - 1
         if self.grows and last >= 0 and self._lists["waits"][last] < 0:
             at = self._lists["watch"][last]
             if at not in self._ended:
                 self._find_late(last, self._watches[at])
-        if dict(told) != self._told:
+        if dict(messages) != self._messages:
             self._revision += 1
-            self._told, self._told_revised = dict(told), self._revision
+            self._messages, self._messages_revised = dict(messages), self._revision
         begun = monotonic()
         if begun < self._due and len(self._rows) == len(self._watches):
             return

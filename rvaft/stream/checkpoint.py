@@ -219,7 +219,7 @@ class CheckpointFile:
         self._begun = monotonic()
         self._spent = 0.0
         target = self.path.resolve()
-        self._told = target.with_name(f".{target.name[:100]}.told")
+        self._record = target.with_name(f".{target.name[:100]}.told")
 
     def is_due(self, events: int, *, idle: bool = False) -> bool:
         """Whether a checkpoint is due; unless idle, saving takes at most half of the run time."""
@@ -247,7 +247,7 @@ class CheckpointFile:
         self._digest = _sha(body)
         with telling("cannot write", self.path):
             write_whole(self.path, _MAGIC + self._digest.encode() + b"\n" + body, lasting=True)
-            self._told.unlink(missing_ok=True)
+            self._record.unlink(missing_ok=True)
         self._saved = events
         self._spent += monotonic() - begun
 
@@ -255,7 +255,7 @@ class CheckpointFile:
         """Record that a detection is reported, until the next checkpoint."""
         self.noted = event
         with telling("cannot write", self.path):
-            write_whole(self._told, f"{self._digest} {event}\n".encode())
+            write_whole(self._record, f"{self._digest} {event}\n".encode())
 
     def load(self) -> tuple[Checkpoint, object] | None:
         """Return the checkpoint and the state, or None if the file does not exist.
@@ -292,7 +292,7 @@ class CheckpointFile:
         self._saved = found.events
         self.noted = found.noted
         with suppress(OSError, ValueError):
-            digest, number = self._told.read_text(encoding="ascii").split()
+            digest, number = self._record.read_text(encoding="ascii").split()
             if digest == self._digest:
                 self.noted = int(number)
         return found, state

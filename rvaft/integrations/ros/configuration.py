@@ -240,7 +240,10 @@ def specifications(monitor: Planned, semantics: Semantics) -> dict[str, str]:
 
 
 def configuration_text(monitors: Sequence[Planned], options: RosOptions) -> str:
-    """Return the configuration as YAML; `nodes` are the publishers of filtered topics."""
+    """Return the configuration as YAML; `nodes` are the publishers of filtered topics.
+
+    Raises `ToolMissing`.
+    """
     publishers: dict[str, None] = {}
     entries: list[Json] = []
     for monitor in monitors:

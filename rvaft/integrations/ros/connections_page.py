@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 from rvaft.integrations.live_page import BROWSERS, PERIOD, cursor_of, headers, message, refusal, resource_kind
 from rvaft.integrations.ros.protocol import Session
 from rvaft.model.tree import RVAFT
-from rvaft.reports.log_report import SHOWN, LogReport, Told
+from rvaft.reports.log_report import SHOWN, LogReport, Messages
 from rvaft.stream.detection import counted
 from rvaft.stream.keys import Key
 from rvaft.stream.plan import MonitoringPlan
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 UNIT: Final = "connection"
 _LINES: Final = 200
 _WAIT: Final = 3.0
-"""Seconds that a request waits for updates."""
+"""Seconds that a request waits for updates; less than the timeout for opening a connection."""
 _AGAIN: Final = b"retry: 200\n\n"
 """The delay before the next request, in milliseconds."""
 
@@ -38,7 +38,7 @@ class ConnectionsPage:
     >>> tree = rvaft.loads("top and a b;")
     >>> page = ConnectionsPage("tree.rvaft", tree, Session(tree))
     >>> page.say("connection 1 opened")
-    >>> page.told["held"]
+    >>> page.messages["held"]
     ['connection 1 opened']
     """
 
@@ -68,7 +68,7 @@ class ConnectionsPage:
         self._lines.append(line)
 
     @property
-    def told(self) -> Told:
+    def messages(self) -> Messages:
         """The recent messages of the server."""
         earlier = [f"{counted(self._earlier, 'line')} before these are no longer on this page"] if self._earlier else []
         return {"said": [], "held": [*(f"warning: {one}" for one in self.report.left_out), *earlier, *self._lines]}
@@ -91,7 +91,7 @@ class ConnectionsPage:
         if status is HTTPStatus.OK:
             page = kind == "page"
             response.body = (
-                self.report.page(self.name, self.told, live=True) if page else await self._news(request, stop)
+                self.report.page(self.name, self.messages, live=True) if page else await self._news(request, stop)
             )
             found["Content-Length"] = str(len(response.body))
         if status is HTTPStatus.METHOD_NOT_ALLOWED:
@@ -108,7 +108,7 @@ class ConnectionsPage:
         self._asking += 1
         try:
             for _ in range(int(_WAIT / PERIOD)):
-                new = self.report.since(cursor, self.name, self.told)
+                new = self.report.since(cursor, self.name, self.messages)
                 if new[1] or stop.is_set():
                     return _AGAIN + message(new) if new[1] else _AGAIN
                 await asyncio.sleep(PERIOD)

@@ -117,8 +117,8 @@ class Session:
         """The monitors as a read-only set."""
         return MonitorSet.beside(list(self.monitors.values()))
 
-    def read(self, event: Json, came: Json) -> None:
-        """Read one event; `came` is the event before renaming."""
+    def read(self, event: Json, original: Json) -> None:
+        """Read one event; `original` is the event before renaming."""
         self.events += 1
         changed: list[int] = []
         for column, (label, monitors) in enumerate(self.monitors.items()):
@@ -129,7 +129,7 @@ class Session:
                     self.failures[label] = str(error)
         whole = self.monitors[_WHOLE]
         if _WHOLE not in self.failures and whole.serves:
-            self.buffer.remember(self.events, kept(came, self.fields))
+            self.buffer.remember(self.events, kept(original, self.fields))
         if _WHOLE not in self.failures and whole.late:
             self.data_warnings.note_late(event, self.events, "", whole.engines[0].latest)
         elif _WHOLE not in self.failures:
@@ -161,7 +161,7 @@ class Protocol:
     """Reads and answers messages for a tree or part.
 
     Messages of more than `longest` bytes are errors; with `strict_json`, so are numbers that are
-    not finite. `definitive` sends ⊥ as definitive.
+    not finite, which replies otherwise repeat. `definitive` sends ⊥ as definitive.
 
     >>> import rvaft
     >>> tree = rvaft.loads("top and a; a;")

@@ -33,7 +33,6 @@ BROKEN_PIPE: Final = 141
 _WIDTH: Final = 100
 """Columns of a source line shown around the caret."""
 _LONGEST: Final = 2000
-"""Characters after which a message is cut."""
 GROUP: Final = "rvaft.commands"
 """The entry-point group of the commands; each value is `module:attribute` of a `click.Command`."""
 _GROUPS: Final[dict[str, dict[str, str]]] = {
@@ -60,8 +59,8 @@ _GROUPS: Final[dict[str, dict[str, str]]] = {
     "Check": {"cross-check": "Compare the specifications of trees on traces."},
     "Papers": {"compare": "Compare specification languages: sizes and speeds."},
 }
-"""The commands by the headings of `rvaft --help`, with their summaries, so that the help text
-imports no command.
+"""The commands by the headings of `rvaft --help`, with their summaries: the help imports no
+command.
 """
 _OTHERS: Final = "Other commands"
 _LISTED: Final = {name: text for group in _GROUPS.values() for name, text in group.items()}
@@ -69,7 +68,7 @@ _UNREADABLE: Final = "(cannot be loaded)"
 
 
 class Stopped(Exception):
-    """Ends the run with this status; all messages have been printed."""
+    """Ends the run with this status, without a message."""
 
     def __init__(self, status: int) -> None:
         self.status = status
@@ -78,7 +77,7 @@ class Stopped(Exception):
 
 @contextmanager
 def guarded() -> Iterator[None]:
-    """Flush standard output at the end; turn a closed pipe and an interrupt into `Stopped`."""
+    """Flush standard output at the end; raise `Stopped` for a closed pipe or an interrupt."""
     try:
         yield
         sys.stdout.flush()
@@ -97,7 +96,7 @@ def guarded() -> Iterator[None]:
 
 
 def _discard_output() -> None:
-    """Redirect standard output to the null device, so that the interpreter's last flush succeeds."""
+    """Redirect standard output, so that the interpreter's last flush succeeds."""
     with suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
@@ -105,7 +104,7 @@ def _discard_output() -> None:
 
 
 def report(error: BaseException) -> None:
-    """Print an error on standard error, after the pending standard output."""
+    """Print an error, after the pending standard output."""
     try:
         if sys.stdout is not None:
             sys.stdout.flush()
@@ -138,9 +137,9 @@ class Failures:
                 yield make(one)
 
 
-def warn(said: str) -> None:
+def warn(message: str) -> None:
     """Print a warning on standard error."""
-    click.echo(visible(f"rvaft: warning: {said}"), err=True)
+    click.echo(visible(f"rvaft: warning: {message}"), err=True)
 
 
 def described(error: BaseException) -> list[str]:
@@ -148,39 +147,37 @@ def described(error: BaseException) -> list[str]:
     place: list[str] = []
     match error:
         case LanguageError(source=source, column=column):
-            said = f"{error.file}:{error.line}:{column}: {error.message}"
+            message = f"{error.file}:{error.line}:{column}: {error.message}"
             if source:
                 start = max(0, column - 1 - _WIDTH // 2) if len(source) > _WIDTH else 0
                 shown = "".join(c if c.isprintable() else " " for c in source[start : start + _WIDTH])
                 place = [shown, f"{' ' * (column - 1 - start)}^"]
         case RvaftError():
-            said = "; ".join([str(error), *getattr(error, "__notes__", ())])
+            message = "; ".join([str(error), *getattr(error, "__notes__", ())])
         case click.UsageError(ctx=click.Context(command_path=path)):
-            said = f"{error.format_message()} (see {path} --help)"
+            message = f"{error.format_message()} (see {path} --help)"
         case click.ClickException():
-            said = error.format_message()
+            message = error.format_message()
         case OSError(filename=file):
-            said = error.strerror or str(error) or type(error).__name__
-            said = said if file is None else f"{os.fsdecode(file) or repr('')}: {said}"
+            message = error.strerror or str(error) or type(error).__name__
+            message = message if file is None else f"{os.fsdecode(file) or repr('')}: {message}"
         case MemoryError():
-            said = "out of memory"
+            message = "out of memory"
         case _:
             trace = error.__traceback__
             while trace is not None and trace.tb_next is not None:
                 trace = trace.tb_next
             origin = "" if trace is None else f" ({trace.tb_frame.f_globals.get('__name__')}:{trace.tb_lineno})"
-            said = f"this is a defect in rvaft, please report it: {type(error).__name__}: {error}{origin}"
-    return [f"rvaft: error: {visible(cut(said, _LONGEST))}", *place]
+            message = f"this is a defect in rvaft, please report it: {type(error).__name__}: {error}{origin}"
+    return [f"rvaft: error: {visible(cut(message, _LONGEST))}", *place]
 
 
 @cache
 def registered() -> dict[str, str]:
-    """Return the commands of all installed distributions as `{name: "module:attribute"}`, in help
-    order.
+    """Return the installed commands as `{name: "module:attribute"}`, in help order.
 
     Parses the entry-point files directly: importing `importlib.metadata` takes half as long as
-    `rvaft --help`. If several distributions register a name, rvaft's own wins, then the first on
-    `sys.path`.
+    `rvaft --help`. Of equal names, rvaft's own wins, then the first on `sys.path`.
     """
     own: dict[str, str] = {}
     others: dict[str, str] = {}
@@ -215,7 +212,7 @@ def loaded(name: str) -> click.Command:
     module, _, attribute = registered()[name].partition(":")
     try:
         found = getattr(import_module(module), attribute)
-    except Exception as error:  # a third party's module may fail in any way
+    except Exception as error:
         reason = f"it cannot be loaded: {type(error).__name__}: {error}"
         raise ToolFailed(f"the command {name}", reason=reason) from error
     if not isinstance(found, click.Command):
@@ -224,7 +221,7 @@ def loaded(name: str) -> click.Command:
 
 
 def _summary(name: str) -> str:
-    """Return the summary for the help text; only third-party commands are imported for it."""
+    """Return the summary; only third-party commands are imported for it."""
     if name in _LISTED:
         return _LISTED[name]
     try:
@@ -234,16 +231,14 @@ def _summary(name: str) -> str:
 
 
 class Commands(click.Group):
-    """The group of commands: imports them on use and prints errors as one line, never as a
-    traceback.
-    """
+    """The group of commands; imports them on use and prints errors as one line."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         """Return the names in help order."""
         return list(registered())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import and return a command; the error for an unknown name lists the known ones."""
+        """Import a command; the error for an unknown name lists the known ones."""
         known = registered()
         if cmd_name in known:
             return loaded(cmd_name)
@@ -259,7 +254,7 @@ class Commands(click.Group):
         raise click.UsageError(f"unknown command {cmd_name!r}; known: {', '.join(known)}{hint}", ctx)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """Write the commands, grouped by purpose, into the help text."""
+        """Write the commands into the help text by purpose."""
         known = registered()
         widest = max(map(len, known), default=0)
         others = [name for name in known if name not in _LISTED]
@@ -271,7 +266,7 @@ class Commands(click.Group):
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
     ) -> click.Context:
-        """Make the context as click does; the help text is printed here."""
+        """Make the context and print the help text, if requested."""
         with guarded():
             return super().make_context(info_name, args, parent, **extra)
 

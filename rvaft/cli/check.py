@@ -64,11 +64,11 @@ def check_command(*, trees: tuple[str, ...], strict: bool, form: str) -> int:
 
 
 def _json(findings: Sequence[Finding]) -> str:
-    said = [
+    records = [
         {**one.place._asdict(), "severity": one.severity.value, "code": one.code, "message": one.message}
         for one in findings
     ]
-    return json.dumps(said, indent=2)
+    return json.dumps(records, indent=2)
 
 
 _IN_MESSAGES: Final = str.maketrans({"%": "%25", "\r": "%0D", "\n": "%0A"})
@@ -93,8 +93,8 @@ def _sarif(findings: Sequence[Finding]) -> str:
         artifact, region = {"uri": quote(PurePath(file).as_posix())}, {"startLine": line, "startColumn": column}
         place = {"physicalLocation": {"artifactLocation": artifact, "region": region}}
         level = "note" if finding.severity is Severity.INFORMATION else finding.severity.value
-        said = {"ruleId": finding.code, "level": level, "message": {"text": finding.message}}
-        results.append({**said, "locations": [place]})
+        result = {"ruleId": finding.code, "level": level, "message": {"text": finding.message}}
+        results.append({**result, "locations": [place]})
     codes = sorted({finding.code for finding in findings})
     rules = [{"id": code, "shortDescription": {"text": meanings()[code].title}} for code in codes]
     driver = {"name": "rvaft", "version": rvaft.__version__, "rules": rules}
@@ -115,7 +115,7 @@ def explain_command(*, code: str | None) -> int:
     """
     if code is None:
         severity = {code: rule.severity.value for code, rule in RULES.items()}
-        rows = [(code, severity.get(code, "error"), said.title) for code, said in meanings().items()]
+        rows = [(code, severity.get(code, "error"), meaning.title) for code, meaning in meanings().items()]
         click.echo("\n".join(columns([("CODE", "SEVERITY", "MEANS"), *sorted(rows)])))
     else:
         click.echo(explain(code).rstrip("\n"))

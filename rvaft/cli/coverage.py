@@ -13,11 +13,9 @@ from rvaft.coverage import DEFAULT_BRANCHES, Coverage, json_text, table_text
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.readers.json_lines import JsonLinesReader
 from rvaft.readers.log import Interest, Log, LogSource, expanded, required_stream, source_of
-from rvaft.stream.detection import told_fields
+from rvaft.stream.detection import identifying_fields
 
 _NARROWEST: Final = 60
-"""Minimum width of the table in columns."""
-
 _CONFIGURATIONS: Final = "Maximum number of partial matches per branch."
 
 
@@ -68,14 +66,14 @@ def coverage_command(
                 coverage.add(name, cast("BinaryIO", source), strict_json=strict_json)
                 continue
             reads = TreeReads(whole)
-            log = Log(reader, source, name, reads, strict_json, interest=Interest.of(reads, told_fields(whole)))
+            log = Log(reader, source, name, reads, strict_json, interest=Interest.of(reads, identifying_fields(whole)))
             coverage.add(name, (event for event in log.events() if event is not None))
             if log.is_malformed(log.given) and log.fault is not None:
                 raise log.fault
             if log.fault is not None:
                 warn(str(log.fault))
     found = coverage.report()
-    # Fit the table to the terminal; do not cut piped output.
+    # fit the table to the terminal; do not cut piped output
     width = max(shutil.get_terminal_size((80, 24)).columns, _NARROWEST) if sys.stdout.isatty() else None
     sys.stdout.write(json_text(found) if form == "json" else table_text(found, width=width))
     low = fail_under is not None and 100 * found.exercised < fail_under * len(found.branches)

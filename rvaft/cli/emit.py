@@ -25,8 +25,6 @@ _TO: Final = "A language that `rvaft backends` lists, or dot for a drawing of th
 
 @runtime_checkable
 class _WithSignature(Protocol):
-    """A backend that writes the signature of a specification to a separate file."""
-
     def signature(self, text: str) -> str: ...
 
 

@@ -13,7 +13,7 @@ from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow
 from rvaft.cli.monitor_run import run
 from rvaft.errors import OptionError
 from rvaft.model.nodes import Kind
-from rvaft.reports.log_report import PLACES, SHOWN, LogReport, Told
+from rvaft.reports.log_report import PLACES, SHOWN, LogReport, Messages
 from rvaft.stream.detection import Hooks
 from rvaft.stream.listeners import MonitoredTrace
 from rvaft.stream.monitor_set import Per
@@ -25,7 +25,7 @@ MOST: Final = "Maximum number of events on the page."
 
 
 class PageReporter(Reporter):
-    """Collects the messages of a run and makes the page after all logs have been read."""
+    """Makes the page from the messages of a run."""
 
     sums = True
 
@@ -40,21 +40,21 @@ class PageReporter(Reporter):
         """Note that a log cannot be read further."""
         self.stopped = True
 
-    def told(self, said: Sequence[str] = ()) -> Told:
-        """Return all messages so far with the additional ones, and the summary of the logs."""
+    def collected_messages(self, messages: Sequence[str] = ()) -> Messages:
+        """Return all messages so far, these additional ones, and the summary of the logs."""
         totals, kept = self.totals, self.sink.kept or []
         assert totals is not None
         semantics_hint = totals.semantics_hint
         doubts = [f"warning: {line}" for line in totals.data_warnings.lines]
         meant = [f"note: {semantics_hint.line}"] if semantics_hint is not None and semantics_hint.line else []
         summed = [] if totals.statistics is None else list(held(totals.statistics))
-        return {"said": [*kept, *said], "held": [*summed, *meant, *doubts]}
+        return {"said": [*kept, *messages], "held": [*summed, *meant, *doubts]}
 
     def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:  # noqa: ARG002
-        """Make the page; called after all logs, if at least one was read to its end."""
+        """Make the page."""
         for line in self.report.left_out:
             self.sink.warn(line)
-        self.page = self.report.page(self.settings.name, self.told())
+        self.page = self.report.page(self.settings.name, self.collected_messages())
 
 
 _OPTIONS: Final = (
@@ -72,14 +72,14 @@ _OPTIONS: Final = (
 
 
 def page_options(function: options.F) -> options.F:
-    """Add the options that select what is monitored for a page."""
+    """Add the options for what is monitored."""
     for option in reversed(_OPTIONS):
         function = option(function)
     return function
 
 
 class PageRequest:
-    """The logs of a page and how they are read and monitored."""
+    """The logs of a page and how they are monitored."""
 
     def __init__(
         self, tree: str, logs: Sequence[str], branch: int | None, kind: Kind | None, *, follow: bool, given: Any

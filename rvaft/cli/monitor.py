@@ -34,16 +34,14 @@ from rvaft.stream.order import DEFAULT_WINDOW
 from rvaft.stream.plan import MonitoringPlan
 
 TERMINAL: Final = "-"
-"""The value of `--explain` without FILE: draw in the text output."""
+"""The value of `--explain` without FILE: draw in the text."""
 
 
 class MonitorCommand(click.Command):
-    """Parses `--explain` with an optional FILE: the next word is FILE only if it has a drawing
-    suffix.
-    """
+    """Parses `--explain [FILE]`: FILE must have a drawing suffix."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse as click does, after making a bare `--explain` explicit."""
+        """Parse, after making a bare `--explain` explicit."""
         made: list[str] = []
         for place, word in enumerate(args):
             if word == "--":
@@ -79,7 +77,7 @@ def stream_options(function: options.F) -> options.F:
 
 
 limit_option: Final = options.number("--max-configurations", text=_MOST)
-"""`--max-configurations`; the error beyond the limit also names this option."""
+"""The error beyond the limit also names this option."""
 
 
 @click.command("monitor", cls=MonitorCommand)
@@ -149,7 +147,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     checkpoints = None
     if given["checkpoint"] is not None and traces.sources and (file := traces.sources[0].file) is not None:
         reader = traces.sources[0].reader
-        asked = {
+        settings_by_option = {
             "--semantics": semantics,
             "--per": given["per"],
             "--key": ", ".join(given["key"]) or None,
@@ -164,7 +162,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
             tree=part,
             trace=Path(file),
             every=given["checkpoint_every"] or EVERY,
-            settings={name: str(value) for name, value in asked.items() if value is not None},
+            settings={name: str(value) for name, value in settings_by_option.items() if value is not None},
         )
     settings = MonitorSettings(
         plan,
@@ -201,7 +199,7 @@ def _with_foxglove(
 
 
 def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any]) -> MonitoringPlan:
-    """Return how each trace is monitored; without a backend the engine monitors."""
+    """Return how each trace is monitored, by default by the engine."""
     semantics, backend, limit = (
         resolve_semantics(whole, given["semantics"]),
         given.get("backend"),
@@ -223,7 +221,7 @@ def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any]) -> MonitoringPl
     repeating = {"repeat": given["repeat"], "cooldown": given["cooldown"]}
     monitors = MonitorSet(columns(part, given["per"]), make, semantics, **repeating)
     if given["order_by"] is not None:
-        Field.parse(given["order_by"])  # raises OptionError for an invalid field
+        Field.parse(given["order_by"])
     return MonitoringPlan(
         monitors,
         Key.parse(given["key"]) if given["key"] else None,
@@ -237,7 +235,7 @@ def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any]) -> MonitoringPl
 def _check(given: dict[str, Any]) -> None:
     refuse, form, explain = options.refuse, given["form"], given["explain"]
     refuse(given["word"] is not None and given["traces"], "--word and TRACE exclude each other")
-    # Backends provide neither explanations nor kinds nor snapshots.
+    # backends provide neither explanations nor kinds nor snapshots
     for name in ("explain", "checkpoint", "max_configurations", "exec_fault", "exec_attack"):
         wrong = given["backend"] is not None and given[name] is not None
         refuse(wrong, f"--{name.replace('_', '-')} needs the engine: omit --backend")
@@ -252,14 +250,14 @@ def _check(given: dict[str, Any]) -> None:
 
 
 def require_companions(given: Mapping[str, Any]) -> None:
-    """Refuse an option that requires another, missing option."""
+    """Refuse an option without the option that it requires."""
     for name, needed in (("max_keys", "key"), ("window", "order_by"), ("checkpoint_every", "checkpoint")):
         wrong = given.get(name) is not None and given[needed] in (None, ())
         options.refuse(wrong, f"--{name.replace('_', '-')} needs --{needed.replace('_', '-')}")
 
 
 class TracesGiven:
-    """The traces that the command line names; missing files are reported and noted in `missing`."""
+    """The traces on the command line; missing files are reported."""
 
     def __init__(self, names: Sequence[str], log_format: options.LogFormat, *, live: bool) -> None:
         self.missing = Failures()
@@ -280,7 +278,7 @@ class TracesGiven:
         return any(one.file is None for one in self.sources)
 
     def require_growing(self, option: str, noun: str) -> None:
-        """Refuse an option that needs a single log of lines that can be read on later."""
+        """Refuse an option that needs a single log of lines."""
         readers = [one.reader for one in self.sources if one.reader is not None]
         wrong = next((reader.name for reader in readers if not (reader.by_lines or reader.schemes)), None)
         options.refuse(wrong, f"{option} needs a log of lines (jsonl, regex, syslog): {wrong} is not one")
@@ -288,7 +286,7 @@ class TracesGiven:
 
 
 def source_of(file: str, reader: LogReader) -> TraceSource:
-    """Return a file or standard input as a trace; on a terminal print a prompt."""
+    """Return a file or standard input as a trace; prompt on a terminal."""
     other = None if isinstance(reader, JsonLinesReader) else reader
     if file != "-":
         return TraceSource(click.format_filename(reader.shown(file)), file, reader=other)
@@ -300,7 +298,7 @@ def source_of(file: str, reader: LogReader) -> TraceSource:
 
 
 def _word(word: str, tree: RVAFT) -> TraceSource:
-    """Return each letter as the default event of that name; warn if that node has another event."""
+    """Return letters as default events; warn if the node has another event."""
     letters = word.split()
     unknown: list[str] = []
     for letter in dict.fromkeys(letters):

@@ -1,6 +1,4 @@
-"""The output of `rvaft monitor`: changes of the verdict as text, a table, or a JSON object per
-event.
-"""
+"""The output of `rvaft monitor` as text, a table, or a JSON object per event."""
 
 import json
 import sys
@@ -28,26 +26,22 @@ from rvaft.stream.statistics import Statistics
 from rvaft.support.terminal import ProgressBar, columns, cut, visible
 
 ENDS: Final = 1_000
-"""Maximum number of keys whose missing events are listed: computing the list takes time."""
+"""Maximum number of keys whose missing events are listed, which takes time."""
 ALL: Final = 100
-"""Maximum number of rows in a full summary; a longer one has only rows with a detection or error."""
+"""Maximum number of rows in a full summary; then only detections and errors have one."""
 MOST: Final = 1_000
-"""Maximum number of rows of a summary, and of events in a table; later events have a row only if
-they change a verdict.
-"""
+"""Maximum number of rows of a summary, and of events without a change in a table."""
 WIDE: Final = 8
-"""Maximum number of monitors with a column in the summary; beyond it, detecting ones are listed."""
+"""Maximum number of monitors with a column in the summary."""
 TYPES: Final = 20
 WAITING: Final = 10
-"""Maximum number of branches whose missing events are listed."""
+"""Maximum number of branches with listed missing events."""
 LISTED: Final = 20
 
 
 class Sink:
     """The destination of a run's output: standard output and error, or a file and a list of error
-    lines.
-
-    The file and list are passed on by another process. Writing hides the progress bar.
+    lines that another process passes on.
     """
 
     def __init__(self, file: TextIO | None = None, progress: ProgressBar | None = None) -> None:
@@ -55,7 +49,6 @@ class Sink:
         self._progress = progress
         self.errors: list[str] = []
         self.kept: list[str] | None = None
-        """The lines printed on standard error, if they are wanted later."""
 
     def write(self, text: str) -> None:
         """Write text unchanged."""
@@ -64,7 +57,7 @@ class Sink:
         (self._file or sys.stdout).write(text)
 
     def line(self, text: str) -> None:
-        """Write one line with control characters escaped."""
+        """Write a line with control characters escaped."""
         self.write(f"{visible(text)}\n")
 
     def flush(self) -> None:
@@ -73,9 +66,9 @@ class Sink:
             self.write("")
             sys.stdout.flush()
 
-    def warn(self, said: str) -> None:
+    def warn(self, message: str) -> None:
         """Print a warning on standard error."""
-        self._say([visible(f"rvaft: warning: {said}")])
+        self._say([visible(f"rvaft: warning: {message}")])
 
     def report(self, error: BaseException) -> None:
         """Print an error on standard error."""
@@ -97,11 +90,11 @@ class Sink:
 
 @dataclass(frozen=True, slots=True)
 class MonitorSettings:
-    """How all traces are run and what is reported; `name` is the tree's name.
+    """How all traces are run and reported; `name` is the tree's name.
 
-    With `several`, lines name their trace. `unchosen`: neither tree nor command line chose a
-    semantics. `others` are further listeners. With `detections` only detections are printed; with
-    `drawn` they are drawn in the text. The first detection is drawn to the file `drawing`.
+    With `several`, lines name their trace. `unchosen`: the semantics is the default. With
+    `detections` only detections are printed; with `drawn` they are drawn in the text. The first
+    detection is drawn to the file `drawing`.
     """
 
     plan: MonitoringPlan
@@ -130,7 +123,7 @@ class MonitorSettings:
 
 
 class SummaryRow(NamedTuple):
-    """The final state of the monitors of one trace or key, for the summary.
+    """The final state of the monitors of one trace or key.
 
     `since` has the events that made the verdicts final, `found` the counts of detections.
     """
@@ -153,7 +146,7 @@ class SummaryRow(NamedTuple):
 
 
 class Reporter(Listener):
-    """Prints verdicts to a sink; with `sums` it ends with a summary of the traces."""
+    """Prints verdicts to a sink, and with `sums` a summary."""
 
     sums = False
 
@@ -161,12 +154,12 @@ class Reporter(Listener):
         self.settings = settings
         self.columns = settings.plan.monitors.columns
         self.sink = sink
-        self.fields = detection.told_fields(settings.tree)
+        self.fields = detection.identifying_fields(settings.tree)
         self._ends = 0
         self.totals: Totals | None = None
 
     def ends(self, change: VerdictChange) -> dict[int, Ended]:
-        """Return why columns can no longer detect; nothing once `ENDS` keys have been explained."""
+        """Return why columns can no longer detect, for up to `ENDS` keys."""
         if self._ends >= ENDS:
             return {}
         ended = {column: change.watch.monitors.ended(column) for column in change.columns}
@@ -178,7 +171,7 @@ class Reporter(Listener):
         return found
 
     def pause(self, run: TraceRun) -> None:
-        """Called while no event is being read: between batches, and regularly while no events come."""
+        """Called between batches, and regularly while no events come."""
 
     def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:
         """Called after all traces, if at least one was read to its end."""
@@ -194,13 +187,13 @@ class Reporter(Listener):
 
 
 class _JsonLines(Reporter):
-    """Prints one JSON object per event; with `detections` only for events that detect."""
+    """Prints a JSON object per event, or per detection."""
 
     def __init__(self, settings: MonitorSettings, sink: Sink) -> None:
         super().__init__(settings, sink)
         self.every = not settings.detections
         self._alike: tuple[object, ...] = ()
-        """The trace and verdicts of the last event without a change, and its line around the event
+        """The last event without a change: trace, verdicts, and its line around the event
         number.
         """
 
@@ -209,25 +202,25 @@ class _JsonLines(Reporter):
 
     def events(self, watch: MonitoredTrace, first: int, last: int, verdicts: Sequence[Verdict]) -> None:
         if self._alike[:2] != (watch, verdicts):
-            # Compare the watch too: monitors of different keys may have equal verdicts.
-            before, after = json.dumps(self._said(watch, 0, verdicts)).rsplit('"event": 0, "verdict": ', 1)
+            # monitors of different keys may have equal verdicts
+            before, after = json.dumps(self._record(watch, 0, verdicts)).rsplit('"event": 0, "verdict": ', 1)
             self._alike = watch, verdicts, f'{before}"event": ', f', "verdict": {after}\n'
         _, _, head, tail = self._alike
         self.sink.write(f"{head}{f'{tail}{head}'.join(map(str, range(first, last + 1)))}{tail}")
 
-    def _said(self, watch: MonitoredTrace, number: int, verdicts: Sequence[Verdict]) -> dict[str, Json]:
-        said: dict[str, Json] = {"trace": watch.trace} if self.settings.several else {}
-        said |= {**self.settings.key(watch), "event": number, "verdict": verdicts[0].value}
+    def _record(self, watch: MonitoredTrace, number: int, verdicts: Sequence[Verdict]) -> dict[str, Json]:
+        record: dict[str, Json] = {"trace": watch.trace} if self.settings.several else {}
+        record |= {**self.settings.key(watch), "event": number, "verdict": verdicts[0].value}
         if self.settings.per is not Per.TREE:
-            said["verdicts"] = {one.label: verdict.value for one, verdict in zip(self.columns, verdicts, strict=True)}
-        return said
+            record["verdicts"] = {one.label: verdict.value for one, verdict in zip(self.columns, verdicts, strict=True)}
+        return record
 
     def change(self, change: VerdictChange) -> None:
         if not self.every and not change.detected:
             return
-        said = self._said(change.watch, change.number, change.verdicts)
-        if change.number <= self.told_before:
-            said["again"] = True
+        record = self._record(change.watch, change.number, change.verdicts)
+        if change.number <= self.reported_before:
+            record["again"] = True
         details: dict[int, dict[str, Json]] = {column: {} for column in change.columns}
         for column, count in change.counts.items():
             details[column] |= count.fields
@@ -235,14 +228,14 @@ class _JsonLines(Reporter):
             details[column] |= detection.explained(explanation, self.settings.tree, change.events, self.fields)
         for column, ended in self.ends(change).items():
             details[column] = {"expected": detection.expected(ended.pending)}
-        said |= details.pop(0, {})
+        record |= details.pop(0, {})
         if details:
-            said["columns"] = {self.columns[column].label: detail for column, detail in details.items()}
-        self.sink.write(f"{json.dumps(said)}\n")
+            record["columns"] = {self.columns[column].label: detail for column, detail in details.items()}
+        self.sink.write(f"{json.dumps(record)}\n")
 
 
 class _Text(Reporter):
-    """Prints a line per change of the verdict with its explanation, and a summary at the end.
+    """Prints a line per change of the verdict, and a summary.
 
     With `drawn` each detection is drawn as the tree with the matched nodes.
     """
@@ -269,7 +262,7 @@ class _Text(Reporter):
                 self.sink.line(f"  {line}")
 
     def where(self, watch: MonitoredTrace) -> str:
-        """Return the prefix with the trace and key, if there are several."""
+        """Return the prefix with trace and key, if there are several."""
         parts = [watch.trace] if self.settings.several else []
         if watch.key is not None and self.settings.plan.key is not None:
             values = zip(self.settings.plan.key.fields, watch.key, strict=True)
@@ -277,13 +270,13 @@ class _Text(Reporter):
         return "".join(f"{part}: " for part in parts)
 
     def lines(self, change: VerdictChange, where: str = "") -> Iterator[str]:
-        """Yield the lines for a change: verdicts, distinct matches, and the missing events."""
+        """Yield the lines for a change: verdicts, matches, and missing events."""
         titles, verdicts = [column.title for column in self.columns], change.verdicts
         many = len(titles) > 1
-        said = {place: f"{verdicts[place]}{_numbered(change.counts.get(place))}" for place in change.columns}
-        changed = ", ".join(f"{titles[place]} {verdict}" for place, verdict in said.items())
-        again = " (reported before)" if change.number <= self.told_before else ""
-        yield f"{where}event {change.number}: {changed if many else said[0]}{again}"
+        new_verdicts = {place: f"{verdicts[place]}{_numbered(change.counts.get(place))}" for place in change.columns}
+        changed = ", ".join(f"{titles[place]} {verdict}" for place, verdict in new_verdicts.items())
+        again = " (reported before)" if change.number <= self.reported_before else ""
+        yield f"{where}event {change.number}: {changed if many else new_verdicts[0]}{again}"
         for which, explanation in detection.unlike(change.explanations):
             title = f"{', '.join(titles[place] for place in which)}: " if many else ""
             if self.settings.drawn:
@@ -315,11 +308,13 @@ class _Text(Reporter):
             if number in events:
                 known = detection.places(events[number], tree)
                 if isinstance(known.get("time"), Mapping) and tree.time and (time := tree.time.read(events[number])):
-                    known["time"] = f"{time // UNITS['s']}.{time % UNITS['s']:09}"  # ROS time stamp
-                said = [f" {word} {_short(known[it])}" for word, it in (("at", "time"), ("on", "topic")) if it in known]
+                    known["time"] = f"{time // UNITS['s']}.{time % UNITS['s']:09}"
+                details = [
+                    f" {word} {_short(known[it])}" for word, it in (("at", "time"), ("on", "topic")) if it in known
+                ]
                 others = detection.other_fields(node, events[number], tree, self.fields)
                 more = ", ".join(f"{name} {_short(value)}" for name, value in others.items())
-                place = "".join(said) + (f" with {more}" if more else "")
+                place = "".join(details) + (f" with {more}" if more else "")
             shown = [*map(str, numbers[:LISTED]), *["…"] * (len(numbers) > LISTED + 1)][: len(numbers) - 1]
             earlier = f"events {', '.join(shown)} and " if shown else "event "
             yield f"{earlier}{number}{place} {'are' if shown else 'is'} {node}{f' ({label})' if label else ''}"
@@ -328,7 +323,7 @@ class _Text(Reporter):
 
 
 class _Table(_Text):
-    """Prints a table per trace with a row per event and a column per verdict (Tables 2 and 3 of the
+    """Prints a table per trace: events in rows, verdicts in columns (Tables 2 and 3 of the
     paper).
     """
 
@@ -369,7 +364,7 @@ REPORTERS: Final = {"text": _Text, "table": _Table, "jsonl": _JsonLines}
 
 
 def held(statistics: Statistics) -> Iterator[str]:
-    """Yield the summary lines: counts by event type, missing types and near misses."""
+    """Yield the counts by event type, missing types and near misses."""
     names, counts, never = statistics.names, statistics.relevant, statistics.never_seen
     listed = [name for name in names if len(names) <= TYPES or counts[name]]
     zero = [f"{len(names) - len(listed)} other types 0"] if len(listed) < len(names) else []
@@ -409,7 +404,7 @@ def _summary(settings: MonitorSettings, rows: Sequence[SummaryRow]) -> Iterator[
             cells += _ended(row, 0, repeat=repeat)
         branch, kinds = (None, []) if row.explanation is None else (row.explanation.branch, row.explanation.kinds)
         cells += ["-" if branch is None else str(branch), ", ".join(sorted(kinds)) or "-"]
-        if len(titles) > WIDE:  # the other detecting columns
+        if len(titles) > WIDE:
             found = [at for at in detections if at]
             first = ", ".join(f"{titles[at]} {row.found[at].last}" for at in found[:3])
             cells.append(f"{first} and {len(found) - 3} more" if len(found) > 3 else first or "-")
@@ -432,9 +427,7 @@ _ENDS: Final = {True: ("DETECTIONS", "LAST", "FALSE SINCE"), False: ("VERDICT", 
 
 
 def _ended(own: SummaryRow | MonitorSet, column: int, *, repeat: bool) -> tuple[str, ...]:
-    """Return the cells of a monitor: verdict and event, or the count, last detection and final
-    event.
-    """
+    """Return the cells of a monitor."""
     since, count = str(own.since.get(column, "-")), own.found[column]
     return (str(count.notified), str(count.last or "-"), since) if repeat else (str(own.verdicts[column]), since)
 

@@ -1,4 +1,4 @@
-"""Runs `rvaft monitor` over its traces, one after the other or in several processes."""
+"""Runs `rvaft monitor` over its traces, in one or several processes."""
 
 import gc
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -34,16 +34,13 @@ from rvaft.support.processes import Killed, in_processes
 from rvaft.support.terminal import ProgressBar
 
 SUFFIXES: Final = (".svg", ".dot", ".gv", ".pdf", ".png", ".txt")
-"""Suffixes of files for drawings of a detection."""
 _OFTEN: Final = 1_000
-"""Minimum checkpoint interval, in events, for reading in blocks; below it events are read one by
-one.
-"""
+"""Minimum checkpoint interval, in events, for reading in blocks."""
 _CHUNK: Final = 1 << 20
 
 
 class TraceSource(NamedTuple):
-    """One trace: a file, or events from memory or a stream; `reader` is None for JSON Lines."""
+    """A file, or events from memory or a stream; `reader` is None for JSON Lines."""
 
     name: str
     file: str | None = None
@@ -56,24 +53,23 @@ class TraceSource(NamedTuple):
         return self.reader is not None and bool(self.reader.schemes)
 
     def log(self, source: object, plan: MonitoringPlan, line: int, live: Live, sink: Sink | None) -> Log | None:
-        """Return the log from that line on, or None for JSON Lines.
-
-        Warns the sink, if there is one, of the first malformed event.
+        """Return the log from that line on, or None for JSON Lines; warn of the first malformed
+        event.
         """
         if self.reader is None:
             return None
 
-        def told(first: TraceError) -> None:
+        def warn_of(first: TraceError) -> None:
             if sink is not None:
                 sink.warn(f"{first}; skipped, as are later ones like it")
 
         needed = tuple((one.text, one.path[0]) for one in (plan.key.fields if plan.key else ()))
         given, strict = cast("LogSource", source), plan.strict_json
-        return Log(self.reader, given, self.name, plan.reads, strict, line, needed=needed, told=told, live=live)
+        return Log(self.reader, given, self.name, plan.reads, strict, line, needed=needed, on_reject=warn_of, live=live)
 
     @property
     def is_plain(self) -> bool:
-        """Whether the trace is an uncompressed file of JSON Lines."""
+        """Whether this is an uncompressed file of JSON Lines."""
         return self.reader is None and self.file is not None and Path(self.file).suffix.lower() not in COMPRESSED
 
     @property
@@ -83,9 +79,9 @@ class TraceSource(NamedTuple):
 
 
 class TraceOutcome(NamedTuple):
-    """The result of one trace: exit status, summary rows, drawing and number of detections.
+    """The result of one trace.
 
-    `keyless` names key fields that no event has; `ended` is true if the trace was read to its end.
+    `keyless` names key fields that no event has; `ended`: the trace was read to its end.
     """
 
     status: int
@@ -98,9 +94,7 @@ class TraceOutcome(NamedTuple):
 
 
 class _OnDetection(Listener):
-    """Runs commands for detections, draws the first one, and counts them; a failure is only
-    reported.
-    """
+    """Runs commands for detections, draws the first one, and counts them."""
 
     def __init__(self, settings: MonitorSettings, sink: Sink, *, deliver: bool) -> None:
         self.whole = bool(settings.hooks)
@@ -113,16 +107,16 @@ class _OnDetection(Listener):
 
     def change(self, change: VerdictChange) -> None:
         settings, watch = self._settings, change.watch
-        again = {"again": True} if change.number <= self.told_before else {}
+        again = {"again": True} if change.number <= self.reported_before else {}
         about = {"tree": settings.name, "trace": watch.trace, **settings.key(watch), "event": change.number, **again}
         for explanation, kinds, count in change.detections:
             self.count += 1
             if settings.hooks:
-                with suppress(BrokenPipeError):  # run the command even if standard output is closed
+                with suppress(BrokenPipeError):  # also if standard output is closed
                     self._sink.flush()
                 counted = {} if count is None else count.fields
-                told = detection({**about, **counted}, explanation, change.events, settings.tree)
-                for failure in settings.hooks.run(told, kinds):
+                record = detection({**about, **counted}, explanation, change.events, settings.tree)
+                for failure in settings.hooks.run(record, kinds):
                     self._sink.warn(str(failure))
             if settings.drawing is None or explanation is None or self.first is not None or self.failed:
                 continue
@@ -140,7 +134,7 @@ class _OnDetection(Listener):
             self.failed = True
 
     def take(self, outcome: TraceOutcome) -> None:
-        """Add the detections of another process, and write the first drawing."""
+        """Add the detections of another process."""
         self.count += outcome.detections
         self.failed = self.failed or outcome.undrawn
         if self.first is None and (drawn := outcome.drawn) is not None:
@@ -148,10 +142,7 @@ class _OnDetection(Listener):
 
 
 class _Run(Listener):
-    """Runs traces in turn and sums their statistics.
-
-    A checkpoint notes each detection before it is reported.
-    """
+    """Runs traces in turn and sums their statistics."""
 
     def __init__(
         self,
@@ -171,9 +162,7 @@ class _Run(Listener):
         self.reporter = reporter or REPORTERS[settings.form](settings, sink)
         sums = self.reporter.sums
         self.totals = Totals(
-            Statistics(monitors.types)
-            if sums or not tried
-            else None,  # needed for this summary, or for that of a resumed run
+            Statistics(monitors.types) if sums or not tried else None,  # for this summary, or that of a resumed run
             DataWarnings(monitors.types),
             SemanticsHint(monitors.columns[0].part, tried=tried) if settings.unchosen and sums else None,
         )
@@ -189,7 +178,7 @@ class _Run(Listener):
             kept.note(change.number)
 
     def watch(self, trace: TraceSource) -> TraceOutcome:
-        """Run one trace; report an error after the events before it."""
+        """Run one trace; an error follows the events before it."""
         settings, reaction, path = self.settings, self.reaction, Path(trace.file or "")
         plan = settings.plan
         again = trace.file is not None and (path.is_file() or path.is_dir()) and plan.plain and not settings.follow
@@ -203,7 +192,7 @@ class _Run(Listener):
             run.end()
             ended = True
         except (RvaftError, OSError) as error:
-            if isinstance(error, OSError) and error.filename is None:  # not the trace but standard output
+            if isinstance(error, OSError) and error.filename is None:  # standard output failed
                 raise
             failed = True
             run.stop()
@@ -217,8 +206,8 @@ class _Run(Listener):
                 self.sink.report(fault)
             else:
                 self.sink.warn(str(fault))
-        for said in run.warnings:
-            self.sink.warn(f"{prefix}{said}")
+        for warning in run.warnings:
+            self.sink.warn(f"{prefix}{warning}")
         concerned = any(watch.monitors.concerned for watch in run.watches)
         if ended and run.number == 1 and not concerned and trace.reader is None and suffix(path) == ".json":
             self.sink.warn(
@@ -232,7 +221,7 @@ class _Run(Listener):
         return TraceOutcome(status, rows, reaction.first, reaction.count - before, reaction.failed, keyless, ended)
 
     def _readers(self, trace: TraceSource) -> int:
-        """Return how many processes read a trace. Flushes first, since forked processes inherit the
+        """Return how many processes read a trace; flush, since forked processes inherit the
         buffer.
         """
         if not trace.is_plain or trace.size <= bulk.STRETCH:
@@ -241,9 +230,7 @@ class _Run(Listener):
         return self.jobs
 
     def _read(self, run: TraceRun, trace: TraceSource) -> None:
-        """Feed the run all events since the last checkpoint; after each batch save checkpoints and
-        flush.
-        """
+        """Read all events since the last checkpoint; save and flush after each batch."""
         follow, kept, sink = self.settings.follow, self.settings.checkpoints, self.sink
         stream: LinesRead | FollowedFile | None = None
         offset = line = flushed = 0
@@ -251,8 +238,7 @@ class _Run(Listener):
         def keep(*, ended: bool = False, idle: bool = False) -> None:
             """Write a checkpoint if one is due, after flushing the output that precedes it.
 
-            Events held back by `--order-by` until the end are not saved: a resumed run reads them
-            again.
+            Events held back by `--order-by` are not saved: a resumed run reads them again.
             """
             nonlocal flushed
             self.reporter.pause(run)
@@ -269,10 +255,10 @@ class _Run(Listener):
             offset, line = found[0].offset, found[0].line
             try:
                 run.restore(cast("RunState", found[1]), found[0].events)
-            except Exception as error:  # a damaged or manipulated pickle
+            except Exception as error:
                 raise kept.unreadable(error) from error
             for listener in self.listeners:
-                listener.told_before = kept.noted
+                listener.reported_before = kept.noted
         elif kept is not None:
             kept.save(run.state, 0, LinesRead(BytesIO()))
         run.begin()
@@ -288,7 +274,7 @@ class _Run(Listener):
                 source = stack.enter_context(
                     source_of(trace.reader, trace.file) if trace.reader else open_log(trace.file)
                 )
-            at_once = trace.file is None or follow  # flush at once, since events arrive live
+            at_once = trace.file is None or follow  # events arrive live
             live = stack.enter_context(_listening(trace, sink, partial(keep, idle=True)))
             self._log = trace.log(stream or source, self.settings.plan, line + 1, live, sink if follow else None)
             seldom = not follow and (kept is None or kept.every >= _OFTEN)
@@ -322,12 +308,12 @@ def _listening(trace: TraceSource, sink: Sink, idle: Callable[[], object]) -> It
 
     with stopping() as stop:
 
-        def asked() -> bool:
+        def is_stopping() -> bool:
             if listening:
                 idle()
             return stop()
 
-        yield Live(asked, began, sink.warn)
+        yield Live(is_stopping, began, sink.warn)
 
 
 def run(
@@ -336,15 +322,15 @@ def run(
     jobs: int = 1,
     report: Callable[[MonitorSettings, Sink], Reporter] | None = None,
 ) -> int:
-    """Run all traces and return the exit status. `report` may replace the reporter of the format."""
-    gc.freeze()  # exempt existing objects from garbage collection, which decoding triggers often
+    """Run all traces and return the exit status; `report` replaces the reporter."""
+    gc.freeze()  # decoding triggers garbage collection often
     try:
         sizes = sum(trace.size for trace in traces)
         watched = not settings.follow and all(trace.file is not None for trace in traces)
         progress = ProgressBar(sizes) if watched and sizes else None
         sink = Sink(progress=progress)
-        told = None if report is None else report(settings, sink)
-        alone = _Run(settings, sink, progress, told, deliver=True, jobs=jobs)
+        reporter = None if report is None else report(settings, sink)
+        alone = _Run(settings, sink, progress, reporter, deliver=True, jobs=jobs)
         if jobs > 1 and len(traces) > 1:
             outcomes = list(_in_processes(alone, traces, jobs))
         else:
@@ -368,9 +354,7 @@ def run(
 
 
 def _in_processes(alone: _Run, traces: Sequence[TraceSource], jobs: int) -> Iterator[TraceOutcome]:
-    """Run traces in several processes; yield the outcomes and print the output in the order of
-    traces.
-    """
+    """Run traces in several processes; yield and print in the order of traces."""
     sink = alone.sink
     with TemporaryDirectory(prefix="rvaft-") as folder:
 

@@ -1,4 +1,4 @@
-"""Options that several commands share, as decorators, and checks of their values."""
+"""Options that several commands share."""
 
 import json
 import math
@@ -43,7 +43,7 @@ def number(
 
 
 def choice(*names: str, words: Iterable[str], text: str, default: str | None = None) -> Callable[[F], F]:
-    """An option whose value is one of these words, or a member of an enumeration."""
+    """An option whose value is one of these words or members."""
     kind, first = click.Choice(list(map(str, words))), None if default is None else str(default)
     member: Callable[[str], str] = words if isinstance(words, type) else str
     callback = lambda _context, _parameter, word: None if word is None else member(word)  # noqa: E731
@@ -65,7 +65,7 @@ def timeout_option(text: str, default: float | None = None) -> Callable[[F], F]:
 
 
 flag: Final = partial(click.option, is_flag=True, default=None)
-"""A Boolean option with a negative form; None if neither is given."""
+"""A Boolean option with a negative form, by default None."""
 _READING: Final = {
     "strict_galileo": "Refuse dynamic gates of Galileo; by default they are read as observed failures.",
     "confine_imports": "Refuse imports of files outside the folder of the tree.",
@@ -77,9 +77,7 @@ def _remember(context: click.Context, parameter: click.Parameter, value: bool) -
 
 
 def reading_options(function: F) -> F:
-    """Add `--strict-galileo` and `--confine-imports`; for `load_tree`, `read_tree` and
-    `read_draft`.
-    """
+    """Add `--strict-galileo` and `--confine-imports`."""
     for name, text in reversed(_READING.items()):
         option = f"--{name.replace('_', '-')}"
         function = click.option(option, name, is_flag=True, expose_value=False, callback=_remember, help=text)(function)
@@ -104,9 +102,9 @@ class LogFormat:
     options: InputOptions
 
     def readers(self, files: Sequence[str], *, live: bool = False) -> list[LogReader]:
-        """Return a reader for each file (`-` is standard input).
+        """Return a reader for each file (`-`: standard input); URLs must be `live`.
 
-        Raises `OptionError`, `UnknownFormat` and `ToolFailed`. URLs are refused unless `live`.
+        Raises `OptionError`, `UnknownFormat` and `ToolFailed`.
         """
         found: list[LogReader] = []
         unused = self.options.given
@@ -141,12 +139,12 @@ def _types(_context: object, _parameter: object, given: Sequence[str]) -> dict[s
 
 
 def log_format(function: F) -> F:
-    """Add `--input` and the options of formats, passed on as a `LogFormat` in `log_format`."""
+    """Add `--input` and the options of formats, as a `LogFormat` in `log_format`."""
 
     @wraps(function)
     def gathered(**given: Any) -> Any:
-        said = InputOptions(*(given.pop(name) for name in ("records", "types", "pattern")))
-        log_format = LogFormat(given.pop("input_form"), said)
+        input_options = InputOptions(*(given.pop(name) for name in ("records", "types", "pattern")))
+        log_format = LogFormat(given.pop("input_form"), input_options)
         return function(**given, log_format=log_format)
 
     known = "bag, csv, json, jsonl, mqtt, parquet, regex, syslog, xes"
@@ -232,13 +230,13 @@ def refuse(wrong: object, why: str) -> None:
 
 
 def exclusive(**options: object) -> None:
-    """Refuse more than one of these options; the keywords are the option names."""
+    """Refuse more than one of these options."""
     given = [f"--{name}" for name, value in options.items() if value is not None and value is not False]
     refuse(len(given) > 1, f"{' and '.join(given)} exclude each other")
 
 
 def require_writable(outputs: Iterable[str], trees: Iterable[str] = (), folder: str | None = None) -> None:
-    """Refuse outputs that cannot be written or would overwrite an input, before anything runs.
+    """Refuse outputs that cannot be written or would overwrite an input.
 
     Raises `OSError` and `OptionError`.
     """
@@ -252,7 +250,7 @@ def require_writable(outputs: Iterable[str], trees: Iterable[str] = (), folder: 
             raise OptionError(f"{file} is one of the trees and would be overwritten: name another file")
         if place.is_dir():
             raise IsADirectoryError(EISDIR, "cannot write to a folder: name a file", file)
-        if place.is_file() or not place.exists():  # pipes and devices are written in place
+        if place.is_file() or not place.exists():
             folders[file] = place.parent
     if folder is not None:
         absolute = Path(folder).resolve()
@@ -279,19 +277,19 @@ def _standard_text() -> str:
 
 
 def load_tree(path: str) -> RVAFT:
-    """Load a tree with the reading options of the command line; raises as `rvaft.load` does."""
+    """Load a tree with the reading options; raises as `rvaft.load` does."""
     return load(path, **_reading())
 
 
 def read_tree(tree: str) -> RVAFT:
-    """Load a tree from a file or, for `-`, standard input; raises as `rvaft.load` does."""
+    """Load a tree from a file or standard input (`-`)."""
     if tree != "-":
         return load_tree(tree)
     return loads(_standard_text(), "<stdin>", **_reading())
 
 
 def read_draft(tree: str) -> Draft:
-    """Parse a draft from a file or, for `-`, standard input; raises as `parse` does, and `OSError`."""
+    """Parse a draft from a file or standard input (`-`)."""
     if tree != "-":
         return parse_file(tree, **_reading())
     return parse(_standard_text(), "<stdin>", **_reading())
@@ -304,7 +302,7 @@ def _reading() -> dict[str, bool]:
 
 @contextmanager
 def suggesting() -> Iterator[None]:
-    """Add hints to errors: a similar backend name, and `--limit` for `TooLarge`."""
+    """Add hints to errors."""
     try:
         yield
     except UnknownBackend as error:
@@ -315,11 +313,11 @@ def suggesting() -> Iterator[None]:
         given = click.get_current_context().params
         has_limit = {"language", "limit"} <= given.keys()
         if has_limit and error.limit == (given["limit"] or backend(given["language"]).default_limit):
-            error.add_note("raise it with --limit N")  # not the limit of another computation
+            error.add_note("raise it with --limit N")
         raise
 
 
-# Callbacks of options: they convert a text, and return None for a missing option.
+# callbacks of options: they convert a text, or None for a missing option
 
 
 def finite(_context: object, _parameter: object, value: float | None) -> float | None:
@@ -330,7 +328,7 @@ def finite(_context: object, _parameter: object, value: float | None) -> float |
 
 
 def some(words: type[Word]) -> Callable[[object, object, str | None], tuple[Word, ...] | None]:
-    """Return a callback for a list of members of an enumeration; `all` means all."""
+    """Return a callback for a list of members; `all` means all."""
 
     def chosen(_context: object, _parameter: object, value: str | None) -> tuple[Word, ...] | None:
         if value is None or value == "all":
@@ -345,7 +343,7 @@ def some(words: type[Word]) -> Callable[[object, object, str | None], tuple[Word
 
 
 def some_backends(named: str | None) -> tuple[str, ...] | None:
-    """Return the backends named in a list; raises `OptionError` for an unknown one."""
+    """Return the backends named in a list; raises `OptionError`."""
     if named is None:
         return None
     names = tuple(dict.fromkeys(_words(named)))

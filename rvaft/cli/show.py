@@ -78,8 +78,8 @@ def _suggested(output: str | None) -> Format:
         return Format.TREE
     found = format_of(output)
     if found is None:
-        said = f"no format has the suffix {suffix}; known: {', '.join(SUFFIXES)}; or name one with --format"
-        raise click.UsageError(said, click.get_current_context())
+        message = f"no format has the suffix {suffix}; known: {', '.join(SUFFIXES)}; or name one with --format"
+        raise click.UsageError(message, click.get_current_context())
     return found
 
 
@@ -100,8 +100,8 @@ def _highlighted(tree: RVAFT, what: str, semantics: Semantics | None) -> Marks:
             break
     explanation = watching.explanation
     if explanation is None:
-        said = f"the verdict is {watching.verdict} after {counted(len(events))}"
-        raise OptionError(f"{what}: nothing is detected ({said})")
+        message = f"the verdict is {watching.verdict} after {counted(len(events))}"
+        raise OptionError(f"{what}: nothing is detected ({message})")
     return marks(tree, explanation, {place: events[place] for place in matched_events([explanation])})
 
 
@@ -131,9 +131,7 @@ def branches_command(*, tree: str, form: str, whole: bool, width: int | None, li
 
 
 def _counted(found: Iterator[Branch], limit: int | None) -> Iterator[Branch]:
-    """Yield up to `limit` branches; report progress on standard error every few seconds if output
-    is piped.
-    """
+    """Yield up to `limit` branches; report progress if output is piped."""
     shown = time.monotonic()
     for branch in islice(found, limit):
         yield branch

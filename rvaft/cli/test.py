@@ -1,6 +1,6 @@
-"""`rvaft test`: compares the verdicts of a tree on its traces with the expected verdicts.
+"""`rvaft test`: compares the verdicts of a tree on its traces with the expected ones.
 
-Verdicts that the file of expectations does not state are not checked.
+Verdicts that are missing in the file of expectations are not checked.
 """
 
 import json
@@ -30,18 +30,16 @@ from rvaft.support.files import write_whole
 from rvaft.support.terminal import visible
 
 TREE: Final = "tree"
-"""The key for the whole tree, in place of a branch number."""
+"""The key for the whole tree."""
 MOST_BRANCHES: Final = 1_000
-"""Maximum number of branches with a row in a new file."""
+"""Maximum number of branches in a new file."""
 
 ExpectedVerdicts: TypeAlias = dict[str, dict[Semantics, dict[str, str]]]
 """Trace name -> semantics -> "tree" or a branch number -> ⊤, ⊥ or ? after each event."""
 
 
 class Expectation(NamedTuple):
-    """The expected and actual verdicts of one trace; None where the expectation or trace is
-    missing.
-    """
+    """The expected and actual verdicts of one trace, None if missing."""
 
     tree: str
     trace: str
@@ -89,11 +87,13 @@ def test_command(*, trees: tuple[str, ...], update: bool, form: str) -> int:
         click.echo(_junit(rows))
     elif not update:
         click.echo("".join(f"{visible(complaint)}\n" for complaint in wrong), nl=False)
-        told = "nothing was compared" if not rows else f"{len(wrong):,} not as expected" if wrong else "all as expected"
+        outcome = (
+            "nothing was compared" if not rows else f"{len(wrong):,} not as expected" if wrong else "all as expected"
+        )
         traces = len({(row.tree, row.trace) for row in rows})
         counts = {"tree": len({row.tree for row in rows}), "trace": traces, "row": len(rows)}
-        said = ", ".join(f"{count:,} {noun}{'s' * (count != 1)}" for noun, count in counts.items())
-        click.echo(f"{said} of verdicts; {told}")
+        counted_verdicts = ", ".join(f"{count:,} {noun}{'s' * (count != 1)}" for noun, count in counts.items())
+        click.echo(f"{counted_verdicts} of verdicts; {outcome}")
     return FAILED if failures.met else FOUND if wrong else 0
 
 
@@ -149,9 +149,7 @@ def _opened(name: str) -> tuple[Path, RVAFT, dict[str, list[Json]]]:
 
 
 def _signs(tree: RVAFT, semantics: Semantics, part: str, events: list[Json]) -> str:
-    """Return the engine's verdicts after each event; all ⊥ for a branch without a feasible
-    scenario.
-    """
+    """Return the engine's verdicts after each event."""
     try:
         engine = monitor(tree, semantics=semantics, branch=None if part == TREE else int(part))
     except ValueError as error:

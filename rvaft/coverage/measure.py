@@ -187,7 +187,8 @@ class AlternativeFollower(Engine):
         self._alternative = prop
         super().__init__(prop.tree, semantics, limit=limit)
         if isinstance(self._strategy, Following):
-            self._strategy.matching.asked.clear()  # a partial match counts even if no time could complete it
+            # a partial match counts even if no time could complete it
+            self._strategy.matching.early_differences.clear()
         assert not isinstance(self._strategy, Alternatives), "an alternative has no others beside it"
         self._shortest = LackingEvents(self._strategy.compiled)
         self._size = 0

@@ -1,4 +1,4 @@
-"""The strategy of a property with several alternatives: one strategy for each."""
+"""The strategy of a property with several alternatives: one strategy per alternative."""
 
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from copy import copy
@@ -18,14 +18,14 @@ from rvaft.monitors import Explanation, Pending
 
 
 class AlternativeLetters(EngineLetters):
-    """The letters of several alternatives; the class of an event holds its class for each."""
+    """The letters of several alternatives, with a class per alternative."""
 
     def __init__(self, letters: Sequence[EngineLetters]) -> None:
         self._letters = letters
         super().__init__(dict.fromkeys(pattern for one in letters for pattern in one.patterns))
 
     def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
-        """Return the table from events to classes, for events that can match only these patterns."""
+        """Return the table from events to classes."""
 
         def join(parts: tuple[EventClass, ...]) -> EventClass:
             serving = tuple(chain.from_iterable(one.serving for one in parts))
@@ -35,7 +35,7 @@ class AlternativeLetters(EngineLetters):
 
 
 class AlternativesSnapshot(NamedTuple):
-    """The verdicts of the alternatives after and before the last event, and a snapshot of each."""
+    """The verdicts after and before the last event, and the snapshots."""
 
     verdicts: list[Verdict]
     last: list[Verdict]
@@ -57,7 +57,7 @@ class Alternatives:
         return any(strategy.noted for strategy in self.parts)
 
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
-        """Return the readings of an event by the alternatives."""
+        """Return the readings by the alternatives."""
         if not event_class.serving and not event_class.relevant:
             return NOTHING
         readings = [one.read(event, own) for one, own in zip(self.parts, event_class.parts, strict=True)]
@@ -74,10 +74,10 @@ class Alternatives:
             return Verdict.TRUE
         return Verdict.UNKNOWN if Verdict.UNKNOWN in self.verdicts else Verdict.FALSE
 
-    def forget(self, floor: int) -> None:
-        """Set the watermark: no event with an earlier time counts any more."""
+    def forget(self, watermark: int) -> None:
+        """Set the watermark."""
         for strategy in self.parts:
-            strategy.forget(floor)
+            strategy.forget(watermark)
 
     def fork(self) -> Self:
         """Return an independent copy."""
@@ -97,22 +97,20 @@ class Alternatives:
         return AlternativesSnapshot(list(self.verdicts), self._last, [strategy.snapshot() for strategy in self.parts])
 
     def restore(self, snapshot: object) -> None:
-        """Restore the state of a snapshot of the same property."""
+        """Restore a snapshot of the same property."""
         assert isinstance(snapshot, AlternativesSnapshot), "made by the same strategy"
         self.verdicts, self._last = list(snapshot.verdicts), snapshot.last
         for strategy, state in zip(self.parts, snapshot.parts, strict=True):
             strategy.restore(state)
 
     def explanation(self) -> Explanation:
-        """Return one match of the lowest-numbered branch that has one, after a detection."""
+        """Return a match of the lowest-numbered branch."""
         pairs = zip(self.verdicts, self.parts, strict=True)
         found = [explain(strategy) for verdict, strategy in pairs if verdict is Verdict.TRUE]
         return min(found, key=lambda one: (one.branch is None, one.branch or 0))
 
     def pending(self, limit: int, *, before: int | None = None) -> tuple[Pending, ...]:
-        """Return the awaited events of each live branch; with `before`, those before the event at
-        that position.
-        """
+        """As `explanation.pending`."""
         verdicts = self.verdicts if before is None else self._last
         found = [
             one

@@ -1,15 +1,14 @@
 """A property compiled to numbers, for look-ups per event.
 
-Nodes are numbered in the order of the tree, parents first; sets of nodes are bit masks. The
-children of a sequence are in time order. Without shared nodes, the tree is one *part*. Otherwise
-shared nodes and their ancestors form the *core*. Every other child of a core node is the root of a
-*part*, a read-once tree.
+Nodes are numbered in tree order, parents first; sets of nodes are bit masks. The children of a
+sequence are in time order. A node joins a part of the property with its unshared condition and its
+own event.
 
-A node of the engine is a part of the property, joined with its unshared condition and its own
-event.
+A tree without shared nodes is one *part*. Otherwise shared nodes and their ancestors form the
+*core*. Every other child of a core node is the root of a *part*, a read-once tree.
 
 A guard over variables of its own event only is a *filter*. Other variables are *exported*: a
-partial match remembers them until the guards are decided.
+partial match keeps their values until the guards are decided.
 """
 
 from abc import ABC, abstractmethod
@@ -33,7 +32,7 @@ from rvaft.support.bits import mask_of
 
 
 class _Node(NamedTuple):
-    """A node of the engine; `event_first` tells whether its own event precedes its children."""
+    """A node of the engine; `event_first`: whether its own event precedes its children."""
 
     part: Part
     event: core.Event | None
@@ -55,7 +54,7 @@ def _nodes(prop: Property) -> list[_Node]:
             found.append(node)
             below = set(node.children)
             agenda = [inner for inner in part.parts if inner not in below]
-            while agenda:  # parts joined into this node
+            while agenda:
                 inner = agenda.pop()
                 taken.add(inner)
                 agenda += [one for one in inner.parts if one not in below]
@@ -101,7 +100,8 @@ def _need(part: Part, rest: tuple[Part, ...]) -> int:
 
 
 class CompiledTree:
-    """The structure of a property; `parent` and `slot` are -1 for core nodes and roots of parts.
+    """The structure of a property, mostly as tuples by node; `parent` and `slot` are -1 outside of
+    parts.
 
     >>> import rvaft
     >>> from rvaft.core.build import build
@@ -117,30 +117,29 @@ class CompiledTree:
         nodes = _nodes(prop)
         number = {one.part: node for node, one in enumerate(nodes)}
         self.names = tuple("" if one.part.source is None else one.part.source.node for one in nodes)
-        """For each node, its node of the tree; several may have the same."""
+        """The name in the tree; several nodes may share a name."""
         self.events = tuple(None if one.event is None else one.event.source for one in nodes)
-        """For each node, its occurrence or None."""
         self.ops = tuple(one.op for one in nodes)
         self.children = tuple(tuple(number[child] for child in one.children) for one in nodes)
         self.need = tuple(one.need for one in nodes)
-        """For each node, the minimum number of children that a scenario keeps."""
+        """The minimum number of children in a scenario."""
         choosing = (node for node, one in enumerate(nodes) if len(one.children) > one.need)
         self.chooses = mask_of(choosing)
-        """The nodes that need not keep all children."""
+        """The nodes that may keep fewer than all children."""
         self.certain = 1 << self.root
-        """The nodes that every scenario has."""
+        """The nodes of every scenario."""
         for node, children in enumerate(self.children):
             if self.certain >> node & ~self.chooses >> node & 1:
                 self.certain |= mask_of(children)
         self.own = tuple(one.event is not None for one in nodes)
         self.top_down = next((one.event_first for one in nodes if one.event_first is not None), True)
-        """Whether a node's event precedes those below it."""
+        """Whether events of nodes precede the events below them."""
         self.patterns = tuple(None if one.event is None else one.event.pattern for one in nodes)
         self._note_variables(nodes)
         seen = Counter(child for children in self.children for child in children)
         self._note_parts({child for child, count in seen.items() if count > 1})
         self.dead = 0
-        """The initially impossible nodes: none, since passes remove them."""
+        """No node is initially impossible, because passes remove such nodes."""
         waiting = (node for node in range(len(nodes)) if self.needs[node])
         self.closed = (1 << len(nodes)) - 1 ^ mask_of(waiting)
         """The nodes without a guard that waits for variables."""
@@ -156,7 +155,7 @@ class CompiledTree:
         return {name: node for node, name in enumerate(self.names) if name and self.ops[node] is PartKind.ONE}
 
     def decided_by(self, nodes: Iterable[int]) -> dict[int, Guard]:
-        """Return the guards that wait only for variables of one event of these nodes, by node."""
+        """Return the guards, by node, that an event of these nodes decides alone."""
         found: dict[int, Guard] = {}
         for node in nodes:
             own = set(self.exported[node])
@@ -173,10 +172,9 @@ class CompiledTree:
     def _note_variables(self, nodes: Sequence[_Node]) -> None:
         guards = [one.guard for one in nodes]
         self.times = frozenset(point.name for guard in guards for point in time_points(guard))
-        """The variables that hold times of events."""
         points = [None if one.event is None else TimePoint.of("at", *one.event.source).name for one in nodes]
         self.time_of = tuple(name if name in self.times else None for name in points)
-        """For each node, the variable of its event's time, if a guard uses it."""
+        """The variable of the time of a node's event, if a guard uses it."""
         bound = [() if pattern is None else rigid_variables(pattern) for pattern in self.patterns]
         bound = [names if time is None else (*names, time) for names, time in zip(bound, self.time_of, strict=True)]
         needs = [guard_variables(guard) for guard in guards]
@@ -184,21 +182,21 @@ class CompiledTree:
         private = [{name for name in names if mentioned[name] == 1 and name not in self.times} for names in bound]
         filters = [bool(names) and private[node].issuperset(names) for node, names in enumerate(needs)]
         self.filters = tuple(guard if only else None for guard, only in zip(guards, filters, strict=True))
-        """For each node, the guard that its event alone decides."""
+        """The guards that a node's event alone decides."""
         self.guards = tuple(None if only else guard for guard, only in zip(guards, filters, strict=True))
-        """For each node, the guard that waits for remembered variables (or is constant)."""
+        """The guards that wait for remembered variables, or are constant."""
         self.needs = tuple(() if only else names for names, only in zip(needs, filters, strict=True))
-        """The variables of these guards."""
+        """The variables of `guards`."""
         self.exported = tuple(
             tuple(name for name in names if name not in private[node] or name in self.needs[node])
             for node, names in enumerate(bound)
         )
-        """For each node, the variables of its event that must be remembered."""
+        """The variables of a node's event that a partial match keeps."""
         self.predicates = tuple(None if guard is None else predicate(guard) for guard in self.guards)
         self.guarded_by: dict[str, list[int]] = {}
-        """For each variable, the nodes whose guard waits for it."""
+        """By variable, the nodes whose guard waits for it."""
         self.mentions: dict[str, int] = {}
-        """For each variable, the nodes whose event binds or compares it."""
+        """By variable, the nodes whose event has it."""
         for node in range(len(nodes)):
             for name in self.needs[node]:
                 self.guarded_by.setdefault(name, []).append(node)
@@ -207,7 +205,7 @@ class CompiledTree:
 
     @cached_property
     def conditions(self) -> tuple[tuple["Condition", ...], ...]:
-        """For each node, the conjuncts of its guard."""
+        """The conjuncts of each node's guard."""
         return tuple(tuple(Condition.of(part, self.times) for part in conjuncts(guard)) for guard in self.guards)
 
     def _note_parts(self, core: set[int]) -> None:
@@ -218,14 +216,14 @@ class CompiledTree:
                 core.add(node)
             picks[node] = self.ops[node] is PartKind.ONE or any(picks[child] for child in self.children[node])
         self.picks = mask_of(node for node in range(size) if picks[node])
-        """The nodes that keep one child, or have such a node below."""
+        """The nodes that keep one child, and their ancestors."""
         self.core, self.members = tuple(sorted(core)), frozenset(core)
         self.parent, self.slot, self.part_of = [-1] * size, [-1] * size, list(range(size))
         self.freezer = [-1] * size
         """The nearest node upwards in its part that a later event can end, or -1.
 
-        Such a node is a child of a sequence other than the last, or of a gate whose own event
-        follows its children.
+        Such a node is a child of a sequence, but not the last, or of a gate whose own event follows
+        its children.
         """
         for node, children in enumerate(self.children):
             ends = self.own[node] and not self.top_down
@@ -237,9 +235,7 @@ class CompiledTree:
 
 
 class Condition(NamedTuple):
-    """A guard, its variables, whether these are times, and the differences that it bounds (or
-    None).
-    """
+    """A guard with its variables and the differences that it bounds."""
 
     guard: Guard
     names: tuple[str, ...]
@@ -263,54 +259,49 @@ class Hit(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """The meaning of one event for a tree; `hits` depends on the strategy and is empty without a
-    match.
-    """
+    """The meaning of an event; `hits` depends on the strategy, and is empty without a match."""
 
     relevant: bool
-    hits: Sequence[Any]  # of a type that only the strategy reads
+    hits: Sequence[Any]
 
 
-_new: Final = tuple.__new__  # half the time of the classes' own constructors
+_new: Final = tuple.__new__  # twice as fast as the constructors of the classes
 NOTHING: Final = Reading(relevant=False, hits=())
-"""The reading of an event that matches no pattern."""
+"""An event that matches no pattern."""
 QUIET: Final = Reading(relevant=False, hits=(None,))
-"""The reading under `scattered` of an event that matches a node but changes nothing."""
+"""Under `scattered`, an event that matches but changes nothing."""
 
 
 class Admission(NamedTuple):
-    """One letter: its nodes, whether it makes an event relevant, and its reader."""
+    """A letter: its nodes, whether it makes an event relevant, and its reader."""
 
     letter: int
     nodes: tuple[int, ...]
     relevant: bool
     reader: Reader
     time: str | None
-    """The variable of the event's time, if a guard compares it."""
     decided: tuple[tuple[int, Guard | EventTest], ...]
-    """The guards that the event alone decides, each with its node as a bit."""
+    """The guards that the event alone decides, by node bit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EventClass:
-    """An equivalence class of events: the same letters match and the same guards hold."""
+    """Events for which the same letters match and the same guards hold."""
 
     serving: tuple[Admission, ...] = ()
-    """The matching letters that serve a node."""
+    """The letters that match and serve a node."""
     relevant: bool = False
     held: tuple[int, ...] = ()
-    """For each of these letters, the decided guards that hold, as bits."""
+    """The decided guards that hold, as bits, for each serving letter."""
     timed: bool = False
-    """Whether a letter uses the time of the event."""
     parts: tuple["EventClass", ...] = ()
-    """With alternatives, the class for each."""
 
 
 class Inert(NamedTuple):
     """The events of a class that change nothing in the current state.
 
-    `letters` may change something, unless the values of their relevant fields (None if unknown) are
-    in `known`.
+    `letters` pairs each letter that may change something with its relevant fields (None if
+    unknown). An event changes nothing if the values of these fields are in `known`.
     """
 
     letters: Sequence[tuple[int, Collection[str] | None]]
@@ -318,18 +309,17 @@ class Inert(NamedTuple):
 
 
 class EngineLetters(ABC):
-    """The classification of events by shape and guards."""
+    """The classification of events."""
 
     def __init__(self, patterns: Iterable[Pattern]) -> None:
         self.patterns = tuple(patterns)
-        """The patterns of the letters and of ignored events."""
         self._shapes = PatternIndex(
             self.patterns, lambda decided: self.table({self.patterns[one] for one in chain(*decided)})
         )
 
     @abstractmethod
     def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
-        """Return the table from events to classes, for events that can match only these patterns."""
+        """Return the table from events to classes, for events that match only these patterns."""
 
     def classify(self, event: Mapping[str, Json]) -> EventClass:
         """Return the class of an event."""
@@ -337,7 +327,7 @@ class EngineLetters(ABC):
 
 
 class TreeLetters(EngineLetters):
-    """The letters of a tree: those of its occurrences, its alphabet, and its ignored events.
+    """The letters of a tree.
 
     Equal patterns with equal guards are one letter. With `decide`, a class includes the guards that
     the event alone decides.
@@ -355,7 +345,6 @@ class TreeLetters(EngineLetters):
         found = tuple(dict.fromkeys([*serves, *alphabet]))
         self.letters = tuple(letter for letter, _ in found)
         self.serves = tuple(tuple(serves.get(one, ())) for one in found)
-        """For each letter, its nodes."""
         self._admissions: list[Admission] = []
         for number, (letter, time) in enumerate(found):
             nodes, own = self.serves[number], reader(number, letter)
@@ -370,7 +359,6 @@ class TreeLetters(EngineLetters):
         super().__init__(one.pattern for one in chain((one.reader for one in self._admissions), self._ignored))
 
     def _test(self, admission: Admission, guard: Guard) -> Guard | EventTest:
-        """Return a guard over the variables of a letter as a test of events."""
         fields = admission.reader.fields
         if fields is not None and fields.keys() >= set(guard_variables(guard)):
             return renamed(guard, fields)
@@ -379,14 +367,14 @@ class TreeLetters(EngineLetters):
         return EventTest(name, lambda event: admits(event) and holds(self.values(admission, event)))
 
     def values(self, admission: Admission, event: Mapping[str, Json]) -> dict[str, Json]:
-        """Return the values of a letter's variables in a matching event."""
+        """Return the values of a letter's variables."""
         found = admission.reader.values(event)
         if admission.time is not None and self._time is not None:
             found[admission.time] = self._time.read(event)
         return found
 
     def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
-        """Return the table from events to classes, for events that can match only these patterns."""
+        """Return the table from events to classes."""
         letters = [one for one in self._admissions if one.reader.pattern in possible]
         ignored = [one for one in self._ignored if one.pattern in possible]
         decided = [test for one in letters for _, test in one.decided]
@@ -409,7 +397,7 @@ class TreeLetters(EngineLetters):
         return guard_table([*(one.reader.test for one in letters), *(one.test for one in ignored), *decided], derive)
 
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
-        """Return the reading of an event of a class."""
+        """Return the reading of an event."""
         serving = event_class.serving
         if not event_class.timed:
             hits = [_new(Hit, (one[0], one[1], one[3].values(event))) for one in serving]

@@ -1,16 +1,16 @@
 """A partial match (`Configuration`), and the progress of the nodes of its read-once parts.
 
-An event updates the flags along the path from its node to the root of the part. The four flags of a
-node concern the ways to resolve the choices below it in which the occurrences taken are downward
-closed:
+A *way* resolves the choices below a node so that the occurrences taken are downward closed. A node
+has four flags:
 
 - TOUCHED: an occurrence at or below the node is taken;
 - DONE: in some way, all occurrences are taken;
-- MORE: in some way, others remain;
+- MORE: in some way, occurrences remain;
 - SURE: in some way, all occurrences are taken and no guard is open.
 
 A touched node that is neither DONE nor MORE is in no scenario, and neither is its parent. Gates
-count the flags of their children, so an event costs a few additions per node on its path.
+count the flags of their children, so an event costs a few additions per node on the path from its
+node to the root of the part.
 """
 
 from collections.abc import Hashable, Iterator, Mapping
@@ -25,7 +25,7 @@ from rvaft.model.values import Json, fingerprint
 
 
 class Witness(NamedTuple):
-    """The last occurrence taken, its event's position and values, and the earlier steps (`before`)."""
+    """The last step: node, position and values, and the earlier steps."""
 
     before: Optional["Witness"]
     node: int
@@ -36,10 +36,11 @@ class Witness(NamedTuple):
 Tally: TypeAlias = tuple[int, ...]
 """The counts of a gate over its children.
 
-- A sequence: the last child touched (or -1), how many before it are not done, how many of all are
-  done and sure, and how many from it on are possible and have more.
-- Another gate: how many are touched, possible, done, have more, and are sure; then how many touched
-  ones have each of these four.
+- A sequence: the last touched child (or -1), the number of children before it that are not done,
+  the numbers of done and sure children, and the numbers of possible children and of children with
+  more from the last touched one on.
+- Another gate: the numbers of touched, possible, done, more and sure children; then the numbers of
+  touched children with each of the last four flags.
 """
 
 
@@ -48,9 +49,9 @@ class Configuration:
     """One partial match.
 
     - `taken`: the occurrences that have their event.
-    - `dead`: the nodes whose guard failed; `closed`: those without a waiting guard.
-    - `binding`: the variables that are still needed.
-    - `inversions`: the broken orders between core elements, which some scenario must not require.
+    - `dead`: the nodes whose guard failed; `closed`: the nodes without a waiting guard.
+    - `binding`: the values of the variables that are still needed.
+    - `inversions`: the broken orders between core elements; a scenario must not require them.
     - `flags`, `tallies`: derived data of `PartProgress` where it differs from the start.
     - `witness`: the steps so far; not part of the state.
     """
@@ -76,7 +77,7 @@ class Configuration:
 
 
 def history(last: Witness | None) -> list[Witness]:
-    """Return the steps of a match up to its last one."""
+    """Return the steps up to the last."""
     steps = []
     while last is not None:
         steps.append(last)
@@ -85,21 +86,21 @@ def history(last: Witness | None) -> list[Witness]:
 
 
 class Snapshot(NamedTuple):
-    """Groups of partial matches in a flat form for pickling; long chains of steps exceed the
-    recursion limit.
+    """Groups of partial matches in a flat form, because pickling long chains of steps recurses too
+    deeply.
 
-    A step is the index of the step before it (or -1), node, position and values. A partial match is
-    stored with the index of its last step instead of its witness.
+    A step is the index of the step before it (or -1), node, position and values. Each partial match
+    has the index of its last step instead of its witness.
     """
 
     steps: list[tuple[int, int, int, Mapping[str, Json]]]
     groups: list[list[tuple[Configuration, int]]]
     begun: int = 0
-    """The nodes of independent parts that need not begin again."""
+    """The nodes of parts that need not begin again."""
 
     @classmethod
     def of(cls, *groups: list[Configuration]) -> "Snapshot":
-        """Return a snapshot of the groups; it stays valid while the monitor continues."""
+        """Return a snapshot that later steps do not change."""
         found, numbers = cls([], []), dict[int, int]()
         for one in chain(*groups):
             step, new = one.witness, []
@@ -117,7 +118,7 @@ class Snapshot(NamedTuple):
         return found
 
     def groups_again(self) -> Iterator[list[Configuration]]:
-        """Iterate over the groups."""
+        """Iterate over the restored groups."""
         steps: list[Witness] = []
         for before, node, position, values in self.steps:
             steps.append(Witness(None if before < 0 else steps[before], node, position, values))
@@ -136,11 +137,10 @@ def _counted(flags: int) -> Tally:
 
 _COUNTED: Final = [_counted(flags) for flags in range(16)]
 _CHANGES: Final = [[tuple(b - a for a, b in zip(x, y, strict=True)) for y in _COUNTED] for x in _COUNTED]
-"""The change of the tally, by the old and the new flags of a child."""
 
 
 class PartProgress:
-    """The initial flags of all nodes, and their updates as occurrences are taken."""
+    """The initial flags of nodes, and their updates."""
 
     def __init__(self, compiled: CompiledTree) -> None:
         self.compiled = compiled
@@ -159,12 +159,12 @@ class PartProgress:
                 self._flags[node] = self._evaluate(start, node)
 
     def flags(self, configuration: Configuration, node: int) -> int:
-        """Return the flags of a node of a part."""
+        """Return the flags of a node."""
         found = configuration.flags.get(node)
         return self._flags[node] if found is None else found
 
     def over(self, configuration: Configuration, node: int) -> bool:
-        """Whether an occurrence after the node, or after a part around it, has been taken."""
+        """Whether an occurrence after the node or its part has been taken."""
         compiled = self.compiled
         frozen = compiled.freezer[node]
         while frozen >= 0:
@@ -176,14 +176,12 @@ class PartProgress:
                 if tally is not None and tally[0] > compiled.slot[frozen]:
                     return True
             if self.flags(configuration, gate) & (TOUCHED | DONE) == TOUCHED:
-                return False  # a gate in use and not done is not over, and neither is its parent
+                return False
             frozen = compiled.freezer[gate]
         return False
 
     def refresh(self, configuration: Configuration, node: int) -> bool:
-        """Update the flags of a node and its ancestors; return False if a touched node is ruled
-        out.
-        """
+        """Update the flags upwards; return False if a touched node is ruled out."""
         flags, parents = configuration.flags, self.compiled.parent
         while True:
             old = self.flags(configuration, node)
@@ -219,7 +217,7 @@ class PartProgress:
                 _, child_possible, child_done, child_more, *_ = _COUNTED[self.flags(configuration, child)]
                 late += 1 - child_done
                 if late:
-                    break  # the gate is in no scenario any more
+                    break
                 possible -= child_possible
                 more -= child_more
             last = slot
@@ -243,7 +241,7 @@ class PartProgress:
         return found if configuration.closed >> node & 1 else found & ~SURE
 
     def inner(self, configuration: Configuration, node: int) -> int:
-        """Return the joint flags of a node's children; a node without children is complete."""
+        """Return the joint flags of a node's children."""
         compiled = self.compiled
         size = len(compiled.children[node])
         if not size:

@@ -1,12 +1,9 @@
 """The explanation of a detection, and the awaited events of branches (semantics, sections 2 and 4).
 
-A node is pending in a branch if some partial match has all that precedes the node's event, but not
-that event. Whether the variables and guards can ever agree is ignored.
-
-Under `scattered`, only partial matches that the engine follows count. Under `consecutive` and
-`scattered`, the engine drops those that the times rule out, because no ⊥ depends on them.
-
-Explanations are computed on demand.
+A node is pending in a branch if some partial match has everything that precedes the node's event,
+but not that event. Whether the variables and guards can ever agree is ignored. Only partial matches
+that the engine follows count. Under `scattered` it drops subsumed ones, and under `consecutive` and
+`scattered` those that the times rule out.
 """
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping
@@ -31,16 +28,16 @@ from rvaft.monitors import Awaited, Explanation, MatchedEvent, Pending
 from rvaft.support.bits import mask_of
 
 SEARCHING: Final = 20_000_000
-"""The maximum number of nodes visited in the search for a lower branch."""
+"""The maximum number of visited nodes."""
 BRANCHES: Final = 20_000
-"""The maximum number of branches of a kind that are tried."""
+"""The maximum number of tried branches."""
 
 Choices: TypeAlias = Mapping[str, str]
 """The child that each `or` gate keeps, if reached."""
 
 
 class Step(NamedTuple):
-    """An occurrence, with its event's position and values."""
+    """An occurrence and its event."""
 
     source: Source
     position: int
@@ -48,16 +45,14 @@ class Step(NamedTuple):
 
 
 class FoundMatch(NamedTuple):
-    """A match: its steps in the order of events, and the nodes of its scenario with their kept
-    children.
-    """
+    """A match: its steps in event order, and the kept children of nodes."""
 
     steps: list[Step]
     kept: Mapping[str, tuple[str, ...]]
 
 
 def kept_nodes(tree: RVAFT, chosen: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
-    """Return the nodes that are reachable under choices, with their kept children."""
+    """Return the reachable nodes with their kept children."""
 
     def children(name: str) -> tuple[str, ...]:
         return chosen.get(name, tree.nodes[name].children)
@@ -66,7 +61,7 @@ def kept_nodes(tree: RVAFT, chosen: Mapping[str, tuple[str, ...]]) -> dict[str, 
 
 
 def made_choices(prop: Property) -> dict[str, str]:
-    """Return the child that each `or` gate of a property keeps, if its choices are made."""
+    """Return the child that each `or` gate keeps, after all choices."""
     gates = [part for part in prop.parts if isinstance(part, One) and part.source is not None]
     kept = ((gate.source, gate.parts[0].source) for gate in gates)
     return {gate.node: child.node for gate, child in kept if gate is not None and child is not None}
@@ -81,7 +76,7 @@ class MatchFinder:
         self.prop = strategy.compiled.prop
 
     def find(self, choices: Choices) -> FoundMatch | None:
-        """Return a match of a scenario with these choices, or None."""
+        """Return a match with these choices, or None."""
         strategy = self.strategy
         if isinstance(strategy, LinearMonitor):
             run = self._run(strategy, choices)
@@ -100,9 +95,7 @@ class MatchFinder:
     def waiting(
         self, choices: Choices | None, histories: Iterable[list[Witness]]
     ) -> Iterator[tuple[set[str], Mapping[str, Json]]]:
-        """Iterate over the awaited nodes of matches with these steps, grouped by the values of
-        variables.
-        """
+        """Iterate over the awaited nodes after these steps, by the values of variables."""
         if isinstance(self.strategy, LinearMonitor):
             yield {self.compiled.names[node] for node in self._run(self.strategy, choices or {}).awaited()}, {}
             return
@@ -147,10 +140,9 @@ class MatchFinder:
                     yield matching, match
 
     def is_possible(self, gate: str, child: str) -> bool:
-        """Whether a match may keep this child of a choice, or avoid the choice if it is the first
-        child.
+        """Return False if no match can keep this child of a choice.
 
-        False is certain.
+        For the first child, a match that avoids the choice counts too. True is not certain.
         """
         if gate not in self.compiled.choices:
             return False
@@ -224,7 +216,7 @@ def explain(strategy: Following | LinearMonitor) -> Explanation:
         number = number_of(tree, made_choices(prop))
     elif number is None and prop.kind is None:
         found, number = _lowest(tree, finder, found)
-    elif number is None:  # a match may be in a branch through nodes outside its scenario
+    elif number is None:
         of_kind = (branch for branch in islice(branches(tree), BRANCHES) if prop.kind in branch.kinds)
         matches = ((match, branch.number) for branch in of_kind if (match := finder.find(branch.choices)) is not None)
         found, number = next(matches, (found, None))
@@ -242,7 +234,7 @@ def explain(strategy: Following | LinearMonitor) -> Explanation:
 
 
 def _lowest(tree: RVAFT, finder: MatchFinder, found: FoundMatch) -> tuple[FoundMatch, int | None]:
-    """Return the match with the lowest branch, and its number if it is certain.
+    """Return the match with the lowest branch, and its number unless the search takes too long.
 
     Digits are minimized from the most significant on; unreached choices have digit 0.
     """
@@ -268,8 +260,8 @@ def _lowest(tree: RVAFT, finder: MatchFinder, found: FoundMatch) -> tuple[FoundM
 def pending(strategy: Following | LinearMonitor, *, limit: int, before: int | None = None) -> tuple[Pending, ...]:
     """Return the awaited events of each live branch.
 
-    `before` selects the state before the event at this position. Beyond `limit` branches, all are
-    joined. Raises `TooLarge`.
+    `before` selects the state before the event at this position. Beyond `limit` branches, all
+    branches are joined.
     """
     finder = MatchFinder(strategy)
     prop, tree = finder.prop, finder.prop.tree
@@ -298,9 +290,7 @@ def pending(strategy: Following | LinearMonitor, *, limit: int, before: int | No
 
 
 def together(waiting: Iterable[Pending], *, numbered: bool = True) -> tuple[Pending, ...]:
-    """Return the list with entries of the same branch and values joined; if not `numbered`, all
-    branches are one.
-    """
+    """Return the entries, joined by branch and values; unless `numbered`, by values."""
     found: dict[Hashable, tuple[Pending, dict[Awaited, None]]] = {}
     for one in waiting:
         place = one.branch if numbered else None, fingerprint(one.variables)
@@ -309,7 +299,7 @@ def together(waiting: Iterable[Pending], *, numbered: bool = True) -> tuple[Pend
 
 
 def awaited(tree: RVAFT, names: Iterable[str]) -> tuple[Awaited, ...]:
-    """Return these nodes in the order of the tree, each once, with their events as text."""
+    """Return these nodes in tree order with their events."""
     wanted = set(names)
     nodes = (tree.nodes[name] for name in tree.order if name in wanted)
     return tuple(Awaited(n.name, event_text(n)) for n in nodes)

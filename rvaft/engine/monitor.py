@@ -26,14 +26,13 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DEFAULT_BRANCHES, Ended, Explanation, Monitor, Pending
 
 DEFAULT_LIMIT: Final = 100_000
-_UNKNOWN: Final = Verdict.UNKNOWN  # a local constant for speed
+_UNKNOWN: Final = Verdict.UNKNOWN
 
 
 class Engine(Monitor):
     """The default monitor of a tree; for one branch or kind, pass the restricted tree.
 
-    The tree must pass `rvaft check`. The constructor and `step` raise `TooLarge` beyond `limit`
-    partial matches, kept events, or steps to resolve shared choices; the message names the cause.
+    Raises `TooLarge` beyond `limit` partial matches, kept events, or steps through shared choices.
 
     >>> import rvaft
     >>> monitor = Engine(rvaft.loads("top sand a b;"))
@@ -42,7 +41,7 @@ class Engine(Monitor):
     """
 
     _apart: ClassVar = True
-    """Whether independent parts of a tree are followed separately."""
+    """Whether independent parts are followed separately."""
 
     def __init__(self, tree: RVAFT, semantics: Semantics | str | None = None, *, limit: int = DEFAULT_LIMIT) -> None:
         super().__init__()
@@ -66,50 +65,49 @@ class Engine(Monitor):
         return reduced(property_of(self.tree))
 
     def snapshot(self) -> dict[str, object]:
-        """Return the state after the events so far, for `restore`; it can be pickled."""
+        """Return the state for `restore`; it can be pickled."""
         return {**vars(self), "tree": None, "_strategy": self._strategy.snapshot()}
 
     def restore(self, snapshot: dict[str, object]) -> None:
-        """Continue from a snapshot of a monitor of the same tree; this monitor has read no event."""
+        """Continue from a snapshot of the same tree; this monitor must be new."""
         vars(self).update({**snapshot, "tree": self.tree, "_strategy": self._strategy})
         self._strategy.restore(snapshot["_strategy"])
         self.pass_time(self._latest)
 
     def __getstate__(self) -> dict[str, object]:
-        """Return the tree and the state; the compiled tree is omitted."""
+        """Return the tree and the state, without the compiled tree."""
         return {**self.snapshot(), "tree": self.tree}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:  # the attributes, of several types
+    def __setstate__(self, state: dict[str, Any]) -> None:
         Engine.__init__(self, state["tree"], state["semantics"], limit=state["_limit"])
         self.restore(state)
 
     @property
     def letters(self) -> EngineLetters:
-        """The patterns of the runtime events, which determine the class of an event."""
+        """The letters of the tree."""
         return self._strategy.letters
 
     @property
     def read(self) -> Callable[[Mapping[str, Json], EventClass], Reading]:
-        """The function from an event and its class to a reading, for `take`."""
+        """The function from an event and its class to a reading."""
         return self._strategy.read
 
     def inert(self, event_class: EventClass) -> Inert | None:
-        """Return which events of a class change nothing until another event is read.
+        """Return which events of a class change nothing until another event is read, for bulk
+        reading.
 
-        None means that each event must be read. Bulk reading skips events that change nothing.
+        None means that each event must be read.
         """
         strategy = self._strategy
         return strategy.inert(event_class) if isinstance(strategy, LinearMonitor | ScatteredMatches) else None
 
     @property
     def noted(self) -> bool:
-        """Whether the last event may be part of a match; False is certain."""
+        """Whether the last event may be in a match; False is certain."""
         return self._strategy.noted
 
     def take(self, reading: Reading, position: int | None = None) -> Verdict:
-        """As `step`, for an event already read; `position` is its number if preceding events were
-        skipped.
-        """
+        """As `step`, for an event already read; `position` is its number if events were skipped."""
         self._read += 1
         if self._verdict is _UNKNOWN:
             self._position = self._position + 1 if position is None else position
@@ -117,16 +115,16 @@ class Engine(Monitor):
         return self._verdict
 
     def skip(self, count: int) -> Verdict:
-        """As `step` for `count` events that match no pattern of the tree."""
+        """As `step`, for `count` events without a match."""
         if count > 0 and self._verdict is _UNKNOWN:
-            # Under `strict` the first ends a match; otherwise no such event changes anything.
+            # Under `strict` the first event ends a match; otherwise no such event changes anything.
             self._verdict = self._strategy.advance(NOTHING, self._position + 1)
             self._position += 1 if self._verdict.final else count
         self._read += count
         return self._verdict
 
     def step(self, event: Json) -> Verdict:
-        """Read one event and return the verdict; raises `TraceError` if it is no JSON object."""
+        """Read an event and return the verdict; raises `TraceError` for other JSON."""
         if type(event) is not dict or self._verdict is not _UNKNOWN or self._may_be_late:
             return super().step(event)
         self._read += 1  # the fast path for most events
@@ -136,9 +134,7 @@ class Engine(Monitor):
         return self._verdict
 
     def go_on_after(self, earlier: Self) -> None:
-        """Continue after the events that another engine of the same tree has read; this engine has
-        read none.
-        """
+        """Continue after another engine of the same tree; this engine must be new."""
         super().go_on_after(earlier)
         self._position = earlier._position
         self.pass_time(earlier._latest)
@@ -146,7 +142,7 @@ class Engine(Monitor):
     def is_late(self, event: Json) -> bool:
         """Whether an event is late (semantics, section 1.1); call it once per event, in order.
 
-        A caller of `take` calls this first and passes late events to `skip`.
+        A caller of `take` passes late events to `skip` instead.
         """
         late, latest = self.tree.time.is_late(event, self._latest) if self.tree.time else (False, None)
         if latest != self._latest:
@@ -159,9 +155,7 @@ class Engine(Monitor):
         return self._latest
 
     def pass_time(self, latest: int | None) -> None:
-        """Set the maximum event time, and drop partial matches that only a late event could
-        complete.
-        """
+        """Set the maximum event time and drop the partial matches that it rules out."""
         self._latest = latest
         if latest is not None and self.tree.time is not None and self.tree.time.late is not None:
             self._strategy.forget(latest - self.tree.time.late)
@@ -180,12 +174,12 @@ class Engine(Monitor):
 
     @property
     def state(self) -> Hashable:
-        """Equal states of monitors of one tree under one semantics have equal futures."""
+        """Equal states of one tree have equal futures."""
         return self.verdict if self.verdict.final else (self.verdict, self._strategy.state, self._latest)
 
     @property
     def explanation(self) -> Explanation | None:
-        """One match of the lowest-numbered branch that has one, after ⊤."""
+        """One match of the lowest-numbered branch that has a match, after ⊤."""
         if self._explanation is None and self.verdict is Verdict.TRUE:
             self._explanation = (
                 self._strategy.explanation() if isinstance(self._strategy, Alternatives) else explain(self._strategy)
@@ -193,7 +187,7 @@ class Engine(Monitor):
         return self._explanation
 
     def pending(self, *, limit: int = DEFAULT_BRANCHES) -> tuple[Pending, ...]:
-        """Return the awaited events of each live branch; raises `TooLarge` as `step` does."""
+        """Return the awaited events of each live branch; raises `TooLarge`."""
         return () if self.verdict.final else self._pending(limit)
 
     def _pending(self, limit: int, before: int | None = None) -> tuple[Pending, ...]:
@@ -208,7 +202,9 @@ class Engine(Monitor):
 
     @property
     def ended(self) -> Ended | None:
-        """The event that ended the last partial match, and the events awaited before it, after ⊥."""
+        """After ⊥, the event that ended the last partial match, and the events awaited before
+        it.
+        """
         if self._ended is None and self.verdict is Verdict.FALSE:
             waiting = self._pending(DEFAULT_BRANCHES, self._position)
             self._ended = Ended(self._position, waiting)

@@ -16,29 +16,28 @@ from rvaft.support.bits import bits, union
 
 
 class Matching:
-    """The partial matches of a tree under any semantics; `limit` bounds one search through shared
-    nodes.
+    """The partial matches of a tree; `limit` bounds one search through shared nodes.
 
-    With `early`, guards over times fail as soon as they cannot hold any more; for semantics without
-    ⊥.
+    With `early`, which requires a semantics without ⊥, guards over times fail as soon as they
+    cannot hold any more.
     """
 
     def __init__(self, compiled: CompiledTree, *, limit: int, early: bool = False) -> None:
         self.compiled = compiled
         self.progress = PartProgress(compiled)
         self.shared = SharedNodes(compiled, self.progress, limit=limit)
-        self.asked: dict[int, tuple[TimeDifference, ...]] = {}
+        self.early_differences: dict[int, tuple[TimeDifference, ...]] = {}
         """For nodes with guards over times, the time differences that can fail early."""
         for node, parts in enumerate(compiled.conditions if early else ()):
             if found := tuple(one for part in parts for one in part.differences or ()):
-                self.asked[node] = found
+                self.early_differences[node] = found
 
     def start(self) -> Configuration:
         """Return the partial match before any event."""
         return Configuration(self.compiled.dead, self.compiled.closed)
 
     def standing(self, configuration: Configuration) -> tuple[bool, bool]:
-        """Return whether it is a match, and otherwise whether it is a partial match."""
+        """Return whether this is a match, and otherwise whether it is a partial match."""
         if self.compiled.core:
             return self.shared.classify(configuration)
         flags = self.progress.flags(configuration, self.compiled.root)
@@ -54,10 +53,10 @@ class Matching:
         reuse: bool = False,
         judged: Mapping[int, bool] | None = None,
     ) -> Configuration | None:
-        """Return the partial match after a node's event, or None if it is no (partial) match.
+        """Return the (partial) match after a node's event, or None.
 
-        `reuse` changes the argument in place. `judged` gives the outcomes of guards that can now be
-        decided.
+        With `reuse`, the argument changes in place. `judged` holds the outcomes of guards that can
+        be decided now.
         """
         compiled, bound = self.compiled, configuration.binding
         names = compiled.exported[node]
@@ -105,7 +104,7 @@ class Matching:
         return new if in_core or self.progress.refresh(new, node) else None
 
     def replayed(self, steps: Iterable[tuple[int, Mapping[str, Json], int]]) -> Configuration | None:
-        """Return the partial match after these nodes, values and positions, or None."""
+        """Return the partial match after these steps, or None."""
         configuration: Configuration | None = self.start()
         for node, values, position in steps:
             if configuration is not None:
@@ -132,22 +131,20 @@ class Matching:
                 yield node
 
     def narrowed(self, configuration: Configuration, names: Iterable[str]) -> Iterator[int]:
-        """Iterate over the nodes whose guard waits for further variables but may already have
-        failed.
-        """
-        if self.asked:
+        """Iterate over the nodes whose guard waits for more variables and may have failed."""
+        if self.early_differences:
             binding = configuration.binding
             for node in dict.fromkeys(node for name in names for node in self.compiled.guarded_by.get(name, ())):
-                waits = node in self.asked and not configuration.closed >> node & 1
+                waits = node in self.early_differences and not configuration.closed >> node & 1
                 if waits and any(name not in binding for name in self.compiled.needs[node]):
                     yield node
 
     def may_hold(self, node: int, binding: Mapping[str, Json]) -> bool:
-        """Whether a guard over times can still hold, given the known times."""
-        return all(one.holds(binding) for one in self.asked[node])
+        """Whether a guard over times can still hold."""
+        return all(one.holds(binding) for one in self.early_differences[node])
 
     def fail(self, configuration: Configuration, node: int) -> bool:
-        """Mark the guard of a node as failed; return False if a touched node is ruled out."""
+        """Mark a guard as failed; return False if a touched node is ruled out."""
         configuration.closed |= 1 << node
         configuration.dead |= 1 << node
         return node in self.compiled.members or self.progress.refresh(configuration, node)
@@ -165,20 +162,18 @@ class Following(ABC):
         self.matching = Matching(compiled, limit=limit, early=early)
         self.letters = letters
         self.noted = True
-        """Whether the last event may be part of a followed partial match."""
+        """Whether the last event may be in a match."""
         self.matches: list[Configuration] = []
         """The matches, after a detection."""
         self.lost: list[Configuration] = []
-        """The partial matches before the event that ended them, after ⊥; they may contain a step of
-        that event.
-        """
+        """After ⊥, the partial matches before the last event, perhaps with a step of it."""
 
     def _begin(self) -> None:
         start = self.matching.start()
         self.follow([start] if self.matching.standing(start)[1] else [])
 
-    def forget(self, floor: int) -> None:  # noqa: B027 (most need not)
-        """Set the watermark: no event with an earlier time counts any more."""
+    def forget(self, watermark: int) -> None:  # noqa: B027 (most need not)
+        """Set the watermark, the minimum time of later events."""
 
     @abstractmethod
     def follow(self, configurations: Iterable[Configuration]) -> None:
@@ -196,7 +191,7 @@ class Following(ABC):
 
     @abstractmethod
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
-        """Return the reading of an event of a class."""
+        """Return the reading of an event."""
 
     @abstractmethod
     def advance(self, reading: Reading, position: int) -> Verdict:
@@ -218,15 +213,13 @@ class Following(ABC):
         return Snapshot.of(self.partial, self.matches, self.lost)
 
     def restore(self, snapshot: object) -> None:
-        """Restore the state of a snapshot of the same tree."""
+        """Restore a snapshot of the same tree."""
         assert isinstance(snapshot, Snapshot), "made by the same strategy"
         partial, self.matches, self.lost = snapshot.groups_again()
         self.follow(partial)
 
     def _bound(self, count: int) -> None:
-        """Raise `TooLarge` beyond the limit, with the variables or nodes in which partial matches
-        differ.
-        """
+        """Raise `TooLarge` beyond the limit, with the variables or nodes that differ."""
         if count <= self.limit:
             return
         bound = {name for configuration in self.partial for name in configuration.binding}
@@ -240,7 +233,7 @@ class Following(ABC):
 
 
 class Contiguous(Following):
-    """The strategy for contiguous matches: all partial matches use the same events.
+    """All partial matches use the same events.
 
     Under `consecutive`, they use the same events since their first.
     """
@@ -252,7 +245,7 @@ class Contiguous(Following):
         self._begin()
 
     def follow(self, configurations: Iterable[Configuration]) -> None:
-        """Replace the followed partial matches by copies, because a step may change them in place."""
+        """Replace the partial matches by copies, because a step may change them."""
         self._configurations = [configuration.copy() for configuration in configurations]
 
     @property
@@ -261,7 +254,7 @@ class Contiguous(Following):
         return self._configurations
 
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
-        """Return the reading of an event; only `strict` reads events that are not relevant."""
+        """Return the reading of an event; only `strict` reads irrelevant events."""
         if self._projected and not event_class.relevant:
             return NOTHING
         return self.letters.read(event, event_class)

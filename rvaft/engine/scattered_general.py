@@ -1,12 +1,10 @@
-"""The general strategy for `scattered`: a partial match may skip any event, so it stays beside its
-extensions.
+"""The general strategy for `scattered`: each partial match stays beside its extensions, because it
+may skip any event.
 
 The progress of a partial match depends only on the outcomes of its decided guards, not on the bound
-values. So the effect of an event is computed once per *stage*, node and outcomes.
-
-Most events change nothing. The strategy caches which letters, guard outcomes and values change
-nothing, while the partial matches stay the same. Otherwise it finds the partial matches that an
-event can extend by stage and by the values to repeat. Subsumed partial matches are dropped (see
+values. So the effect of an event is computed once per *stage*, node and outcomes. Letters, outcomes
+and values without effect are cached while the partial matches stay the same. Otherwise an index
+finds the partial matches that an event can extend. Subsumed partial matches are dropped (see
 `subsumption`).
 """
 
@@ -51,73 +49,68 @@ from rvaft.model.verdict import Verdict
 from rvaft.support.bits import bits, mask_of, union
 
 MEMORY: Final = 500_000
-"""The maximum size of cached stages, counted in nodes with known flags."""
+"""The maximum number of nodes with flags in cached stages."""
 REMEMBERED: Final = 20_000
-"""The maximum number of cached values without effect, and of cached event classes."""
-FEW: Final = 1_000
-"""The number of stages that are allowed for any limit."""
-DEARER: Final = 10
+"""The maximum number of cached values and event classes."""
+MIN_STAGES: Final = 1_000
+"""The number of stages allowed for any limit."""
+STAGE_COST: Final = 10
 """The cost of a stage, in partial matches."""
 _MANY: Final = 4
-"""The maximum number of guards to enumerate, and of partial matches to scan."""
+"""The maximum number of guards to enumerate, and of members to visit without the index."""
 _UNKNOWN: Final = Verdict.UNKNOWN
 
 
 @dataclass(slots=True, eq=False)
 class Stage:
-    """The progress of a partial match; `sample` is a partial match with dummy values."""
+    """The progress of partial matches; `sample` is one with dummy values."""
 
     sample: Configuration
     is_match: bool
     names: tuple[str, ...]
-    """The variables that partial matches in this stage remember."""
+    """The remembered variables."""
     ranking: Ranking
-    """The comparison of their values."""
     deadlines: tuple[TimeDifference, ...]
-    """The time differences that a partial match in this stage must satisfy."""
+    """The time differences that must hold."""
     settled: bool
-    """Whether partial matches in this stage may differ in settled choices."""
+    """Whether settled choices may differ."""
     moves: dict[int, "StageMove | None"] = field(default_factory=dict)
 
 
 class Scan(NamedTuple):
-    """An index query for the partial matches that an event may extend: necessary conditions of its
-    guards.
-    """
+    """Necessary conditions for the partial matches that an event may extend."""
 
     names: tuple[str, ...]
-    """The remembered variables that must equal `terms`, which are over the values of the event."""
+    """The remembered variables that must equal `terms`, which are over the event's values."""
     terms: tuple[Guard, ...]
     orders: tuple["Order", ...]
-    """The possible orders for the search; any one suffices."""
+    """The possible orders for the search; any order suffices."""
 
 
 class Order(NamedTuple):
-    """An order of partial matches, the bounds of an event on it, and a stop condition."""
+    """An order of partial matches, with the bounds of an event on it and a stop condition."""
 
     term: Term | None
-    """The ordering term; None is the order of arrival."""
+    """None is the order of arrival."""
     bounds: tuple[Bound, ...]
     last_first: bool
-    """Whether the last in this order give the best new partial matches."""
+    """Whether the last members are the best."""
     enough: tuple[Term, ...] | None
-    """The terms that cannot improve once they have the event's own value; None requires a full
-    scan.
-    """
+    """The search stops when these terms have the event's own values; None: a full scan."""
 
     @classmethod
-    def of(cls, term: Term, bounds: Iterable[Bound], target: Stage | None, told: Collection[str]) -> "Order":
+    def of(cls, term: Term, bounds: Iterable[Bound], target: Stage | None, equal_names: Collection[str]) -> "Order":
         """Return the order by a term.
 
-        `target` is the common stage of all extensions; `told` are the variables with equal values
-        in all of them.
+        `target` is the common stage of all extensions; `equal_names` have equal values in all of
+        them.
         """
-        if target is None or not {*told}.issuperset((*target.ranking.exact, *target.ranking.excluded)):
+        if target is None or not {*equal_names}.issuperset((*target.ranking.exact, *target.ranking.excluded)):
             return cls(term, tuple(bounds), False, None)
         last_first, ordered, others = True, False, list[Term]()
         for one in target.ranking.terms:
             sign, (operator, names) = one
-            far = {name for name in names if name not in told}
+            far = {name for name in names if name not in equal_names}
             if not ordered and far == {*term.extreme.names} and (len(far) == 1 or operator is term.extreme.operator):
                 last_first, ordered = sign > 0, True
             elif far and (far.issuperset(names) or (operator is Operator.MIN) is not (sign > 0)):
@@ -129,21 +122,19 @@ class Order(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class StageMove:
-    """A node's event in a stage: the values to compare and the guards to decide."""
+    """The bound variables whose values the event must repeat."""
 
     stage: Stage
     node: int
     compared: tuple[str, ...]
     """The bound variables that the event must repeat."""
     alone: int
-    """The guards (bits) that the values of the event decide."""
+    """The guards that the event alone decides, as bits."""
     joint: dict[int, Predicate]
     """The guards that depend on remembered values too."""
     scan: Scan | None = None
     outcomes: dict[tuple[int, tuple[bool, ...]], tuple[Stage, bool] | None] = field(default_factory=dict)
-    """By the outcomes of guards: the target stage, and whether the original match is subsumed; None
-    if impossible.
-    """
+    """By outcomes: the target stage, and whether it subsumes the original."""
 
 
 class Stages:
@@ -165,13 +156,14 @@ class Stages:
             sample.binding, sample.witness = dict.fromkeys(configuration.binding), None
             is_match, _ = self.matching.standing(sample)
             names, ranks = tuple(sorted(sample.binding)), ranking(self.matching.compiled, sample)
-            open_nodes = [node for node in self.matching.asked if not sample.closed >> node & 1]
-            asked = [one for node in open_nodes if self._has_to_hold(sample, node) for one in self.matching.asked[node]]
-            found = self._known[place] = Stage(sample, is_match, names, ranks, tuple(asked), settled)
+            open_nodes = [node for node in self.matching.early_differences if not sample.closed >> node & 1]
+            needed = [node for node in open_nodes if self._has_to_hold(sample, node)]
+            deadlines = tuple(one for node in needed for one in self.matching.early_differences[node])
+            found = self._known[place] = Stage(sample, is_match, names, ranks, deadlines, settled)
         return found
 
     def rank(self, stage: Stage, binding: Mapping[str, Json], last: Witness | None, node: int | None = None) -> Rank:
-        """Return the rank of a partial match with these steps, followed by a node's event."""
+        """Return the rank after these steps and a node's event."""
         rank = stage.ranking.of(binding)
         if not stage.settled:
             return rank
@@ -185,7 +177,7 @@ class Stages:
         )
 
     def move(self, stage: Stage, node: int) -> StageMove | None:
-        """Return the move by a node's event from a stage; None if it is impossible."""
+        """Return the move by a node's event from a stage, or None."""
         if node not in stage.moves:
             found = None
             self.size += 1
@@ -206,8 +198,8 @@ class Stages:
         return stage.moves[node]
 
     def outcome(self, move: StageMove, held: int, outcomes: tuple[bool, ...]) -> tuple[Stage, bool] | None:
-        """Return the target of a move for these outcomes of guards: `held` decided by the event,
-        and the joint ones.
+        """Return the target of a move for these outcomes: `held` of guards on the event alone,
+        `outcomes` of joint guards.
         """
         place = (held & move.alone, outcomes)
         if place not in move.outcomes:
@@ -226,7 +218,7 @@ class Stages:
         return move.outcomes[place]
 
     def scan(self, move: StageMove) -> Scan:
-        """Return the index query for the partial matches that a move may extend."""
+        """Return the query for a move."""
         if move.scan is None:
             compiled, joint = self.matching.compiled, [*move.joint]
             own, joined = compiled.exported[move.node], dict[str, Guard]()
@@ -238,10 +230,10 @@ class Stages:
                 or not self.outcome(move, move.alone, tuple(other != one for other in joint))
             ]
             far = set(move.stage.names).difference(own)
-            for part, names, over_times, asked in chain(*(compiled.conditions[one] for one in needed)):
+            for part, names, over_times, differences in chain(*(compiled.conditions[one] for one in needed)):
                 if over_times:
-                    for one_difference in asked or ():
-                        for term, bound in _time_bounds(one_difference, far, own):
+                    for difference in differences or ():
+                        for term, bound in _time_bounds(difference, far, own):
                             orders.setdefault(term, []).append(bound)
                     continue
                 distant = [name for name in names if name in far]
@@ -254,8 +246,8 @@ class Stages:
             found = self.outcome(move, move.alone, (True,) * len(joint))
             target = found[0] if found and len(needed) == len(joint) and not found[0].settled else None
             terms = (*map(Variable, move.compared), *joined.values())
-            told = {*own, *joined}
-            ranged = [Order.of(term, bounds, target, told) for term, bounds in orders.items()]
+            equal_names = {*own, *joined}
+            ranged = [Order.of(term, bounds, target, equal_names) for term, bounds in orders.items()]
             if terms and not ranged:
                 ranged = [Order(None, (), last_first=False, enough=None)]
             move.scan = Scan((*move.compared, *joined), terms, tuple(ranged))
@@ -267,24 +259,26 @@ class Stages:
         return len(move.joint) > _MANY or any(self.outcome(move, held, outcomes) for outcomes in ways)
 
 
-def _time_bounds(asked: TimeDifference, far: Collection[str], own: Collection[str]) -> Iterator[tuple[Term, Bound]]:
-    """Return the bounds of a time difference on the remembered times (`far`), given the event's
-    times (`own`).
+def _time_bounds(
+    difference: TimeDifference, far: Collection[str], own: Collection[str]
+) -> Iterator[tuple[Term, Bound]]:
+    """Return the bounds of a time difference on remembered times (`far`), given the event's
+    (`own`).
     """
-    plus, minus = asked.plus, asked.minus
+    plus, minus = difference.plus, difference.minus
     for rising, ours, theirs in ((True, plus, minus), (False, minus, plus)):
         mine, distant = ours.among(own), theirs.among(far)
         some_ours, some_theirs = (Operator.MAX, Operator.MIN) if rising else (Operator.MIN, Operator.MAX)
-        told = ours.operator is some_ours or len(mine.names) == len(ours.names)
-        told &= theirs.operator is some_theirs or len(distant.names) == len(theirs.names)
-        if told and mine.names and distant.names:
+        bounded = ours.operator is some_ours or len(mine.names) == len(ours.names)
+        bounded &= theirs.operator is some_theirs or len(distant.names) == len(theirs.names)
+        if bounded and mine.names and distant.names:
             operator = distant.operator if len(distant.names) > 1 else Operator.MAX
 
             def holds(
                 event: Mapping[str, Json], mine: Extreme = mine, sign: int = 1 if rising else -1
             ) -> Callable[[Json], bool]:
                 time = mine.of(event)
-                return lambda value: time is not None and bool(sign * (time - value) <= asked.most)
+                return lambda value: time is not None and bool(sign * (time - value) <= difference.most)
 
             yield Term(1, Extreme(operator, distant.names)), Bound(rising, holds)
 
@@ -314,15 +308,12 @@ class LetterMoves:
     names: tuple[str, ...]
     """The relevant variables of the event."""
     moves: list[tuple[StageGroup, StageMove, int]] = field(default_factory=list)
-    """The possible moves of the groups, with the index of the node in the letter."""
+    """The possible moves of groups, with the index of the node."""
     groups: int = 0
-    """The number of groups already processed."""
 
 
 class RelevantHit(NamedTuple):
-    """A letter that may change something: its values, the guards that they satisfy, and a cache key
-    for both.
-    """
+    """A letter that may change something: values, guards that hold, cache key."""
 
     values: Mapping[str, Json]
     watch: LetterMoves
@@ -331,9 +322,7 @@ class RelevantHit(NamedTuple):
 
 
 class NewMatch(NamedTuple):
-    """A new partial match: its order, the match that it extends, the event, and the values to
-    remember.
-    """
+    """A new partial match: its order, origin, event, and values to remember."""
 
     order: tuple[int, int, int]
     before: Configuration
@@ -345,9 +334,9 @@ class NewMatch(NamedTuple):
 
 
 class CandidateMove(NamedTuple):
-    """A letter with possible moves, unless its values are cached as without effect.
+    """A letter with possible moves.
 
-    `fields` are the relevant fields; None if the values of variables must be read.
+    `fields` are the relevant fields, or None if they are unknown.
     """
 
     admission: Admission
@@ -357,7 +346,7 @@ class CandidateMove(NamedTuple):
 
 
 class ScatteredMatches(Following):
-    """The partial matches by stage; a partial match is immutable once added."""
+    """The partial matches by stage; an added partial match does not change."""
 
     uses_up = False
 
@@ -369,29 +358,29 @@ class ScatteredMatches(Following):
         self._parts = independent_parts(compiled, letters) if apart else ()
         self._begun = 0
         """The nodes of the parts that need not begin again."""
-        self._floor: int | None = None
+        self._watermark: int | None = None
         self._begin()
 
     def follow(self, configurations: Iterable[Configuration]) -> None:
         """Replace the followed partial matches."""
         if self._stages.size > MEMORY:
-            self._stages = Stages(self.matching, self._stages.choices)  # Otherwise copies share the stages.
+            self._stages = Stages(self.matching, self._stages.choices)  # otherwise copies share the stages
         self._groups: dict[Stage, StageGroup] = {}
         self._watches: dict[int, LetterMoves] = {}
         self._quiet: set[Hashable] = set()
-        """Letters with values that change nothing while the partial matches stay the same."""
+        """Letters with values that change nothing at present."""
         self._candidates: dict[EventClass, tuple[CandidateMove, ...]] = {}
-        """By event class, the letters with possible moves while the groups stay the same."""
+        """By event class, the letters with possible moves at present."""
         self._added = 0
         self._whole = 0
         """The nodes of the parts that have a match."""
-        # otherwise a copy would drop partial matches earlier than the original
-        floor, self._floor = self._floor, None
+        # a copy must not drop partial matches earlier
+        watermark, self._watermark = self._watermark, None
         for configuration in configurations:
             self._add(self._stages.of(configuration), configuration)
-        self._floor = floor
+        self._watermark = watermark
         for group in self._groups.values():
-            group.floor = floor
+            group.watermark = watermark
 
     @property
     def partial(self) -> list[Configuration]:
@@ -401,7 +390,7 @@ class ScatteredMatches(Following):
 
     @property
     def combined(self) -> list[Configuration]:
-        """Each partial match of a part, combined with the first of every other part."""
+        """Each partial match of a part, with the first of the others."""
         if not self._parts:
             return self.partial
         found: list[list[Configuration]] = [
@@ -436,15 +425,13 @@ class ScatteredMatches(Following):
         return super().snapshot()._replace(begun=self._begun)
 
     def restore(self, snapshot: object) -> None:
-        """Restore the state of a snapshot of the same tree."""
+        """Restore a snapshot of the same tree."""
         assert isinstance(snapshot, Snapshot), "made by the same strategy"
         self._begun = snapshot.begun
         super().restore(snapshot)
 
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
-        """Return the reading of an event: the letters that may change something in the current
-        state.
-        """
+        """Return the letters that may change something now."""
         if not event_class.serving:
             return NOTHING
         candidates = self._candidates.get(event_class)
@@ -493,7 +480,7 @@ class ScatteredMatches(Following):
         return watch
 
     def _may_take(self, stage: Stage, node: int) -> bool:
-        """Whether a partial match may take a node: one of its own part, or of a new one."""
+        """Whether a partial match may take a node of its own part, or begin that part."""
         for part in self._parts:
             if part.nodes >> node & 1:
                 taken = stage.sample.taken
@@ -512,9 +499,8 @@ class ScatteredMatches(Following):
         for order, (values, watch, held, _) in enumerate(reading.hits):
             for group, move, place in watch.moves:
                 parts: Sequence[tuple[Iterable[Member], tuple[Term, ...] | None]] = group.everyone
-                if (
-                    move.scan or move.compared or len(group.members) > _MANY
-                ):  # for few members a scan is cheaper than the index
+                # few members are visited without the index
+                if move.scan or move.compared or len(group.members) > _MANY:
                     scan = move.scan or self._stages.scan(move)
                     parts = self._concerned(group, scan, values) if scan.orders else parts
                 for members, enough in parts:
@@ -552,13 +538,11 @@ class ScatteredMatches(Following):
     def _concerned(
         self, group: StageGroup, scan: Scan, values: Mapping[str, Json]
     ) -> Sequence[tuple[Iterable[Member], tuple[Term, ...] | None]]:
-        """Return the members of a group that may make a move, in parts, each with its stop
-        condition.
-        """
-        asked = [values[one.name] if type(one) is Variable else value(one, values) for one in scan.terms]
-        if UNDEFINED in asked:
+        """Return the members that may make a move, with stop conditions."""
+        required = [values[one.name] if type(one) is Variable else value(one, values) for one in scan.terms]
+        if UNDEFINED in required:
             return ()
-        ways = [(one, group.between(scan.names, asked, one.term, one.bounds, values)) for one in scan.orders]
+        ways = [(one, group.between(scan.names, required, one.term, one.bounds, values)) for one in scan.orders]
         order, lanes = min(ways, key=lambda way: sum(end - start for _, start, end in way[1]))
         return [(in_order(*lane, last_first=order.last_first), order.enough) for lane in lanes]
 
@@ -596,11 +580,11 @@ class ScatteredMatches(Following):
             self.follow(self.partial)
         return _UNKNOWN
 
-    def forget(self, floor: int) -> None:
-        """Set the watermark: no event with an earlier time counts any more."""
-        self._floor = floor
+    def forget(self, watermark: int) -> None:
+        """Set the watermark and drop what it rules out."""
+        self._watermark = watermark
         for group in self._groups.values():
-            group.forget(floor)
+            group.forget(watermark)
         self._drop_empty()
 
     def _forget_watches(self) -> None:
@@ -615,13 +599,13 @@ class ScatteredMatches(Following):
     def _add(self, stage: Stage, configuration: Configuration, rank: Rank | None = None) -> None:
         group = self._groups.get(stage)
         if group is None:
-            if len(self._groups) > (most := max(self.limit // DEARER, FEW)):
+            if len(self._groups) > (most := max(self.limit // STAGE_COST, MIN_STAGES)):
                 names = [self.compiled.names[node] for node in bits(union(one.sample.taken for one in self._groups))]
                 named = f"{', '.join(names[:10])}{', …' if len(names) > 10 else ''}"
                 raise TooLarge(f"sets of events in partial matches; any of {named} may be skipped", limit=most)
             group = self._groups[stage] = StageGroup(stage.ranking, stage.deadlines)
             self._candidates.clear()
-            group.floor = self._floor
+            group.watermark = self._watermark
         group.add(
             Member(
                 self._added,

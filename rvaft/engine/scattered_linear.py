@@ -1,13 +1,10 @@
-"""The strategy for `scattered` in linear time: every node starts once and completes once, as early
-as possible.
+"""The strategy for `scattered` in linear time: every node starts and completes once, as early as
+possible.
 
 It applies if no variable relates events and no event matches two concurrent occurrences; then
-skipping an event has no advantage. A node starts when its predecessors are complete, listens for
-its event, and notifies its parents when complete. The total work is linear in the tree, plus a
-look-up per event.
-
-A shared node starts when its predecessors through all parents are complete; the first complete
-child decides a choice. `linear_starts` decides whether the strategy applies.
+skipping an event has no advantage. A node starts when its predecessors, through all parents, are
+complete. It listens for its event, and notifies its parents when complete. The first complete child
+decides a choice. The total work is linear in the tree, plus a look-up per event.
 """
 
 from collections import Counter
@@ -37,11 +34,10 @@ from rvaft.support.bits import union
 MEMORY: Final = 4096
 """The maximum number of cached event classes."""
 EFFORT: Final = 1_000_000
-"""The maximum number of steps to decide whether occurrences compete for an event; beyond, they do.
-"""
+"""The maximum number of steps to find concurrent occurrences."""
 
 Served: TypeAlias = Sequence[tuple[int, Mapping[str, Json]]]
-"""The occurrences that an event can serve, with the values for each."""
+"""Occurrences that an event can serve, with values."""
 
 
 Before: TypeAlias = tuple[int, int]
@@ -55,18 +51,17 @@ The number 0 stands for the gate's own event.
 class StartConditions(NamedTuple):
     """The start conditions of each node.
 
-    A node starts with its parents. Exceptions are a later child of a sequence (after its elders)
-    and a child of a gate whose own event comes first (after that event).
+    A node starts with its parents, with two exceptions: a later child of a sequence starts after
+    the earlier children, and a child of a gate whose own event comes first after that event.
     """
 
     parents: list[list[int]]
     before: list[frozenset[Before]]
-    """The conditions for the start of each node, without transitive ones."""
+    """The start conditions of each node, without transitive ones."""
 
 
 def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> StartConditions | None:
-    """Return the start conditions if no variable relates events and no events are contended, else
-    None.
+    """Return the start conditions, or None if the strategy does not apply.
 
     A condition of a shared node through one parent must apply in every scenario with the node. A
     part that may have no events needs equal conditions through all parents.
@@ -129,7 +124,7 @@ def _implied(compiled: CompiledTree) -> list[int]:
 
 
 def _beside(compiled: CompiledTree, one: int, other: int) -> tuple[bool, int]:
-    """Whether two nodes may be concurrent in a scenario, and the number of steps taken.
+    """Return whether two nodes may be concurrent in a scenario, and the number of steps taken.
 
     They are not if one is above the other, or if their lowest common gate is a sequence or keeps
     one child.
@@ -151,20 +146,20 @@ def _beside(compiled: CompiledTree, one: int, other: int) -> tuple[bool, int]:
 class UsefulEvents:
     """The events to keep so that a detection can find the match of every branch.
 
-    The starts of nodes differ between branches, and the earliest match takes the first event after
-    its predecessors. So an event is kept for an occurrence only if a possible predecessor was kept
-    since the last one. The number of events kept depends on the tree, not on the trace.
+    The earliest match takes the first event after its predecessors. So an event is kept for an
+    occurrence only if a possible predecessor was kept since the last event kept for it. The number
+    of kept events depends on the tree, not on the trace.
     """
 
     def __init__(self, compiled: CompiledTree, starts: StartConditions) -> None:
         self.compiled = compiled
         self.starts = starts
         self.entries: list[tuple[int, Served]] = []
-        """The positions of the events, with the occurrences that each can serve."""
+        """The positions of the events, each with the occurrences that it can serve."""
         self.own: dict[int, int] = {}
-        """The position of the last event kept for a node's own occurrence."""
+        """The last event kept for a node."""
         self._latest: dict[int, int] = {}
-        """The same for a node and all nodes below it."""
+        """The last event kept for a node or below it."""
         self.useless: set[int] = set()
         """The nodes for which no event is kept until an event for another node is."""
 
@@ -174,7 +169,7 @@ class UsefulEvents:
         return {"entries": list(self.entries), "own": dict(self.own), "_latest": dict(self._latest)}
 
     def note(self, position: int, served: Served) -> None:
-        """Keep an event for the occurrences that may need it."""
+        """Keep an event if it may be needed."""
         kept = [one for one in served if one[0] not in self.useless and self._is_useful(one[0])]
         if not kept:
             self.useless.update(node for node, _ in served)
@@ -200,8 +195,8 @@ class UsefulEvents:
         while agenda:
             for one, count in self.starts.before[agenda.pop()]:
                 elders = (one,) if count < 0 else compiled.children[one][:count]
-                # A later child of a sequence also follows the gate's own event, since the elders
-                # may be silent.
+                # A later child of a sequence also follows the gate's own event, since the earlier
+                # children may be silent.
                 if any(latest.get(elder, 0) >= last for elder in elders) or (
                     compiled.top_down and self.own.get(one, 0) >= last
                 ):
@@ -212,7 +207,7 @@ class UsefulEvents:
 
 
 class LinearRun:
-    """One evaluation; with `choices`, an `or` gate is complete only through the chosen child."""
+    """One evaluation under `choices` of `or` gates."""
 
     def __init__(
         self, compiled: CompiledTree, starts: StartConditions, choices: Mapping[int, int] | None = None
@@ -221,11 +216,11 @@ class LinearRun:
         self.starts = starts
         self.choices = choices or {}
         self.fired: dict[int, tuple[int, Mapping[str, Json]]] = {}
-        """The occurrences that have their event, with its position and values."""
+        """The occurrences with their events: position and values."""
         self.listening: set[int] = set()
         """The nodes that wait for their event."""
         self._completed: dict[int, dict[int, None]] = {}
-        # The gates whose children have started, each with its complete children in order.
+        # the started gates with their complete children in order
         self._started: set[int] = set()
         self._done: set[int] = set()
         self._agenda: list[tuple[Callable[[int], None], int]] = [(self._start, compiled.root)]
@@ -244,7 +239,7 @@ class LinearRun:
         return self.compiled.root in self._done
 
     def fire(self, served: Served, position: int) -> None:
-        """Pass an event to those of the nodes that listen."""
+        """Pass an event to listening nodes."""
         self._agenda = []
         for node, values in served:
             if node in self.listening:
@@ -254,9 +249,7 @@ class LinearRun:
         self._settle()
 
     def awaited(self) -> list[int]:
-        """Return the listening nodes whose event is needed for the root; none if the root is
-        impossible.
-        """
+        """Return the listening nodes whose event the root needs."""
         able = possible_nodes(self.compiled, self._kept)
         found: list[int] = []
         agenda, seen = [self.compiled.root], {self.compiled.root}
@@ -266,7 +259,7 @@ class LinearRun:
                 continue
             if node in self.listening:
                 found.append(node)
-                continue  # nothing below it has started, or all is complete
+                continue
             new = [child for child in self._kept(node) if child not in seen]
             seen.update(new)
             agenda.extend(new)
@@ -277,7 +270,7 @@ class LinearRun:
         return tuple(child for child in children if self.choices.get(node, child) == child)
 
     def scenario(self) -> Iterator[tuple[int, tuple[int, ...]]]:
-        """Iterate over the nodes of the matched scenario, with their kept children."""
+        """Iterate over the nodes of the match, with kept children."""
         agenda, seen = [self.compiled.root], {self.compiled.root}
         while agenda:
             node = agenda.pop()
@@ -293,7 +286,11 @@ class LinearRun:
 
     def _start(self, node: int) -> None:
         compiled = self.compiled
-        if node in self._started or compiled.dead >> node & 1 or not all(map(self._has_come, self.starts.before[node])):
+        if (
+            node in self._started
+            or compiled.dead >> node & 1
+            or not all(map(self._is_satisfied, self.starts.before[node]))
+        ):
             return
         self._started.add(node)
         if compiled.own[node] and (compiled.top_down or not compiled.children[node]):
@@ -301,7 +298,7 @@ class LinearRun:
         else:
             self._agenda.append((self._start_inside, node))
 
-    def _has_come(self, before: Before) -> bool:
+    def _is_satisfied(self, before: Before) -> bool:
         node, count = before
         return node in self._done if count < 0 else node in self._completed and len(self._completed[node]) >= count
 
@@ -315,15 +312,15 @@ class LinearRun:
         self._agenda.extend((self._start, child) for child in reversed(first))
         for child in first:
             if child in self._done:  # a shared child that was already complete
-                self._hear(node, child)
+                self._note_complete(node, child)
 
     def _complete(self, node: int) -> None:
         self._done.add(node)
         for parent in self.starts.parents[node]:
             if parent in self._completed:
-                self._hear(parent, node)
+                self._note_complete(parent, node)
 
-    def _hear(self, gate: int, child: int) -> None:
+    def _note_complete(self, gate: int, child: int) -> None:
         compiled, complete = self.compiled, self._completed[gate]
         needed = compiled.need[gate]
         if len(complete) == needed or self.choices.get(gate, child) != child:
@@ -349,8 +346,9 @@ class LinearRun:
 def possible_nodes(
     compiled: CompiledTree, children: Callable[[int], Sequence[int]], among: Container[int] | None = None
 ) -> set[int]:
-    """Return the nodes that can be complete at any time with these children; only nodes in `among`
-    have their event.
+    """Return the nodes that can be complete with these children at any time.
+
+    Only nodes in `among` have their event.
     """
     able: set[int] = set()
     for node in range(len(compiled.names) - 1, -1, -1):
@@ -361,15 +359,14 @@ def possible_nodes(
 
 
 class LinearSnapshot(NamedTuple):
-    """The mutable state of the run, and of the kept events, if any."""
+    """The state of the run and of the kept events."""
 
     run: dict[str, object]
     useful: dict[str, object]
 
 
 class LinearMonitor:
-    """The strategy: one run over all events, and the events from which each branch's match can be
-    found.
+    """One run over all events, and events to keep for the explanation.
 
     Raises `TooLarge` if more than `limit` events are kept.
     """
@@ -381,13 +378,13 @@ class LinearMonitor:
         self.starts = starts
         self.run = LinearRun(compiled, starts)
         self.useful = UsefulEvents(compiled, starts) if PartKind.ONE in compiled.ops else None
-        """None without choices, because then only listening nodes matter."""
+        """None for a tree without choices."""
         self.noted = True
         """Whether the last event may be part of a match."""
         self._matter: dict[EventClass, tuple[Admission, ...]] = {}
-        """By event class, the letters that may change something in the current state."""
+        """By event class, the letters that matter now."""
 
-    def forget(self, floor: int) -> None:
+    def forget(self, watermark: int) -> None:
         """Set the watermark, which changes nothing here."""
 
     def fork(self) -> Self:
@@ -400,7 +397,7 @@ class LinearMonitor:
 
     @property
     def state(self) -> Hashable:
-        """Equal states have equal futures; starts and completions follow from the events taken."""
+        """Equal states have equal futures; the events taken determine them."""
         return frozenset(self.run.fired)
 
     def snapshot(self) -> LinearSnapshot:
@@ -408,7 +405,7 @@ class LinearMonitor:
         return LinearSnapshot(self.run.state, {} if self.useful is None else self.useful.state)
 
     def restore(self, snapshot: object) -> None:
-        """Restore the state of a snapshot of the same tree."""
+        """Restore a snapshot of the same tree."""
         assert isinstance(snapshot, LinearSnapshot), "made by the same strategy"
         run, useful = snapshot
         self._matter.clear()
@@ -420,23 +417,23 @@ class LinearMonitor:
         """Return the reading of an event in the current state."""
         if not event_class.serving:
             return NOTHING
-        asked = self._matter.get(event_class)
-        if asked is None:
-            asked = self._mattering(event_class)
-        if not asked:
+        admissions = self._matter.get(event_class)
+        if admissions is None:
+            admissions = self._mattering(event_class)
+        if not admissions:
             return NOTHING if self.useful is None else QUIET
-        return Reading(False, [Hit(one.letter, one.nodes, one.reader.values(event)) for one in asked])
+        return Reading(False, [Hit(one.letter, one.nodes, one.reader.values(event)) for one in admissions])
 
     def inert(self, event_class: EventClass) -> Inert:
         """Return which events of a class change nothing until another event is read."""
         return Inert([(one.letter, ()) for one in self._mattering(event_class)], frozenset())
 
     def _mattering(self, event_class: EventClass) -> tuple[Admission, ...]:
-        deaf, useful = self.run.listening.isdisjoint, self.useful
+        is_idle, useful = self.run.listening.isdisjoint, self.useful
         found = tuple(
             one
             for one in event_class.serving
-            if not deaf(one.nodes) or (useful is not None and not useful.useless.issuperset(one.nodes))
+            if not is_idle(one.nodes) or (useful is not None and not useful.useless.issuperset(one.nodes))
         )
         if len(self._matter) >= MEMORY:
             self._matter.clear()
@@ -460,7 +457,7 @@ class LinearMonitor:
         return Verdict.TRUE if self.run.detected else Verdict.UNKNOWN
 
     def came(self, node: int) -> bool:
-        """Whether a node's own event, if any, has occurred at any time."""
+        """Whether a node's own event may have occurred."""
         return self.useful is None or not self.compiled.own[node] or node in self.useful.own
 
     def run_under(self, choices: Mapping[int, int]) -> LinearRun:

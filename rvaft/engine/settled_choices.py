@@ -1,6 +1,6 @@
 """Settled choices: choices whose only remaining effect is the number of the branch.
 
-If a gate of the core (see `compiled_tree`) keeps one child, a part with all its events, then no
+A gate of the core (see `compiled_tree`) may keep one child, a part with all its events. Then no
 other part below the gate can have an event. Partial matches that differ only in such a choice have
 equal futures; the one with the lower branch is kept. One number encodes the choices, with the
 digits of branch numbers.
@@ -15,14 +15,14 @@ from rvaft.support.bits import mask_of
 
 
 class SettledChoices:
-    """The choices of a tree that may be settled; none for a kind, whose branches depend on more."""
+    """The choices that may be settled; none for a kind, whose branches depend on more."""
 
     def __init__(self, compiled: CompiledTree) -> None:
         self.compiled = compiled
         self.weights: dict[int, int] = {}
-        """For each part that a choice may keep, its contribution to the number."""
+        """The contribution of parts to the number."""
         self.firsts = 0
-        """Parts with the lowest digit, of choices that every scenario makes."""
+        """The parts with the lowest digit, of choices that every scenario makes."""
         self._gates: dict[int, int] = {}
         self._others: dict[int, int] = {}
         self._below = [0] * len(compiled.names)
@@ -52,10 +52,8 @@ class SettledChoices:
                         self.firsts |= 1 << part
 
     def place(self, configuration: Configuration, progress: PartProgress) -> tuple[Hashable, bool]:
-        """Return a key that is equal for partial matches with equal futures, and whether choices
-        are settled.
-
-        The key ignores values of variables.
+        """Return a key that is equal for partial matches with equal futures up to values of
+        variables, and whether choices are settled.
         """
         taken, dead, closed = configuration.taken, configuration.dead, configuration.closed
         settled: dict[int, int] = {}
@@ -72,9 +70,7 @@ class SettledChoices:
         return (taken, dead, closed, broken, names, mask_of(-1 - one for one in settled.values())), bool(settled)
 
     def number(self, last: Witness | None) -> int:
-        """Return the number of the choices of a partial match; the lower number has the lower
-        branch.
-        """
+        """Return the number of the choices of a partial match; lower numbers are lower branches."""
         parts = set[int]()
         while last is not None:
             parts.add(self.compiled.part_of[last.node])

@@ -1,13 +1,12 @@
 """Trees with shared nodes: the scenarios of the core that are consistent with a partial match.
 
-A shared gate is resolved once, and an order between events may depend on the gates above. Parts are
-single *elements* of the core (see `compiled_tree`): an order relative to the rest of the tree
-applies to the whole part.
+A shared gate is resolved once, and an order between events may depend on the gates above. A part is
+a single *element* of the core (see `compiled_tree`): an order relative to the rest of the tree
+applies to all of it.
 
-The search for resolutions walks the core from the root and resolves only reached choices. A partial
-resolution is dropped as soon as an occurrence taken is unreachable or breaks an order, because
-later choices cannot repair this. Of partial resolutions with the same reached nodes and relevant
-orders, one is followed.
+The search resolves reached choices from the root on. It drops a partial resolution as soon as an
+occurrence taken is unreachable or breaks an order. Of partial resolutions with the same reached
+nodes and relevant orders, it follows one.
 """
 
 from collections.abc import Hashable, Iterator, Mapping
@@ -22,10 +21,10 @@ from rvaft.errors import TooLarge
 from rvaft.support.bits import bits, mask_of, union
 
 MEMORY: Final = 20_000
-"""The maximum number of cached results; then the cache is cleared."""
+"""The maximum number of cached results."""
 
 Resolution: TypeAlias = Mapping[int, tuple[int, ...]]
-"""The core nodes of a scenario, parents first, each with its kept children."""
+"""The core nodes with kept children, parents first."""
 
 
 class SharedNodes:
@@ -42,9 +41,7 @@ class SharedNodes:
         self._memory: dict[Hashable, tuple[bool, bool]] = {}
 
     def classify(self, configuration: Configuration) -> tuple[bool, bool]:
-        """Return whether the occurrences taken are a whole feasible scenario, and otherwise a
-        proper part of one.
-        """
+        """Return whether the occurrences are a whole scenario, else a proper part of one."""
         mask = self._mask
         own = configuration.taken & mask, configuration.dead & mask, configuration.closed & mask
         parts = tuple([self.progress.flags(configuration, part) for part in self.compiled.parts])
@@ -65,27 +62,23 @@ class SharedNodes:
         return found
 
     def possible(self, configuration: Configuration) -> bool:
-        """Whether the occurrences taken are part of some feasible scenario; open guards are
-        ignored.
-        """
+        """Whether the occurrences are part of a scenario; open guards are ignored."""
         return next(self.resolutions(configuration, complete=False), None) is not None
 
     def inverted(self, configuration: Configuration, node: int) -> frozenset[tuple[int, int]]:
-        """Return the orders between elements that this node's event breaks."""
+        """Return the orders that a node's event breaks."""
         element = self.compiled.part_of[node]
         touched = self._touched(configuration) & ~(1 << element)
         return frozenset((element, other) for other in bits(touched) if self._before[other] >> element & 1)
 
     def settled(self, configuration: Configuration, node: int, *, chosen: bool) -> bool:
-        """Whether every scenario has the node's element (or it is `chosen`), and all before it is
-        taken.
-        """
+        """Whether the element is `chosen` or certain, and its predecessors are taken."""
         own = self.compiled.part_of[node]
         if not chosen and not self.compiled.certain >> own & 1:
             return False
         for element in bits(self._before[own]):
             if any(self._has(configuration, rival, TOUCHED) for rival in self.rivals.get(element, ())):
-                continue  # no remaining scenario has it
+                continue
             if element in self.compiled.members:
                 if not configuration.taken >> element & 1:
                     return False
@@ -103,18 +96,14 @@ class SharedNodes:
         parts = [[child for child in children if child not in compiled.members] for children in choices]
         return {one: tuple(other for other in some if other != one) for some in parts for one in some}
 
-    # Elements: the events of the core and its whole parts, with their precedence (semantics,
-    # section 2).
-
     def _touched(self, configuration: Configuration) -> int:
         parts = (part for part in self.compiled.parts if self.progress.flags(configuration, part) & TOUCHED)
         return configuration.taken & self._mask | mask_of(parts)
 
     def _elements(self, configuration: Configuration, kept: Resolution) -> tuple[int, int]:
-        """Return the elements with events, and the complete ones; parts count as complete if
-        possible.
+        """Return the elements with events, and those that are complete, parts if possible.
 
-        For a partial resolution, reached but unresolved nodes are included.
+        A partial resolution includes reached but unresolved nodes.
         """
         compiled = self.compiled
         present, finished = int(compiled.own[compiled.root]), 0
@@ -160,16 +149,14 @@ class SharedNodes:
         return before
 
     def _outlook(self, configuration: Configuration, kept: Resolution, touched: int, ahead: int) -> Hashable:
-        """Return the relevant state of a resolution for the unresolved nodes `ahead`.
-
-        None if it is infeasible, or the occurrences taken are not downward closed or break an
-        order.
+        """Return the relevant state of a resolution for the nodes `ahead`, or None if no scenario
+        fits.
         """
         present, finished = self._elements(configuration, kept)
         left = present & ~finished
         if not self._ordered:
             return left > 0
-        before = self._precedence(kept, present | ahead)  # a node ahead stands for all of its part
+        before = self._precedence(kept, present | ahead)
         if any(before[element] & left for element in bits(present & touched)):
             return None
         if any(before.get(late, 0) >> early & 1 for early, late in configuration.inversions):
@@ -181,8 +168,7 @@ class SharedNodes:
             if not free:
                 return None
             left ^= free
-        # For each node ahead: its direct and transitive predecessors, and the constraints on its
-        # part.
+        # for each node ahead: predecessors, and constraints on its part
         left = present & ~finished
         early, late = (mask_of(pair[end] for pair in configuration.inversions) for end in (0, 1))
         relations: list[Hashable] = [left > 0]
@@ -205,13 +191,13 @@ class SharedNodes:
         compiled, core = self.compiled, self.compiled.core
         able = self._able(configuration, complete=complete)
         touched = self._touched(configuration)
-        needed = [  # nodes without which an occurrence taken is in no scenario
+        needed = [  # nodes that the occurrences taken need
             node
             for node in core
             if configuration.taken >> node & 1
             or any(self._has(configuration, child, TOUCHED) for child in compiled.children[node])
         ]
-        # Partial resolutions: the index in the core, the nodes reached, and the resolved nodes.
+        # index in the core, reached nodes, resolved nodes
         agenda: list[tuple[int, int, dict[int, tuple[int, ...]]]] = [(0, 1, {})] if able & 1 else []
         seen: set[Hashable] = set()
         steps = 0
@@ -264,7 +250,7 @@ class SharedNodes:
     def _options(
         self, configuration: Configuration, node: int, able: int, *, complete: bool
     ) -> Iterator[tuple[int, ...]]:
-        """Return the ways to keep children of a kept node, one per equivalence class."""
+        """Iterate over the distinct ways to keep children."""
         compiled = self.compiled
         children = compiled.children[node]
         if not able >> node & 1:
@@ -280,8 +266,7 @@ class SharedNodes:
         silent = [child for child in rest if self._has(configuration, child, SURE if complete else DONE)]
         waiting = [child for child in rest if child not in compiled.members and child not in silent]
         if compiled.ops[node] is PartKind.ONE:
-            # Waiting parts are equivalent, because the same orders apply; so are silent ones, apart
-            # from their branches.
+            # waiting parts are equivalent, silent ones except for their branches
             picks = silent if complete else [*silent[:1], *waiting[:1]]
             ways = (touched if len(touched) == 1 else []) if touched else [*picks, *shared]
             yield from ((child,) for child in ways)

@@ -1,7 +1,6 @@
 """The partial matches of one stage, indexed so that an event visits only those that it can extend.
 
 The index uses the values that an event must repeat, then the order of a value that it bounds.
-Subsumed partial matches are dropped (see `subsumption`).
 """
 
 from bisect import bisect_left, bisect_right, insort
@@ -19,7 +18,7 @@ _PLAIN: Final = (str, int, float)
 
 
 class Member(NamedTuple):
-    """A partial match with a number; earlier ones have lower numbers."""
+    """A partial match, numbered by arrival."""
 
     number: int
     configuration: Configuration
@@ -31,11 +30,11 @@ class Bound(NamedTuple):
 
     rising: bool
     by: Callable[[Mapping[str, Json]], Callable[[Json], bool]]
-    """A function from the values of the event to the test of the remembered value."""
+    """From the event's values to a test of the remembered value."""
 
 
 class LaneMember(NamedTuple):
-    """A member in the order of a value."""
+    """A member with its ordering value."""
 
     value: Json
     number: int
@@ -43,14 +42,12 @@ class LaneMember(NamedTuple):
 
 
 NEAR: Final = 64
-"""The distance from the end of an order within which the search is stepwise."""
+"""The distance from the end searched stepwise."""
 LOOSE: Final = "loose"
-"""Numbers so large that sums need not keep their order."""
+"""The kind of numbers so large that sums need not keep their order."""
 _Place: TypeAlias = Hashable
 _Lanes: TypeAlias = dict[tuple[Hashable, ...], list[LaneMember]]
-"""The members with equal values, separated by distinguishable values and the type of the ordering
-value.
-"""
+"""By type and values of the ordering term."""
 
 
 def place_of(values: Iterable[Json]) -> _Place:
@@ -65,20 +62,19 @@ class StageGroup:
         self.ranking = ranking
         self.members: dict[int, Member] = {}
         self.everyone = ((self.members.values(), None),)
-        self.floor: int | None = None
-        """The watermark: the minimum time of later events, if known."""
+        self.watermark: int | None = None
         self._deadlines = deadlines
         self._ending: list[tuple[int, int]] = []
-        """A heap of deadlines (watermarks) of members, with their numbers."""
+        """A heap: the watermark that rules out a member, its number."""
         self._fronts: dict[_Place, list[Member]] = {}
         self._ordered: dict[tuple[tuple[str, ...], Term | None], dict[_Place, _Lanes]] = {}
 
     def excels(self, rank: Rank) -> bool:
-        """Whether some members can do all that a match of this rank can."""
+        """Whether some members are at least as good."""
         front = self._fronts.get(rank.place)
         if front is None:
             return False
-        if rank.told_apart:
+        if rank.excluded:
             return self.ranking.covers([member.rank for member in front], rank)
         if len(rank.values) < 2:
             return not rank.values or bool(front[0].rank.values[0] >= rank.values[0])
@@ -91,16 +87,16 @@ class StageGroup:
         """Add a member and remove those that it subsumes."""
         rank = member.rank
         front, surpassed = self._fronts.get(rank.place, []), list[Member]()
-        if rank.told_apart:
+        if rank.excluded:
             rivals = [*front, member]
             for one in front if rank.values else ():
                 if self.ranking.covers([other.rank for other in rivals if other is not one], one.rank):
                     rivals.remove(one)
                     surpassed.append(one)
         elif len(rank.values) == 2:  # the better the first value, the worse the second
-            if self.ranking.floored and self.floor is not None:
+            if self.ranking.above_watermark and self.watermark is not None:
                 count = 1
-                while count < len(front) and front[count].rank.values[1] >= -self.floor:
+                while count < len(front) and front[count].rank.values[1] >= -self.watermark:
                     count += 1
                 surpassed = front[: count - 1]
             until = bisect_right(front, rank.values[0], key=_first)
@@ -115,7 +111,7 @@ class StageGroup:
         front = self._fronts.setdefault(rank.place, [])
         at = (
             bisect_left(front, rank.values[0], key=_first)
-            if len(rank.values) == 2 and not rank.told_apart
+            if len(rank.values) == 2 and not rank.excluded
             else len(front)
         )
         front.insert(at, member)
@@ -134,7 +130,7 @@ class StageGroup:
             return
         rank = member.rank
         front = self._fronts[rank.place]
-        if len(rank.values) == 2 and not rank.told_apart:
+        if len(rank.values) == 2 and not rank.excluded:
             del front[bisect_left(front, rank.values[0], key=_first)]
         else:
             del front[next(at for at, one in enumerate(front) if one is member)]
@@ -150,10 +146,10 @@ class StageGroup:
                     if not ordered[place]:
                         del ordered[place]
 
-    def forget(self, floor: int) -> None:
+    def forget(self, watermark: int) -> None:
         """Set the watermark and remove the members that it rules out."""
-        self.floor = floor
-        while self._ending and self._ending[0][0] < floor:
+        self.watermark = watermark
+        while self._ending and self._ending[0][0] < watermark:
             member = self.members.get(heappop(self._ending)[1])
             if member is not None:
                 self.remove(member)
@@ -166,20 +162,17 @@ class StageGroup:
         bounds: Sequence[Bound],
         event: Mapping[str, Json],
     ) -> list[tuple[list[LaneMember], int, int]]:
-        """Return the members with these values whose term satisfies all bounds.
-
-        The result is a list of slices of sorted lists.
-        """
+        """Return the members with these values and bounds, as slices of sorted lists."""
         ordered = self._ordered.get((names, term))
         if ordered is None:
             ordered = self._ordered[names, term] = {}
             for member in self.members.values():
                 self._put_ordered(names, term, ordered, member)
         found = []
-        asked = [(bound.rising, bound.by(event)) for bound in bounds]
+        tests = [(bound.rising, bound.by(event)) for bound in bounds]
         for kind, lane in ordered.get(place_of(values), {}).items():
             start, end = 0, len(lane)
-            for rising, holds in asked if kind[:1] != (LOOSE,) else ():
+            for rising, holds in tests if kind[:1] != (LOOSE,) else ():
                 if rising:
                     start = max(start, _turn(lane, holds, wanted=True))
                 else:
@@ -214,9 +207,7 @@ def _lane(
 
 
 def _turn(lane: Sequence[LaneMember], holds: Callable[[Json], bool], *, wanted: bool) -> int:
-    """Return the first index from which `holds` has the wanted value; search from the end, where
-    recent values are.
-    """
+    """Return the first index from which `holds` is `wanted`, searching from the recent end."""
     if holds(lane[0].value) is wanted:
         return 0
     step, end = 1, len(lane)

@@ -5,37 +5,36 @@ superfluous if every continuation has the occurrence, and taking it binds no var
 choice. The same holds for a choice that every scenario makes and that nothing must precede, if the
 event completes the child with the lowest branch.
 
-**Different values.** Take two partial matches with the same events taken, the same decided guards
-and the same broken orders. Their bindings differ only in variables that no later occurrence
-mentions, so only open guards depend on these. An open guard is *rising* in a variable if, for all
-values of the others, it holds for y if it holds for some x < y; *falling* is the opposite. If all
-open guards with the variable are rising, each completion with x is one with y > x: the same events,
-scenario and branches. So the match with the lesser value may be dropped while a match at least as
-good is kept.
+**Different values.** Two partial matches have the same events taken, decided guards and broken
+orders. Their bindings differ only in variables that no later occurrence mentions, so only open
+guards depend on these. An open guard is *rising* in a variable if, for all values of the others, it
+holds for y if it holds for some x < y; *falling* is the opposite. If all open guards with the
+variable are rising, each completion with x is one with y > x. So the match with the lesser value
+may be dropped while one at least as good is kept.
 
 A guard, as `rvaft.model.guards` evaluates it, is rising or falling by these rules:
 
 - Rounding is monotone. For integers x <= y and a constant c, x + c <= y + c holds for the computed
-  results: exactly if c is an integer, after rounding if not (x is first rounded to a double). For
-  two non-integers it holds after rounding. The same applies to x + e if e is the same for both.
+  results: exactly if c is an integer, otherwise after rounding. For two non-integers it holds after
+  rounding, and so it does for x + e with the same e.
 - Between an integer and a non-integer it fails: 0.5 + (2**53 + 1) rounds to 2**53, but 0 + (2**53 +
-  1) is exact. So two values are compared only if both are integers or neither is. Since a sum may
-  be an integer for only one of them, only constants are added to a sum, and of integer constants
-  only those up to 2**53. With these, the sum of a non-integer (less than 2**52) is less than 2**54,
-  where rounding never passes an integer on the other side.
+  1) is exact. So two values are compared only if both are integers or neither is. A sum may be an
+  integer for only one of them, so only constants are added to a sum, and integer constants only up
+  to 2**53. Then the sum of a non-integer (less than 2**52) is less than 2**54, where rounding never
+  passes an integer on the other side.
 - Comparisons of numbers are exact for all types. Texts are compared by code points; arithmetic on
   texts is undefined.
-- An undefined guard does not hold, nor does its negation. So it must not depend on x whether a
-  comparison is defined. This depends on types, finiteness, and the conversion of an integer to a
-  double. Therefore values and constants beyond `MOST` are excluded: added to a finite double, the
-  others give a finite double. Only integer constants follow an operand that is no constant, because
-  a sum of integers may be too large for a double.
+- An undefined guard does not hold, nor does its negation, so whether a comparison is defined must
+  not depend on x. It depends on types, finiteness, and the conversion of an integer to a double.
+  Values and constants beyond `MOST` are excluded, so that sums with a double stay finite. Only
+  integer constants follow an operand that is no constant, because a sum of integers may be too
+  large for a double.
 - So a comparison stays defined or undefined as the value changes: it is *steady*. Its negation is
   steady too, with the opposite direction.
 - `and` is monotone if its operands are. But an operand that is not evaluated may be undefined, so
-  `and` may change from false to undefined. It is steady only if just the last operand has the
-  variable and is steady; the same holds for `or`. `or` evaluates an operand if the earlier ones are
-  false. So `or` is monotone if its operands are, and those before the last are steady.
+  `and` and `or` are steady only if just the last operand has the variable and is steady. `or`
+  evaluates an operand if the earlier ones are false, so it is monotone if its operands are, and
+  those before the last are steady.
 
 **Excluded values.** If a variable occurs only in inequalities (`!=`) with later values, k such
 values exclude at most k of its values. A match is superfluous if each choice of later values that
@@ -44,8 +43,7 @@ excludes all kept matches excludes it too.
 **Times.** Of a difference of times (`core.times`), only the extremes of the known times on each
 side matter, and integers are exact. Below the watermark, greatest times are equivalent.
 
-Everything else is compared for equality: equalities, products, a variable on both sides. Such
-values are equal only if nothing distinguishes them (`fingerprint`).
+All other variables are compared for equality (`fingerprint`).
 """
 
 from collections.abc import Hashable, Mapping, Sequence
@@ -64,7 +62,7 @@ from rvaft.model.values import Json, exact, is_number, key
 
 
 def commits(matching: Matching, before: Configuration, after: Configuration, node: int, *, firsts: int) -> bool:
-    """Whether the partial match after a node's event can do all that the one before it can.
+    """Whether the partial match `after` a node's event subsumes the one `before`.
 
     `firsts` are the core parts with the lowest branch of a choice that every scenario makes.
     """
@@ -119,26 +117,24 @@ _FIRST_GREATER: Final = (Operator.GT, Operator.GE)
 
 
 class Term(NamedTuple):
-    """A number or text from a binding; the greater (sign 1) or the smaller (-1) is at least as
-    good.
-    """
+    """A number or text; the greater (sign 1) or smaller (-1) is at least as good."""
 
     sign: int
     extreme: Extreme
 
     def value(self, binding: Mapping[str, Json]) -> Json:
-        """Return its value in a binding."""
+        """Return the value of the term in a binding."""
         names = self.extreme.names
         return binding[names[0]] if len(names) == 1 else self.extreme.of(binding)
 
 
 class Rank(NamedTuple):
-    """The rank of a partial match in its stage; subsumption applies only within the same `place`."""
+    """The rank of a partial match; only equal `place` values are compared."""
 
     place: Hashable
     values: tuple[Json, ...]
     """Values of which the greater is at least as good."""
-    told_apart: tuple[Hashable, ...]
+    excluded: tuple[Hashable, ...]
     """Values that later values must differ from."""
 
 
@@ -156,12 +152,9 @@ class Ranking(NamedTuple):
     excluded: tuple[str, ...] = ()
     """The variables that occur only in inequalities with later values."""
     differing: tuple[tuple[int, ...], ...] = ()
-    """For each later value, the indexes of the `excluded` variables that it must differ from."""
-    floored: bool = False
-    """Whether a greatest time matters only by its distance above the watermark.
-
-    It is the second of two terms.
-    """
+    """By later value, the `excluded` variables that differ from it."""
+    above_watermark: bool = False
+    """Whether a greatest time matters only above the watermark."""
 
     def of(self, binding: Mapping[str, Json]) -> Rank:
         """Return the rank of a binding."""
@@ -174,25 +167,23 @@ class Ranking(NamedTuple):
             kind = scale(value)
             place.append(tuple([exact(binding[name]) for name in extreme.names]) if kind is None else kind)
             values.append(0 if kind is None else value if sign > 0 else _Backwards(value) if kind is str else -value)
-        told_apart = [key(binding[name]) for name in self.excluded]
-        place.extend(type(one) is object for one in told_apart)  # a value that equals nothing has no substitute
-        return Rank(tuple(place), tuple(values), tuple(told_apart))
+        excluded = [key(binding[name]) for name in self.excluded]
+        place.extend(type(one) is object for one in excluded)  # a value that equals nothing has no substitute
+        return Rank(tuple(place), tuple(values), tuple(excluded))
 
     def covers(self, rivals: Sequence[Rank], rank: Rank) -> bool:
-        """Whether some rivals in the same place can do all that a match with this rank can."""
+        """Whether some rivals in the same place are at least as good."""
         able = [rival for rival in rivals if all(map(ge, rival.values, rank.values))]
-        return bool(able) and not self._tells(rank.told_apart, [rival.told_apart for rival in able], 0, {})
+        return bool(able) and not self._exclude_only(rank.excluded, [rival.excluded for rival in able], 0, {})
 
-    def _tells(
+    def _exclude_only(
         self,
-        one: tuple[Hashable, ...],
+        excluded: tuple[Hashable, ...],
         rivals: Sequence[tuple[Hashable, ...]],
         number: int,
         values: Mapping[int, Hashable],
     ) -> bool:
-        """Whether later values (`values` among them) can exclude all rivals from `number` on but
-        not `one`.
-        """
+        """Whether later values can exclude all rivals from `number` on, but not `excluded`."""
         while number < len(rivals) and any(
             rivals[number][place] == value for group, value in values.items() for place in self.differing[group]
         ):
@@ -202,35 +193,33 @@ class Ranking(NamedTuple):
         for group, places in enumerate(self.differing):
             if group not in values:
                 for value in dict.fromkeys(rivals[number][place] for place in places):
-                    free = all(one[place] != value for place in places)
-                    if free and self._tells(one, rivals, number + 1, {**values, group: value}):
+                    free = all(excluded[place] != value for place in places)
+                    if free and self._exclude_only(excluded, rivals, number + 1, {**values, group: value}):
                         return True
         return False
 
 
 MOST_EXCLUDED: Final = 9
-"""The maximum product of excluded variables and inequalities for which representatives are
-computed.
-"""
+"""Beyond this product of variables and inequalities, values must be equal."""
 
 
 def ranking(compiled: CompiledTree, configuration: Configuration) -> Ranking:
-    """Return the ranking of partial matches in the same stage."""
+    """Return the ranking of a stage."""
     binding = configuration.binding
     fixed = {name for name in binding if compiled.mentions[name] & ~configuration.taken}
     terms: dict[Term, None] = {}
     differing: dict[Guard, list[str]] = {}
-    floored = True
+    above_watermark = True
     waiting = {node for name in binding for node in compiled.guarded_by.get(name, ())}
     guards = [compiled.conditions[node] for node in sorted(waiting) if not configuration.closed >> node & 1]
-    for part, mentioned, over_times, asked in chain(*guards):
+    for part, mentioned, over_times, differences in chain(*guards):
         bound = [name for name in mentioned if name in binding]
         if bound and over_times:
-            if asked is None:
+            if differences is None:
                 fixed.update(bound)
-            for one in asked or ():
+            for one in differences or ():
                 if plus := one.plus.among(binding).names:
-                    floored &= one.plus.operator is Operator.MAX and len(plus) < len(one.plus.names)
+                    above_watermark &= one.plus.operator is Operator.MAX and len(plus) < len(one.plus.names)
                 sides = Term(-1, one.plus.among(binding)), Term(1, one.minus.among(binding))
                 terms.update((term, None) for term in sides if term.extreme.names)
             continue
@@ -250,10 +239,10 @@ def ranking(compiled: CompiledTree, configuration: Configuration) -> Ranking:
     if len(excluded) * len(groups) > MOST_EXCLUDED:
         fixed.update(excluded)
         excluded, groups = [], []
-    told = [tuple(place for place, name in enumerate(excluded) if name in names) for names in groups]
+    inequalities = [tuple(place for place, name in enumerate(excluded) if name in names) for names in groups]
     rising = sorted((term for term in terms if not fixed.issuperset(term.extreme.names)), key=lambda term: -term.sign)
-    floored &= [term.sign for term in rising] == [1, -1] and rising[1].extreme.names[0] in compiled.times
-    return Ranking(tuple(sorted(fixed)), tuple(rising), tuple(excluded), tuple(told), floored)
+    above_watermark &= [term.sign for term in rising] == [1, -1] and rising[1].extreme.names[0] in compiled.times
+    return Ranking(tuple(sorted(fixed)), tuple(rising), tuple(excluded), tuple(inequalities), above_watermark)
 
 
 def _differs(guard: Guard, name: str) -> Guard | None:
@@ -265,7 +254,7 @@ def _differs(guard: Guard, name: str) -> Guard | None:
 
 
 def repeats(guard: Guard, name: str) -> Guard | None:
-    """Return the term that a guard requires a variable to equal, if it is such an equality."""
+    """Return the term that a variable must equal, or None."""
     match guard:
         case Operation(Operator.EQ, sides) | Operation(Operator.NOT, (Operation(Operator.NE, sides),)):
             return _beside(sides, name)
@@ -281,9 +270,7 @@ def _beside(sides: Sequence[Guard], name: str) -> Guard | None:
 
 
 def tendency(guard: Guard, name: str) -> int | None:
-    """Return whether a guard is rising (1), falling (-1) or constant (0) in a variable, or neither
-    (None).
-    """
+    """Return 1 if a guard is rising in a variable, -1 if falling, 0 if constant, else None."""
     if name not in variables(guard):
         return 0
     match guard:
@@ -304,7 +291,7 @@ def tendency(guard: Guard, name: str) -> int | None:
 
 
 def _steady(guard: Guard, name: str) -> bool:
-    """Whether a monotone guard is defined, or undefined, for all values of a variable."""
+    """Whether a monotone guard is always or never defined."""
     if name not in variables(guard):
         return True
     match guard:
@@ -323,8 +310,8 @@ def _turned(sign: int | None) -> int | None:
 def _slope(term: Guard, name: str) -> tuple[int | None, bool]:
     """Return the sign of a variable in a sum that has it once, and whether the rest is constant.
 
-    Only integer constants are added to a sum with a non-constant term. Integers beyond 2**53 and
-    other terms are added only to the variable itself.
+    Only integer constants up to 2**53 are added to a sum. Other terms are added only to the
+    variable itself.
     """
     match term:
         case Variable():
@@ -354,9 +341,7 @@ def _moderate(value: Json) -> bool:
 
 
 def scale(value: Json) -> type | None:
-    """Return the class within which values are comparable (`int` for all integral numbers), or
-    None.
-    """
+    """Return `int` for integral numbers, or the type within which values are comparable."""
     if type(value) is str or (type(value) is int and _moderate(value)):
         return type(value)
     if type(value) is float and _moderate(value):

@@ -47,7 +47,7 @@ class Format(StrEnum):
 
     @property
     def drawing(self) -> bool:
-        """Whether the format is a drawing, instead of the complete tree."""
+        """Whether this is a drawing, not the complete tree."""
         return self not in _WRITTEN
 
 
@@ -86,13 +86,12 @@ def draw(tree: RVAFT, form: Format, look: Look | None = None) -> bytes:
 
 
 def format_of(file: str) -> Format | None:
-    """Return the format for the suffix of a file, if any."""
+    """Return the format for a suffix, if any."""
     return SUFFIXES.get(PurePath(file).suffix.lower())
 
 
 def fired_text(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json], *, colour: bool = False) -> str:
-    """Return a detection as a tree for the terminal, with matched nodes marked by a dot and their
-    events.
+    """Return a detection as a tree for the terminal, with matched nodes and their events marked.
 
     `events` has the known matched events by number, from 1. `colour` adds ANSI escapes: marked
     lines are bold, yellow for faults and red for attacks; others are faint.
@@ -113,7 +112,7 @@ def fired_text(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]
 
 
 def fired_dot(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> str:
-    """Return a detection in the DOT language: matched nodes and edges bold, others grey."""
+    """Return a detection in the DOT language: matches bold, the rest grey."""
     tree = whole(tree)
-    wide = 26  # event values are long, and the picture is for a screen
+    wide = 26  # for long values, on a screen
     return dot_text(tree, Look(events=True, wrap=wide, marks=marks(tree, explanation, events)))

@@ -1,8 +1,8 @@
 r"""A tree as a graph for Graphviz in the style of fault trees: each node is a box above its gate.
 
 Faults are orange and attacks red, as in the paper; both stay legible in grey prints. Conditions
-(guards without event) have a dashed frame. All text is escaped. In an SVG, a box has the node's
-name in `id`, its kind in `class`, and a tooltip.
+(guards without event) have a dashed frame. In an SVG, a box has the node's name in `id`, its kind
+in `class`, and a tooltip.
 """
 
 import re
@@ -23,8 +23,8 @@ from rvaft.export.layout import (
     gate_text,
     is_condition,
     legend,
+    node_line,
     rows,
-    said,
     turn,
     view,
     wrapped,
@@ -34,15 +34,15 @@ from rvaft.model.tree import RVAFT
 from rvaft.support.terminal import visible
 
 _SPECIAL: Final = str.maketrans({"\\": "\\\\", "]": "&#93;"})
-"""Besides HTML: Graphviz interprets backslashes, and misplaces a text that consists of `]`."""
+"""Graphviz interprets backslashes, and misplaces the text `]`."""
 _TITLE: Final = str.maketrans({"&": "&amp;", "\\": "&#92;", '"': "&quot;"})
 """In SVG titles and tooltips Graphviz keeps entities, and prints escapes literally."""
 _SPACE: Final = "&#160;"
 _CREATED: Final = re.compile(rb"/CreationDate \(D:\d{14}")
-"""The creation time of a PDF, which `dot` always writes."""
+"""The creation time of a PDF."""
 
 SIZE: Final = 10
-"""The size of all text in points."""
+"""The size of text, in points."""
 _FILL: Final = {Kind.FAULT: "#fbb659", Kind.ATTACK: "#ee7872", None: "#ffffff"}
 _CODE: Final = {Role.EVENT: "#17406d", Role.GUARD: "#6d2a17"}
 _GATE, _PALE, _GREY, _BLACK = "#e8eef7", "#f6f6f6", "#b8b8b8", "#000000"
@@ -57,8 +57,8 @@ _OUTLINES: Final[Mapping[Gate, str]] = {
     Gate.PAND: 'shape=house, orientation=270, height=0.22, style="filled,rounded"',
     Gate.VOT: "shape=hexagon, height=0.28",
 }
-"""Outlines: pointed roof for OR, round for AND, signpost for SAND, round signpost for PAND, hexagon
-for a vote.
+"""Pointed roof for OR, round for AND, signpost for SAND, round signpost for PAND, hexagon for a
+vote.
 """
 _SAMPLES: Final[Mapping[Sign | Gate, str]] = {
     Sign.FAULT: f'fillcolor="{_FILL[Kind.FAULT]}"',
@@ -83,13 +83,13 @@ def html_lines(lines: Iterable[str]) -> str:
 
 
 def table(rows: Iterable[str], *, space: int = 0, cell: str = "") -> str:
-    """Return rows of escaped text as a borderless table; `space` is the cell spacing."""
+    """Return rows of escaped text as a borderless table; `space` separates cells."""
     cells = "".join(f"<tr><td {cell}>{row}</td></tr>" if cell else f"<tr><td>{row}</td></tr>" for row in rows)
     return f'<table border="0" cellborder="0" cellspacing="{space}" cellpadding="1">{cells}</table>'
 
 
 def title(text: str) -> str:
-    """Return a quoted text for the name of a graph, or for a tooltip."""
+    """Return a quoted text for a name or tooltip."""
     return f'"{visible(text).translate(_TITLE)}"'
 
 
@@ -160,7 +160,7 @@ def _box(node: Node, tree: RVAFT, look: Look, part: View, number: Mapping[str, i
     label = table(_set(*row, node.kind, faint=faint) for row in rows(node, look))
     kinds = " ".join(filter(None, [node.kind and node.kind.value, "condition" * is_condition(node)]))
     kind = f'class="{kinds}", ' if kinds else ""
-    known = f'id="node-{name}", {kind}tooltip={title(f"{node.name}  {said(node)}".rstrip())}'
+    known = f'id="node-{name}", {kind}tooltip={title(f"{node.name}  {node_line(node)}".rstrip())}'
     fill, style = _PALE if faint else _FILL[node.kind], "filled,dashed" if is_condition(node) else "filled"
     yield f'n{own} [label=<{label}>, fillcolor="{fill}", style="{style}"{bold}, {known}];'
     if node.gate is None:

@@ -34,7 +34,7 @@ DEFAULT_LIMIT: Final = 100_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Leaf:
-    """The event of a node, or a guard; `named` if a guard refers to the time of the event."""
+    """An event, or a guard; `named` if a guard refers to the event's time."""
 
     node: Node
     guard: Guard | None = None
@@ -53,7 +53,7 @@ class Join(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joined:
-    """Joined parts; `threshold` is the number of needed parts for `AT_LEAST`."""
+    """Joined parts; `threshold` is for `AT_LEAST`."""
 
     join: Join
     parts: tuple["Formula", ...]
@@ -95,7 +95,7 @@ class Notation:
     label: str = ": "
     condition: Callable[[str], str] = "[{}]".format
     whole: frozenset[Join] = frozenset({Join.SEQUENCE})
-    """The joins that need no brackets at the top level."""
+    """The joins without brackets at the top level."""
 
 
 def formula(prop: Property) -> Formula:
@@ -119,11 +119,13 @@ class _Writer:
         self._own_first = prop.tree.causality is Causality.TOP_DOWN
         self._spread: dict[Part, list[Formula]] = {}
         guards = (part.guard for part in prop.parts if isinstance(part, Condition))
-        self._asked = {(one.point, Source(one.node, one.number)) for guard in guards for one in time_points(guard)}
+        self._guard_points = {
+            (one.point, Source(one.node, one.number)) for guard in guards for one in time_points(guard)
+        }
         self._names = {whole: source.node for source, whole in prop.wholes.items() if self._spans(source)}
 
     def _spans(self, source: Source) -> bool:
-        return not {("start", source), ("end", source)}.isdisjoint(self._asked)
+        return not {("start", source), ("end", source)}.isdisjoint(self._guard_points)
 
     def row(self, part: Part) -> Formula:
         """Return the formula of a part, without a name."""
@@ -152,19 +154,17 @@ class _Writer:
                 assert_never(part)
 
     def named(self, part: Part, term: Formula) -> Formula:
-        """Add the name of the node if a guard uses its start or end."""
+        """Add the name if a guard uses the start or end."""
         name = self._names.get(part)
         return term if name is None or self._nodes[name].leaf else Named(term, name)
 
     def _event(self, name: str) -> Leaf:
         node = self._nodes[name]
-        used = ("at", Source(name)) in self._asked or (node.leaf and self._spans(Source(name)))
+        used = ("at", Source(name)) in self._guard_points or (node.leaf and self._spans(Source(name)))
         return Leaf(node, named=node.on is not None and used)
 
     def _guarded(self, inner: Part, condition: Condition) -> list[Formula]:
-        """Return the sequence for a node with a guard: event and guard, then its children (or
-        reversed).
-        """
+        """Return the sequence of event and guard, then children (or reversed)."""
         parts = inner.parts if isinstance(inner, Sequence) and _is_own(inner) else (inner,)
         own: list[Formula] = [self.done[part] for part in parts if isinstance(part, Event | Times)]
         below = [one for part in parts if not isinstance(part, Event | Times) for one in self._in_sequence(inner, part)]
@@ -172,13 +172,13 @@ class _Writer:
         return [*own, *below] if self._own_first else [*below, *own]
 
     def _in_sequence(self, around: Part, part: Part) -> list[Formula]:
-        """Return the formulas of a part inside a sequence; a choice of the same node is spread."""
+        """Return the formulas inside a sequence; a choice of the same node is spread."""
         same = around.source is not None and part.source is not None and around.source.node == part.source.node
         return self._spread.get(part, [self.done[part]]) if same else [self.done[part]]
 
 
 def _is_own(sequence: Sequence) -> bool:
-    """Whether a sequence is a node's event with the parts below the node."""
+    """Whether a sequence is an event with the parts below its node."""
     return any(
         isinstance(part, Event | Times) and part.source.node == sequence.source.node
         for part in sequence.parts
@@ -187,12 +187,12 @@ def _is_own(sequence: Sequence) -> bool:
 
 
 def _choice(parts: tuple[Formula, ...]) -> list[Formula]:
-    """Return a choice with the common first and last parts (shared nodes) factored out."""
+    """Return a choice with common first and last parts factored out."""
     rows = [
         part.parts if isinstance(part, Joined) and part.join is Join.SEQUENCE and len(parts) > 1 else (part,)
         for part in parts
     ]
-    most = min(map(len, rows)) - 1  # keep a part of each alternative
+    most = min(map(len, rows)) - 1
     first = _common(rows, range(most))
     last = _common(rows, range(-1, -1 - (most - len(first)), -1))[::-1]
     middle = [row[len(first) : len(row) - len(last)] for row in rows]
@@ -200,7 +200,7 @@ def _choice(parts: tuple[Formula, ...]) -> list[Formula]:
 
 
 def _common(rows: Several[tuple[Formula, ...]], places: Iterable[int]) -> list[Formula]:
-    """Return the formulas that all rows share at these places, up to the first difference."""
+    """Return the formulas that all rows share, up to the first difference."""
     same = takewhile(lambda place: all(row[place] is rows[0][place] for row in rows), places)
     return [rows[0][place] for place in same]
 

@@ -1,8 +1,7 @@
 """Trees for other programs: complete as JSON, and reduced in Galileo's format.
 
 `docs/how-to/drawing.md` has the JSON schema. Galileo has no SAND: it becomes `pand`, which is
-equivalent over single events. Events, guards, times, kinds, labels and `ignore` are lost; `losses`
-lists them. rvaft reads both formats.
+equivalent over single events. `losses` lists what else the Galileo text lacks.
 """
 
 import json
@@ -86,7 +85,7 @@ def galileo_text(tree: RVAFT) -> str:
 
 
 def losses(tree: RVAFT) -> Iterator[str]:
-    """Yield the parts of the tree that the Galileo text lacks, one clause each."""
+    """Yield what the Galileo text lacks, one clause each."""
     nodes = list(tree.top_down())
     several = _with_several_leaves(tree)
     ordered = sum(node.gate in _SEQUENCES and not several.isdisjoint(node.children) for node in nodes)
@@ -104,21 +103,21 @@ def losses(tree: RVAFT) -> Iterator[str]:
     ):
         if lost:
             yield f"{lost} {what.format('s' * (lost != 1))}"
-    for said, what in (
+    for declared, what in (
         (tree.ignores, "ignore declarations"),
         (tree.topics, "topic declarations"),
         (tree.causality is Causality.BOTTOM_UP, "causality bottom_up"),
         (tree.semantics, f"semantics {tree.semantics}"),
         (tree.time, "the time of events"),
     ):
-        if said:
+        if declared:
             yield f"{what} left out"
     if unrated:
         yield f"{unrated} basic event{'s' * (unrated != 1)} without a rate or probability, which most tools require"
 
 
 def _with_several_leaves(tree: RVAFT) -> set[str]:
-    """Return the nodes with more than one leaf below them in some scenario."""
+    """Return the nodes with several leaves in some scenario."""
     most: dict[str, int] = {}
     for node in tree.bottom_up():
         below = [most[child] for child in node.children]
@@ -153,5 +152,5 @@ def _name(name: str) -> str:
 
 
 def _is_plain(key: str, value: str) -> bool:
-    """Whether an attribute can be written; Galileo does not quote values."""
+    """Whether Galileo, which does not quote values, can write an attribute."""
     return WORD.fullmatch(key) is not None and bare_value(value)

@@ -1,7 +1,7 @@
 r"""LaTeX output of names, guards and listings, with all special characters escaped.
 
-Symbols and Greek letters become commands of `textcomp` and mathematics. Other scripts pass
-unchanged and need LuaLaTeX or XeLaTeX. Mathematics needs `amsmath` for `\text`.
+Symbols and Greek letters become commands of `textcomp` and mathematics. Other scripts need LuaLaTeX
+or XeLaTeX. Mathematics needs `amsmath` for `\text`.
 """
 
 import re
@@ -22,11 +22,10 @@ _SPECIAL: Final = str.maketrans(
         "\\": r"\textbackslash{}",
         "~": r"\textasciitilde{}",
         "^": r"\textasciicircum{}",
-        # Characters that some fonts lack, or that begin ligatures.
+        # characters that some fonts lack, or that begin ligatures
         "<": r"\textless{}",
         ">": r"\textgreater{}",
         "|": r"\textbar{}",
-        # Straight in typewriter fonts; a closing quotation mark in others.
         '"': r"\texttt{\char34}",
         "'": r"\textquotesingle{}",
         "`": r"\textasciigrave{}",
@@ -35,7 +34,7 @@ _SPECIAL: Final = str.maketrans(
     }
 )
 _LIGATURE: Final = re.compile(r"([-,])(?=\1)")
-"""Ligatures for dashes and quotation marks; braces do not break them in LuaTeX."""
+"""Ligatures; braces do not break them in LuaTeX."""
 _BEYOND: Final = re.compile(r"[^\x00-\x7f]")
 _IDENTIFIER: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _NUMBERED: Final = re.compile(r"([A-Za-z0-9_]*[A-Za-z])([0-9]+)")
@@ -43,14 +42,14 @@ _EXPONENT: Final = re.compile(r"(.*)e([+-]?)0*([0-9]+)")
 
 
 def escaped(text: str) -> str:
-    """Return the text on one line, with control characters as visible escapes."""
+    """Return the text on one line, escaped."""
     parted = _LIGATURE.sub(r"\1{\\kern0pt}", visible(text).translate(_SPECIAL))
     return re.sub(" (?= )", lambda _: r"\ ", _BEYOND.sub(lambda found: _symbol(found[0]), parted))
 
 
 @cache
 def _symbol(character: str) -> str:
-    """Return the command for a symbol or a Greek letter; other letters are unchanged."""
+    """Return the command for a symbol or Greek letter."""
     from pylatexenc.latexencode import UnicodeToLatexEncoder  # noqa: PLC0415
 
     encoder = UnicodeToLatexEncoder(unknown_char_policy="keep", unknown_char_warning=False)
@@ -60,7 +59,7 @@ def _symbol(character: str) -> str:
 
 
 def stem_and_index(text: str) -> tuple[str, str] | None:
-    """Split an identifier like `ev1` into stem and index; None for other texts."""
+    """Split `ev1` into stem and index; None for other texts."""
     if not _IDENTIFIER.fullmatch(text):
         return None
     found = _NUMBERED.fullmatch(text)
@@ -139,6 +138,6 @@ def listing(text: str, highlighting: Highlighting | None) -> str:
     """
     lines = [r"% Needs \usepackage{listings} and \usepackage{textcomp}."]
     lines += [] if highlighting is None else highlighting.definition.strip().splitlines()
-    language = "" if highlighting is None else f", language={highlighting.name}"  # the last language wins
+    language = "" if highlighting is None else f", language={highlighting.name}"
     body = _HARD.sub(lambda found: f"{_OPEN}{escaped(found[0])}{_CLOSE}", text.rstrip("\n"))
     return "\n".join([*lines, f"\\begin{{lstlisting}}[{_OPTIONS}{language}]", body, r"\end{lstlisting}", ""])

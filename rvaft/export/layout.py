@@ -26,12 +26,11 @@ from rvaft.rules.rule import did_you_mean
 from rvaft.support.terminal import cut, visible
 
 LONGEST: Final = 120
-"""Maximum characters of a value before it is cut."""
 WIDTH: Final = 14
-"""Width of text in a box in columns; narrow enough for printed trees."""
+"""Width of text in a box, in columns."""
 _LISTED: Final = 5
 NARROWEST: Final = 4
-"""Minimum width of a box in columns."""
+"""Minimum width of a box, in columns."""
 
 _GATES: Final[Mapping[Gate, tuple[str, str]]] = {
     Gate.OR: ("OR", "one of them"),
@@ -45,7 +44,7 @@ assert set(_GATES) == set(Gate), "every gate has a text"
 
 
 def turn(node: Node, place: int) -> int:
-    """Return the position, from 1, of the child at that place in the order of the gate."""
+    """Return the position of a child, from 1, in the order of the gate."""
     match node.gate:
         case Gate.SAND_RL:
             return len(node.children) - place
@@ -68,12 +67,12 @@ class Marks:
     meaning: str = "detected"
 
     def edge(self, parent: str | None, child: str) -> bool:
-        """Whether the scenario keeps this child of this node."""
+        """Whether the scenario keeps this child."""
         return parent is not None and child in self.kept.get(parent, ())
 
 
 def marks(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> Marks:
-    """Return the marks of a match; unknown events show their number only."""
+    """Return the marks of a match."""
     scenario = {name: frozenset(children) for name, children in explanation.scenario.items()}
     notes: dict[str, tuple[str, ...]] = {}
     for name, numbers in explanation.events.items():
@@ -95,10 +94,10 @@ def branch_marks(tree: RVAFT, number: int) -> Marks:
 
 def _note(number: int, event: Json, tree: RVAFT) -> Iterator[str]:
     yield f"event {number}"
-    told = {field: event[field] for field in ("time", "topic") if isinstance(event, Mapping) and field in event}
+    fields = {field: event[field] for field in ("time", "topic") if isinstance(event, Mapping) and field in event}
     if tree.time is not None and (written := tree.time.written(event)) is not None:
-        told = {**told, "time": written}
-    for field, value in sorted(told.items()):
+        fields = {**fields, "time": written}
+    for field, value in sorted(fields.items()):
         yield f"{field} {cut(value, LONGEST) if isinstance(value, str) else _written(value)}"
 
 
@@ -110,7 +109,7 @@ def _title(number: int | None, kinds: Collection[Kind]) -> str:
 def _written(value: Json) -> str:
     try:
         return cut(json.dumps(value, ensure_ascii=False, default=repr), LONGEST)
-    except ValueError:  # an integer beyond the digit limit of Python
+    except ValueError:  # more digits than Python converts
         return "…"
 
 
@@ -157,7 +156,7 @@ def looking(
 
 @dataclass(frozen=True)
 class View:
-    """The drawn nodes, parents first; `folded` counts the hidden nodes below folded nodes."""
+    """The drawn nodes, parents first; `folded` counts hidden nodes."""
 
     nodes: tuple[Node, ...]
     folded: Mapping[str, int]
@@ -168,17 +167,16 @@ class View:
 
     @cached_property
     def shared(self) -> frozenset[str]:
-        """The nodes that are drawn as children of several nodes."""
+        """The nodes drawn below several nodes."""
         parents = Counter(child for node in self.nodes for child in self.children(node))
         return frozenset(name for name, count in parents.items() if count > 1)
 
     @cached_property
     def numbered(self) -> frozenset[str]:
-        """SAND and PAND gates above shared nodes: their children need numbers.
-
-        A layout may draw a shared node out of order, below another parent.
+        """SAND and PAND gates whose children need numbers: a layout may draw shared nodes out of
+        order.
         """
-        loose = set(self.shared)  # shared, or above a shared node
+        loose = set(self.shared)
         for node in reversed(self.nodes):
             if not loose.isdisjoint(self.children(node)):
                 loose.add(node.name)
@@ -214,7 +212,7 @@ def view(tree: RVAFT, look: Look) -> View:
 
 
 def gate_text(node: Node) -> str:
-    """Return the short form of a gate, with its direction or k/n; "" for a leaf."""
+    """Return a gate with its direction or k/n; "" for a leaf."""
     if node.gate is None:
         return ""
     return _GATES[node.gate][0].replace("k/n", f"{node.threshold}/{len(node.children)}")
@@ -229,12 +227,12 @@ Role = Enum("Role", "PLAIN BOLD EVENT GUARD")
 
 
 def rows(node: Node, look: Look) -> Iterator[tuple[Role, list[str]]]:
-    """Yield the rows in the box of a node that the look shows; the first identifies the node.
+    """Yield the rows in the box of a node; the first identifies it.
 
-    Numbers of events and windows are always shown, like gates.
+    Numbers of events and windows are always shown.
     """
     width = look.wrap
-    code_width = width + width // 4  # events and guards have fewer places to break than words
+    code_width = width + width // 4
     if look.names or not node.label:
         yield Role.BOLD if node.label else Role.PLAIN, wrapped(node.name, width)
     if node.label:
@@ -260,7 +258,7 @@ def _window(node: Node) -> str:
     return "" if node.within is None else f"within {duration_text(node.within)}"
 
 
-def said(node: Node, *, events: bool = True) -> str:
+def node_line(node: Node, *, events: bool = True) -> str:
     """Return a node in one line: gate, window, kind, event, number, guard and label."""
     parts = [
         gate_text(node),
@@ -287,7 +285,7 @@ class Sign(Enum):
 
 
 def legend(view: View, marks: Marks | None, *, graph: bool) -> Iterator[tuple[Sign | Gate, str, str]]:
-    """Yield signs with samples and meanings for the constructs in a drawing.
+    """Yield the constructs in a drawing: sign, sample and meaning.
 
     A `graph` draws a shared node once and numbers ordered children; other formats repeat it.
     """
@@ -309,8 +307,6 @@ def legend(view: View, marks: Marks | None, *, graph: bool) -> Iterator[tuple[Si
         yield sign, sample, marks.meaning if marks is not None and sign is Sign.MARKED else meaning
 
 
-# Line wrapping: labels between words, events and guards between their parts.
-
 _WORD: Final = re.compile(r"(\s*)(\S+)")
 _PART: Final = re.compile(r"[^/_.:,;\s-]*[/_.:,;\s-]+|[^/_.:,;\s-]+")
 _TOKEN: Final = re.compile(
@@ -319,7 +315,7 @@ _TOKEN: Final = re.compile(
 )
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"?')
 _INSIDE: Final = 3
-"""The first rank inside of a comparison or another term."""
+"""The break rank inside a comparison."""
 
 
 def wrapped(text: str, width: int) -> list[str]:
@@ -360,14 +356,14 @@ def _filled(text: str, width: int, lay: Callable[[str, "_LineFiller"], object]) 
 
 
 def text_columns(text: str) -> int:
-    """Return the width of a text in columns: two for wide characters, none for combining ones."""
+    """Return the width in columns: two for wide characters, none for combining ones."""
     if text.isascii():
         return len(text)
     return sum(1 + (unicodedata.east_asian_width(one) in "WF") for one in text if not unicodedata.combining(one))
 
 
 class _LineFiller:
-    """Fills lines with pieces of text; leading blanks of a line are dropped."""
+    """Fills lines with text, without leading blanks."""
 
     def __init__(self, width: int) -> None:
         self.width = width
@@ -375,9 +371,7 @@ class _LineFiller:
         self._used = 0
 
     def add(self, blank: str, text: str, *, room: int) -> None:
-        """Add a piece; one wider than `room` is broken after blanks and signs such as `/`, or
-        anywhere.
-        """
+        """Add a piece; break one wider than `room` after blanks and signs, or anywhere."""
         whole = text_columns(text) <= room
         for part in [text] if whole else [one for piece in _PART.findall(text) for one in self._cut(piece)]:
             columns = text_columns(part)
@@ -401,7 +395,7 @@ class _LineFiller:
 
 
 class _CodeToken(NamedTuple):
-    """A token, the blanks before it, and its break rank: bracket depth, then kind of place."""
+    """A token, preceding blanks, and break rank: bracket depth, then kind of place."""
 
     blank: str
     text: str
@@ -426,7 +420,7 @@ def _tokens(text: str) -> Iterator[_CodeToken]:
 
 
 def _lay(tokens: Sequence[_CodeToken], lines: _LineFiller) -> None:
-    """Add tokens as one piece if they fit, else in parts at the breaks of the lowest rank."""
+    """Add tokens as one piece, else in parts at the lowest rank."""
     if not tokens:
         return
     blank = tokens[0].blank

@@ -26,7 +26,7 @@ _MINUS: Final = "−"
 
 
 def _name(name: str) -> str:
-    """Return a name with its number as a subscript: `T₁`; quoted if it is no identifier."""
+    """Return a name with a subscript, `T₁`, or quoted."""
     parts = latex.stem_and_index(name)
     return quoted(name) if parts is None else parts[0] + parts[1].translate(_SUBSCRIPTS)
 
@@ -86,7 +86,7 @@ _LATEX: Final = Notation(
 )
 
 WIDTH: Final = 72
-"""Characters per line of a LaTeX formula: about one column in 10 pt."""
+"""Characters per line: about one column in 10 pt."""
 _INDENT: Final = 3
 
 
@@ -107,15 +107,15 @@ def property_unicode(part: RVAFT | Branch, *, limit: int = DEFAULT_LIMIT) -> str
 def property_latex(part: RVAFT | Branch, *, width: int | None = None, limit: int = DEFAULT_LIMIT) -> str:
     r"""Return the property in LaTeX mathematics without an environment; needs `amsmath`.
 
-    With a `width` in characters, long formulas are broken for an environment like `align*`, with
-    `\\` and `&\quad`. Raises `TooLarge` beyond `limit` pieces.
+    With a `width` in characters, long formulas are broken with `\\` and `&\quad`, for an
+    environment like `align*`. Raises `TooLarge` beyond `limit` pieces.
     """
     term = _formula(part)
     if width is None:
         return write(term, _LATEX, limit=limit)
     lines, used = [""], 0
     for text, shown in zip(breakable(term, _LATEX, limit=limit), breakable(term, _UNICODE, limit=limit), strict=True):
-        if lines[-1] and used + len(shown) > width:  # the Unicode form approximates the width
+        if lines[-1] and used + len(shown) > width:
             lines[-1] = f"{lines[-1].rstrip()} "
             lines.append(" ")
             used = _INDENT
@@ -125,9 +125,7 @@ def property_latex(part: RVAFT | Branch, *, width: int | None = None, limit: int
 
 
 def equation_latex(part: RVAFT | Branch, *, width: int | None = WIDTH, limit: int = DEFAULT_LIMIT) -> str:
-    r"""Return the property with its name as a row of `align*`: `\varphi_{1} &= …`; raises
-    `TooLarge`.
-    """
+    r"""Return a row of `align*` with the name: `\varphi_{1} &= …`; raises `TooLarge`."""
     index = _index(part)
     shown = index if index.isdigit() else rf"\mathrm{{{index}}}"
     sign = rf"\varphi_{{{shown}}}" if index else r"\varphi"
@@ -135,7 +133,7 @@ def equation_latex(part: RVAFT | Branch, *, width: int | None = WIDTH, limit: in
 
 
 def align_latex(parts: Iterable[RVAFT | Branch], *, width: int | None = WIDTH) -> Iterator[str]:
-    """Yield the lines of an `align*` with the properties, each after a comment with its kinds."""
+    """Yield an `align*` with the properties, after comments with their kinds."""
     yield r"% Needs \usepackage{amsmath} and \usepackage{textcomp}."
     yield r"\begingroup\allowdisplaybreaks"
     yield r"\begin{align*}"
@@ -150,7 +148,7 @@ def align_latex(parts: Iterable[RVAFT | Branch], *, width: int | None = WIDTH) -
 
 
 def property_sign(part: RVAFT | Branch) -> str:
-    """Return the name of the property: φ for a tree, φ₁ for branch 1, φ(fault) for a kind."""
+    """Return φ for a tree, φ₁ for branch 1, φ(fault) for a kind."""
     index = _index(part)
     return f"φ{index.translate(_SUBSCRIPTS) if index.isdigit() else f'({index})' if index else ''}"
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import Final
 
-from rvaft.export.layout import Look, Role, View, gate_text, is_condition, rows, said, text_columns, turn, view
+from rvaft.export.layout import Look, Role, View, gate_text, is_condition, node_line, rows, text_columns, turn, view
 from rvaft.model.nodes import Node
 from rvaft.model.tree import RVAFT
 from rvaft.support.terminal import visible
@@ -19,17 +19,16 @@ from rvaft.support.terminal import visible
 SCREEN: Final = Look(events=True, wrap=20)
 CROWDED: Final = Look(events=True, wrap=14, stagger=True)
 MANY: Final = 12
-"""Number of leaves above which a tree is wide."""
 _CHARACTER, _LINE, _PAD, _MARGIN = 7.2, 15, 8, 9
-"""Width of a column of text, height of a line, padding of a box, and margin of the picture."""
+"""Width of a character, height of a line, padding, margin."""
 _ACROSS, _DOWN, _GATE = 14, 26, 22
-"""Gap between boxes, gap between a gate and the children, and height of a gate with its stem."""
+"""Gap between boxes, gap below a gate, and its height with the stem."""
 _CLASSES: Final[Mapping[Role, str]] = {Role.PLAIN: "", Role.BOLD: "name", Role.EVENT: "event", Role.GUARD: "guard"}
 
 
 @dataclass(slots=True)
 class SvgBox:
-    """A drawn node: text lines with classes, size with the gate, level, and its top centre."""
+    """A drawn node: lines with classes, size, level, and its top centre."""
 
     node: Node
     lines: Sequence[tuple[str, str]]
@@ -41,7 +40,7 @@ class SvgBox:
 
     @property
     def bottom(self) -> float:
-        """The lower end, where lines to the children begin."""
+        """The lower end."""
         return self.y + self.height + (_GATE if self.node.gate is not None else 0)
 
 
@@ -76,7 +75,7 @@ def _box(node: Node, look: Look) -> SvgBox:
 
 
 def _place(part: View, look: Look, boxes: Mapping[str, SvgBox]) -> tuple[float, list[float]]:
-    """Position all boxes; return the width of the picture and the bottom of each level."""
+    """Position all boxes; return width and bottom of each level."""
     above: dict[str, str] = {}
     for node in part.nodes:  # parents first: a shared node goes below its deepest parent
         for place, child in enumerate(part.children(node)):
@@ -87,7 +86,7 @@ def _place(part: View, look: Look, boxes: Mapping[str, SvgBox]) -> tuple[float, 
     own: dict[str, list[str]] = {node.name: [] for node in part.nodes}
     for node in part.nodes:
         own[node.name] = [child for child in dict.fromkeys(part.children(node)) if above[child] == node.name]
-    # Bottom up: move each subtree as close to its left neighbour as their outlines permit.
+    # bottom up: move each subtree close to its left neighbour
     shift: dict[str, float] = {}
     outlines: dict[str, dict[int, tuple[float, float]]] = {}
     for node in reversed(part.nodes):
@@ -112,7 +111,7 @@ def _place(part: View, look: Look, boxes: Mapping[str, SvgBox]) -> tuple[float, 
     heights = [0.0] * (max(box.level for box in boxes.values()) + 1)
     for box in boxes.values():
         heights[box.level] = max(heights[box.level], box.height + _GATE * (box.node.gate is not None))
-    tops, bottoms = [float(_MARGIN + 8)], list[float]()  # room for a badge
+    tops, bottoms = [float(_MARGIN + 8)], list[float]()
     for height in heights:
         bottoms.append(tops[-1] + height)
         tops.append(bottoms[-1] + _DOWN)
@@ -128,13 +127,11 @@ def _place(part: View, look: Look, boxes: Mapping[str, SvgBox]) -> tuple[float, 
 def _lines(
     node: Node, part: View, boxes: Mapping[str, SvgBox], bottoms: Sequence[float], number: Mapping[str, int]
 ) -> Iterator[str]:
-    """Yield the lines from a gate to the children, with numbers where their order may not be
-    visible.
-    """
+    """Yield the lines to the children, with numbers if their order may be invisible."""
     box, children = boxes[node.name], part.children(node)
     for place, child in enumerate(children):
         below = boxes[child]
-        # Vertical to the end of the level, a curve between two levels, then vertical to the child.
+        # vertical, a curve between two levels, then vertical
         end, begin = bottoms[box.level], bottoms[box.level] + _DOWN
         bends = f"C{box.x:.1f} {(end + begin) / 2:.1f} {below.x:.1f} {(end + begin) / 2:.1f} {below.x:.1f} {begin:.1f}"
         way = f"M{box.x:.1f} {box.bottom:.1f}V{end:.1f}{bends}V{below.y:.1f}"
@@ -147,7 +144,7 @@ def _drawn(box: SvgBox, number: int) -> Iterator[str]:
     node, left = box.node, box.x - box.width / 2
     words = ["node", node.kind.value if node.kind else "", "condition" if is_condition(node) else ""]
     yield f'<g class="{" ".join(filter(None, words))}" data-node="{number}">'
-    yield f"<title>{escape(visible(f'{node.name}  {said(node)}'.rstrip()))}</title>"
+    yield f"<title>{escape(visible(f'{node.name}  {node_line(node)}'.rstrip()))}</title>"
     if node.gate is not None:
         text, top = gate_text(node), box.y + box.height
         wide = (text_columns(text) + 2) * _CHARACTER

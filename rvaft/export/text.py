@@ -8,14 +8,13 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Final
 
-from rvaft.export.layout import TERMINAL, Look, View, said, view
+from rvaft.export.layout import TERMINAL, Look, View, node_line, view
 from rvaft.model.expressions import name_text
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.support.terminal import visible
 
 MAX_LEVELS = 20
-"""Maximum levels of indentation in a section."""
 MARK: Final = "● "
 _COLOURS: Final = {Kind.FAULT: "1;33", Kind.ATTACK: "1;31", None: "1"}
 _FAINT: Final = "2"
@@ -47,7 +46,7 @@ def tree_text(tree: RVAFT, look: Look = TERMINAL, *, colour: bool = False) -> st
 
 
 def _lines(tree: RVAFT, look: Look, part: View) -> Iterator[tuple[str, str, str | None, bool]]:
-    """Yield lines with their node, the parent of a reference, and whether events are shown."""
+    """Yield lines with node, parent of a reference, and whether events are shown."""
     sections = deque([tree.root])
     drawn: set[str] = set()
     while sections:
@@ -63,7 +62,7 @@ def _lines(tree: RVAFT, look: Look, part: View) -> Iterator[tuple[str, str, str 
             drawn.add(name)
             node = tree.nodes[name]
             children = part.children(node)
-            if words := said(node, events=look.events):
+            if words := node_line(node, events=look.events):
                 shown += f"{' ' if node.gate else '  '}{words}"
             if level == MAX_LEVELS and children:
                 sections.append(name)

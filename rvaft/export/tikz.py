@@ -11,7 +11,7 @@ from rvaft.model.nodes import Gate, Kind
 from rvaft.model.tree import RVAFT
 
 _OURS = str.maketrans({"[": "{[}", "]": "{]}", "*": "{*}"})
-"""Characters with a meaning in `forest`, or after a line break."""
+"""Characters with a meaning in `forest`."""
 _BREAK: Final = r"\\"
 _FORMS: Final = {
     Role.PLAIN: "{}",
@@ -89,7 +89,7 @@ def _brackets(tree: RVAFT, look: Look, part: View) -> Iterator[str]:
     agenda: list[tuple[str | None, str] | None] = [(None, tree.root)]
     while agenda:
         item = agenda.pop()
-        if item is None:  # the end of a node with a gate
+        if item is None:
             yield "]]"
             continue
         parent, name = item
@@ -124,8 +124,8 @@ def _below(look: Look, part: View) -> Iterator[str]:
     if look.legend and (signs := list(legend(part, look.marks, graph=False))):
         yield rf"\matrix[anchor=north west, row sep=2pt, column sep=2pt, ampersand replacement=\&] {_UNDER} {{"
         for sign, sample, meaning in signs:
-            said = rf"\node[anchor=base west, font=\footnotesize\sffamily] {{{_flat(meaning)}}};"
-            yield rf"\node[{_STYLES[sign]}, anchor=base] {{{_flat(sample)}}}; \& {said} \\"
+            label = rf"\node[anchor=base west, font=\footnotesize\sffamily] {{{_flat(meaning)}}};"
+            yield rf"\node[{_STYLES[sign]}, anchor=base] {{{_flat(sample)}}}; \& {label} \\"
         yield "};"
 
 

@@ -1,8 +1,8 @@
 """Detections and verdicts for Foxglove, in an MCAP file or from a WebSocket server.
 
 Messages are JSON with a schema: detections (as for commands) on `/rvaft/detections`, changes of
-verdicts on `/rvaft/verdicts`. Their log time is that of the event if the tree declares times, else
-the current time. Needs `foxglove-sdk`.
+verdicts on `/rvaft/verdicts`. Their log time is the event time, or the current time if the tree
+declares no time. Needs `foxglove-sdk`.
 """
 
 import os
@@ -54,7 +54,7 @@ _SCHEMAS: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
 class FoxgloveSink(Publisher):
     """Publishes to a `.mcap` file, complete once closed, or on a port (a number or `HOST:PORT`).
 
-    A failure to write is reported to `warn` at once, and raised by `close` as `OSError`. Raises
+    A failure to write is reported to `warn` at once; `close` raises it as `OSError`. Raises
     `OptionError` for an invalid target or an unavailable port, `OSError` and `ToolMissing`.
 
     >>> import rvaft, tempfile
@@ -85,7 +85,7 @@ class FoxgloveSink(Publisher):
         found = port_of(target)
         remedy = "pip install '.[foxglove]' in a checkout of rvaft"
         sdk = installed("foxglove", "foxglove-sdk", remedy)
-        context = self._context = sdk.Context()  # a context without references closes its channels
+        context = self._context = sdk.Context()  # unreferenced contexts close their channels
         self._channels = {
             topic: sdk.Channel(topic, schema={"type": "object", "title": title, "properties": has}, context=context)
             for topic, (title, has) in _SCHEMAS.items()
@@ -113,13 +113,14 @@ class FoxgloveSink(Publisher):
         if self._file is None:
             self._open.stop()
         elif not self._file.closed:
-            with suppress(RuntimeError):  # the file has the reason
+            with suppress(RuntimeError):
                 self._open.close()
             self._file.finish()
 
     def on_detection(self, **options: Unpack[MonitorOptions]) -> Callable[[Json], Verdict]:
-        """Return a function that reads one event and publishes detections; options as for
-        `rvaft.on_detection`.
+        """Return a function that reads one event and publishes detections.
+
+        The options are those of `rvaft.on_detection`.
         """
         monitor, buffer = rvaft.monitor(self._tree, **options), EventBuffer()
         number, about = 0, {"tree": self._name}
@@ -145,15 +146,15 @@ class FoxgloveSink(Publisher):
     def change(self, change: VerdictChange) -> None:
         """Publish changed verdicts and detections."""
         watch, labels = change.watch, [column.label for column in change.watch.monitors.columns]
-        again = {"again": True} if change.number <= self.told_before else {}
+        again = {"again": True} if change.number <= self.reported_before else {}
         about = {"tree": self._name, "trace": watch.trace, **self._key(watch), "event": change.number, **again}
         each = {label: verdict.value for label, verdict in zip(labels, change.verdicts, strict=True)}
         verdicts = {"verdicts": each} if len(labels) > 1 else {}
         self._log(VERDICTS, {**about, "verdict": change.verdicts[0].value, **verdicts}, change.event)
         for explanation, _, count in change.detections:
             counted = {} if count is None else count.fields
-            told = detection({**about, **counted}, explanation, change.events, self._tree)
-            self._log(DETECTIONS, told, change.event)
+            record = detection({**about, **counted}, explanation, change.events, self._tree)
+            self._log(DETECTIONS, record, change.event)
 
     def _log(self, topic: str, message: Mapping[str, Json], event: Json) -> None:
         if self._failure is not None:
@@ -181,8 +182,6 @@ def port_of(target: int | str | os.PathLike[str]) -> tuple[str, int] | None:
 
 
 class _File:
-    """A file written under a temporary name; remembers the first failure and then ignores writes."""
-
     def __init__(self, path: Path) -> None:
         self.path = path
         self.failure: OSError | None = None
@@ -206,9 +205,7 @@ class _File:
         return self._unless_failed(lambda: self._stream.seek(offset, whence), offset)
 
     def _unless_failed(self, do: Callable[[], Given], otherwise: Given) -> Given:
-        """Call a function, or remember its failure; the library would report the same error
-        repeatedly.
-        """
+        """Call a function, or keep its failure, which the library would report repeatedly."""
         if self.failure is None:
             try:
                 return do()
@@ -221,7 +218,7 @@ class _File:
         with error_context("cannot write", self.path):
             try:
                 self.flush()
-                with suppress(OSError):  # after a failed flush
+                with suppress(OSError):
                     self._stream.close()
                 if self.failure is not None:
                     raise self.failure

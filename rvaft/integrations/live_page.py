@@ -22,11 +22,9 @@ from rvaft.reports.log_report import policy
 from rvaft.support.network import LOCAL, own, unavailable
 
 PERIOD: Final = 0.25
-"""Seconds between checks for updates."""
 BROWSERS: Final = 32
 """Maximum number of concurrent requests; an open page needs one."""
 _PATIENCE: Final = 10.0
-"""Timeout in seconds for reading requests and sending answers."""
 _HEARTBEAT: Final = 5.0
 """Seconds between messages that detect closed connections."""
 _REFUSALS: Final = {
@@ -35,38 +33,38 @@ _REFUSALS: Final = {
     HTTPStatus.METHOD_NOT_ALLOWED: "allowed methods: GET",
     HTTPStatus.SERVICE_UNAVAILABLE: "too many open pages; close another one",
 }
-Told = tuple[str, bytes]
-Asked = Literal["page", "events"]
+Changes = tuple[str, bytes]
+ResourceKind = Literal["page", "events"]
 
 
-def asked(target: str, *, live: bool) -> Asked | None:
+def resource_kind(target: str, *, live: bool) -> ResourceKind | None:
     """Return the kind of resource at a request target, or None.
 
-    >>> asked("/", live=True), asked("/events?after=1", live=True), asked("/../etc/passwd", live=True)
-    ('page', 'events', None)
+    >>> [resource_kind(target, live=True) for target in ("/", "/events?after=1", "/../etc/passwd")]
+    ['page', 'events', None]
     """
     path = target.partition("?")[0]
     return "page" if path == "/" else "events" if path == "/events" and live else None
 
 
 def cursor_of(target: str, last: str | None) -> str:
-    """Return the cursor of a request for events: the last event id, or else that in the target."""
+    """Return the cursor of a request: the last event id, or else the cursor in the target."""
     with suppress(ValueError):
         return last or parse_qs(urlsplit(target).query).get("after", [""])[0]
     return ""
 
 
-def message(told: Told) -> bytes:
+def message(changes: Changes) -> bytes:
     r"""Return changes as a server-sent event.
 
     >>> message(("7", b"{}"))
     b'id: 7\ndata: {}\n\n'
     """
-    cursor, new = told
+    cursor, new = changes
     return b"id: %s\ndata: %s\n\n" % (cursor.encode(), new)
 
 
-def headers(kind: Asked | None, *, live: bool) -> Mapping[str, str]:
+def headers(kind: ResourceKind | None, *, live: bool) -> Mapping[str, str]:
     """Return the headers of an answer: type, content policy, and no caching."""
     types = {"page": "text/html", "events": "text/event-stream", None: "text/plain"}
     return {
@@ -80,7 +78,7 @@ def headers(kind: Asked | None, *, live: bool) -> Mapping[str, str]:
 
 
 def refusal(status: HTTPStatus, more: str = "") -> str:
-    r"""Return the text of a refusal; `more` completes the list of what is there.
+    r"""Return the text of a refusal; `more` completes the list of resources.
 
     >>> refusal(HTTPStatus.NOT_FOUND, ", and WebSocket")
     '404 not found: there is only the page at /, and WebSocket\n'
@@ -89,13 +87,13 @@ def refusal(status: HTTPStatus, more: str = "") -> str:
 
 
 class Questions:
-    """Requests of browser threads, answered by the thread that reads the log."""
+    """Requests from browser threads to the reading thread."""
 
     def __init__(self) -> None:
         self._waiting: SimpleQueue[tuple[str | None, Future[Any]]] = SimpleQueue()
 
     def ask(self, cursor: str | None) -> Any:
-        """Wait for and return the changes since a cursor, or the page for None."""
+        """Wait for the changes since a cursor, or for the page if it is None, and return them."""
         future: Future[Any] = Future()
         self._waiting.put((cursor, future))
         return future.result()
@@ -189,7 +187,7 @@ class _Answering(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Send the page or the stream of updates."""
         server = self.server
-        kind = asked(self.path, live=server.live)
+        kind = resource_kind(self.path, live=server.live)
         if not own(self.headers.get_all("Host", []), server.origins):
             self._refuse(HTTPStatus.FORBIDDEN)
         elif kind is None:
@@ -236,12 +234,12 @@ class _Answering(BaseHTTPRequestHandler):
     def _refuse(self, status: HTTPStatus, more: str = "") -> None:
         self._send(status, refusal(status, more).encode(), None)
 
-    def _send(self, status: HTTPStatus, body: bytes, kind: Asked | None) -> None:
+    def _send(self, status: HTTPStatus, body: bytes, kind: ResourceKind | None) -> None:
         self._begin(status, kind, len(body))
         if self.command != "HEAD":
             self.wfile.write(body)
 
-    def _begin(self, status: HTTPStatus, kind: Asked | None, length: int | None = None) -> None:
+    def _begin(self, status: HTTPStatus, kind: ResourceKind | None, length: int | None = None) -> None:
         self.send_response(status)
         for name, value in headers(kind, live=self.server.live).items():
             self.send_header(name, value)

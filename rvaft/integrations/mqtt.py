@@ -26,17 +26,13 @@ if TYPE_CHECKING:
     from paho.mqtt.client import MQTTMessage
 
 ROOM: Final = 64 * 1024 * 1024
-"""Bytes of buffered messages; beyond it messages are dropped and reported."""
+"""Bytes of buffered messages; further messages are dropped and reported."""
 USER: Final = "MQTT_USERNAME"
 PASSWORD: Final = "MQTT_PASSWORD"  # noqa: S105 (the name of the variable that has it)
 _EACH: Final = 500
-"""Bytes of overhead per message."""
 _POLL: Final = 0.2
-"""Seconds between checks for a stop."""
 _PATIENCE: Final = 15.0
-"""Timeout for the broker in seconds."""
 _ALIVE: Final = 30
-"""Keep-alive interval in seconds."""
 _SESSION: Final = 3600
 """Seconds for which the broker keeps messages after a lost connection."""
 _QOS: Final = {"0": 0, "1": 1, "2": 2}
@@ -67,17 +63,17 @@ class Address(NamedTuple):
     def parse(cls, url: str, environment: Mapping[str, str] = os.environ) -> Self:
         """Parse a URL; missing credentials come from the environment.
 
-        Raises `OptionError`, which does not repeat the URL.
+        Raises `OptionError` without the URL in its message.
         """
         scheme, _, rest = url.partition("://")
         authority, _, path = rest.partition("/")
-        said, _, place = authority.rpartition("@")
+        credentials, _, place = authority.rpartition("@")
         written, _, query = path.partition("?")
         secure, topic = scheme.lower() == "mqtts", unquote(written)
         try:
             found = urlsplit(f"//{place}")
             host, port = found.hostname, found.port
-            asked = dict(parse_qsl(query, keep_blank_values=True, strict_parsing=True)) if query else {}
+            options = dict(parse_qsl(query, keep_blank_values=True, strict_parsing=True)) if query else {}
         except ValueError:
             raise OptionError(_HOW) from None
         if not host or not topic:
@@ -85,13 +81,13 @@ class Address(NamedTuple):
         if not _FILTER.fullmatch(topic) or len(topic.encode()) > 0xFFFF:
             why = "+ must be a whole level, # must be the last level"
             raise OptionError(f"{topic[:80]!r} is no topic filter of MQTT: {why}")
-        for name, value in asked.items():
+        for name, value in options.items():
             known = {"qos": _QOS, "version": _VERSIONS}.get(name)
             if known is None or value not in known:
                 raise OptionError(
                     "the query of an MQTT URL may have qos=0, 1 or 2, and version=3.1.1 or 5; write ? in a topic as %3F"
                 )
-        user, _, password = said.partition(":")
+        user, _, password = credentials.partition(":")
         return cls(
             secure,
             host,
@@ -99,8 +95,8 @@ class Address(NamedTuple):
             unquote(user) or environment.get(USER),
             unquote(password) or environment.get(PASSWORD),
             topic,
-            _QOS[asked.get("qos", "2")],
-            _VERSIONS[asked.get("version", "5")],
+            _QOS[options.get("qos", "2")],
+            _VERSIONS[options.get("version", "5")],
             f"{scheme}://{place}/{written}",
         )
 
@@ -126,7 +122,7 @@ class MqttReader(LogReader):
         """Yield the messages with their numbers, including those buffered at the stop."""
         connection, number, odd = _Connection(Address.parse(log.url), log), 0, Counter[str]()
 
-        def tell(what: str, place: str) -> None:
+        def warn_once(what: str, place: str) -> None:
             odd[what] += 1
             if odd[what] == 1:
                 log.live.warn(f"{log.name}: {place}: {what}")
@@ -142,11 +138,11 @@ class MqttReader(LogReader):
                     raise arrival
                 came, message = arrival
                 if message.retain:
-                    tell("a retained message is ignored", f"after message {number}")
+                    warn_once("a retained message is ignored", f"after message {number}")
                     continue
                 number += 1
                 if message.dup:
-                    tell("the broker marks it as a possible duplicate, so it may count twice", f"message {number}")
+                    warn_once("the broker marks it as a possible duplicate, so it may count twice", f"message {number}")
                 try:
                     event = _event(message, came, log)
                 except ValueError as error:
@@ -166,7 +162,7 @@ def _event(message: "MQTTMessage", came: int, log: Log) -> dict[str, Json]:
 
 
 def _placed(topic: str, time: int, payload: dict[str, Json]) -> dict[str, Json]:
-    """Return a payload with topic and time; fields with these names are renamed as in recordings."""
+    """Return a payload with topic and time; its own fields of these names are renamed."""
     event = {TOPIC: topic, TIME: time, **{ELSEWHERE.get(name, name): value for name, value in payload.items()}}
     if len(event) < len(payload) + 2:
         raise ValueError(f"the payload has a field and message_… of the same name, for {' and '.join(ELSEWHERE)}")
@@ -185,7 +181,7 @@ class _Waiting:
         self._size = self._lost = 0
 
     def put(self, item: Any, size: int = 0) -> None:
-        """Add a message of that size, or a notice; count the message as lost if there is no room."""
+        """Add a message of that size, or a notice; without room, count it as lost."""
         with self._changed:
             if size and self._held and self._size + size > ROOM:
                 self._lost += 1
@@ -209,13 +205,13 @@ class _Waiting:
 
     def _note_lost(self) -> None:
         if self._lost:
-            said = f"{self._lost} message{'s' * (self._lost != 1)} lost: the buffer of {ROOM >> 20} MiB was full"
-            self._held.append((said, 0))
+            notice = f"{self._lost} message{'s' * (self._lost != 1)} lost: the buffer of {ROOM >> 20} MiB was full"
+            self._held.append((notice, 0))
             self._lost = 0
 
 
 class _Connection:
-    """A subscription kept up by a thread; it reconnects and reports lost connections."""
+    """A subscription kept up by a thread."""
 
     def __init__(self, address: Address, log: Log) -> None:
         remedy = "pip install '.[mqtt]' in a checkout of rvaft"
@@ -226,7 +222,7 @@ class _Connection:
         self._waiting = _Waiting()
         self._answered = Event()
         self._refusal = ""
-        self._told = ""
+        self._reported = ""
         self._lost_at: float | None = None
         self._closing = False
         self._thread: Thread | None = None
@@ -270,9 +266,7 @@ class _Connection:
             raise self._log.error_at(self._refusal, None)
 
     def next(self) -> "tuple[int, MQTTMessage] | str | RvaftError | None":
-        """Return the next message with its time, a notice, or the final error; None after the last
-        one.
-        """
+        """Return the next message with its time, a notice or the final error, or None."""
         while True:
             if not self._closing and self._log.live.stop():
                 self.close()
@@ -319,11 +313,11 @@ class _Connection:
             )
             if not self._answered.is_set():
                 self._end(f"the broker refuses the connection: {reason}{who}")
-            elif self._told != str(reason):
-                self._told = str(reason)
+            elif self._reported != str(reason):
+                self._reported = str(reason)
                 self._waiting.put(f"the broker refuses to connect again: {reason}; retrying")
             return
-        self._told = ""
+        self._reported = ""
         if self._lost_at is not None:
             kept = (
                 "the broker kept messages of QoS 1 and 2 as far as its queue allows"

@@ -1,6 +1,6 @@
 """Monitoring on Apache Spark: a monitor per key, over a table or a stream of events.
 
-Spark distributes the keys, sorts the events of each by time, and keeps the state of each. Verdicts
+Spark distributes the keys, sorts the events of each key by time, and keeps its state. Verdicts
 equal those of `rvaft monitor`, since the same run processes the events. Needs PySpark 4 (the extra
 `spark`) and Java.
 """
@@ -49,7 +49,6 @@ SCHEMA: Final = (
 )
 """The columns of detections and warnings as a Spark schema."""
 _KEYED: Final = "key string, place bigint, part double, came bigint, text string"
-"""An event with its key and its place: integer part, fraction, and arrival."""
 _ORDER: Final = ["place", "part", "came"]
 _FIRST: Final = -(1 << 63)
 _NO_KEY: Final = ""
@@ -75,7 +74,7 @@ class _Options(NamedTuple):
 
     @property
     def digest(self) -> bytes:
-        """Identifies the options and the rvaft version of a stored state."""
+        """Return a digest of the options and the rvaft version."""
         return sha256(f"{rvaft.__version__} {tuple(self)}".encode()).digest()
 
 
@@ -103,17 +102,18 @@ def monitor(
     cooldown: str | None = None,
     strict_json: bool = False,
 ) -> "DataFrame":
-    """Return the detections in a table or stream of events as a table or stream of `SCHEMA`.
+    """Return the detections in a table or stream of events, in `SCHEMA`.
 
     The options are those of `rvaft monitor`. `key` names the key fields (dotted paths). `order_by`
-    is the field that orders the events of a key, by default the `time` of the tree. `cooldown` is a
-    duration like `10 min`. Events are JSON texts in `column`, or in `value` if it is the only
-    column; otherwise rows are events, without null fields.
+    orders the events of a key, by default by the `time` of the tree. `cooldown` is a duration like
+    `10 min`. Events are JSON texts in `column`, or in `value` if it is the only column; otherwise
+    rows are events, without null fields.
 
     A detection has the `key` as JSON, the number of the `event` within its key, its `time`,
     `branch` and `kinds`. `detection` is its number (with `repeat`), and `record` the JSON object
-    that `rvaft monitor` passes to commands. Rows with a `warning` and no record report events without
-    the key, lines that are no JSON objects, undefined guards, late events, and failed monitors.
+    that `rvaft monitor` passes to commands. Rows with a `warning` and no record report events
+    without the key, lines that are no JSON objects, undefined guards, late events, and failed
+    monitors.
 
     A stream keeps the state of a key in Spark's state store. A query that is restarted from its
     `checkpointLocation` continues, reports each detection once, and refuses another tree or
@@ -144,7 +144,7 @@ def monitor(
         None if cooldown is None else duration(cooldown),
         strict_json,
     )
-    _planned(options)  # raise errors here, not on a worker
+    _planned(options)
     if column is None and events.columns == ["value"]:
         column = "value"
     text = spark.to_json(spark.struct("*")) if column is None else spark.col(column)
@@ -172,7 +172,7 @@ def _planned(options: _Options) -> _Plan:
 def _keyed(options: _Options, batches: Iterable["pyarrow.RecordBatch"]) -> Iterator["pyarrow.RecordBatch"]:
     """Yield the events with key and place; rows without a key come first.
 
-    Columns have no nulls, since pandas would convert them to floats.
+    Nulls would make pandas convert columns to floats.
     """
     from pyspark import TaskContext  # noqa: PLC0415
 
@@ -194,7 +194,6 @@ def _keyed(options: _Options, batches: Iterable["pyarrow.RecordBatch"]) -> Itera
 
 
 def _object_in(text: str) -> dict[str, Json] | None:
-    """Decode a text quickly; errors are reported later, with their place."""
     try:
         event = _QUICK.decode(text)
     except (ValueError, RecursionError):
@@ -206,9 +205,7 @@ def _object_in(text: str) -> dict[str, Json] | None:
 
 
 def _key_text(values: tuple[Json, ...] | None) -> str:
-    """Return the values of a key as JSON; equal values have the same text (1 and 1.0, any key
-    order).
-    """
+    """Return the values of a key as JSON, the same for equal values."""
     text = json.dumps(values, sort_keys=True)
     if all(isinstance(value, (str, int, type(None))) for value in values or ()):
         return text
@@ -236,11 +233,11 @@ class _Detections(Listener):
                 "event": change.number,
                 **(counts.fields if counts else {}),
             }
-            told = detection(about, explanation, change.events, tree)
+            record = detection(about, explanation, change.events, tree)
             time = places(change.event, tree).get("time")
             written = time if isinstance(time, str) or time is None else json.dumps(time)
-            number, branch, kinds = told.get("detection"), told["branch"], told["kinds"]
-            self.rows.append((json.dumps(key), change.number, written, number, branch, kinds, json.dumps(told), None))
+            number, branch, kinds = record.get("detection"), record["branch"], record["kinds"]
+            self.rows.append((json.dumps(key), change.number, written, number, branch, kinds, json.dumps(record), None))
 
 
 class _KeyRun:
@@ -267,7 +264,7 @@ class _KeyRun:
             self._failure, self._rejected, self._unplaced, number, kept = found
             if not self._failure:
                 self._run.restore(kept, number)
-        self._said = set(self._lines)
+        self._reported = set(self._lines)
 
     @property
     def state(self) -> bytes:
@@ -307,8 +304,8 @@ class _KeyRun:
         if refusals:
             yield _warning(self.key, f"{counted(self._rejected - rejected)} rejected (first: {refusals[0]})")
         for line in self._lines:
-            if line not in self._said:
-                self._said.add(line)
+            if line not in self._reported:
+                self._reported.add(line)
                 yield _warning(self.key, line)
 
 
@@ -334,7 +331,7 @@ def _without_key(options: _Options, texts: Iterable[tuple[int, str]]) -> Iterato
 
 
 def _monitored(options: _Options, batches: Iterable["pyarrow.RecordBatch"]) -> Iterator["pyarrow.RecordBatch"]:
-    """Yield the rows of all keys of a partition, whose events are sorted by key and place."""
+    """Yield the rows of a partition, sorted by key and place."""
 
     def events() -> Iterator[tuple[str, int, str]]:
         for batch in batches:

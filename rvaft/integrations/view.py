@@ -27,7 +27,7 @@ _LINES: Final = 500
 
 
 class LivePageReporter(PageReporter):
-    """Answers browsers between batches of events while a log grows."""
+    """Answers browsers while a log grows."""
 
     def __init__(
         self,
@@ -44,7 +44,7 @@ class LivePageReporter(PageReporter):
         self.run: TraceRun | None = None
 
     def pause(self, run: TraceRun) -> None:
-        """Answer browsers; called while no event is being read."""
+        """Answer browsers."""
         if self.run is None:
             self._ready()
         self.run = run
@@ -57,9 +57,9 @@ class LivePageReporter(PageReporter):
         del kept[: max(len(kept) - _LINES, 0)]
         gone = [f"{counted(self._gone, 'line')} before these are no longer on this page"] if self._gone else []
         odd = [f"rvaft: warning: {line}" for line in self.run.warnings] if self.run and not self.run.ended else []
-        told = self.told([*gone, *odd, *(f"rvaft: warning: {line}" for line in self.report.left_out)])
+        lines = self.collected_messages([*gone, *odd, *(f"rvaft: warning: {line}" for line in self.report.left_out)])
         name = self.settings.name
-        return self.report.page(name, told, live=True) if cursor is None else self.report.since(cursor, name, told)
+        return self.report.page(name, lines, live=True) if cursor is None else self.report.since(cursor, name, lines)
 
     def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:
         """Do nothing: the page already has all warnings."""
@@ -121,7 +121,7 @@ def view_command(
             reporter, shown = made[0], False
             if isinstance(reporter, LivePageReporter):
                 shown = reporter.run is not None
-                if shown and reporter.stopped:  # the page shows the error
+                if shown and reporter.stopped:
                     _answer_until_stopped(questions, reporter.answer)
             questions.close()
         if not follow and reporter.page is not None:

@@ -1,8 +1,7 @@
 """ROS recordings, read by `rosbags`: ROS 1 bags, rosbag2 folders and files, MCAP.
 
 An event has the fields of a message, `topic`, and `time`, the recording time in nanoseconds. Times
-in messages are objects with `sec` and `nanosec`, also for ROS 1. Only messages and fields that are
-read are decoded.
+in messages are objects with `sec` and `nanosec`, also for ROS 1.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -43,7 +42,7 @@ class BagReader(LogReader):
 
     @classmethod
     def suits(cls, path: Path, options: InputOptions) -> bool:  # noqa: ARG003
-        """Whether the path has one of the suffixes, or is a rosbag2 folder."""
+        """Whether the path has a suffix, or is a rosbag2 folder."""
         return suffix(path) in cls.suffixes or (path / BAG_METADATA).is_file()
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json] | None]]:
@@ -77,7 +76,7 @@ class BagReader(LogReader):
                     )
         except (TraceError, ToolMissing):
             raise
-        except Exception as error:  # a damaged file raises anything
+        except Exception as error:
             reason = " ".join(str(error).split()).removesuffix(".") or type(error).__name__
             raise log.error_at(f"the recording cannot be read: {reason}", number + 1 if number else None) from error
 
@@ -87,12 +86,12 @@ class _Unread(ValueError):
 
 
 class _Decoder:
-    """Decodes the messages of one connection; `idle` if none is of interest."""
+    """The decoder of one connection, `idle` without interest."""
 
     def __init__(
         self, connection: "Connection", types: "Typestore", deserialize: Callable[[bytes, str], object], log: Log
     ) -> None:
-        self._connection = connection  # keeps the connection alive, so that its id stays unique
+        self._connection = connection  # its id must stay unique
         self._topic, self._type, self._log = connection.topic, connection.msgtype, log
         self._deserialize = deserialize
         self.idle = not log.interest.may_be(TOPIC, connection.topic)
@@ -110,7 +109,7 @@ class _Decoder:
                 self._unknown = str(error.args[0])
 
     def event(self, stamp: int, data: bytes) -> dict[str, Json]:
-        """Return the event of a message; raises `ValueError` and any exception of the library."""
+        """Return the event of a message; raises any exception of the library."""
         if self._unknown:
             raise _Unread(f"the type {self._unknown}, of {self._topic}, is not defined in the recording")
         event: dict[str, Json] = {TOPIC: self._topic, TIME: stamp}
@@ -129,7 +128,7 @@ class _Decoder:
 def message_event(message: object, topic: str, time: int) -> dict[str, Json]:
     """Return the event of a ROS message: its fields, `topic`, and `time` in nanoseconds.
 
-    The message is one of `rclpy` or `rosbags`; raises `OptionError` for another object.
+    Raises `OptionError` for an object that is no message of `rclpy` or `rosbags`.
 
     >>> from dataclasses import make_dataclass
     >>> Command = make_dataclass("Command", ["name", "waypoint"])
@@ -140,15 +139,15 @@ def message_event(message: object, topic: str, time: int) -> dict[str, Json]:
 
 
 def _object(message: object, elsewhere: Mapping[str, str] = MappingProxyType({})) -> dict[str, Json]:
-    kind: Any = type(message)  # for mypy, the class of an object is not hashable
+    kind: Any = type(message)
     names = _field_names(kind)
     return _fields(message, names, [elsewhere.get(name, name) for name in names])
 
 
 @cache
 def _field_names(kind: type) -> Sequence[str]:
-    if (told := getattr(kind, "get_fields_and_field_types", None)) is not None:
-        return tuple(told())
+    if (fields_of_message := getattr(kind, "get_fields_and_field_types", None)) is not None:
+        return tuple(fields_of_message())
     if not is_dataclass(kind):
         raise OptionError(f"{kind.__name__} is no message of ROS")
     names = [one.name for one in fields(kind) if "ClassVar" not in str(one.type)]  # class variables are constants
@@ -182,7 +181,7 @@ def _json(value: object) -> Json:
 
 
 def _parts(types: "Typestore", name: str, fields: Collection[str] | None = None) -> set[str]:
-    """Return the basic types in a message type, or in some of its fields; raises `KeyError`."""
+    """Return the basic types in a message type; raises `KeyError`."""
     agenda: list[tuple[str, Collection[str] | None]] = [(name, fields)]
     found, seen = set[str](), {name}
     while agenda:

@@ -1,7 +1,7 @@
 """CSV tables: the header names the fields, and each row is an event.
 
 An empty cell means that the event lacks the field. A cell in the number syntax of JSON is a number,
-unless `types` gives the type of its column. Malformed rows are rejected.
+unless `types` gives the type of its column.
 """
 
 import csv
@@ -22,8 +22,8 @@ _DELIMITERS: Final = ("\t", ";", "|")
 
 
 class CsvReader(LogReader):
-    r"""CSV with a header (RFC 4180); tabs, semicolons or bars are delimiters if the header has no
-    comma.
+    r"""CSV with a header (RFC 4180), which decides between comma, tab, semicolon and bar as
+    delimiters.
 
     >>> import io
     >>> list(Log(CsvReader(), io.BytesIO(b"event;user;load\nlogin;bob;0.5\nlogout;;"), "day.csv").events())
@@ -35,18 +35,18 @@ class CsvReader(LogReader):
     takes: ClassVar[frozenset[str]] = frozenset({"types"})
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
-        """Yield the events with the line numbers where their rows begin."""
+        """Yield the events with the first lines of their rows."""
         lines = (data.decode(errors="surrogateescape") for _, data in lines_of(log.stream, log.name, log.line))
         head = next(lines, "")
-        said = _DIVIDED.fullmatch(head)
-        before, head = (1, next(lines, "")) if said else (0, head)
+        declared = _DIVIDED.fullmatch(head)
+        before, head = (1, next(lines, "")) if declared else (0, head)
         if not head.strip():
             raise log.error_at("there is no header, which names the fields of the rows", 1 + before)
         if head.lstrip()[0] in "{[<":
             raise log.error_at("this is no header of a table but JSON or XML: name its format with --input", 1 + before)
         bare = _QUOTED.sub("", head)
         usual = "\t" if suffix(Path(log.name)) == ".tsv" else ","
-        delimiter = said[1] if said else next((one for one in (usual, ",", *_DELIMITERS) if one in bare), usual)
+        delimiter = declared[1] if declared else next((one for one in (usual, ",", *_DELIMITERS) if one in bare), usual)
         rows = csv.reader(chain([head], lines), delimiter=delimiter, skipinitialspace=True, strict=True)
         try:
             header = [name.strip() for name in next(rows)]
@@ -57,7 +57,7 @@ class CsvReader(LogReader):
             raise log.error_at(f"the header cannot be read: {str(error).partition(' - ')[0]}", 1 + before) from error
         columns = [(name, self._converter(name, delimiter)) for name in header]
         self._check(header, log, 1 + before)
-        odd = FieldType.NUMBER in self.options.types.values()  # without a type, no cell is NaN
+        odd = FieldType.NUMBER in self.options.types.values()  # a cell without a type is never NaN
         while True:
             number = rows.line_num + before + 1
             try:

@@ -12,7 +12,7 @@ from rvaft.readers.json_lines import MAX_DEPTH, settled
 from rvaft.readers.log import MAX_LINE, FieldType, Log, LogReader
 
 CASE: Final = "case"
-"""The field with the name of an event's case, and prefix of the other case attributes."""
+"""The field with the name of an event's case."""
 _NAME: Final = "concept:name"
 _HOLDERS: Final = {"log": ("",), "trace": ("log",), "event": ("log", "trace")}
 _TYPES: Final = {
@@ -23,7 +23,7 @@ _TYPES: Final = {
 
 
 class XesReader(LogReader):
-    """XES events: their attributes are fields, as are those of their case; `case` is its name.
+    """XES events: the fields are the attributes of event and case; `case` is the name of the case.
 
     >>> import io
     >>> case = '<string key="concept:name" value="c7"/>'
@@ -66,11 +66,11 @@ class XesReader(LogReader):
                         own = {_of_event(key): value for key, value in _attributes(element).items()}
                         event = settled({**(case if above == "trace" else {}), **own}, log)
                     elif above == "trace":
-                        said = {_of_case(key): value for key, value in _attributes([element]).items()}
-                        if begun or said.keys() & case.keys():
+                        new = {_of_case(key): value for key, value in _attributes([element]).items()}
+                        if begun or new.keys() & case.keys():
                             reason = "stands behind it" if begun else "is repeated"
                             raise ValueError(f"an attribute of its case {reason}")  # noqa: TRY301
-                        case |= said
+                        case |= new
                 except ValueError as error:
                     log.reject(max(number, 1), str(error))
                 else:
@@ -78,14 +78,14 @@ class XesReader(LogReader):
                         yield number, event
         except TraceError:
             raise
-        except (ET.ParseError, LookupError, ValueError) as error:  # also for an unknown encoding
+        except (ET.ParseError, LookupError, ValueError) as error:  # LookupError: an unknown encoding
             raise log.error_at(f"this is no XML, or damaged: {error}", None) from error
 
 
 class _XmlStream:
-    """A stream of XML that refuses document types, whose entities could expand without bounds.
+    """A stream of XML without document types, whose entities could expand without bounds.
 
-    `pending` counts the bytes read since the last event.
+    `pending` counts bytes since the last event.
     """
 
     def __init__(self, log: Log) -> None:
@@ -105,7 +105,7 @@ class _XmlStream:
         data = self._log.stream.read(size)
         self.pending += len(data)
         if not self._begun:
-            with suppress(expat.ExpatError, LookupError, UnicodeError):  # the parser itself reports these
+            with suppress(expat.ExpatError, LookupError, UnicodeError):  # the parser reports these
                 self._prolog.Parse(data)
         return data
 
@@ -140,7 +140,7 @@ def _of_case(key: str) -> str:
 
 
 def _of_event(key: str) -> str:
-    """Return the field for an attribute of an event, kept apart from those of its case."""
+    """Return a field that differs from those of the case."""
     return f"event:{key}" if key == CASE or key.startswith(f"{CASE}:") else key
 
 

@@ -25,35 +25,33 @@ from rvaft.readers.log import BOM, MAX_DIGITS, MAX_LINE, failures_of, unreadable
 from rvaft.support.files import SUFFIXES
 
 SIZE: Final = 3 << 15
-"""Bytes per read; a block fits into the processor cache."""
 MEMORY: Final = 10_000
-"""Maximum number of cached discriminating values, and of line skeletons; then the cache is cleared."""
+"""Maximum number of cached values, and of line skeletons."""
 FEW: Final = 16
-"""A block may have one new skeleton per so many lines, since new ones are slow."""
+"""New skeletons are slow: a block may have one per so many lines."""
 _REST: Final = 64
-"""Blocks skipped by the fast path after one with too many new skeletons."""
+"""Blocks skipped after too many new skeletons."""
 _SHORT: Final = 2 * MAX_DEPTH
-"""A line of this length has neither too many levels nor too many digits."""
+"""Shorter lines have neither too many levels nor too many digits."""
 _DIGITS: Final = re.compile(rb"[0-9]{%d}" % (MAX_DIGITS + 1))
 _OF_NUMBERS: Final = b"0123456789.+-eE"
 _STRETCH: Final = 29_000
 """Bytes per call when keys are counted."""
 _REFUSED: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
-"""Exceptions of a decoder for a line of an unexpected form, malformed or not."""
+"""Exceptions for a line of an unexpected form."""
 _Line: TypeAlias = Any
 _Value: TypeAlias = Scalar | msgspec.UnsetType
-"""The value of a field, `msgspec.UNSET` if missing."""
+"""`msgspec.UNSET` if missing."""
 _Values: TypeAlias = _Value | tuple[_Value, ...]
 _DOUBT: Final = ("doubt",)
-"""Marks a line that `rvaft.readers.json_lines` has to decode."""
+"""Marks a line for `rvaft.readers.json_lines`."""
 
 
 class EventBlock(NamedTuple):
-    """Consecutive events: the number of all, and the possibly relevant ones with their places, from
-    0.
+    """Consecutive events: the total, and the possibly relevant ones with their places, from 0.
 
-    If a reader keeps fields of all events, `passed` has the places of the others. `kept` has their
-    values (or tuples of values) in these fields, with `msgspec.UNSET` for missing ones.
+    If a reader keeps fields of all events, `passed` has the places of the others, and `kept` their
+    values (or tuples of values), with `msgspec.UNSET` for missing ones.
     """
 
     total: int
@@ -67,12 +65,11 @@ def _blocks(
 ) -> Iterator[tuple[int, bytes, list[bytes], int]]:
     """Yield blocks of whole lines: number of the first line, text, lines, and bytes consumed.
 
-    The text excludes a byte order mark. A line longer than `MAX_LINE` ends the input. A `live`
-    stream is passed on as it arrives. Raises `TraceError` for a read error, after the lines before
-    it.
+    A line longer than `MAX_LINE` ends the input. A `live` stream is passed on as it arrives. Raises
+    `TraceError` for a read error, after the lines before it.
     """
     failures = failures_of(file)
-    # A failing call loses its data, so compressed files are read in as small pieces as by lines.
+    # a failing call loses its data: read compressed files in small pieces
     at_once = min(SIZE, DEFAULT_BUFFER_SIZE) if Path(file).suffix.lower() in SUFFIXES else SIZE
     held, mark = b"", BOM if line == 1 else b""
     failure: Exception | None = None
@@ -97,7 +94,7 @@ def _blocks(
             if not lines[-1]:
                 lines.pop()
             yield line, given, lines, end
-            line += len(lines)  # only the last block may end within a line
+            line += len(lines)  # not the number of line ends in the last block
         held, mark = text[end:], b""
     if failure is not None:
         raise unreadable(failure, file, line) from failure
@@ -107,8 +104,8 @@ def plain_fields(reads: TreeReads, also: Iterable[str] = ()) -> Sequence[str]:
     """Return the fields that a `JsonBlockReader` decodes, or () if it cannot read logs for the
     tree.
 
-    It cannot for a tree without discriminating strings, or with patterns that are no objects. Nor
-    can it if JSON can spell a field name in several ways (other than by numeric escapes).
+    It needs discriminating strings, patterns that are objects, and field names that JSON spells in
+    one way (except for numeric escapes).
     """
     patterns = [one for one in reads.patterns if isinstance(one, ObjectPattern)]
     fields = tuple(dict.fromkeys((*(name for one in patterns for name, _ in one.fields), *also)))
@@ -117,16 +114,16 @@ def plain_fields(reads: TreeReads, also: Iterable[str] = ()) -> Sequence[str]:
 
 
 def exact_time(tree: RVAFT) -> str | None:
-    """Return the time field of a tree whose times are exact numbers, else None."""
+    """Return the time field if times are exact numbers."""
     time = tree.time
     return time.field[0] if time is not None and time.format.value in UNITS and len(time.field) == 1 else None
 
 
 class JsonBlockReader:
-    """Reads logs for one tree; `possible` tests values of the discriminating fields for relevance.
+    """Reads logs for one tree; `possible` tests discriminating values for relevance.
 
-    Decodes only `fields`; numbers in the field `time` are exact. Values of the discriminating
-    fields are a tuple if there are several. The `kept` fields are returned for every event.
+    Only `fields` are decoded; numbers in the field `time` are exact. Several discriminating values
+    are a tuple. The `kept` fields are returned for every event.
     """
 
     def __init__(
@@ -142,20 +139,22 @@ class JsonBlockReader:
         self._reads = reads
         self._strict = strict
         self._possible = possible
-        self._asked = reads.discriminators.fields
+        self._discriminating = reads.discriminators.fields
         assert time not in kept, "what is kept is no more exact than a double"
         self._kept = tuple(kept)
-        # Python treats 1 and True as equal, so Booleans in kept fields go to the other reader.
-        types = {field: Scalar if field not in kept else str | int | float | None for field in (*fields, *self._asked)}
-        # msgspec calls a float hook only for values of type Any.
+        # Booleans go to the other reader, since 1 equals True in Python
+        types = {
+            field: Scalar if field not in kept else str | int | float | None
+            for field in (*fields, *self._discriminating)
+        }
+        # msgspec calls a float hook only for values of type Any
         read = {field: Any if field == time else types[field] for field in fields}
         event = TypedDict("event", read, total=False)  # type: ignore[misc] # the names come with the tree
         self._event: msgspec.json.Decoder[_Line] = msgspec.json.Decoder(event, float_hook=_decimal)
         self._time = time
-        told = tuple(dict.fromkeys((*self._asked, *kept)))
-        names = {f"f{number}": field for number, field in enumerate(told)}
-        # Without garbage collection: heads live for one block and contain no references to each
-        # other.
+        head_fields = tuple(dict.fromkeys((*self._discriminating, *kept)))
+        names = {f"f{number}": field for number, field in enumerate(head_fields)}
+        # without garbage collection: heads live briefly and hold no references
         head = msgspec.defstruct(
             "Head",
             [(name, types[field] | msgspec.UnsetType, msgspec.UNSET) for name, field in names.items()],
@@ -165,8 +164,8 @@ class JsonBlockReader:
         )
         self._head = msgspec.json.Decoder(head)
         self._short = short = {field: name for name, field in names.items()}
-        self._of_event = _gets(self._asked)
-        self._of_head = attrgetter(*map(short.__getitem__, self._asked))
+        self._of_event = _gets(self._discriminating)
+        self._of_head = attrgetter(*map(short.__getitem__, self._discriminating))
         self._kept_of_event = _gets(self._kept) if kept else None
         self._kept_of_head = attrgetter(*map(short.__getitem__, self._kept)) if kept else None
         self._known: dict[Hashable, tuple[bool, tuple[bytes, ...]]] = {}
@@ -174,7 +173,7 @@ class JsonBlockReader:
         self._skeletons: set[bytes] = set()
         self._resting = 0
         self._dense = False
-        """Whether most recent lines were relevant; then all are decoded as full events."""
+        """Whether most lines were relevant; then all are decoded as events."""
 
     def read(
         self,
@@ -193,7 +192,7 @@ class JsonBlockReader:
         for first, text, lines, size in _blocks(stream, file, line, live=live):
             dense = self._dense
             sound = self._sound(text, lines) if dense else None
-            heads, found, told = (
+            heads, found, kept_values = (
                 self._heads(text, lines) if sound is None else (sound, list(map(self._of_event, sound)), None)
             )
             different = set(found)
@@ -204,11 +203,15 @@ class JsonBlockReader:
             passed: Sequence[int] = ()
             kept: Sequence[_Values] = ()
             get: Callable[[_Line], _Values] | None = self._kept_of_event if dense else self._kept_of_head
-            if told is not None and not places:
-                passed, kept = range(len(found)), told
+            if kept_values is not None and not places:
+                passed, kept = range(len(found)), kept_values
             elif get is not None and dead:
                 passed = [place for place, values in enumerate(found) if values in dead]
-                kept = [get(heads[place]) for place in passed] if told is None else [told[place] for place in passed]
+                kept = (
+                    [get(heads[place]) for place in passed]
+                    if kept_values is None
+                    else [kept_values[place] for place in passed]
+                )
             if sound is not None:
                 reached(size, len(lines) - (not text.endswith(b"\n")))
                 events = [(place, sound[place]) for place in places] if dead else list(enumerate(sound))
@@ -243,7 +246,7 @@ class JsonBlockReader:
             yield EventBlock(len(found) - len(blank), events, _without(blank, passed), kept)
 
     def _sound(self, text: bytes, lines: list[bytes]) -> list[_Line] | None:
-        """Return the decoded events of a block without hidden errors, or None if there may be some.
+        """Return the decoded events of a block, or None if there may be hidden errors.
 
         The *skeleton* of a line is the line without number characters. Two lines with the same
         skeleton have the same brackets and, up to number characters, the same strings: number
@@ -280,9 +283,7 @@ class JsonBlockReader:
         return self._time is not None and type(event.get(self._time)) in (dict, list)
 
     def _heads(self, text: bytes, lines: list[bytes]) -> tuple[list[_Line], list[Hashable], Sequence[_Values] | None]:
-        """Return the decoded lines, their discriminating values (or `_DOUBT`), and the kept values
-        if known.
-        """
+        """Return the decoded lines, their discriminating values (or `_DOUBT`), and kept values."""
         decoder = self._event if self._dense else self._head
         get: Callable[[_Line], Hashable] = self._of_event if self._dense else self._of_head
         doubts = _doubtful(text, lines)
@@ -295,14 +296,14 @@ class JsonBlockReader:
             doubts.update(place for place, values in enumerate(found) if values is _DOUBT)
         columns = {} if doubts else {field: list(map(self._lookup(field), heads)) for field in self._kept}
         counts = Counter(found)
-        for number, field in enumerate(dict.fromkeys((*self._asked, *self._kept))):
-            # If no line spells a field with escapes, counting keys in the whole block suffices.
+        for number, field in enumerate(dict.fromkeys((*self._discriminating, *self._kept))):
+            # without escapes, counting keys in the whole block suffices
             key, there = _quoted(field), -1
             if doubts:
                 pass
-            elif number < len(self._asked):
-                asked = ((self._every(values)[number], count) for values, count in counts.items())
-                there = sum(count for value, count in asked if value is not msgspec.UNSET)
+            elif number < len(self._discriminating):
+                spelled = ((self._every(values)[number], count) for values, count in counts.items())
+                there = sum(count for value, count in spelled if value is not msgspec.UNSET)
             else:
                 types = set(map(type, columns[field]))
                 there = len(heads) - (columns[field].count(msgspec.UNSET) if msgspec.UnsetType in types else 0)
@@ -311,8 +312,8 @@ class JsonBlockReader:
         for place in doubts:
             found[place] = _DOUBT
         every = [columns[field] for field in self._kept] if columns else []
-        told: Sequence[_Values] | None = every[0] if len(every) == 1 else list(zip(*every, strict=True))
-        return heads, found, told if every else None
+        kept_values: Sequence[_Values] | None = every[0] if len(every) == 1 else list(zip(*every, strict=True))
+        return heads, found, kept_values if every else None
 
     def _lookup(self, field: str) -> Callable[[_Line], _Value]:
         return methodcaller("get", field, msgspec.UNSET) if self._dense else attrgetter(self._short[field])
@@ -321,14 +322,12 @@ class JsonBlockReader:
         return values if isinstance(values, tuple) else (values,)
 
     def _meaning(self, values: Hashable) -> tuple[bool, tuple[bytes, ...]]:
-        """Return whether events with these values are relevant, and the quoted keys that must not
-        repeat.
-        """
+        """Return whether such events are relevant, and the keys that must not repeat."""
         known = self._known.get(values)
         if known is None:
             every = self._every(values)
-            asked = self._reads.discriminators.values(dict(zip(self._asked, every, strict=True)))
-            keys = tuple(_quoted(field) for field in self._reads.where(asked).fields if field not in self._short)
+            texts = self._reads.discriminators.values(dict(zip(self._discriminating, every, strict=True)))
+            keys = tuple(_quoted(field) for field in self._reads.where(texts).fields if field not in self._short)
             known = self._possible(every), keys
             if len(self._known) >= MEMORY:
                 self._known.clear()
@@ -343,14 +342,13 @@ def _gets(fields: Sequence[str]) -> Callable[[dict[str, Json]], _Values]:
 
 
 def _without(blank: Sequence[int], places: Sequence[int]) -> Sequence[int]:
-    """Convert places of lines to places among the lines that are not blank."""
+    """Convert places of lines to places without blank lines."""
     return [place - bisect_left(blank, place) for place in places] if blank else places
 
 
 def _doubtful(text: bytes, lines: list[bytes]) -> set[int]:
-    """Return the places of lines with possible errors that the decoder does not detect.
-
-    These are invalid UTF-8, excessive nesting or digits in skipped values, and escaped keys.
+    """Return the lines with possible errors that the decoder misses: invalid UTF-8, excessive
+    nesting or digits in skipped values, and escaped keys.
     """
     found: set[int] = set()
     if _is_odd(text):
@@ -364,9 +362,7 @@ def _doubtful(text: bytes, lines: list[bytes]) -> set[int]:
 
 
 def _is_odd(text: bytes) -> bool:
-    """Whether the text is invalid UTF-8, or has a numeric escape of an ASCII letter, as in an
-    escaped key.
-    """
+    """Whether the text is invalid UTF-8 or escapes an ASCII letter."""
     place = text.find(b"\\")
     while place >= 0:
         if text.startswith(b"u00", place + 1) and text[place + 4 : place + 5] in (b"2", b"3", b"4", b"5", b"6", b"7"):
@@ -388,7 +384,7 @@ def _decimal(written: str) -> float:
 
 
 def _count(text: bytes, key: bytes) -> int:
-    """Count a key in pieces of the text: on long texts, `count` is slower."""
+    """Count a key in pieces, since `count` is slow on long texts."""
     more = len(key) - 1
     return sum([text.count(key, start, start + _STRETCH + more) for start in range(0, len(text), _STRETCH)])
 

@@ -1,7 +1,7 @@
 """JSON documents: an array of events, or an object with such an array, read incrementally.
 
-Items are decoded as strictly as JSON Lines, from a window that moves over the text. (Streaming
-parsers replace lone surrogates, refuse long integers, and do not report repeated keys.)
+Items are decoded as strictly as JSON Lines. (Streaming parsers replace lone surrogates, refuse long
+integers, and do not report repeated keys.)
 """
 
 import codecs
@@ -21,15 +21,15 @@ from rvaft.readers.log import BOM, MAX_LINE, InputOptions, Log, LogReader, failu
 from rvaft.support.files import SUFFIXES
 
 DEFAULT_PATH: Final = "Records"
-"""The default path of the events, as in CloudTrail files."""
+"""As in CloudTrail files."""
 _BEGINS: Final = re.compile(rb'\s*(?:\[|\{[ \t\r]*\n|\{[^\n]*"Records"[ \t]*:[ \t]*\[)')
 _HEAD: Final = 4096
-"""Bytes that are examined to distinguish a document from JSON Lines."""
+"""Bytes that distinguish a document from JSON Lines."""
 _BLOCK: Final = 1 << 18
 _SPACE: Final = re.compile(r"[ \t\r\n]*")
 _CLOSED: Final = frozenset('[{"')
 _WORD: Final = 12
-"""An error this close to the end of the window may be due to a torn token."""
+"""An error this close to the end may be due to a torn token."""
 
 
 class JsonReader(LogReader):
@@ -70,7 +70,7 @@ class JsonReader(LogReader):
     def _inside(
         self, window: "_Window", log: Log, path: Sequence[str], *, first: bool
     ) -> Iterator[tuple[int, dict[str, Json]]]:
-        """Yield the events in the value at the window: the array, or an object on the path to it."""
+        """Yield the events in the next value: the array, or an object on the path."""
         begin = window.next()
         if begin == "[" and (first or not path):
             yield from self._items(window, log)
@@ -82,9 +82,7 @@ class JsonReader(LogReader):
             raise window.wrong(f"there should be {kind} here{hint}" if begin else "the document ends too early")
 
     def _member(self, window: "_Window", log: Log, path: Sequence[str]) -> Iterator[tuple[int, dict[str, Json]]]:
-        """Yield the events in the member at `path`; a key with dots may match several steps of the
-        path.
-        """
+        """Yield the events in the member at `path`; keys may contain dots."""
         found = False
         for _ in window.parts("{", "}"):
             name, _ = window.value()
@@ -130,13 +128,12 @@ class _Window:
         self._decode = codecs.getincrementaldecoder("utf-8-sig")().decode
         self._text = ""
         self._place = 0
-        """Offset of the first character not consumed."""
         self._line = 1
         self._failure: TraceError | None = None
         self._ended = False
 
     def next(self) -> str:
-        """Return the next character that is not space, without consuming it; "" at the end."""
+        """Return the next character that is not space, or "" at the end."""
         while True:
             space = _SPACE.match(self._text, self._place)
             self._place = space.end() if space else self._place
@@ -152,7 +149,7 @@ class _Window:
         self._place += 1
 
     def parts(self, begin: str, end: str) -> Iterator[int]:
-        """Iterate over the parts of an array or object; the caller consumes each part."""
+        """Iterate over the parts of an array or object, which the caller consumes."""
         self.expect(begin)
         for number in count(1) if self.next() != end else ():
             yield number
@@ -176,12 +173,12 @@ class _Window:
                 early, behind = torn or error.pos >= len(self._text), error.pos - self._place
                 if not ((torn or error.pos + _WORD >= len(self._text)) and self._more(least)):
                     reason = f"{error.msg[:1].lower()}{error.msg[1:]}".removesuffix(" at").removesuffix(" starting")
-                    said = "the document ends too early" if early else f"not JSON: {reason}"
-                    raise self.wrong(said, self._place + behind) from None
+                    message = "the document ends too early" if early else f"not JSON: {reason}"
+                    raise self.wrong(message, self._place + behind) from None
             except ValueError as error:
                 raise self.wrong(str(error)) from None
             else:
-                # A number could continue in the unread text.
+                # a number could continue in the unread text
                 if begin in _CLOSED or end < len(self._text) or not self._more():
                     text, self._place = self._text[self._place : end], end
                     return found, text
@@ -190,12 +187,12 @@ class _Window:
                 raise self.wrong(f"a value is longer than {MAX_LINE // 1024**2} MiB")
 
     def wrong(self, reason: str, place: int | None = None) -> TraceError:
-        """Return the error for the current place, or another one."""
+        """Return the error for a place, by default the current one."""
         line = self._line + self._text.count("\n", 0, self._place if place is None else place)
         return TraceError(reason, file=self._log.name, line=line)
 
     def _more(self, least: int = 1) -> bool:
-        """Read at least so many bytes, if available, and drop the consumed text; False at the end."""
+        """Read `least` bytes, if available, and drop the consumed text; return False at the end."""
         if self._failure is not None:
             raise self._failure
         self._line += self._text.count("\n", 0, self._place)
@@ -216,5 +213,5 @@ class _Window:
 
     @property
     def _at_once(self) -> int:
-        """Bytes per read; few for compressed files, since a failing call loses its data."""
+        """Bytes per read; few for compressed files, where a failing call loses data."""
         return DEFAULT_BUFFER_SIZE if Path(self._log.name).suffix.lower() in SUFFIXES else _BLOCK

@@ -24,7 +24,7 @@ from rvaft.support.files import opened
 from rvaft.support.terminal import cut
 
 MAX_DEPTH: Final = 500
-"""Maximum nesting; below the limits of every JSON decoder, so that all readers agree."""
+"""Maximum nesting, below the limits of all decoders."""
 BLANK: Final = b" \t\r\n"
 
 HINT: Final = "a trace has one JSON object per line"
@@ -43,8 +43,7 @@ def read(
     """Yield the events of a trace; raises `TraceError`, `ToolMissing` and `OSError`.
 
     `source` is a path (`.gz` and `.zst` are decompressed) or a binary stream; `name` replaces it in
-    errors. Without `reads`, repeated keys are refused everywhere. `line` is the number of the first
-    line.
+    errors. Without `reads`, repeated keys are refused everywhere.
 
     >>> import io
     >>> list(read(io.BytesIO(b'{"event": "a"}')))
@@ -59,7 +58,7 @@ def read(
 
 
 class JsonLinesReader(LogReader):
-    """JSON Lines; a malformed line ends the log, since the file is probably damaged there.
+    """JSON Lines; a malformed line ends the log, since the file is probably damaged.
 
     >>> import io
     >>> list(Log(JsonLinesReader(), io.BytesIO(b'{"event": "a"}'), "log.jsonl").events())
@@ -71,7 +70,7 @@ class JsonLinesReader(LogReader):
     by_lines = True
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
-        """Yield the events of all lines that are not blank."""
+        """Yield the events with their line numbers."""
         return _numbered(log.stream, log.name, log.reads, log.line, strict=log.strict)
 
 
@@ -87,7 +86,7 @@ def _numbered(
 def event_on(
     line: bytes, file: str, number: int, reads: Scope | None, *, strict: bool = False
 ) -> dict[str, Json] | None:
-    """Return the event on a line, or None for a blank line; raises `TraceError`."""
+    """Return the event on a line, None if blank; raises `TraceError`."""
     if len(line) <= MAX_LINE and not line.strip(BLANK):
         return None
     try:
@@ -122,7 +121,7 @@ def decode(
     check_depth(text)
     try:
         event = (_STRICT if strict else DECODER).decode(text)
-    except json.JSONDecodeError as error:  # its messages never quote the input
+    except json.JSONDecodeError as error:
         reason = (error.msg[:1].lower() + error.msg[1:]).removesuffix(" at").removesuffix(" starting")
         raise ValueError(f"not JSON: {reason} (column {error.colno}); {HINT}") from None
     except RecursionError:
@@ -151,7 +150,7 @@ def checked(
 
 
 class NonFiniteEvent(dict[str, Json]):
-    """An event with a number that is not finite in the `field` that is read; `number` is its
+    """An event with a number that is not finite in a `field` that is read; `number` is its
     spelling.
     """
 
@@ -190,11 +189,11 @@ _STRICT: Final = json.JSONDecoder(
     object_pairs_hook=_object, parse_constant=_constant, parse_int=_integer, parse_float=decimal
 )
 DECODER: Final = json.JSONDecoder(object_pairs_hook=_object, parse_int=_integer, parse_float=decimal)
-"""Decodes JSON, and NaN and infinities."""
+"""Accepts NaN and infinities."""
 
 
 def described(value: Json) -> str:
-    """Return a short text with the type of a value and the value.
+    """Return the type and the value of a value as a short text.
 
     >>> described("yesterday"), described(None)
     ('a string ("yesterday")', 'null')
@@ -276,7 +275,7 @@ def marked(event: dict[str, Json], reads: Scope | None, *, strict: bool = False,
 
 
 class LinesRead(BufferedIOBase):
-    """The lines of a stream, with the position in the trace: `offset` bytes and `line` lines."""
+    """The lines of a stream, with the position: `offset` bytes and `line` lines."""
 
     def __init__(self, stream: BinaryIO, *, offset: int = 0, line: int = 0) -> None:
         super().__init__()
@@ -285,14 +284,14 @@ class LinesRead(BufferedIOBase):
         self.line = line
 
     def readline(self, size: int | None = -1) -> bytes:
-        """Return the next line, or the first `size` bytes of a longer one."""
+        """Return the next line, or its first `size` bytes."""
         line = self._stream.readline(-1 if size is None else size)
         self.offset += len(line)
         self.line += line.endswith(b"\n")
         return line
 
     def read1(self, size: int | None = -1) -> bytes:
-        """Return up to `size` bytes; the caller reports consumed bytes with `reach`."""
+        """Return up to `size` bytes; the caller then calls `reach`."""
         return self._stream.read1(-1 if size is None else size)  # type: ignore[attr-defined, no-any-return]
 
     def fileno(self) -> int:
@@ -310,8 +309,7 @@ class LinesRead(BufferedIOBase):
 
 
 def settled(event: dict[str, Json], log: Log) -> dict[str, Json]:
-    """Return the event of another format, as a `NonFiniteEvent` if a number that is read is not
-    finite.
+    """Return the event of another format, as `marked` does.
 
     Raises `ValueError` if the log is read strictly.
 

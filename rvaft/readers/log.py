@@ -30,9 +30,8 @@ from rvaft.model.values import NUMBER, Json, decimal
 from rvaft.support.files import SUFFIXES, damage, opened
 
 MAX_LINE: Final = 64 * 1024 * 1024
-"""Maximum length of a line in bytes; protects the memory."""
 MAX_DIGITS: Final = 4300
-"""Maximum digits of an integer; conversion takes quadratic time."""
+"""Maximum digits of an integer: conversion takes quadratic time."""
 BOM: Final = b"\xef\xbb\xbf"
 
 Source: TypeAlias = str | os.PathLike[str] | BinaryIO
@@ -66,7 +65,7 @@ class FieldType(StrEnum):
 
 
 def by_content(text: str) -> Json:
-    """Return a text in the number syntax of JSON as a number, if it fits a double, else as text.
+    """Convert a text in the number syntax of JSON to a number, if it fits a double.
 
     >>> by_content("12.50"), by_content("007"), by_content("1e999"), by_content("true")
     (12.5, '007', '1e999', 'true')
@@ -115,20 +114,20 @@ class InputOptions:
 
     @property
     def given(self) -> frozenset[str]:
-        """The names of the options that are given."""
+        """The names of given options."""
         return frozenset(name for name in ("records", "types", "pattern") if getattr(self, name))
 
     def only(self, names: Collection[str]) -> "InputOptions":
-        """Return only the options with these names."""
+        """Return these options only."""
         return replace(InputOptions(), **{name: getattr(self, name) for name in self.given & set(names)})
 
 
 @dataclass(frozen=True, slots=True)
 class Interest:
-    """The parts of events that are used: these `fields`, or all if None; readers may skip the rest.
+    """The parts of events that are used: these `fields`, or all if None.
 
-    `may_be(field, value)` says whether an event with this text in this field may be relevant. A
-    reader may yield None for an event that cannot.
+    `may_be(field, value)` returns whether an event with this text may be relevant; for another, a
+    reader may yield None.
     """
 
     fields: frozenset[str] | None = None
@@ -136,7 +135,7 @@ class Interest:
 
     @classmethod
     def of(cls, reads: Scope, also: Iterable[str]) -> Self:
-        """Return the interest of a tree with some further fields; all if a pattern is no object.
+        """Return the interest of a tree with further fields; all fields if a pattern is no object.
 
         >>> import rvaft
         >>> from rvaft.core.classifier import TreeReads
@@ -155,9 +154,7 @@ ALL: Final = Interest()
 
 @dataclass(frozen=True, slots=True)
 class Live:
-    """Callbacks for live events: `stop` ends waiting, `began` reports readiness, `warn` lost
-    events.
-    """
+    """Callbacks for live events: to stop waiting, report readiness, and warn of lost events."""
 
     stop: Callable[[], bool] = lambda: False
     began: Callable[[], object] = lambda: None
@@ -171,7 +168,7 @@ class Log:
     `source` is a binary stream; for a reader with `needs_file` a path, for a URL reader the URL.
     `name` replaces it in messages. `line` is the number of the first line. Events must have one
     field of each `needed` tuple. `reading` is the current line. `rejected` counts rejected records;
-    `first` is the error for the first one, and is passed to `told` at once.
+    the error for the `first` one is passed to `on_reject` at once.
 
     >>> import io
     >>> from rvaft.readers.registry import reader
@@ -195,7 +192,7 @@ class Log:
     given: int = 0
     rejected: int = 0
     first: TraceError | None = None
-    told: Callable[[TraceError], object] | None = None
+    on_reject: Callable[[TraceError], object] | None = None
     live: Live = field(default_factory=Live)
 
     @property
@@ -217,7 +214,7 @@ class Log:
         return self.source
 
     def events(self) -> Iterator[dict[str, Json] | None]:
-        """Yield the events, with None for irrelevant ones; raises `TraceError` and `ToolMissing`."""
+        """Yield the events, None if irrelevant; raises `TraceError` and `ToolMissing`."""
         failures = failures_of(self.name)
         try:
             for place, event in self.reader.events(self):
@@ -242,8 +239,8 @@ class Log:
         self.rejected += count
         if self.first is None:
             self.first = self.error_at(reason, place)
-            if self.told is not None:
-                self.told(self.first)
+            if self.on_reject is not None:
+                self.on_reject(self.first)
 
     def require(self, columns: Collection[str]) -> None:
         """Raise `TraceError` if a table lacks a needed column."""
@@ -253,14 +250,14 @@ class Log:
 
     @property
     def fault(self) -> TraceError | None:
-        """The summary of rejected records as an error, or None."""
+        """The summary of rejected records, or None."""
         if self.first is None:
             return None
         left_out = f"{self.rejected} {self.reader.unit}{'s' * (self.rejected != 1)} left out"
         return TraceError(f"{self.first.message} ({left_out})", file=self.name, line=self.first.line)
 
     def is_malformed(self, events: int) -> bool:
-        """Whether the rejected records are an error, given the number of events."""
+        """Whether rejected records are an error, given the number of events."""
         return self.rejected > 0 and not (self.reader.lenient and events)
 
 
@@ -274,26 +271,24 @@ class LogReader(ABC):
 
     name: ClassVar[str]
     suffixes: ClassVar[tuple[str, ...]] = ()
-    """The suffixes of files, in lower case, without that of a compression."""
+    """The suffixes of files in lower case, before that of a compression."""
     schemes: ClassVar[tuple[str, ...]] = ()
     """The schemes of URLs with live events."""
     unit: ClassVar[str] = "line"
-    """The unit in which places count, from 1."""
+    """The unit of places, which count from 1."""
     takes: ClassVar[frozenset[str]] = frozenset()
     by_lines: ClassVar[bool] = False
-    """Whether lines are independent: then a log can be followed, and resumed at any line."""
+    """Whether lines are independent, so that reading can resume anywhere."""
     needs_file: ClassVar[bool] = False
-    """Whether the reader needs random access to a file."""
+    """Whether the reader needs a file, for random access."""
     lenient: ClassVar[bool] = False
-    """Whether rejected records are expected."""
 
     def __init__(self, options: InputOptions = InputOptions()) -> None:
-        """Raises `OptionError` for invalid options."""
         self.options = options
 
     @classmethod
     def suits(cls, path: Path, options: InputOptions) -> bool:  # noqa: ARG003 (for readers that share a suffix)
-        """Whether a file seems to have the format; by default, judging by its suffix."""
+        """Whether a file seems to have the format; by default, by its suffix."""
         return suffix(path) in cls.suffixes
 
     @classmethod
@@ -303,10 +298,10 @@ class LogReader(ABC):
 
     @abstractmethod
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json] | None]]:
-        """Yield the events with their places; None for events that are irrelevant.
+        """Yield the events with their places, None if irrelevant.
 
-        Calls `log.reject` for records that are no events. Raises `TraceError` (see `log.error_at`)
-        for an unreadable log, and `ToolMissing`.
+        Call `log.reject` for records that are no events. Raises `TraceError` for an unreadable log,
+        and `ToolMissing`.
         """
 
 
@@ -317,10 +312,10 @@ class LineReader(LogReader):
 
     @abstractmethod
     def event(self, line: str, log: Log) -> dict[str, Json]:
-        """Return the event on a line that is not blank; raises `ValueError` with the reason."""
+        """Return the event on a line; raises `ValueError` with the reason."""
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
-        """Yield the events of all lines; invalid UTF-8 becomes backslash escapes."""
+        """Yield the events; invalid UTF-8 becomes backslash escapes."""
         for number, data in lines_of(log.stream, log.name, log.line):
             log.reading = number
             text = data.decode(errors="backslashreplace").rstrip("\r\n")
@@ -335,9 +330,7 @@ class LineReader(LogReader):
 
 
 def lines_of(stream: BinaryIO, file: str, line: int = 1) -> Iterator[tuple[int, bytes]]:
-    """Yield the lines of a stream with their numbers, without a byte order mark; raises
-    `TraceError`.
-    """
+    """Yield lines with their numbers, without a byte order mark."""
     failures = failures_of(file)
     for number in count(line):
         try:
@@ -353,11 +346,8 @@ def lines_of(stream: BinaryIO, file: str, line: int = 1) -> Iterator[tuple[int, 
         yield number, data
 
 
-# Log files.
-
-
 def suffix(path: Path) -> str:
-    """Return the suffix of a file in lower case, without that of a compression.
+    """Return the suffix of a file in lower case, before that of a compression.
 
     >>> suffix(Path("logs/Monday.CSV.gz"))
     '.csv'
@@ -377,18 +367,17 @@ def scheme(name: str) -> str:
 
 
 def failures_of(file: str) -> tuple[type[Exception], ...]:
-    """Return the exceptions that reading a file of that name may raise."""
+    """Return the exceptions of reading such a file."""
     return (OSError, *damage()) if Path(file).suffix.lower() in SUFFIXES else (OSError,)
 
 
 def unreadable(error: Exception, file: str, line: int | None = None, where: str = "") -> TraceError:
-    """Return the error for a log that is unreadable from that line or place on."""
+    """Return the error for a log that is unreadable from there on."""
     return TraceError(f"cannot be read: {where}{getattr(error, 'strerror', None) or error}", file=file, line=line)
 
 
 def expanded(name: str) -> list[str]:
-    """Return the files for a name: itself, or, if there is no such file, those that match the
-    pattern.
+    """Return the files for a name: the file, or, if there is none, those that match the pattern.
 
     In a pattern `**` matches any folders. Raises `FileNotFoundError` without a match. A URL stands
     for itself.
@@ -404,12 +393,11 @@ def expanded(name: str) -> list[str]:
 
 
 def _is_folder(path: Path) -> bool:
-    """Whether the path is a folder, but no rosbag2 recording."""
     return path.is_dir() and not (path / BAG_METADATA).is_file()
 
 
 BAG_METADATA: Final = "metadata.yaml"
-"""The file that marks a folder as a rosbag2 recording."""
+"""Marks a rosbag2 folder."""
 
 
 def open_log(name: str, usual: str = ".jsonl") -> AbstractContextManager[BinaryIO]:
@@ -456,7 +444,7 @@ def source_of(reader: LogReader, name: str) -> Iterator[LogSource]:
 
 
 def required_stream(reader: LogReader, stream: BinaryIO) -> BinaryIO:
-    """Return standard input if the reader accepts a stream; raises `OptionError`."""
+    """Return standard input if possible; raises `OptionError`."""
     if reader.needs_file or reader.schemes:
         what = "a URL" if reader.schemes else "a file"
         raise OptionError(f"<stdin>: {reader.name} is read from {what}, not from standard input: name one")

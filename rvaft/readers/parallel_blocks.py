@@ -18,19 +18,17 @@ from rvaft.readers.json_lines import MAX_DEPTH
 from rvaft.support.processes import Killed, in_processes
 
 STRETCH: Final = 1 << 20
-"""Bytes per task; a file that is not longer is read by one process."""
+"""Bytes per task."""
 
 
 class _Stretch(BufferedIOBase):
-    """The lines of a file that begin between two offsets, or up to the end; leaves the file
-    position.
-    """
+    """The lines that begin between two offsets of a file."""
 
     def __init__(self, handle: int, start: int, end: int | None, *, torn: bool) -> None:
         super().__init__()
         self._handle = handle
         self._torn = torn
-        """Whether a line that began earlier may continue here."""
+        """Whether an earlier line may continue here."""
         self._place = start - torn
         self._end = sys.maxsize if end is None else end
         self._last = b"\n"
@@ -51,7 +49,7 @@ class _Stretch(BufferedIOBase):
         return self._more(most, to_end=True)
 
     def _more(self, most: int, *, to_end: bool = False) -> bytes:
-        """Return up to `most` bytes, or with `to_end` at most up to the end of the line."""
+        """Return up to `most` bytes, with `to_end` at most up to the end of the line."""
         data = os.pread(self._handle, most, self._place) if most > 0 else b""
         data = data[: data.find(b"\n") + 1 or len(data)] if to_end else data
         self._place += len(data)
@@ -68,7 +66,7 @@ def read_in_processes(
     line: int = 1,
     reached: Callable[[int, int], None] = lambda _size, _lines: None,
 ) -> Iterator[EventBlock]:
-    """Yield what `reader.read` yields for a regular file, from its position, the start of a line."""
+    """Yield the blocks of a regular file from its position, the start of a line."""
     handle, begin = source.fileno(), source.tell()
     starts = range(begin, max(os.fstat(handle).st_size, begin + 1), STRETCH)
 
@@ -92,7 +90,7 @@ def read_in_processes(
                 raise TraceError("cannot be read: the process that read it was killed", file=file, line=line)
             found, sizes, failure = result
             if source.seekable():
-                source.seek(start)  # for observers of the progress
+                source.seek(start)  # for the progress bar
             before = line
             for batch, (size, lines) in zip(found, sizes, strict=True):
                 line += lines
@@ -104,7 +102,7 @@ def read_in_processes(
 
 
 def _packed(batch: EventBlock) -> bytes:
-    """Serialise a block: with `marshal` if its values are plain, else with `pickle`."""
+    """Serialise a block, if possible with `marshal`."""
     found = tuple(map(list, batch[1:]))
     try:
         return b"m" + marshal.dumps((batch.total, *found))

@@ -1,8 +1,8 @@
 """Parquet tables, read in batches by `pyarrow`: columns are fields.
 
-Only columns that are used are read. A null means that the event lacks the field. Times become ISO
-8601 texts in the column's precision (UTC with a zone), durations integer nanoseconds, decimals
-numbers, and bytes UTF-8 text or else base64.
+A null means that the event lacks the field. Times become ISO 8601 texts in the column's precision
+(UTC with a zone), durations integer nanoseconds, decimals numbers, and bytes UTF-8 text or else
+base64.
 """
 
 from base64 import b64encode
@@ -16,7 +16,6 @@ from rvaft.readers.json_lines import settled
 from rvaft.readers.log import Log, LogReader
 
 _ROWS: Final = 4_096
-"""Rows per batch."""
 _Batch: TypeAlias = Any
 _Column: TypeAlias = Any
 
@@ -64,7 +63,7 @@ class ParquetReader(LogReader):
 
 
 def _events(batch: _Batch, log: Log, before: int) -> list[dict[str, Json] | None]:
-    """Return the events of a batch; None for a rejected row."""
+    """Return the events, None for a rejected row."""
     try:
         columns = [_values(column) for column in batch.columns]
         rows = zip(*columns, strict=True)
@@ -72,7 +71,7 @@ def _events(batch: _Batch, log: Log, before: int) -> list[dict[str, Json] | None
         events = [{name: value for name, value in zip(names, row, strict=True) if value is not None} for row in rows]
         return [settled(event, log) for event in events] if _has_floats(batch) else list(events)
     except ValueError as error:
-        if batch.num_rows > 1:  # find the faulty row
+        if batch.num_rows > 1:
             ones = range(batch.num_rows)
             return [event for place in ones for event in _events(batch.slice(place, 1), log, before + place)]
         log.reject(before + 1, "not UTF-8" if isinstance(error, UnicodeDecodeError) else str(error))

@@ -1,4 +1,4 @@
-"""The registered log formats (entry points `rvaft.readers`, imported on use) and format detection."""
+"""The registered log formats (entry points `rvaft.readers`) and format detection."""
 
 import os
 import warnings
@@ -51,13 +51,13 @@ def all_readers() -> Mapping[str, EntryPoint]:
 
 
 def reader_class(name: str) -> type[LogReader]:
-    """Import the reader class of a format; raises `UnknownFormat` and `ToolFailed`."""
+    """Import a reader class; raises `UnknownFormat` and `ToolFailed`."""
     found = all_readers()
     if name not in found:
         raise UnknownFormat(name, tuple(found))
     try:
         made: type[LogReader] = found[name].load()
-    except Exception as error:  # a third party's module may raise anything
+    except Exception as error:
         reason = f"it cannot be loaded: {type(error).__name__}: {error}"
         raise ToolFailed(f"the reader of {name}", reason=reason) from error
     if lacking := sorted(getattr(made, "__abstractmethods__", ())):
@@ -82,11 +82,7 @@ def reader(name: str, options: InputOptions = InputOptions()) -> LogReader:  # n
 
 @cache
 def suffixes() -> frozenset[str]:
-    """Return the suffixes of all formats.
-
-    >>> ".csv" in suffixes()
-    True
-    """
+    """Return the suffixes of all formats."""
     found = set[str]()
     for name in all_readers():
         with suppress(ToolFailed):
@@ -111,7 +107,7 @@ def format_of(file: str, options: InputOptions = InputOptions()) -> str:  # noqa
     if suffix(path) in JsonLinesReader.suffixes:
         return JsonLinesReader.name
     for name in all_readers():
-        with suppress(ToolFailed):  # skip broken third-party readers
+        with suppress(ToolFailed):
             if reader_class(name).suits(path, options):
                 return name
     return JsonLinesReader.name
@@ -128,7 +124,7 @@ def read_log(
     reads: Scope | None = None,
     warn: Callable[[str], object] = warnings.warn,
 ) -> Iterator[dict[str, Json]]:
-    """Yield the events of a log: a file, compressed or not, a binary stream, or a URL (without
+    """Yield the events of a log: a file, perhaps compressed, a binary stream, or a URL (without
     end).
 
     A stream is JSON Lines unless `form` names a format; `records`, `types` and `pattern` are as for
@@ -164,8 +160,8 @@ def read_log(
 def live_events(url: str, *, warn: Callable[[str], object] = warnings.warn) -> AsyncIterator[dict[str, Json]]:
     """Yield the live events of a URL asynchronously, for `rvaft.watch`.
 
-    The connection ends with the iteration. `warn` is called at once when events may have been lost.
-    Raises what `read_log` raises.
+    The connection ends with the iteration. `warn` is called at once if events may be lost. Raises
+    what `read_log` raises.
 
     >>> import rvaft
     >>> async def first(tree):  # the first event that detects the tree

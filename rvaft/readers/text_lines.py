@@ -17,7 +17,6 @@ from rvaft.readers.log import InputOptions, LineReader, Log, by_content
 from rvaft.support.budget import Expired, looking
 
 _PATIENCE: Final = 1.0
-"""Seconds between two checks for a stuck search."""
 _FACILITIES: Final = (
     *("kern", "user", "mail", "daemon", "auth", "syslog", "lpr", "news", "uucp", "cron", "authpriv", "ftp"),
     *("ntp", "security", "console", "solaris-cron", *(f"local{number}" for number in range(8))),
@@ -58,27 +57,25 @@ class SyslogReader(LineReader):
     lenient: ClassVar[bool] = True
 
     def event(self, line: str, log: Log) -> dict[str, Json]:
-        """Return the event on a line: time, host, app, pid, severity, facility, message, id and
-        data.
-        """
+        """Return the event on a line."""
         found = _RFC5424.fullmatch(line) or _RFC3164.fullmatch(line)
         if found is None:
             raise ValueError("no line of syslog")
-        said = {name: text for name, text in found.groupdict().items() if text is not None}
+        groups = {name: text for name, text in found.groupdict().items() if text is not None}
         event: dict[str, Json] = {}
-        new = "data" in said
-        if "month" in said:
-            said["time"] = f"{_latest(_MONTHS[said['month']], int(said['day']), _written(log))}T{said['clock']}"
+        new = "data" in groups
+        if "month" in groups:
+            groups["time"] = f"{_latest(_MONTHS[groups['month']], int(groups['day']), _written(log))}T{groups['clock']}"
         for name in ("time", "host", "app", "pid", "id", "message"):
-            if name in said and not (new and name != "message" and said[name] == "-"):
-                event[name] = by_content(said[name]) if name == "pid" else said[name]
-        if "priority" in said:
-            facility, severity = divmod(int(said["priority"]), len(_SEVERITIES))
+            if name in groups and not (new and name != "message" and groups[name] == "-"):
+                event[name] = by_content(groups[name]) if name == "pid" else groups[name]
+        if "priority" in groups:
+            facility, severity = divmod(int(groups["priority"]), len(_SEVERITIES))
             if facility >= len(_FACILITIES):
                 raise ValueError("no priority of syslog")
             event |= {"severity": _SEVERITIES[severity], "facility": _FACILITIES[facility]}
-        if said.get("data", "-") != "-":
-            elements = list(_ELEMENT.finditer(said["data"]))
+        if groups.get("data", "-") != "-":
+            elements = list(_ELEMENT.finditer(groups["data"]))
             event["data"] = {element[1]: _parameters(element[2]) for element in elements}
             if len(event["data"]) < len(elements):
                 raise ValueError("no structured data of syslog: an element is repeated")
@@ -93,9 +90,7 @@ def _parameters(text: str) -> Json:
 
 
 def _written(log: Log) -> date:
-    """Return the day after the last change of the log, else after today (zones may differ by a
-    day).
-    """
+    """Return the day after the last change of the log, or after today."""
     last = datetime.now(tz=UTC)
     with suppress(OSError, ValueError):
         if Path(log.name).is_file():
@@ -125,9 +120,6 @@ class RegexReader(LineReader):
     lenient: ClassVar[bool] = True
 
     def __init__(self, options: InputOptions = InputOptions()) -> None:  # noqa: B008
-        """Raises `OptionError` for a missing or invalid pattern, one without groups, or an unknown
-        field.
-        """
         super().__init__(options)
         if options.pattern is None:
             raise OptionError("the format regex needs a pattern with named groups: --pattern '(?P<user>...) ...'")
@@ -147,9 +139,7 @@ class RegexReader(LineReader):
         }
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
-        """Yield the events; raises `TraceError` if the pattern takes more than a second or two on a
-        line.
-        """
+        """Yield the events; raises `TraceError` if the pattern takes too long."""
         with looking(self._look, _PATIENCE):
             try:
                 yield from super().events(log)
@@ -163,7 +153,7 @@ class RegexReader(LineReader):
         self._before = self._searched
 
     def event(self, line: str, log: Log) -> dict[str, Json]:
-        """Return the groups that took part in the match."""
+        """Return the groups of the match."""
         self._searched = line
         found = self._search(line)
         self._searched = ""

@@ -1,13 +1,10 @@
-"""The data of a page about monitored logs: relevant events, changes of verdicts, and missing
-events.
+"""The data of a page about monitored logs: relevant events, changes of verdicts, missing events.
 
-A listener collects them while logs are read, in parallel lists with an entry for each *place* (a
-relevant event while a verdict could change); repeated contents are numbered. All values are escaped
-texts or numbers.
+The lists are parallel, with an entry for each *place*: a relevant event while a verdict could
+change. Repeated contents are numbered. All values are escaped texts or numbers.
 
-A page may be shown while logs grow: a browser sends a cursor and receives what is new. Lists grow
-at their ends. When there are too many places, the oldest are dropped, the rest is renumbered, and
-all cursors become invalid.
+A page may be shown while logs grow: a browser sends a cursor and receives what is new. When there
+are too many places, the oldest are dropped, the rest is renumbered, and all cursors become invalid.
 """
 
 import json
@@ -41,22 +38,22 @@ from rvaft.stream.plan import MonitoringPlan
 from rvaft.support.terminal import cut, visible
 
 PLACES: Final = 300_000
-"""Default maximum number of places; changes of verdicts always have one."""
+"""Default maximum number of places, except changes of verdicts."""
 SHOWN: Final = 20_000
 """Maximum number of places with the text of their event."""
 CHANGES: Final = 20_000
 SECONDS: Final = 10.0
-"""Maximum processor time, in seconds, for computing missing events."""
+"""Maximum processor time for missing events, in seconds."""
 RECORDS: Final = 50
 """Maximum number of bindings with missing events at one place."""
 LONGEST: Final = 240
 ENDED: Final = 1_000
 """Maximum number of ended traces and keys on a growing page."""
 SHARE: Final = 0.1
-"""Maximum share of the time for computing missing events on a growing page, and for scanning keys."""
+"""Maximum share of the time for missing events, and for scanning keys."""
 _CURSOR: Final = re.compile(r"([0-9a-f]{16}-[0-9]{1,9})((?:-[0-9]{1,9}){6})")
 _STYLE_AND_SCRIPT: Final = re.compile(r"<(?:style|script)>(.*?)</(?:style|script)>", re.DOTALL)
-Told = Mapping[str, Sequence[str]]
+Messages = Mapping[str, Sequence[str]]
 """Lines of text by heading: messages `said`, and the summary `held`."""
 
 
@@ -99,22 +96,22 @@ class LogReport(Listener):
         self._at: list[int] = []
         self._most_left = self._left = SECONDS * SHARE if grows else SECONDS
         self._found_late: list[tuple[int, int]] = []
-        """Places whose missing events were computed later, with the result."""
+        """Places with the results of missing events computed later."""
         self._unplaced = self._unchanged = 0
         self._first_unplaced = self._first_unchanged = ""
         self._dropped = self._undetected = self._unwatched = 0
-        """Numbers of dropped places and detections, and of dropped ended watches."""
+        """The numbers of dropped places, detections and ended watches."""
         self._before: dict[int, _Seen] = {}
-        """The state of each watch before its first place that is left."""
+        """The state of each watch before its first remaining place."""
         self._ended: dict[int, list[Any]] = {}
         """The final rows of ended watches on a growing page."""
         self._left_there = 0
         self._token, self._generation = token_hex(8), 0
         self._rows: list[list[Any]] = []
-        """The last row of each watch; `_revised` has the revisions of rows."""
+        """The last row of each watch."""
         self._revised: list[int] = []
-        self._told: Told = {}
-        self._told_revised = self._revision = 0
+        self._messages: Messages = {}
+        self._messages_revised = self._revision = 0
         self._due = self._refilled = monotonic()
 
     def begin(self, watch: MonitoredTrace) -> None:
@@ -128,7 +125,7 @@ class LogReport(Listener):
     def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:
         """Note a relevant event without a change."""
         nodes = self._fitting(event)
-        if not nodes:  # not an event of the tree, though relevant for the semantics
+        if not nodes:  # relevant, but not an event of the tree
             return
         if self.grows:
             self._make_room_where_full()
@@ -152,7 +149,7 @@ class LogReport(Listener):
         self._changes.append(self._changed(change))
 
     def end(self, watch: MonitoredTrace) -> None:
-        """Note the end of a trace; its missing events have priority."""
+        """Note the end of a trace."""
         place = self._latest.get(id(watch))
         if place is not None and self._lists["waits"][place] < 0:
             self._find_late(place, watch, -SECONDS)
@@ -173,7 +170,7 @@ class LogReport(Listener):
 
     @property
     def left_out(self) -> list[str]:
-        """Messages about what is missing on the page."""
+        """Messages about gaps of the page."""
         found = []
         if self._dropped:
             gone = f"{counted(self._dropped)} with {counted(self._undetected, 'detection')}"
@@ -197,12 +194,12 @@ class LogReport(Listener):
             found.append(f"only the first {SHOWN} events are shown in full, later ones only in detections")
         return found
 
-    def page(self, name: str, told: Told, *, live: bool = False) -> bytes:
-        """Return the page as one self-contained file; a `live` page requests updates."""
-        data = self._all(name, told)
+    def page(self, name: str, messages: Messages, *, live: bool = False) -> bytes:
+        """Return the page as one file; a `live` page requests updates."""
+        data = self._all(name, messages)
         if live:
             data["cursor"] = self._cursor
-        # Escape `<`, which could end the script element.
+        # `<` could end the script element
         text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
         parts = {"TITLE": escape(visible(name)), "TREE": svg_text(self.tree), "DATA": text, "POLICY": policy(live=live)}
         before, *rest = _template().split("{{")
@@ -212,22 +209,22 @@ class LogReport(Listener):
             found += [parts[word], after]
         return "".join(found).encode("utf-8", errors="replace")
 
-    def since(self, cursor: str, name: str, told: Told) -> tuple[str, bytes]:
+    def since(self, cursor: str, name: str, messages: Messages) -> tuple[str, bytes]:
         """Return a cursor and the JSON of the changes since another cursor.
 
-        The JSON is empty without changes, and complete for an invalid cursor.
+        The JSON is empty without changes, complete for an invalid cursor.
         """
-        self._revise(told)
+        self._revise(messages)
         here = self._cursor
         if cursor == here:
             return here, b""
         known, ends = _CURSOR.fullmatch(cursor), [*map(int, here.split("-")[2:])]
         from_ = [int(end) for end in known[2].split("-")[1:]] if known else ends
         if known is None or not here.startswith(f"{known[1]}-") or any(map(int.__gt__, from_, ends)):
-            new: dict[str, Any] = {**self._all(name, told), "cursor": here}
+            new: dict[str, Any] = {**self._all(name, messages), "cursor": here}
         else:
             places, node_sets, waits, changes, revision, late = from_
-            told_too = {"told": self._shown} if self._told_revised > revision else {}
+            new_messages = {"told": self._shown} if self._messages_revised > revision else {}
             new = {
                 "places": {name: some[places:] for name, some in self._lists.items()},
                 "node_sets": list(islice(self._node_sets, node_sets, None)),
@@ -237,7 +234,7 @@ class LogReport(Listener):
                 "changes": self._changes[changes:],
                 "watches": [[at, row] for at, row in enumerate(self._rows) if self._revised[at] > revision],
                 "traces": self._traces,
-                **told_too,
+                **new_messages,
             }
         return here, json.dumps(new, separators=(",", ":")).encode()
 
@@ -254,12 +251,12 @@ class LogReport(Listener):
 
     @property
     def _shown(self) -> dict[str, list[str]]:
-        return {heading: [visible(line) for line in lines] for heading, lines in self._told.items()}
+        return {heading: [visible(line) for line in lines] for heading, lines in self._messages.items()}
 
-    def _all(self, name: str, told: Told) -> dict[str, Any]:
+    def _all(self, name: str, messages: Messages) -> dict[str, Any]:
         monitors, tree = self.plan.monitors, self.tree
         self._due = 0.0
-        self._revise(told)
+        self._revise(messages)
         return {
             "token": self._token,
             "unit": self.unit,
@@ -284,16 +281,16 @@ class LogReport(Listener):
             "told": self._shown,
         }
 
-    def _revise(self, told: Told) -> None:
-        """Update the rows and messages; rows are scanned at limited intervals."""
+    def _revise(self, messages: Messages) -> None:
+        """Update the messages and, at intervals, the rows."""
         last = len(self._lists["waits"]) - 1
-        if self.grows and last >= 0 and self._lists["waits"][last] < 0:  # the latest place is being viewed
+        if self.grows and last >= 0 and self._lists["waits"][last] < 0:
             at = self._lists["watch"][last]
             if at not in self._ended:
                 self._find_late(last, self._watches[at])
-        if dict(told) != self._told:
+        if dict(messages) != self._messages:
             self._revision += 1
-            self._told, self._told_revised = dict(told), self._revision
+            self._messages, self._messages_revised = dict(messages), self._revision
         begun = monotonic()
         if begun < self._due and len(self._rows) == len(self._watches):
             return
@@ -316,7 +313,6 @@ class LogReport(Listener):
             self._make_room()
 
     def _make_room(self) -> None:
-        """Drop the oldest places, and ended watches without a place."""
         total = len(self._lists["number"])
         gone = total - self.most * 3 // 4 if total >= self.most else 0
         if len(self._changes) >= CHANGES:
@@ -386,11 +382,11 @@ class LogReport(Listener):
         time = places(event, self.tree).get("time", "")
         declared = self.tree.time
         if isinstance(time, Mapping) and declared is not None and (read := declared.read(event)) is not None:
-            return f"{read // UNITS['s']}.{read % UNITS['s']:09}"  # ROS time stamp
+            return f"{read // UNITS['s']}.{read % UNITS['s']:09}"
         return _text(time)
 
     def _waiting(self, watch: MonitoredTrace, limit: float = 0.0) -> int:
-        """Return the number of the missing events, or -1 if the time budget is used up."""
+        """Return the number of the missing events, -1 after the time limit."""
         if self.grows:
             now = monotonic()
             self._left = min(self._most_left, self._left + (now - self._refilled) * SHARE)
@@ -455,9 +451,7 @@ class LogReport(Listener):
         return [visible(name), visible(node.label or ""), visible(event_text(node)) if node.has_event else ""]
 
     def _branches(self) -> list[list[Any]] | None:
-        """Return number, kinds, property and event nodes of the branches; None if they are too
-        many.
-        """
+        """Return number, kinds, property and event nodes of branches, if few."""
         found = []
         with suppress(TooLarge):
             found = list(islice(branches(self.tree), DEFAULT_BRANCHES + 1))
@@ -486,13 +480,13 @@ class LogReport(Listener):
 
 
 _Seen = tuple[dict[int, tuple[int, int]], str, bool]
-"""Last number and count of events by node; the verdict; whether the monitor restarts next."""
+"""By node, last event and count; verdict; whether the monitor restarts next."""
 
 
 def _after(
     before: _Seen | None, number: int, nodes: Any, change: Mapping[str, Any] | None, title: str, *, repeat: bool
 ) -> _Seen:
-    """Return the state of a watch after one more place, as the script of the page computes it."""
+    """Return the state after one more place, as the script of the page does."""
     seen, verdict, fresh = before or ({}, "?", False)
     if fresh:
         seen, verdict, fresh = {}, "?", False
@@ -511,7 +505,7 @@ def _template() -> str:
 
 @cache
 def policy(*, live: bool = False) -> str:
-    """Return the Content-Security-Policy: own style and script, and requests to itself if live."""
+    """Return the Content-Security-Policy."""
     found = [b64encode(sha256(one.encode()).digest()).decode() for one in _STYLE_AND_SCRIPT.findall(_template())]
     style, script = (f"'sha256-{one}'" for one in found)
     fixed = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:"
@@ -524,5 +518,5 @@ def _text(value: Json) -> str:
         return visible(cut(value, LONGEST))
     try:
         return visible(cut(json.dumps(value, ensure_ascii=False), LONGEST))
-    except ValueError:  # an integer beyond the digit limit of Python
+    except ValueError:  # more digits than Python converts
         return "…"

@@ -1,10 +1,8 @@
-"""Batch processing of events: the only module that knows batches.
-
-It only makes monitoring faster; the results are the same without it.
+"""Batch processing of events, for speed; the results do not depend on it.
 
 A log that no listener reads event by event is read in blocks. Irrelevant events are only counted,
 with their key and their place in the order. Other events are grouped by class. If no group can
-change the state, the group sizes are added to the counts; otherwise the run takes them one by one.
+change the state, only counts change; otherwise the run takes the events one by one.
 """
 
 from collections import Counter, defaultdict, deque
@@ -28,7 +26,7 @@ from rvaft.readers.json_blocks import EventBlock, JsonBlockReader, exact_time, p
 from rvaft.readers.json_lines import LinesRead
 from rvaft.readers.log import ALL, Interest, Log
 from rvaft.stream.data_warnings import DataWarnings
-from rvaft.stream.detection import told_fields
+from rvaft.stream.detection import identifying_fields
 from rvaft.stream.listeners import MonitoredTrace, VerdictChange
 from rvaft.stream.monitor_set import MonitorSet
 from rvaft.stream.order import Backwards, Ordering, Place
@@ -38,24 +36,23 @@ from rvaft.stream.statistics import EventKind, EventTypeIndex
 
 ENABLED: Final = True
 STRETCH: Final = parallel_blocks.STRETCH
-"""Bytes that a process reads at a time; a shorter file is read by one process."""
+"""Bytes per read of a process."""
 FEW: Final = 32
-"""Smaller blocks are processed event by event; also the maximum pause after a failed batch."""
+"""Smaller blocks are not batches; also the maximum pause after failures."""
 BLOCK: Final = 500
-"""Events per batch for formats other than JSON Lines."""
 FEW_VALUES: Final = 16
-"""Maximum number of distinct values of a field that are tested in place of all events."""
+"""Maximum number of distinct values that are tested instead of all events."""
 _NO_EVENT: Final[JsonObject] = {}
-"""Stands for an event that matches no pattern; in such trees every pattern has a literal."""
+"""The stand-in for events that match no pattern."""
 _NUMBERS: Final = frozenset({int, float})
 _OWN_KEYS: Final = frozenset({str, int})
-"""Types whose values compare as themselves, in events that change nothing."""
+"""Types whose values compare as themselves."""
 _LARGEST: Final = float_info.max
 _END: Final = EventBlock(0, ())
 T = TypeVar("T")
 H = TypeVar("H")
 KeyValues: TypeAlias = tuple[Json, ...]
-"""Stands for an irrelevant event: its values in the key fields, or () if it lacks one."""
+"""An irrelevant event: its values in the key fields, or () if it lacks one."""
 Turn: TypeAlias = JsonObject | KeyValues
 
 
@@ -71,8 +68,8 @@ def read(
 ) -> Iterator[bool]:
     """Read all events of a source as `run.read` does, and pause after each block.
 
-    Without `by_blocks` events are read one by one. A `live` source is read as events arrive; `jobs`
-    processes decode a regular file. Raises what `run.read` raises.
+    Without `by_blocks` events are read one by one. A `live` source is read as events arrive. `jobs`
+    processes decode a regular file.
     """
     if ENABLED and by_blocks:
         reading = BulkReading(run)
@@ -82,11 +79,8 @@ def read(
     return run.read(source, name, line=line)
 
 
-# What has to be read.
-
-
 def _times_count(monitors: MonitorSet) -> bool:
-    """Whether the time of every event matters; for a backend, if the tree has times."""
+    """Whether the time of every event matters."""
     return monitors.may_be_late if monitors.engines else monitors.time is not None
 
 
@@ -95,8 +89,8 @@ def interest(plan: MonitoringPlan) -> Interest:
     """Return the parts of an event that are read when no listener needs whole events."""
     types = plan.monitors.types
     also = (name for one in plan.fields for name in (one.text, one.path[0]))
-    found = Interest.of(plan.reads, (TIME, *told_fields(types.tree), *also))
-    # The key, the place in the order and the time of irrelevant events may still matter.
+    found = Interest.of(plan.reads, (TIME, *identifying_fields(types.tree), *also))
+    # key, place and time of irrelevant events may still matter
     counted_only = plan.plain and not _times_count(plan.monitors) and found.fields is not None
     return replace(found, may_be=types.may_be) if counted_only else found
 
@@ -104,22 +98,20 @@ def interest(plan: MonitoringPlan) -> Interest:
 @lru_cache(maxsize=16)
 def block_reader(plan: MonitoringPlan) -> JsonBlockReader | None:
     """Return a block reader for JSON Lines, or None if every event must be read in full."""
-    # If every event counts, monitors of keys would need the irrelevant events, too.
+    # if every event counts, monitors of keys need the irrelevant events too
     each = plan.key is not None and plan.monitors.counts_all
     if each or any(len(field.path) > 1 for field in plan.fields):
         return None
     types, names = plan.monitors.types, [field.text for field in plan.fields]
     possible = (lambda _: True) if _times_count(plan.monitors) else types.possible
-    fields, time = plain_fields(plan.reads, (TIME, *told_fields(types.tree), *names)), exact_time(types.tree)
+    fields, time = plain_fields(plan.reads, (TIME, *identifying_fields(types.tree), *names)), exact_time(types.tree)
     if not fields or time in names:
         return None
     return JsonBlockReader(plan.reads, possible, fields, time=time, strict=plan.strict_json, kept=names)
 
 
 def _blocks_of(events: Iterable[JsonObject | None]) -> Iterator[EventBlock]:
-    """Yield events in blocks; None counts as an irrelevant event. An error comes after earlier
-    events.
-    """
+    """Yield events in blocks; None is an irrelevant event."""
     total, held = 0, list[tuple[int, JsonObject]]()
     try:
         for event in events:
@@ -145,11 +137,8 @@ def _block_of(turns: Sequence[Turn]) -> EventBlock:
     )
 
 
-# Groups of events.
-
-
 class EventGroup:
-    """One or more events with the same fields; columns of values are computed once."""
+    """Events with the same fields; columns of values are computed once."""
 
     __slots__ = ("_ends", "_types", "_values", "events")
 
@@ -160,14 +149,14 @@ class EventGroup:
         self._ends: dict[str, Sequence[Json]] = {}
 
     def values(self, field: str) -> list[Json]:
-        """Return the value of each event in a field."""
+        """Return the values of a field."""
         found = self._values.get(field)
         if found is None:
             found = self._values[field] = [event[field] for event in self.events]
         return found
 
     def types(self, field: str) -> set[type]:
-        """Return the types of these values."""
+        """Return the types of the values."""
         found = self._types.get(field)
         if found is None:
             found = self._types[field] = set(map(type, self.values(field)))
@@ -186,7 +175,7 @@ class EventGroup:
 
 
 def groups(types: EventTypeIndex, events: Sequence[JsonObject]) -> list[tuple[EventKind, EventGroup]] | None:
-    """Group events by kind, in order; None if some have unhashable values in literal fields."""
+    """Group events by kind; None for unhashable values of literal fields."""
     index = types.shapes
     try:
         found = _by_shape(index.texts, events)
@@ -201,7 +190,7 @@ def groups(types: EventTypeIndex, events: Sequence[JsonObject]) -> list[tuple[Ev
 
 
 def _by_shape(fields: tuple[str, ...], events: Sequence[JsonObject]) -> Collection[Sequence[JsonObject]]:
-    """Group events by number of fields and values of these fields, without a call per event."""
+    """Group events by number of fields and these values, without a call per event."""
     found = defaultdict[Hashable, list[JsonObject]](list)
     match fields:
         case (one,):
@@ -237,7 +226,7 @@ def _split(table: GuardTable[H], group: EventGroup) -> list[tuple[H, EventGroup]
 
 
 def _has_one_entry(table: GuardTable[H], group: EventGroup) -> bool:
-    """Whether a cheap test shows that the same guards hold for all events."""
+    """Whether a cheap test shows that the same guards hold."""
     if not table.guards:
         return True
     if table.field is None:
@@ -267,9 +256,9 @@ def needs_no_warning(warnings: DataWarnings, group: EventGroup, event_kind: Even
 
 
 def changes_nothing(monitors: MonitorSet, group: EventGroup, event_kind: EventKind, *, keyed: bool) -> bool | None:
-    """For events of one kind that change nothing: whether they are relevant to the tree.
+    """Return whether events of a kind that change nothing are relevant.
 
-    None if an event may change something, or if a key has a monitor that is not looked up.
+    Return None if an event may change something, or if the monitor of a key is unknown.
     """
     projects, event_class = monitors.semantics.projects, event_kind.classes[0]
     if not event_kind.relevant and (projects or not event_kind.serves):
@@ -308,10 +297,10 @@ def events_of_concern(
     warnings: DataWarnings,
     concerns: Callable[[EventKind], bool],
 ) -> Iterator[tuple[int, JsonObject]] | None:
-    """Yield the possibly relevant events of JSON Lines with their numbers; None if batches cannot
-    be used.
+    """Yield the possibly relevant events with their numbers, or return None if batches are
+    unusable.
 
-    `concerns` returns whether events of a kind matter. If none in a block matters and none causes a
+    `concerns` returns whether events of a kind matter. If no event of a block matters or causes a
     warning, the last event stands for the block.
     """
     time = types.tree.time
@@ -337,22 +326,18 @@ def events_of_concern(
     return numbered(JsonBlockReader(reads, possible, fields, time=exact_time(types.tree), strict=strict_json))
 
 
-# Order and clock.
-
-
 class BulkOrdering:
-    """Adds events to an `Ordering` in batches."""
+    """Batches of events for an `Ordering`."""
 
     def __init__(self, ordering: Ordering[Turn]) -> None:
         self._ordering = ordering
         self._as_they_came = False
-        """Whether the held events are sorted both by place and by number."""
+        """Whether held events are sorted both by place and by number."""
 
     def add(self, block: EventBlock, values: Sequence[Json], others: Sequence[Turn]) -> list[Turn]:
         """Add the events of a block and return the events that are due.
 
-        `values` and `others` are the order fields of the irrelevant events and the stand-ins for
-        them.
+        `values` and `others` are the order fields and the stand-ins of the irrelevant events.
         """
         ordering = self._ordering
         came = _in_places(block, others, [event for _, event in block.events])
@@ -361,15 +346,15 @@ class BulkOrdering:
             places = _in_places(block, values, [ordering.place(event) for _, event in block.events])
         else:  # the first value fixes the type of the field
             known, name = dict(zip(block.passed, values, strict=True)), ordering.field.text
-            told = ({name: known[place]} if place in known else event for place, event in enumerate(came))
-            places = list(map(ordering.place, told))
+            stand_ins = ({name: known[place]} if place in known else event for place, event in enumerate(came))
+            places = list(map(ordering.place, stand_ins))
         if None not in places and (found := self._add_sorted(cast("list[Place]", places), came)) is not None:
             return found
         self._as_they_came = False
         return [event for event in map(ordering.put, places, came) if event is not None]
 
     def _add_sorted(self, places: Sequence[Place], events: Sequence[Turn]) -> list[Turn] | None:
-        """Add events in one step and return those due; None, without an effect, if one is late."""
+        """Add events in one step; return None, without an effect, if one is late."""
         ordering = self._ordering
         held = ordering.held
         known = [*held, *zip(places, count(ordering.came + 1), events)]
@@ -379,8 +364,7 @@ class BulkOrdering:
             known.sort(key=itemgetter(0, 1))
             numbers = [number for _, number, _ in known]
             self._as_they_came = all(map(lt, numbers, islice(numbers, 1, None)))
-            # Each event has to be present when it is due: the first one when the window is full,
-            # and so on.
+            # each event has to be present when it is due
             full = ordering.came + 1 + ordering.window - len(held)
             if turns and (known[0][0] < ordering.latest or any(map(gt, numbers[:turns], count(full)))):
                 return None
@@ -395,7 +379,7 @@ class BulkOrdering:
 
 
 def _in_places(block: EventBlock, others: Sequence[T], own: Sequence[T]) -> list[T]:
-    """Merge own items of the events and items of irrelevant events into the order of the block."""
+    """Merge items of the events and of irrelevant events in order."""
     if len(own) < len(others):
         found = list(others)
         for (place, _), one in zip(block.events, own, strict=True):
@@ -411,18 +395,15 @@ def see_all(clock: Backwards, events: Sequence[JsonObject], numbers: Iterable[in
         name = clock.field.text
         places: list[Json] = [event.get(name) for event in events]
         rises = _NUMBERS.issuperset(map(type, places)) and all(map(le, chain((clock.last,), places), places))
-        if rises and places and places[-1] < inf:  # so no earlier place is infinite or NaN
+        if rises and places and places[-1] < inf:  # no earlier place is infinite or NaN
             clock.last = places[-1]
             return
     for number, event in zip(numbers, events, strict=True):
         clock.see(number, event)
 
 
-# The run.
-
-
 class BulkReading:
-    """Reads the events of a trace in blocks, for a run."""
+    """The batch reader of a run."""
 
     def __init__(self, run: TraceRun) -> None:
         self.run = run
@@ -432,7 +413,7 @@ class BulkReading:
             self._ordering = BulkOrdering(cast("Ordering[Turn]", run.ordering))
 
     def blocks(self, source: Source, name: str, line: int, *, live: bool, jobs: int) -> Iterator[EventBlock] | None:
-        """Return the events of a source in blocks, or None if they have to be read one by one."""
+        """Return the events in blocks, or None to read them one by one."""
         run, plan = self.run, self.run.plan
         quickly = not any(one.whole or (one.every and run.one_by_one) for one in run.listeners)
         if isinstance(source, Log):
@@ -452,7 +433,7 @@ class BulkReading:
         return reader.read(stream, name, line=line, live=live, reached=reached)
 
     def read(self, blocks: Iterable[EventBlock]) -> Iterator[bool]:
-        """Process blocks and pause after each; yield False once the trace has ended."""
+        """Process blocks, pausing after each; yield False once the trace has ended."""
         self.run.prepare()
         for block in self._in_turn(blocks):
             self._process(block)
@@ -460,7 +441,7 @@ class BulkReading:
             yield block is not _END
 
     def _in_turn(self, blocks: Iterable[EventBlock]) -> Iterator[EventBlock]:
-        """Yield blocks in time order; an error of the source comes after the events before it."""
+        """Yield blocks in time order; an error comes last."""
         run, failure = self.run, None
         try:
             for block in blocks:
@@ -476,7 +457,7 @@ class BulkReading:
             raise failure
 
     def _turns(self, block: EventBlock) -> EventBlock:
-        """Return the events that are due after a block, with the keys of irrelevant events."""
+        """Return the events due after a block."""
         key = self.run.plan.key
         places: Sequence[Json] = block.kept
         keys: Sequence[KeyValues] = [()] * len(places)
@@ -492,7 +473,7 @@ class BulkReading:
         return _block_of(self._ordering.add(block, places, keys))
 
     def _process(self, block: EventBlock) -> None:
-        """Process a block as a batch if it changes nothing, else event by event."""
+        """Process a block as a batch if only counts change, else event by event."""
         run, before = self.run, self.run.number
         events = block.events if run.keys is None or not block.passed else self._with_new_keys(block)
         monitors = run.plan.monitors
@@ -514,8 +495,8 @@ class BulkReading:
     def _process_in_bulk(self, events: Sequence[tuple[int, JsonObject]], before: int) -> bool:
         """Process events as a batch. Return False, without an effect, unless only counts change.
 
-        Places count from the event `before`. After failures the next blocks are not tried, with a
-        pause that doubles up to `FEW` blocks.
+        Places count from the event `before`. After a failure the next blocks are not tried; the
+        pause doubles up to `FEW` blocks.
         """
         run = self.run
         self._tries -= 1
@@ -570,9 +551,7 @@ class BulkReading:
         return True
 
     def _watches_of(self, events: Sequence[JsonObject], keyed_by: str) -> Sequence[tuple[MonitoredTrace, int]] | None:
-        """Return the monitored traces with their numbers of events; None if an event needs a full
-        look-up.
-        """
+        """Return the monitored traces with numbers of events, or None for a full look-up."""
         keys = self.run.keys
         if keys is None:
             return [(self.run.watch, len(events))]
@@ -583,10 +562,8 @@ class BulkReading:
         known = [(watch, number) for watch, number in found if watch is not None]
         return known if len(known) == len(found) else None
 
-    # Irrelevant events.
-
     def _with_new_keys(self, block: EventBlock) -> Sequence[tuple[int, JsonObject]]:
-        """Return the events of a block, and a stand-in for the first event of each new key."""
+        """Return the events, with a stand-in for the first of each new key."""
         keys = self.run.keys
         assert keys is not None, "only events with keys are kept by them"
         new = [values for values in dict.fromkeys(block.kept) if not self._is_known(values)]
@@ -597,9 +574,7 @@ class BulkReading:
         return sorted([*block.events, *also], key=itemgetter(0))
 
     def _is_known(self, values: KeyValues) -> bool:
-        """Whether an earlier event had this key; for (), whether an earlier event lacked a key
-        field.
-        """
+        """Whether this key, or for () its absence, is known."""
         keys = self.run.keys
         assert keys is not None, "only events with keys are kept by them"
         if values not in keys.known:
@@ -610,7 +585,7 @@ class BulkReading:
         return True
 
     def _count_passed(self, block: EventBlock, events: Sequence[tuple[int, JsonObject]], end: int) -> None:
-        """Add the skipped events of a block, before place `end`, to the counts of their keys."""
+        """Count the skipped events before place `end` for their keys."""
         keys = self.run.keys
         assert keys is not None, "only events with keys are kept by them"
         looked_at = {place for place, _ in events}
@@ -625,7 +600,7 @@ class BulkReading:
                 watch.events += number
 
     def _pass_over(self, block: EventBlock, events: Sequence[tuple[int, JsonObject]], last: int) -> None:
-        """Count the skipped events of a block; `last` is the number of its last event."""
+        """Count the skipped events of a block."""
         run, passed = self.run, block.total - len(events)
         if run.plan.monitors.counts_all:
             self._fill(last + 1)
@@ -638,18 +613,16 @@ class BulkReading:
             self._count_passed(block, events, block.total)
 
     def _filled(self, events: Iterable[tuple[int, JsonObject]], before: int) -> Iterator[tuple[int, JsonObject]]:
-        """Yield events, stepping monitors over irrelevant events between them."""
+        """Yield events, after stepping over irrelevant ones."""
         for place, event in events:
             self._fill(before + place + 1)
             yield place, event
 
     def _fill(self, number: int) -> None:
-        """Step monitors over irrelevant events before that number: `strict` and backends count
-        them.
-        """
+        """Step monitors over irrelevant events, which `strict` and backends count."""
         run, monitors = self.run, self.run.watch.monitors
         kind = run.plan.monitors.types.of(_NO_EVENT)
         while monitors.live and run.number + 1 < number:
             run.number += 1
             if changed := monitors.step(_NO_EVENT, run.number, kind):
-                run.tell(VerdictChange(run.watch, run.number, _NO_EVENT, changed))
+                run.notify(VerdictChange(run.watch, run.number, _NO_EVENT, changed))

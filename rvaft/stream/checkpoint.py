@@ -1,15 +1,15 @@
 """Checkpoints: the state of a monitor in a file, to continue from after a crash.
 
 A checkpoint is valid only for the same tree, semantics, columns, settings and rvaft version. The
-trace must begin with the bytes that were read. After a crash the events since the last
-checkpoint are read again, and the verdicts equal those of an uninterrupted run. A detection is
-recorded before it is reported, so that a repeated report is marked. (After a power failure the
-latest records may be missing: they are not synced.)
+trace must begin with the bytes that were read. After a crash the events since the last checkpoint
+are read again, and the verdicts equal those of an uninterrupted run. A detection is recorded before
+it is reported, so that a repeated report is marked. The records are not synced: a power failure may
+lose the latest.
 
 File format: a line with the file type, a line with the digest of the rest, a line of JSON, and a
 pickle. Unpickling admits only data classes, by name. Still, a checkpoint is only as trustworthy as
-everyone who can write to it. The file is readable by its owner only. Until the next checkpoint, the
-file `.NAME.told` beside it has the number of the last event with a reported detection.
+everyone who can write to it. Only the owner can read the file. Until the next checkpoint, the file
+`.NAME.told` beside it has the number of the last event with a reported detection.
 """
 
 import hashlib
@@ -52,9 +52,9 @@ from rvaft.support.files import SUFFIXES, error_context, opened, write_whole
 EVERY: Final = 10_000
 """Default number of events between two checkpoints."""
 _GRACE: Final = 1.0
-"""Seconds that checkpoints may take beyond the time of all other work; then they become rarer."""
+"""Seconds beyond which checkpoints become rarer than other work permits."""
 _EDGE: Final = 1 << 16
-"""Bytes hashed at the start of a trace, and before the current offset, to identify the trace."""
+"""Bytes hashed at the start of a trace and before the offset."""
 _MAGIC: Final = b"rvaft checkpoint 5\n"
 _BLOCK: Final = 1 << 20
 _ANEW: Final = "remove it to begin anew"
@@ -79,15 +79,15 @@ _ALL: Final = (*_BUILT_IN, *_OF_TREES, *_OF_MONITORS, *_COUNTS)
 _ADMITTED: Final = {(one.__module__, one.__qualname__): one for one in _ALL}
 """The classes allowed in a checkpoint.
 
-None of them runs commands, writes files or listens on a port, and none may: a pickle can set the
-attributes of any class that it can name.
+None of them may run commands, write files or listen on a port: a pickle can set the attributes of
+any class that it names.
 """
 
 
 class _DataPickler(pickle.Pickler):
-    """Writes only what `_DataUnpickler` admits, so that an error occurs before the crash."""
+    """A pickler for what `_DataUnpickler` admits, so that an error occurs before the crash."""
 
-    def reducer_override(self, obj: object) -> Any:  # NotImplemented has no public type
+    def reducer_override(self, obj: object) -> Any:
         kind = obj if isinstance(obj, type) else type(obj)
         if _ADMITTED.get((kind.__module__, kind.__qualname__)) is not kind:
             raise pickle.PicklingError(f"{kind.__module__}.{kind.__qualname__} has no place in a checkpoint")
@@ -103,7 +103,7 @@ class _DataUnpickler(pickle.Unpickler):
 
 
 def packed(state: object) -> bytes:
-    """Pickle the state of a run; raises `ValueError` for a class that is not admitted."""
+    """Pickle a state; raises `ValueError` for a class that is not admitted."""
     payload = io.BytesIO()
     limit = sys.getrecursionlimit()
     sys.setrecursionlimit(limit + 4 * MAX_DEPTH)  # values are as deep as in a trace; `pickle` makes two calls per level
@@ -123,10 +123,9 @@ def unpacked(data: bytes | memoryview) -> object:
 
 @contextmanager
 def open_at(trace: Path, *, offset: int = 0, line: int = 0) -> Iterator[LinesRead]:
-    """Open a trace at an offset in bytes (after decompression), and keep track of the position.
+    """Open a trace at an offset in bytes (after decompression).
 
-    Raises what `rvaft.support.files.opened` raises, and `TraceError` if a compressed file is
-    damaged or ends before the offset.
+    Raises what `opened` raises, and `TraceError` if a compressed file is damaged or too short.
     """
     with opened(trace) as stream:
         left = offset if _is_compressed(trace) else 0
@@ -148,8 +147,8 @@ def _is_compressed(path: Path) -> bool:
 
 
 def identity(trace: Path | BinaryIO, offset: int) -> tuple[int, str]:
-    """Return the identity of a trace that was read up to this offset: a size, and a digest of the
-    first and last bytes.
+    """Return a size and a digest of the first and last bytes of a trace that was read up to the
+    offset.
 
     Path and inode do not count: a moved or restored log is the same trace. Of a compressed file all
     compressed bytes count. A stream is an uncompressed file; its position changes. Raises
@@ -175,10 +174,10 @@ def _sha(data: bytes | memoryview) -> str:
 
 
 class Checkpoint(msgspec.Struct, kw_only=True):
-    """What a checkpoint belongs to, and how far the trace was read.
+    """The tree, settings and trace of a checkpoint, and the position.
 
-    `offset` counts bytes after decompression. Detections up to the event `noted` were reported,
-    perhaps by an earlier run that read further than `events`.
+    `offset` counts bytes after decompression. Detections up to the event `noted`, perhaps beyond
+    `events`, were reported.
     """
 
     version: str
@@ -195,8 +194,8 @@ class Checkpoint(msgspec.Struct, kw_only=True):
 class CheckpointFile:
     """The checkpoint file of a run, written every `every` events.
 
-    `settings` are the options that affect the meaning of the state, as text. Detections up to the
-    event `noted` were reported, or were about to be.
+    `settings` affect the meaning of the state. Detections up to the event `noted` were reported, or
+    were about to be.
     """
 
     path: Path
@@ -220,7 +219,7 @@ class CheckpointFile:
         self._begun = monotonic()
         self._spent = 0.0
         target = self.path.resolve()
-        self._told = target.with_name(f".{target.name[:100]}.told")
+        self._record = target.with_name(f".{target.name[:100]}.told")
 
     def is_due(self, events: int, *, idle: bool = False) -> bool:
         """Whether a checkpoint is due; unless idle, saving takes at most half of the run time."""
@@ -229,11 +228,10 @@ class CheckpointFile:
         return idle or 2 * self._spent <= monotonic() - self._begun + _GRACE
 
     def save(self, state: object, events: int, place: LinesRead | FollowedFile, trace: BinaryIO | None = None) -> None:
-        """Replace the checkpoint atomically; the previous one stays until the new one is on the
-        disk.
+        """Replace the checkpoint atomically, once the new one is on the disk.
 
-        `trace` is the open file, if the path may name another file by now. Raises `OSError` with
-        the path, and `CheckpointError` for a state that cannot be saved.
+        `trace` is the open file, as the path may name another by now. Raises `OSError` and
+        `CheckpointError`.
         """
         begun = monotonic()
         try:
@@ -249,27 +247,27 @@ class CheckpointFile:
         self._digest = _sha(body)
         with error_context("cannot write", self.path):
             write_whole(self.path, _MAGIC + self._digest.encode() + b"\n" + body, lasting=True)
-            self._told.unlink(missing_ok=True)
+            self._record.unlink(missing_ok=True)
         self._saved = events
         self._spent += monotonic() - begun
 
     def note(self, event: int) -> None:
-        """Record that a detection of that event is reported; valid until the next checkpoint."""
+        """Record that a detection is reported, until the next checkpoint."""
         self.noted = event
         with error_context("cannot write", self.path):
-            write_whole(self._told, f"{self._digest} {event}\n".encode())
+            write_whole(self._record, f"{self._digest} {event}\n".encode())
 
     def load(self) -> tuple[Checkpoint, object] | None:
         """Return the checkpoint and the state, or None if the file does not exist.
 
-        Raises `CheckpointError` for a checkpoint of another run and for a damaged file, `OSError`,
-        and what `identity` raises.
+        Raises `CheckpointError` for a damaged file or a checkpoint of another run, `OSError`, and
+        what `identity` raises.
         """
         start = len(_MAGIC) + 65
         try:
             with self.path.open("rb") as stream:
                 data = stream.read(start)
-                data += stream.read() if data.startswith(_MAGIC) else b""  # another kind of file may be endless
+                data += stream.read() if data.startswith(_MAGIC) else b""  # a file of another kind may be endless
         except FileNotFoundError:
             return None
         body = memoryview(data)[start:]
@@ -284,17 +282,17 @@ class CheckpointFile:
         end = data.find(b"\n", start)
         try:
             found = msgspec.json.decode(data[start:end], type=Checkpoint)
-        except (ValueError, TypeError) as error:  # includes the errors of msgspec
+        except (ValueError, TypeError) as error:
             raise self.unreadable(error) from error
         self._require_same(found)
         try:
             state = unpacked(body[end + 1 - start :])
-        except Exception as error:  # any exception of an admitted class
+        except Exception as error:
             raise self.unreadable(error) from error
         self._saved = found.events
         self.noted = found.noted
         with suppress(OSError, ValueError):
-            digest, number = self._told.read_text(encoding="ascii").split()
+            digest, number = self._record.read_text(encoding="ascii").split()
             if digest == self._digest:
                 self.noted = int(number)
         return found, state
@@ -322,7 +320,7 @@ class CheckpointFile:
                 raise self._other(f"of another trace: {self.trace} does not begin with what was read")
 
     def unreadable(self, error: Exception) -> CheckpointError:
-        """Return the error for a checkpoint with a valid digest and invalid contents."""
+        """Return the error for invalid contents."""
         return CheckpointError(self.path, f"the checkpoint cannot be read: {_one_line(error)}; {_ANEW}")
 
     def _other(self, which: str) -> CheckpointError:

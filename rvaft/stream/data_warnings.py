@@ -1,10 +1,7 @@
 """Warnings about data that could hide a detection, with counts and a first example.
 
-The reasons are undefined guards, unreadable times, late events, and numbers that are not finite.
-
-Guards are evaluated on events, not on partial matches, so the warnings do not depend on how partial
-matches are followed. Each event that binds a variable of a comparison is checked with the last
-values of the other variables.
+Guards are evaluated on events, not on partial matches: each event that binds a variable of a
+comparison is checked with the last values of the other variables.
 """
 
 import json
@@ -27,10 +24,10 @@ from rvaft.stream.statistics import UNSEEN, EventKind, EventTypeIndex
 
 MOST: Final = 20
 _ANY: Final = (1, "a", True)
-"""Samples for an unknown value: if none makes a comparison defined, no value does."""
+"""Samples for an unknown value."""
 _JUNCTIONS: Final = (Operator.AND, Operator.OR, Operator.NOT)
 _BY_VALUE: Final = frozenset({Operator.DIV, Operator.MUL, Operator.NUMBER})
-"""Operators whose result may be undefined for some values of the right types."""
+"""Operators that may be undefined for values of the right types."""
 
 
 class Reason(StrEnum):
@@ -42,7 +39,7 @@ class Reason(StrEnum):
     NUMBER = "number that is not finite"
 
 
-_SAID: Final = {
+_MESSAGES: Final = {
     Reason.GUARD: "undefined guard in {events}: {about}, where {example}",
     Reason.TIME: "no readable time in {events}: {example}",
     Reason.LATE: "{events} later than {about}, which no match uses: {example}",
@@ -52,10 +49,7 @@ _SAID: Final = {
 
 @dataclass(slots=True)
 class DataWarning:
-    """The number of events with one fault, and the first example.
-
-    `about` is the guard or the allowed lateness.
-    """
+    """The events with one fault; `about` is the guard or the allowed lateness."""
 
     reason: Reason
     about: str
@@ -65,7 +59,7 @@ class DataWarning:
 
 
 class _Comparison(NamedTuple):
-    """An atomic condition of the guard `text`; undefined if none of the `deciding` can be decided."""
+    """An atomic condition of a guard; undefined if none of `deciding` can be decided."""
 
     deciding: tuple[Guard, ...]
     names: tuple[str, ...]
@@ -73,7 +67,7 @@ class _Comparison(NamedTuple):
 
 
 def _can_be_decided(guard: Guard, known: Mapping[str, Json]) -> bool:
-    """Whether some values of the unbound variables decide the guard; assumed for more than three."""
+    """Whether some values of unbound variables decide the guard, assumed for more than three."""
     others = [name for name in variables(guard) if name not in known]
     chosen = product((*_ANY, *(known[name] for name in variables(guard) if name in known)), repeat=len(others))
     bindings = ({**known, **dict(zip(others, some, strict=True))} for some in chosen)
@@ -81,11 +75,10 @@ def _can_be_decided(guard: Guard, known: Mapping[str, Json]) -> bool:
 
 
 @dataclass(slots=True)
-class _Asked:
-    """The checks of events of one letter: `fields` with its variables, and value types known as
-    `good`.
+class _LetterChecks:
+    """The checks of events of one letter: its fields, and value types known as `good`.
 
-    `fields` is None if the pattern does not locate the variables, or types alone do not decide.
+    `fields` is None if the pattern does not locate the variables, or types do not decide.
     """
 
     values: Values
@@ -106,7 +99,7 @@ class DataWarnings:
     def attach(self, types: EventTypeIndex) -> None:
         """Attach the tree, after unpickling."""
         self._types, self.time, self.version = types, types.tree.time, 0
-        self._asked = dict(_asked(types))
+        self._checks = dict(_checks(types))
 
     def __getstate__(self) -> dict[str, object]:
         """Return the counts without the tree."""
@@ -122,11 +115,11 @@ class DataWarnings:
             and good[0] is self
             and good[1] == self.version
         ):
-            fields = good[2]  # the common case
+            fields = good[2]
             if fields is not None and len(fields) == 1 and (type(event[fields[0]]),) in good[3]:
                 return
         if event_kind.checks.looked_at == UNSEEN:
-            event_kind.checks.looked_at = tuple(number for number in event_kind.fits if number in self._asked)
+            event_kind.checks.looked_at = tuple(number for number in event_kind.fits if number in self._checks)
         if isinstance(event, NonFiniteEvent):
             place = f"{prefix}event {number}"
             if event_kind.checks.looked_at or self.time is None or event.field.split(".")[0] != self.time.field[0]:
@@ -146,12 +139,10 @@ class DataWarnings:
             self.note(Reason.TIME, "", f"{prefix}event {number}", wrong or f"the field {name} is missing")
 
     def _good(self, event_kind: EventKind) -> tuple[Sequence[str] | None, set[tuple[type, ...]]]:
-        """Return the fields to check (None if types alone do not decide) and an empty set of good
-        types.
-        """
-        asked = [self._asked[letter].fields for letter in event_kind.checks.looked_at]
-        known = [fields for fields in asked if fields is not None]
-        fields = tuple(dict.fromkeys(chain(*known))) if len(known) == len(asked) else None
+        """Return the fields to check, None if types do not decide, and an empty set."""
+        of_letters = [self._checks[letter].fields for letter in event_kind.checks.looked_at]
+        known = [fields for fields in of_letters if fields is not None]
+        fields = tuple(dict.fromkeys(chain(*known))) if len(known) == len(of_letters) else None
         good = set[tuple[type, ...]]()
         event_kind.checks.good = self, self.version, fields, good
         return fields, good
@@ -159,19 +150,19 @@ class DataWarnings:
     def _look(
         self, event: Mapping[str, Json], place: str, event_kind: EventKind, kinds: tuple[type, ...] | None
     ) -> None:
-        """Check an event, and remember whether events with the same value types can skip the check."""
+        """Check an event; events with the same value types may skip the check."""
         version, good = self.version, True
         for letter in event_kind.checks.looked_at:
-            one = self._asked[letter]
+            one = self._checks[letter]
             types = None if one.fields is None else tuple([type(event[field]) for field in one.fields])
             if types is None or one.version != version or types not in one.good:
-                self._ask(one, event, types, place)
+                self._check(one, event, types, place)
                 good = good and types in one.good
         if good and kinds is not None and version == self.version and event_kind.checks.good is not None:
             event_kind.checks.good[3].add(kinds)
 
     def over(self, events: Iterable[tuple[int, Json]], prefix: str) -> Iterator[tuple[int, Json, EventKind | None]]:
-        """Check the events of a trace; yield number, event and kind (None for a late event)."""
+        """Check and yield events with number and kind (None if late)."""
         latest, look_up = None, self._types.of
         time = self.time if self.time is not None and self.time.late is not None else None
         for number, event in events:
@@ -197,8 +188,8 @@ class DataWarnings:
         time, written = self.time.read(event) or 0, self.time.written(event)
         shown = f"{Decimal(time).scaleb(-9).normalize():f} s" if isinstance(written, Mapping) else json.dumps(written)
         behind = f"{duration_text((latest or 0) - time)} behind the latest"
-        said = f"{'.'.join(self.time.field)} is {shown}, {behind}"
-        self.note(Reason.LATE, duration_text(self.time.late or 0), f"{prefix}event {number}", said)
+        example = f"{'.'.join(self.time.field)} is {shown}, {behind}"
+        self.note(Reason.LATE, duration_text(self.time.late or 0), f"{prefix}event {number}", example)
 
     def merge(self, other: "DataWarnings") -> None:
         """Add the counts of a later trace."""
@@ -208,35 +199,37 @@ class DataWarnings:
 
     @property
     def lines(self) -> Iterator[str]:
-        """Return a sentence for each guard or other reason, at most `MOST`."""
+        """Return a sentence per guard or other reason, at most `MOST`."""
         for one in list(self.found.values())[:MOST]:
             example = f"{one.example} (first: {one.first})"
-            yield _SAID[one.reason].format(events=counted(one.count), about=one.about, example=example)
+            yield _MESSAGES[one.reason].format(events=counted(one.count), about=one.about, example=example)
         if len(self.found) > MOST:
             yield f"{len(self.found) - MOST} more undefined guards"
 
-    def _ask(self, asked: _Asked, event: Mapping[str, Json], types: tuple[type, ...] | None, place: str) -> None:
-        values = asked.values(event)
+    def _check(
+        self, checks: _LetterChecks, event: Mapping[str, Json], types: tuple[type, ...] | None, place: str
+    ) -> None:
+        values = checks.values(event)
         known, undefined = {**self._last, **values}, set[str]()
-        for part in asked.parts:
+        for part in checks.parts:
             if part.text not in undefined and not any(_can_be_decided(guard, known) for guard in part.deciding):
                 undefined.add(part.text)
-                said = ", ".join(f"{name} is {described(known[name])}" for name in part.names if name in known)
-                self.note(Reason.GUARD, part.text, place, said)
+                example = ", ".join(f"{name} is {described(known[name])}" for name in part.names if name in known)
+                self.note(Reason.GUARD, part.text, place, example)
         if undefined:
             return
-        for name in {name for part in asked.parts for name in part.names if name in values}:
+        for name in {name for part in checks.parts for name in part.names if name in values}:
             if type(self._last.get(name, self)) is not type(values[name]):
                 self.version += 1
             self._last[name] = values[name]
-        if asked.version != self.version:
-            asked.version = self.version
-            asked.good.clear()
+        if checks.version != self.version:
+            checks.version = self.version
+            checks.good.clear()
         if types is not None:
-            asked.good.add(types)
+            checks.good.add(types)
 
 
-def _asked(types: EventTypeIndex) -> Iterator[tuple[int, _Asked]]:
+def _checks(types: EventTypeIndex) -> Iterator[tuple[int, _LetterChecks]]:
     tree = types.tree
     guards = [(node.when, f"of {node.name}") for node in tree.top_down() if node.when is not None]
     parts = [part for guard, whose in guards for part in _parts(guard, whose)]
@@ -248,15 +241,13 @@ def _asked(types: EventTypeIndex) -> Iterator[tuple[int, _Asked]]:
         if own or (kind == "entry" and tree.time is not None):
             inside = (one for part in own for one in walk(part.deciding[0]))
             by_value = any(isinstance(one, Operation) and one.operator in _BY_VALUE for one in inside)
-            told, plain = {name for part in own for name in part.names}, flat(letter.pattern)
-            fields = None if plain is None else [field for field, name in plain.variables.items() if name in told]
-            yield number, _Asked(read.values, own, None if by_value else fields)
+            compared, plain = {name for part in own for name in part.names}, flat(letter.pattern)
+            fields = None if plain is None else [field for field, name in plain.variables.items() if name in compared]
+            yield number, _LetterChecks(read.values, own, None if by_value else fields)
 
 
 def _parts(guard: Guard, whose: str) -> Iterator[_Comparison]:
-    """Yield the conditions of a guard that some value makes undefined, without conditions on time
-    points.
-    """
+    """Yield the conditions of a guard that can be undefined, except on time points."""
     timed = bool(time_points(guard))
     agenda = [guard]
     while agenda:
@@ -265,8 +256,8 @@ def _parts(guard: Guard, whose: str) -> Iterator[_Comparison]:
             agenda.extend(reversed(part.operands))
             continue
         names = variables(part)
-        # Equality of finite values is always defined.
+        # equality of finite values is always defined
         equality = isinstance(part, Operation) and part.operator in (Operator.EQ, Operator.NE, Operator.IN)
-        told = not equality or sum(isinstance(one, Operation) for one in walk(part)) > 1
-        if told and 0 < len(names) <= 4 and not time_points(part):
+        may_be_undefined = not equality or sum(isinstance(one, Operation) for one in walk(part)) > 1
+        if may_be_undefined and 0 < len(names) <= 4 and not time_points(part):
             yield _Comparison((part,) if timed else (part, guard), names, f"{guard_text(guard)} {whose}")

@@ -1,8 +1,8 @@
 """Detections as JSON, and the commands that run on them.
 
 A command is run as `sh -c COMMAND`, with the detection as one JSON object on standard input. Its
-standard output goes to the standard error of the monitor. The monitor waits for it; end the command
-with `&` to run it in the background. A failure is reported, and the monitor continues.
+standard output goes to the standard error of the monitor. The monitor waits for it, except for a
+command that ends with `&`. A failure is reported, and the monitor continues.
 """
 
 import json
@@ -26,7 +26,7 @@ TIMEOUT: Final = 30.0
 """Maximum duration of a command in seconds."""
 _GRACE: Final = 1.0
 """Seconds between SIGTERM and SIGKILL."""
-_SHELL_SAYS: Final = {126: " (cannot be executed)", 127: " (command not found)"}
+_SHELL_STATUS: Final = {126: " (cannot be executed)", 127: " (command not found)"}
 _UNEXPLAINED: Final[Mapping[str, Json]] = {"branch": None, "kinds": [], "matched": [], "variables": {}}
 
 
@@ -44,12 +44,11 @@ def matched_events(explanations: Collection[Explanation]) -> set[int]:
     return {one.event for explanation in explanations for one in explanation.matched}
 
 
-def told_fields(tree: RVAFT) -> tuple[str, ...]:
-    """Return the fields that identify an event in output: time, topic, and fields whose literals
-    differ between event types.
+def identifying_fields(tree: RVAFT) -> tuple[str, ...]:
+    """Return time, topic, and discriminating fields, which identify an event in output.
 
     >>> import rvaft
-    >>> told_fields(rvaft.loads('event e(x) = { kind: "k", x: x }; top and a; a on e(1);'))
+    >>> identifying_fields(rvaft.loads('event e(x) = { kind: "k", x: x }; top and a; a on e(1);'))
     ('time', 'topic', 'kind')
     """
     return tuple(dict.fromkeys((*PLACES, *_time_field(tree), *TreeReads(tree).discriminators.fields)))
@@ -60,7 +59,7 @@ def _time_field(tree: RVAFT) -> tuple[str, ...]:
 
 
 def places(event: Json, tree: RVAFT) -> dict[str, Json]:
-    """Return the time of an event as written in the time field of the tree, and its topic.
+    """Return the time of an event, as written in the time field of the tree, and its topic.
 
     >>> import rvaft
     >>> places({"t": 7, "topic": "/x"}, rvaft.loads("time t as s; top and a b;"))
@@ -77,9 +76,7 @@ def kept(event: Json, fields: Sequence[str]) -> dict[str, Json]:
 
 
 def other_fields(node: str, event: Json, tree: RVAFT, fields: Sequence[str]) -> dict[str, Json]:
-    """Return the identifying fields of a node's event except time and topic; none for a default
-    event.
-    """
+    """Return the identifying fields besides time and topic; none for a default event."""
     if node in tree.nodes and tree.nodes[node].on is None:
         return {}
     found = kept(event, [name for name in fields if name not in (*PLACES, *_time_field(tree))])
@@ -89,13 +86,13 @@ def other_fields(node: str, event: Json, tree: RVAFT, fields: Sequence[str]) -> 
 def explained(
     explanation: Explanation, tree: RVAFT, events: Mapping[int, Json], fields: Sequence[str]
 ) -> dict[str, Json]:
-    """Return branch, kinds, matched events and variables; `events` are the known events by number."""
+    """Return an explanation as JSON; `events` has the known events."""
     matched = []
     for node, occurrence, number in explanation.matched:
         event = events.get(number)
         others = other_fields(node, event, tree, fields)
-        told = {"node": node, "occurrence": occurrence, "event": number}
-        matched.append({**told, **places(event, tree), **({"fields": others} if others else {})})
+        occurrence_of = {"node": node, "occurrence": occurrence, "event": number}
+        matched.append({**occurrence_of, **places(event, tree), **({"fields": others} if others else {})})
     return {
         "branch": explanation.branch,
         "kinds": sorted(kind.value for kind in explanation.kinds),
@@ -127,16 +124,16 @@ def unlike(explanations: Mapping[int, Explanation]) -> Collection[tuple[list[int
 def detection(
     about: Mapping[str, Json], explanation: Explanation | None, events: Mapping[int, Json], tree: RVAFT
 ) -> dict[str, Json]:
-    """Return the JSON object for a command; it begins with the entries of `about`.
+    """Return the JSON object for a command: `about`, the explanation, and the known events by
+    number as text.
 
-    `branch`, `kinds`, `matched` and `variables` come from the explanation, and are null or empty
-    without one. `events` has the known matched events by number (as text).
+    Without an explanation, `branch`, `kinds`, `matched` and `variables` are null or empty.
     """
-    told, numbers = _UNEXPLAINED, set[int]()
+    found, numbers = _UNEXPLAINED, set[int]()
     if explanation is not None:
-        told, numbers = explained(explanation, tree, events, told_fields(tree)), matched_events([explanation])
+        found, numbers = explained(explanation, tree, events, identifying_fields(tree)), matched_events([explanation])
     known = {str(number): finite(events[number]) for number in sorted(numbers) if number in events}
-    return {**about, **told, "events": known}
+    return {**about, **found, "events": known}
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +147,7 @@ class Hooks:
         return any(command is not None for command in (self.always, *self.on.values()))
 
     def run(self, detected: Mapping[str, Json], also: Collection[Kind] = ()) -> list[str]:
-        """Run the commands in turn (always, faults, attacks) and return the failures as messages.
+        """Run the commands in turn (always, faults, attacks); return the failures as messages.
 
         `also` has further detected kinds: a branch of a kind may match without a node of that kind.
         """
@@ -164,9 +161,7 @@ class Hooks:
 
 
 def _run(command: str, text: bytes) -> str | None:
-    """Run one command in its own process group, so that it can be killed; return the failure, if
-    any.
-    """
+    """Run a command in a process group to kill; return the failure, if any."""
     import subprocess  # noqa: PLC0415
 
     output = subprocess.DEVNULL if sys.__stderr__ is None else sys.__stderr__.fileno()
@@ -192,6 +187,6 @@ def _run(command: str, text: bytes) -> str | None:
         raise
     status = running.returncode
     if status >= 0:
-        return f"ended with status {status}{_SHELL_SAYS.get(status, '')}" if status else None
+        return f"ended with status {status}{_SHELL_STATUS.get(status, '')}" if status else None
     known = -status in set(signal.Signals)
     return f"was killed by {signal.Signals(-status).name if known else f'signal {-status}'}"

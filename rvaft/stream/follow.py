@@ -1,10 +1,10 @@
 """Follows a growing file line by line, until a stop is requested.
 
-The file is polled with `os.stat`, which works on every file system. Log rotation is detected in two
-forms. Renaming: a new file stands at the path; the old one is read to its end first, and its last
-line may lack a line end. Truncating or rewriting: the bytes last read have changed; an unfinished
-line is dropped. The new contents are read from the start, and the change is reported. A file that
-is replaced twice between two polls is missed.
+The file is polled with `os.stat`, which works on every file system. Two forms of log rotation are
+detected, read from the start, and reported. After renaming, a new file stands at the path; the old
+one is read to its end first, and its last line may lack a line end. After truncating or rewriting,
+the bytes last read have changed; an unfinished line is dropped. A file that is replaced twice
+between two polls is missed.
 """
 
 import io
@@ -28,21 +28,18 @@ POLL: Final = 0.2
 _BLOCK: Final = 1 << 18
 """Bytes read at a time."""
 _KEPT: Final = 256
-"""Bytes before the position that identify the file."""
 
 
 class FollowedFile(io.IOBase):
     """The lines of a file as it grows; an input stream for `rvaft.readers.json_lines.read`.
 
     `changed` is called with a message when another file begins, `idle` while no data comes. Reading
-    ends once `stop` returns true; an unfinished line is then not returned. Reading starts at
-    `offset`, the start of a line, after `line` lines.
+    ends once `stop` returns true, without an unfinished line. It starts at `offset`, the start of a
+    line, after `line` lines. The attributes `offset` and `line` count what was returned of the
+    current `file`.
 
     Raises `OSError` for a file that cannot be opened, also later for its replacement. Raises
     `OptionError` for a file that is compressed, not regular, or shorter than `offset`.
-
-    The attributes `offset` and `line` count the bytes and lines of the current `file` returned so
-    far.
     """
 
     def __init__(
@@ -65,11 +62,10 @@ class FollowedFile(io.IOBase):
         self.line = line
         self.file = _opened(self.path)
         self._next: BinaryIO | None = None
-        """The file now at the path, if it is another one."""
         self._ending = False
         """Whether the buffer holds the last line of the file."""
         self._marked = False
-        """Whether a byte order mark may follow: at the start of each file but the first."""
+        """Whether a byte order mark may follow."""
         self._ready = bytearray()
         self._searched = 0
         self._position = offset
@@ -82,7 +78,7 @@ class FollowedFile(io.IOBase):
 
     @property
     def offset(self) -> int:
-        """The number of bytes of the current file returned so far."""
+        """The number of bytes returned so far."""
         return self._position - len(self._ready)
 
     @property
@@ -98,9 +94,7 @@ class FollowedFile(io.IOBase):
         super().close()
 
     def readline(self, size: int | None = -1) -> bytes:
-        """Return the next complete line, or the first `size` bytes of a longer one; b"" after the
-        stop.
-        """
+        """Return the next line, or the first `size` bytes of it; b"" after the stop."""
         most = sys.maxsize if size is None or size < 0 else size
         while True:
             end = self._ready.find(b"\n", self._searched) + 1
@@ -117,7 +111,7 @@ class FollowedFile(io.IOBase):
                 return b""
 
     def _more(self) -> bool:
-        """Wait until more bytes are buffered; False after the stop."""
+        """Wait until more bytes are buffered; return False after the stop."""
         while not self._stop():
             if self._fill():
                 return True
@@ -126,7 +120,7 @@ class FollowedFile(io.IOBase):
                     if not os.path.samestat(self.path.stat(), os.fstat(self.file.fileno())):
                         self._next = _opened(self.path)
                 self._idle()
-                time.sleep(POLL)  # the writer of the old file may still write
+                time.sleep(POLL)  # the old file may still grow
             elif self._ready:
                 self._ready += b"\n"
                 self._ending = True
@@ -136,7 +130,9 @@ class FollowedFile(io.IOBase):
         return False
 
     def _fill(self) -> bool:
-        """Read on and return whether there was data; re-reads preceding bytes to detect a rewrite."""
+        """Read on, and re-read preceding bytes to detect a rewrite; return whether there was
+        data.
+        """
         self.file.seek(self._position - len(self._before))
         seen = self.file.read(len(self._before) + _BLOCK)
         if not seen.startswith(self._before):
@@ -169,30 +165,30 @@ class FollowedFile(io.IOBase):
 
 @contextmanager
 def stopping() -> Iterator[Callable[[], bool]]:
-    """Catch Ctrl-C and SIGTERM; yields a function that returns whether a signal came.
+    """Catch Ctrl-C and SIGTERM; yield a function that returns whether a signal came.
 
-    After the first signal the former handlers are restored, so that a second Ctrl-C interrupts.
-    Must run in the main thread.
+    The first signal restores the former handlers, so that a second Ctrl-C interrupts. Must run in
+    the main thread.
     """
-    asked = False
+    requested = False
 
     def restore() -> None:
         for each, handler in before.items():
             signal.signal(each, handler)
 
-    def ask(_number: int, _frame: FrameType | None) -> None:
-        nonlocal asked
-        asked = True
+    def request_stop(_number: int, _frame: FrameType | None) -> None:
+        nonlocal requested
+        requested = True
         restore()
 
-    before = {each: signal.signal(each, ask) for each in (signal.SIGINT, signal.SIGTERM)}
+    before = {each: signal.signal(each, request_stop) for each in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield lambda: asked
+        yield lambda: requested
     finally:
         restore()
 
 
 def _opened(path: Path) -> BinaryIO:
-    if not stat.S_ISREG(path.stat().st_mode):  # check before opening: opening a pipe blocks
+    if not stat.S_ISREG(path.stat().st_mode):  # opening a pipe would block
         raise OptionError(f"{path}: only a regular file can be followed")
     return cast("BinaryIO", path.open("rb", buffering=0))

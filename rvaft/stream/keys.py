@@ -15,15 +15,12 @@ MAX_KEYS: Final = 100_000
 """Default maximum number of values of a key."""
 _ABSENT: Final = object()
 _OWN_KEYS: Final = frozenset({str, int})
-"""Types whose values serve as dictionary keys directly; they equal values of no other type but a
-double.
-"""
+"""Types whose values serve as dictionary keys."""
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A field of an event by its dotted path; a field with dots in its name is found by its whole
-    name.
+    """A field of an event by its dotted path; the whole text may also be the name of a field.
 
     >>> Field.parse("robot.id").of({"robot": {"id": 7}})
     (7,)
@@ -64,12 +61,12 @@ class Key:
         return cls(tuple(map(Field.parse, dict.fromkeys(texts))))
 
     def of(self, event: Json) -> tuple[Json, ...] | None:
-        """Return the value of each field, or None if the event lacks one."""
+        """Return the values, or None if the event lacks a field."""
         found = [field.of(event) for field in self.fields]
         return None if None in found else tuple(value[0] for value in found if value is not None)
 
     def as_json(self, values: tuple[Json, ...]) -> Json:
-        """Return the value of a single field, or an object for several fields."""
+        """Return a single value, or an object for several fields."""
         if len(self.fields) == 1:
             return values[0]
         return {field.text: value for field, value in zip(self.fields, values, strict=True)}
@@ -79,8 +76,7 @@ class KeyedTraces:
     """The monitors of each value of a key.
 
     `fork` makes the monitored trace of a new value, and `begin` is called with it. `lacking` counts
-    the events without a key field, which no monitor receives; `first_lacking` is the number of the
-    first.
+    the events without a key field, which no monitor receives.
     """
 
     def __init__(
@@ -94,7 +90,6 @@ class KeyedTraces:
         self.lacking = self.first_lacking = 0
         self.names = tuple(one.text for one in key.fields) if all(len(one.path) == 1 for one in key.fields) else ()
         self.known: dict[tuple[Json, ...], MonitoredTrace | None] = {}
-        """Cache of traces by values that serve as dictionary keys directly."""
         self._most = most
         self._fork = fork
         self._begin = begin
@@ -114,12 +109,9 @@ class KeyedTraces:
         return self._traces.get(tuple(map(value_key, values)))
 
     def of(self, event: JsonObject, number: int) -> MonitoredTrace | None:
-        """Return the trace of an event, or None if it lacks a key field.
-
-        Raises `TooLarge` for too many values.
-        """
+        """Return the trace of an event, or None if it lacks a key field; raises `TooLarge`."""
         plain: tuple[Json, ...] = ()
-        if type(event) is dict and self.names:  # the common case
+        if type(event) is dict and self.names:
             plain = tuple([event.get(name) for name in self.names])
             if not _OWN_KEYS.issuperset(map(type, plain)):
                 plain = ()
@@ -147,7 +139,7 @@ class KeyedTraces:
 
     @property
     def warnings(self) -> Iterator[str]:
-        """The warning about events without the key, if there are any."""
+        """The warning about events without the key, if any."""
         if self.lacking:
             lacking = f"{counted(self.lacking)} without the field {' or '.join(one.text for one in self.key.fields)}"
             yield f"{lacking}, given to no monitor (first: event {self.first_lacking})"

@@ -32,8 +32,8 @@ BOUND: Final = 10_000
 class EventBuffer:
     """The recent events of one trace by number, for explanations.
 
-    Older events are read again from the regular file `path`; events of a stream are lost. `reads`
-    are the parts of events that are read, by `reader` if the log is not JSON Lines.
+    Older events are read again from the regular file `path`, by `reader` unless it is JSON Lines.
+    `reads` are the parts read.
     """
 
     def __init__(
@@ -42,9 +42,7 @@ class EventBuffer:
         self.path = path
         self.reads = reads
         self.reader = reader
-        self.known: OrderedDict[int, Json] = (
-            OrderedDict()
-        )  # a dict finds its first key in time linear in the removed ones
+        self.known: OrderedDict[int, Json] = OrderedDict()  # a dict finds its first key slowly after removals
 
     def remember(self, number: int, event: Json) -> None:
         """Keep an event that may become part of a match."""
@@ -74,7 +72,7 @@ class EventBuffer:
 
 @dataclass(slots=True)
 class MonitoredTrace:
-    """The monitors of one trace or of one key in it, with the number of their events."""
+    """The monitors of a trace or key, with the number of their events."""
 
     trace: str
     monitors: MonitorSet
@@ -84,7 +82,7 @@ class MonitoredTrace:
 
 
 class VerdictChange:
-    """The verdicts changed by one event: the columns, those that detect, and explanations."""
+    """The verdicts changed by one event."""
 
     def __init__(self, watch: MonitoredTrace, number: int, event: Json, columns: Sequence[int]) -> None:
         self.watch = watch
@@ -94,27 +92,24 @@ class VerdictChange:
         self.verdicts = watch.monitors.verdicts
         self.detected = [column for column in columns if self.verdicts[column] is Verdict.TRUE]
         self.counts = {column: watch.monitors.found[column] for column in self.detected if watch.monitors.repeat}
-        """With repeat: the number of detections, including this one, by detecting column."""
 
     @cached_property
     def explanations(self) -> Mapping[int, Explanation]:
-        """The explanation of each detecting column; backends have none."""
+        """The explanations of detecting columns, except for backends."""
         found = {column: self.watch.monitors.explanation(column) for column in self.detected}
         return {column: explanation for column, explanation in found.items() if explanation is not None}
 
     @cached_property
     def events(self) -> Mapping[int, Json]:
-        """The events in the explanations, as far as they are available."""
+        """The available events in the explanations."""
         wanted = matched_events(self.explanations.values()) - {self.number}
         return {**self.watch.buffer.events(wanted), self.number: self.event}
 
     @cached_property
     def detections(self) -> Sequence[tuple[Explanation | None, frozenset[Kind], DetectionCount | None]]:
-        """The distinct detections: explanation, kinds of the detecting monitors, and count (with
-        repeat).
+        """The distinct detections: explanation, kinds of the monitors, and count (with repeat).
 
-        Monitors of branches or kinds take precedence over that of the tree. Backends give no
-        explanation.
+        Monitors of branches or kinds replace the monitor of the tree.
         """
         parts = [column for column in self.detected if column] or self.detected
         if parts and not self.explanations:
@@ -138,8 +133,8 @@ class Listener:
     every = False
     concerned = False
     whole = False
-    told_before = 0
-    """The number of the last event whose detections an earlier run reported."""
+    reported_before = 0
+    """The last event whose detections an earlier run reported."""
 
     def begin(self, watch: MonitoredTrace) -> None:
         """Called when a trace begins, or at the first event of a key."""
@@ -154,16 +149,14 @@ class Listener:
         """Called when an event changed verdicts."""
 
     def end(self, watch: MonitoredTrace) -> None:
-        """Called at the end of a trace that was read without an error."""
+        """Called at the regular end of a trace."""
 
     def stop(self, watch: MonitoredTrace) -> None:
         """Called when a trace cannot be read further."""
 
 
 class Audience(NamedTuple):
-    """The listeners for events without a change: for each event, for ranges, and for relevant
-    events.
-    """
+    """The listeners for events without a change: for each, for ranges, for relevant events."""
 
     each: Sequence[Listener]
     in_rows: Sequence[Listener]
@@ -171,7 +164,7 @@ class Audience(NamedTuple):
 
     @classmethod
     def of(cls, listeners: Iterable[Listener], *, one_by_one: bool) -> "Audience":
-        """Sort listeners into an audience; `one_by_one` excludes ranges."""
+        """Sort listeners; `one_by_one` excludes ranges."""
         found = list(listeners)
         every = [listener for listener in found if listener.every]
         each = [listener for listener in every if listener.whole or one_by_one]
@@ -180,14 +173,12 @@ class Audience(NamedTuple):
 
 
 class Publisher(Listener):
-    """A listener that reports to a file or to the clients of a port; a context manager.
+    """A context manager that reports to a file or to clients of a port.
 
-    `name` names the tree in messages, `key` returns the key of a trace, and `warn` receives
-    failures.
+    `name` names the tree in messages, `key` returns the key of a trace, `warn` receives failures.
     """
 
     url = ""
-    """The address for clients, if there is a server."""
 
     @abstractmethod
     def __init__(
@@ -203,7 +194,7 @@ class Publisher(Listener):
     @classmethod
     @abstractmethod
     def serves(cls, target: str) -> bool:
-        """Whether the target is a port, not a file; raises `OptionError` for other targets."""
+        """Whether the target is a port, not a file; raises `OptionError`."""
 
     @abstractmethod
     def close(self) -> None:
@@ -223,7 +214,7 @@ def publisher_class(name: str) -> type[Publisher]:
     for entry in entry_points(group=GROUP, name=name):
         try:
             made: type[Publisher] = entry.load()
-        except Exception as error:  # a third party's module may raise anything
+        except Exception as error:
             reason = f"it cannot be loaded: {type(error).__name__}: {error}"
             raise ToolFailed(f"the publisher {name}", reason=reason) from error
         return made

@@ -1,5 +1,4 @@
-"""Columns (the tree, and beside it its branches or kinds) and their monitors, which read the same
-events.
+"""Columns (a tree and its branches or kinds) and their monitors, which read the same events.
 
 These are the options (a), (b) and (c) of the paper, section 4.3, with the monitor names of its
 Tables 2 and 3.
@@ -29,7 +28,7 @@ _UNKNOWN: Final = Verdict.UNKNOWN
 
 
 class Per(StrEnum):
-    """The parts of a tree that have a verdict each."""
+    """The parts of a tree with separate verdicts."""
 
     TREE = "tree"
     BRANCH = "branch"
@@ -38,9 +37,7 @@ class Per(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One monitored part: `label` for programs (`tree`, a branch number, a kind), `title` for
-    people.
-    """
+    """A monitored part: `label` for programs, `title` for people."""
 
     label: str
     title: str
@@ -48,7 +45,7 @@ class Column:
 
 
 def columns(tree: RVAFT, per: Per = Per.TREE) -> tuple[Column, ...]:
-    """Return the column of a tree or part, and those of its branches, from 1, or kinds.
+    """Return the column of a tree or part, then those of its branches or kinds.
 
     Parts without a feasible scenario have no column. Raises `TreeError`, and `TooLarge` beyond
     `MOST` branches.
@@ -79,10 +76,9 @@ def columns(tree: RVAFT, per: Per = Per.TREE) -> tuple[Column, ...]:
 
 @dataclass(slots=True)
 class DetectionCount:
-    """The detections of one monitor: the number reported, and event, explanation and time of the
-    last.
+    """The detections of one monitor: count, and event, explanation and time of the last.
 
-    `suppressed` counts the others; `between` counts those between the last two reported ones.
+    `suppressed` counts the others, `between` those between the last two reports.
     """
 
     notified: int = 0
@@ -95,9 +91,7 @@ class DetectionCount:
     _before: int = 0
 
     def add(self, number: int, time: int | None, cooldown: int | None) -> bool:
-        """Count a detection and return whether it is reported: not within `cooldown` ns of the last
-        report.
-        """
+        """Count a detection; return whether `cooldown` ns have passed since the last report."""
         if cooldown and time is not None and self.time is not None and abs(time - self.time) < cooldown:
             self.suppressed += 1
             self.first_suppressed = self.first_suppressed or number
@@ -109,9 +103,7 @@ class DetectionCount:
 
     @property
     def fields(self) -> dict[str, int]:
-        """The number of the last detection, and how many were suppressed before it, for JSON
-        output.
-        """
+        """The counts for JSON output."""
         return {"detection": self.notified, **({"suppressed": self.between} if self.between else {})}
 
 
@@ -120,7 +112,7 @@ Snapshots: TypeAlias = tuple[list[dict[str, Json]], dict[int, int], list[Detecti
 
 @dataclass(eq=False)
 class MonitorSet:
-    """One monitor for each column; the first is that of the whole.
+    """One monitor for each column; the first column is the whole.
 
     The caller numbers events increasingly, perhaps with gaps. `types` classifies an event once for
     all monitors. `since` maps columns with a final verdict to the deciding event, `found` counts
@@ -130,9 +122,9 @@ class MonitorSet:
     - `serves`: an explanation may name the event;
     - `late`: the event came too late for a match.
 
-    With `repeat` monitors restart after each detection, and ⊤ is not final. `cooldown` suppresses
-    detections of the same column within so many nanoseconds. Raises `TooLarge` as its monitors do,
-    and `OptionError` for a cooldown with a tree without times.
+    With `repeat` monitors restart after each detection, and ⊤ is not final. A detection within
+    `cooldown` nanoseconds of the last report of its column is suppressed. Raises `TooLarge` as its
+    monitors do, and `OptionError` for a cooldown with a tree without times.
     """
 
     columns: Sequence[Column]
@@ -161,7 +153,7 @@ class MonitorSet:
         """Whether an irrelevant event may change a verdict."""
         self._live = tuple(range(len(self.monitors)))
         self._resting: tuple[int, ...] = ()
-        """The columns that detected with the last event and restart with the next."""
+        """The columns that restart with the next event."""
 
     def _take_over(self, monitors: tuple[Monitor, ...]) -> None:
         self.monitors = monitors
@@ -208,7 +200,7 @@ class MonitorSet:
         return twin
 
     def begin_again(self) -> None:
-        """Restart the repeating monitors that detected with the last event."""
+        """Restart the monitors that have detected."""
         if self._resting:
             for column in self._resting:
                 cast("Repetition", self.monitors[column]).begin_again()
@@ -216,9 +208,7 @@ class MonitorSet:
             self._take_over(self.monitors)
 
     def step(self, event: Json, number: int, event_kind: EventKind | None = None) -> Sequence[int]:
-        """Read one event and return the columns whose verdict changed; `event_kind` is its class in
-        `types`.
-        """
+        """Read one event of this kind and return the columns whose verdict changed."""
         self.serves = False
         if self._resting:
             self.begin_again()
@@ -266,7 +256,7 @@ class MonitorSet:
         return bool(self._resting)
 
     def _changed(self, number: int, event: Json) -> Sequence[int]:
-        """Return the columns that detected with that event, or whose verdict became final."""
+        """Return the columns that detected, or whose verdict became final."""
         changed, suppressed = [], []
         for column in self._live:
             verdict = self.monitors[column].verdict
@@ -303,7 +293,7 @@ class MonitorSet:
         return self.monitors[column].explanation
 
     def ended(self, column: int) -> Ended | None:
-        """Why that column can no longer detect; None for backends and if the list is too long."""
+        """Why the column can no longer detect; None if unknown."""
         try:
             return self.monitors[column].ended
         except TooLarge:

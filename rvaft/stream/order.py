@@ -12,7 +12,6 @@ from rvaft.stream.detection import counted
 from rvaft.stream.keys import Field
 
 E = TypeVar("E")
-"""The sorted items: events, or what stands for them."""
 Place: TypeAlias = int | float
 DEFAULT_WINDOW: Final = 1_000
 _ISO: Final = EventTime((), TimeFormat.ISO8601)
@@ -21,21 +20,23 @@ _ISO: Final = EventTime((), TimeFormat.ISO8601)
 class OrderedField:
     """A field with an order: the tree's time field, else numbers or ISO 8601 times.
 
-    The first value decides which of the two; values of the other type count as missing. Raises
-    `OptionError` for an invalid field.
+    The first value decides between numbers and times; values of the other type count as missing.
+    Raises `OptionError` for an invalid field.
     """
 
     def __init__(self, field: str, time: EventTime | None = None) -> None:
         self.time = time if time is not None and ".".join(time.field) == field else None
         self.field = Field.parse(field) if self.time is None else Field(field, self.time.field)
         self.holds_times: bool | None = None
-        """Whether the field has ISO 8601 times; None before the first value."""
+        """None before the first value."""
 
     def place(self, event: Json) -> Place | None:
-        """Return the number or time of an event; None for Booleans and values that are not finite."""
+        """Return the number or time of an event; None for Booleans and values that are not
+        finite.
+        """
         if self.time is not None:
             return self.time.read(event)
-        plain = type(event) is dict and self.field.text in event  # the common case
+        plain = type(event) is dict and self.field.text in event
         value = event[self.field.text] if plain else (self.field.of(event) or (None,))[0]
         if type(value) is float and self.holds_times is False and value - value == 0:
             return value
@@ -48,7 +49,7 @@ class OrderedField:
 
 
 class Ordering(OrderedField, Generic[E]):
-    """Holds back up to `window` events and returns the one with the smallest place first.
+    """A buffer that returns the event with the smallest place once it holds `window` events.
 
     Events with equal places keep their order. Sorting is exact if no event is more than `window`
     places behind its own. A later event is returned at once and counted as `late`. An event without
@@ -64,17 +65,18 @@ class Ordering(OrderedField, Generic[E]):
         self.window = window
         self.late = self.without = 0
         self.first_late = self.first_without = 0
-        """The numbers of the first such events, in reading order."""
+        """The first late event and the first without a place, as read."""
         self.came = 0
         self.held: list[tuple[Place, int, E]] = []
-        """A heap of the held events: place, number, event."""
+        """A heap of place, number and event."""
         self.before: Place = -inf
-        """The place of the last event added."""
         self.latest: Place = -inf
         """The greatest place of an event returned."""
 
     def add(self, event: E) -> E | None:
-        """Add the next event; return the event that is due, or None while the window is not full."""
+        """Add the next event; return the event that is due, or None while the window is not
+        full.
+        """
         return self.put(self.place(event), event)
 
     def put(self, place: Place | None, event: E) -> E | None:
@@ -92,8 +94,7 @@ class Ordering(OrderedField, Generic[E]):
         if len(self.held) < self.window:
             heappush(self.held, entry)
             return None
-        # Once an event was returned the window stays full, so a late event is the smallest and
-        # returned at once.
+        # the window stays full, so a late event is returned at once
         first = heappushpop(self.held, entry)
         self.latest = max(self.latest, first[0])
         return first[2]
@@ -122,13 +123,13 @@ class Ordering(OrderedField, Generic[E]):
 
 
 class Backwards(OrderedField):
-    """Counts how often a place is smaller than the last one; can be pickled."""
+    """A count of the places that are smaller than the last one; can be pickled."""
 
     count = first = 0
     last: Place = -inf
 
     def see(self, number: int, event: JsonObject) -> None:
-        """Read the next event; an event without a place is skipped."""
+        """Read the next event; skip an event without a place."""
         place = self.place(event)
         if place is not None:
             if place < self.last:

@@ -13,16 +13,12 @@ from rvaft.stream.semantics_hint import SemanticsHint
 from rvaft.stream.statistics import Statistics
 
 TIME: Final = "time"
-"""The time field of relevant events of a tree that declares none; a warning counts times that go
-back.
-"""
+"""The time field of a tree that declares none, for the warning about order."""
 
 
 @dataclass(frozen=True)
 class MonitoringPlan:
-    """How each trace is monitored: `monitors` are fresh; `also` are fields for other readers of
-    events.
-    """
+    """How each trace is monitored; `monitors` are fresh, `also` are fields for other readers."""
 
     monitors: MonitorSet
     key: Key | None = None
@@ -34,7 +30,7 @@ class MonitoringPlan:
 
     @property
     def plain(self) -> bool:
-        """Whether all events go to the same monitors in reading order."""
+        """Whether the same monitors read all events in reading order."""
         return self.key is None and self.order_by is None
 
     @property
@@ -51,7 +47,7 @@ class MonitoringPlan:
 
 @dataclass(slots=True)
 class Totals:
-    """The sums over several traces: statistics (if wanted), data warnings, and the semantics hint."""
+    """The sums over several traces."""
 
     statistics: Statistics | None
     data_warnings: DataWarnings

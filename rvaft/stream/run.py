@@ -29,7 +29,7 @@ RunState: TypeAlias = tuple[
     Ordering[JsonObject] | None,
     tuple[Statistics | None, DataWarnings],
 ]
-"""Monitors of each key, events without a key, buffered events, clock, order, and totals."""
+"""Monitors by key, events without a key, buffer, clock, order, totals."""
 
 
 @dataclass(eq=False)
@@ -116,9 +116,7 @@ class TraceRun:
             yield event is not None
 
     def _in_turn(self, events: Iterable[JsonObject]) -> Iterator[JsonObject | None]:
-        """Yield events in time order, and None at the end; an error comes after the events before
-        it.
-        """
+        """Yield events in time order, then None; an error comes last."""
         ordering, failure = self.ordering, None
         try:
             for event in events:
@@ -138,9 +136,8 @@ class TraceRun:
     def take(  # noqa: PLR0915
         self, events: Iterable[tuple[int, JsonObject]], before: int
     ) -> None:
-        """Step the monitors over events; places count from the event `before`.
-
-        The loop is inlined, because each call per event costs time.
+        """Step the monitors over events, in one loop for speed; `before` is the event before place
+        0.
         """
         prefix, keys, fresh = self.prefix, self.keys, self.plan.monitors
         each, _, of_concern = self.audience
@@ -187,7 +184,7 @@ class TraceRun:
                     if monitors.serves:
                         watch.buffer.remember(number, event)
                     if changed:
-                        self.tell(VerdictChange(watch, number, event, changed))
+                        self.notify(VerdictChange(watch, number, event, changed))
                         continue
                     if of_concern and monitors.live and (monitors.concerned or (event_kind.relevant and not skips)):
                         for listener in of_concern:
@@ -199,13 +196,13 @@ class TraceRun:
             raise
 
     def notify_unchanged(self, last: int) -> None:
-        """Notify listeners of unreported events up to this number; they changed no verdict."""
+        """Notify listeners of events without a change, up to this number."""
         if self._notified < last:
             for listener in self.audience.in_rows:
                 listener.events(self.watch, self._notified + 1, last, self._verdicts)
             self._notified = last
 
-    def tell(self, change: VerdictChange) -> None:
+    def notify(self, change: VerdictChange) -> None:
         """Notify listeners of a change, after the events before it."""
         self.notify_unchanged(change.number - 1)
         monitors = change.watch.monitors
@@ -221,7 +218,7 @@ class TraceRun:
 
     @property
     def state(self) -> RunState:
-        """The state for `restore`, in classes that hold data only."""
+        """The state for `restore`."""
         watches = [(watch.key, watch.monitors.snapshot, watch.events) for watch in self.watches]
         lacking = (0, 0) if self.keys is None else (self.keys.lacking, self.keys.first_lacking)
         totals = (self.totals.statistics, self.totals.data_warnings)
@@ -255,7 +252,7 @@ class TraceRun:
                 self.totals.semantics_hint.look(id(watch), self.prefix)
 
     def stop(self) -> None:
-        """Notify listeners, if the trace has begun, that it cannot be read further."""
+        """Notify listeners that the trace cannot be read further."""
         for watch in self.watches if self.begun else ():
             for listener in self.listeners:
                 listener.stop(watch)

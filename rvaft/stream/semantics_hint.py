@@ -1,6 +1,6 @@
 """A hint for traces that end in ⊥ under a default semantics: the verdicts under `scattered`.
 
-Events that match a pattern are kept, up to a limit, and read again at the end, up to a time limit.
+Events that match a pattern are kept and read again at the end, up to a time limit.
 """
 
 from contextlib import suppress
@@ -16,10 +16,10 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
 
 ROOM: Final = 10_000
-"""Maximum number of events kept per trace, over all keys."""
+"""Maximum number of kept events per trace."""
 LIMIT: Final = 1_000
 SECONDS: Final = 2.0
-"""Time limit in seconds, for all traces together."""
+"""Time limit in seconds, for all traces."""
 _MEANING: Final = (
     "false under projected, the default semantics: a match must use every relevant event, "
     "and these events cannot become a match; "
@@ -43,7 +43,7 @@ class SemanticsHint:
         return monitor(self._tree, semantics=Semantics.SCATTERED, limit=LIMIT)
 
     def keep(self, watch: int, number: int, event: Json) -> None:
-        """Keep an event for that trace or key; if there is no room, keep only its number."""
+        """Keep an event for that trace or key; without room, keep only its number."""
         kept = self._kept.setdefault(watch, [])
         if self._room > 0:
             self._room -= 1
@@ -52,7 +52,7 @@ class SemanticsHint:
             kept.append((number, None))
 
     def is_full(self, watch: int) -> bool:
-        """Whether further events of that trace or key make no difference."""
+        """Whether further events make no difference."""
         kept = self._kept.get(watch, [])
         return bool(kept) and self._room <= 0 and kept[-1][1] is None
 
@@ -78,7 +78,7 @@ class SemanticsHint:
         self._left = max(self._left - (monotonic() - begun), 0)
 
     def forget(self) -> None:
-        """Drop all events kept, at the start of a trace."""
+        """Drop all kept events, at the start of a trace."""
         self._room = ROOM if self._tried else 0
         self._kept: dict[int, list[tuple[int, Json]]] = {}
 
@@ -92,7 +92,7 @@ class SemanticsHint:
 
     @property
     def line(self) -> str | None:
-        """The meaning of ⊥ and the result under `scattered`, or None if no trace ended in ⊥."""
+        """The meaning of ⊥ and the result, or None if no trace ended in ⊥."""
         if not self.ended:
             return None
         if not self._tried:

@@ -28,52 +28,48 @@ from rvaft.model.values import Json, at
 from rvaft.support.terminal import cut
 
 LOOKED_AT: Final = 20
-"""Maximum number of examined unmatched events with the same values in the discriminating fields."""
+"""Maximum number of examined events with the same discriminating values."""
 MOST: Final = 10_000
-"""Maximum number of distinct values of these fields; events with others are not examined."""
+"""Maximum number of combinations of these values."""
 UNSEEN: Final[tuple[int, ...]] = (-1,)
-"""Marks checks that are not computed yet, and missing fields."""
+"""Marks missing fields, and checks not computed yet."""
 
 Path = tuple[str, ...]
 
 
 @dataclass(slots=True, eq=False)
 class WarningChecks:
-    """The checks by data warnings of events that match the same patterns."""
+    """The data warnings' checks for events that match the same patterns."""
 
     looked_at: tuple[int, ...] = UNSEEN
     good: tuple[object, int, Sequence[str] | None, set[tuple[type, ...]]] | None = None
-    """The cache of passed checks: owner, version, fields, and value types."""
+    """Passed checks: owner, version, fields, value types."""
 
 
 @dataclass(slots=True, eq=False)
 class EventKind:
-    """The class of events with the same shape and the same true guards; the default matches
-    nothing.
-    """
+    """Events with the same shape and true guards; by default, without a match."""
 
     fits: tuple[int, ...] = ()
-    """The numbers of the letters whose patterns match."""
+    """The letters whose patterns match."""
     admitted: tuple[int, ...] = ()
-    """The numbers of the letters that match with their guards."""
+    """The letters that match with their guards."""
     classes: tuple[EventClass, ...] = ()
     types: frozenset[str] = field(default=frozenset(), init=False)
     entries: bool = field(default=False, init=False)
     relevant: tuple[str, ...] | None = field(default=(), init=False)
-    """The types for which the event is relevant; None for an ignored event."""
+    """The relevant types; None for an ignored event."""
     serves: bool = field(default=False, init=False)
     """Whether the event may be that of a node."""
     noted: object = field(default=None, init=False)
-    """The statistics that have counted these types as seen."""
     checks: WarningChecks = field(default_factory=WarningChecks)
-    """Shared by all kinds that match the same patterns."""
 
 
 class EventTypeIndex:
-    """Classifies events for a tree and for its engines with one look-up.
+    """Classifies events for a tree and its engines with one look-up.
 
-    An event type is what an `on` names, or a leaf with its default event. `compound` are the types
-    with several fields, which have near misses.
+    An event type is a type in an `on`, or a leaf with its default event. `compound` types have
+    several fields, and so near misses.
     """
 
     def __init__(self, tree: RVAFT, engines: Sequence[EngineLetters] = ()) -> None:
@@ -96,17 +92,16 @@ class EventTypeIndex:
             (reader(number, Letter(one.pattern)).test, reader(number, one).test)
             for number, (_, _, one) in enumerate(letters)
         ]
-        """The tests of each letter: the pattern, and the pattern with its guard."""
+        """By letter: tests without and with the guard."""
         also = dict.fromkeys(pattern for one in engines for pattern in one.patterns)
         self._patterns = (*(one.pattern for _, _, one in letters), *also)
         self.shapes = PatternIndex(self._patterns, self._table)
         self.late = EventKind(classes=(EventClass(),) * len(engines))
-        """The kind of late events: no match can use them."""
         reads = TreeReads(tree)
         self.discriminators: Discriminators = reads.discriminators
         self._read = reads.patterns
         self._texts: dict[str, frozenset[Json] | None] = {}
-        """The literals of a field in which every pattern has a text, else None."""
+        """The literals of a field if every pattern has a text in it."""
         self._meant: dict[str, dict[Json, Json]] = {field: {} for field in self.discriminators.fields}
         for pattern in reads.patterns:
             for name, value in pattern.fields if isinstance(pattern, ObjectPattern) else ():
@@ -152,7 +147,7 @@ class EventTypeIndex:
         return made
 
     def possible(self, values: Iterable[Hashable]) -> bool:
-        """Whether events with these values in the discriminating fields may match, up to spelling."""
+        """Whether such events may match, up to spelling."""
         meant = {
             field: self._meant[field].get(_spelling(value), value) if isinstance(value, str) else None
             for field, value in zip(self.discriminators.fields, values, strict=True)
@@ -160,11 +155,11 @@ class EventTypeIndex:
         return bool(self.discriminators.candidates(self.discriminators.values(meant)))
 
     def may_be(self, field: str, text: str) -> bool:
-        """Whether an event with this text in this field may match a pattern, up to spelling."""
+        """Whether this text may match, up to spelling."""
         if field not in self._texts:
-            asked = [literals_of(pattern).get(field) for pattern in self._read]
-            texts = frozenset(_spelling(one) for one in asked if isinstance(one, str))
-            self._texts[field] = texts if all(isinstance(one, str) for one in asked) else None
+            literals = [literals_of(pattern).get(field) for pattern in self._read]
+            texts = frozenset(_spelling(one) for one in literals if isinstance(one, str))
+            self._texts[field] = texts if all(isinstance(one, str) for one in literals) else None
         known = self._texts[field]
         return known is None or _spelling(text) in known
 
@@ -173,8 +168,8 @@ class EventTypeIndex:
 class NearMissCount:
     """Events that match an event type in all fields but one.
 
-    `expected` is the pattern of that field, `found` its value in the first event (None if missing),
-    `first` the place of that event. With `more` there are similar events that were not examined.
+    `expected` is the pattern of that field, `found` its value in the `first` event (None if
+    missing). With `more` similar events were not examined.
     """
 
     type: str
@@ -187,9 +182,9 @@ class NearMissCount:
 
 
 class Statistics:
-    """Counts for the events of traces of one tree; can be pickled and merged.
+    """Counts for the events of one tree.
 
-    `tally` counts relevant events by their set of types, `seen` has the types that occurred.
+    `tally` counts relevant events by their set of types; `seen` has the types that occurred.
     """
 
     def __init__(self, types: EventTypeIndex) -> None:
@@ -209,7 +204,7 @@ class Statistics:
     def add(
         self, event: Mapping[str, Json], number: int, prefix: str = "", event_kind: EventKind | None = None
     ) -> bool:
-        """Count an event and return whether it is relevant; prefix and number give its place."""
+        """Count an event and return whether it is relevant."""
         self.events += 1
         event_kind = event_kind or self.types.of(event)
         if event_kind.noted is not self:
@@ -233,7 +228,7 @@ class Statistics:
 
     @property
     def never_seen(self) -> tuple[str, ...]:
-        """The event types that did not occur, in the order of the tree."""
+        """The missing event types in tree order."""
         return tuple(name for name in self.names if name not in self.seen)
 
     def merge(self, other: "Statistics") -> None:
@@ -285,9 +280,9 @@ def _leaves(pattern: Pattern) -> Iterator[tuple[Path, Pattern]]:
 
 
 def _only_miss(
-    leaves: Iterable[tuple[Path, Pattern]], event: Json, telling: Sequence[str]
+    leaves: Iterable[tuple[Path, Pattern]], event: Json, discriminating: Sequence[str]
 ) -> tuple[Path, Pattern, str | None] | None:
-    """Return the only differing field, its pattern and its value; None if several fields differ.
+    """Return the only differing field, its pattern and its value, if there is only one.
 
     An event that differs in a discriminating field is of another type, unless it is a misspelling.
     """
@@ -302,7 +297,7 @@ def _only_miss(
         if miss is not None:
             return None
         misspelt = isinstance(expected, Literal) and _spelling(expected.value) == _spelling(found)
-        if len(path) == 1 and path[0] in telling and not misspelt:
+        if len(path) == 1 and path[0] in discriminating and not misspelt:
             return None
         miss = path, expected, None if found is UNSEEN else cut(json.dumps(found, ensure_ascii=False))
     return miss

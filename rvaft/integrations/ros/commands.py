@@ -70,7 +70,7 @@ def rosmonitoring_command(*, tree: str, output: str, force: bool, **how: Any) ->
     if wanted.oracle is ros.Oracle.RVAFT:
         folder = Path(tree).parent.resolve()
         passing = folder == Path("/dev") or Path("/proc") in (folder, *folder.parents)
-        if passing or not Path(tree).is_file():  # a stream
+        if passing or not Path(tree).is_file():  # the tree comes from a stream
             raise OptionError(f"{tree}: the oracles read the tree again when they start: give it as a file")
     monitors = ros.planned(loaded, wanted)
     files: dict[str, str | None] = {CONFIGURATION: ros.configuration_text(monitors, wanted)}

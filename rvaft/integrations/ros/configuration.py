@@ -1,6 +1,4 @@
-"""Configurations of ROSMonitoring: monitors of ROS topics for a tree, and commands for their
-oracles.
-"""
+"""Configurations of ROSMonitoring: monitors of ROS topics for a tree, and their oracles."""
 
 import re
 import shlex
@@ -31,7 +29,7 @@ SUFFIXES: Final = {"rml": ".rml", "rml-prolog": ".pl"}
 _BEGINNINGS: Final = {"rml": b"// The attack-fault tree ", "rml-prolog": b":- module(spec, "}
 _HEADER: Final = "# Written by rvaft rosmonitoring: change the tree and write it again.\n"
 _FINAL_ONLY: Final = 2
-"""The value of `warning` in ROSMonitoring that reports `false`, but not `currently_false`."""
+"""The value of `warning` that reports `false`, but not `currently_false`."""
 _LAST_PORT: Final = 65_535
 
 
@@ -43,9 +41,7 @@ class RosVersion(StrEnum):
 
 
 class Action(StrEnum):
-    """Whether a monitor only logs messages, or forwards them from publishers to the topic as a
-    filter.
-    """
+    """Whether a monitor only logs messages, or filters them between publishers and the topic."""
 
     LOG = "log"
     FILTER = "filter"
@@ -60,11 +56,11 @@ class Oracle(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class RosOptions:
-    """The options of a configuration.
+    """The options of a configuration; raises `OptionError` for an invalid host.
 
-    `port` is that of the first oracle. Without `action`, topics with publishers are filtered if
+    `port` is the port of the first oracle. Without `action`, topics with publishers are filtered if
     possible. `name` is the base of monitor names, by default the root. `branch` and `kind` select
-    one part. Raises `OptionError` for an invalid host.
+    one part.
     """
 
     semantics: Semantics = Semantics.PROJECTED
@@ -184,7 +180,7 @@ def _topics(tree: RVAFT, semantics: Semantics) -> tuple[Topic, ...]:
         )
     wanted = tuple(replace(tree.topics[absolute(name)], name=name) for name in first)
     packages: dict[str, Topic] = {}
-    for one in wanted:  # generated monitors import message types by their last word
+    for one in wanted:  # monitors import message types by their last word
         word = one.type.rpartition(".")[2]
         same = packages.setdefault(word, one)
         if same.type != one.type:
@@ -215,7 +211,7 @@ def _is_feasible(space: ScenarioSpace, budget: Budget, name: str) -> bool:
 
 
 def _action(topic: Topic, options: RosOptions, *, alone: bool) -> Action:
-    """Return the action: filtering needs publishers, a single monitor, and the oracle of rvaft."""
+    """Filtering needs publishers, a single monitor, and the oracle of rvaft."""
     if options.action is not Action.FILTER:
         possible = topic.publishers and alone and options.oracle is Oracle.RVAFT
         return Action.FILTER if possible and options.action is None else Action.LOG
@@ -254,7 +250,7 @@ def configuration_text(monitors: Sequence[Planned], options: RosOptions) -> str:
         topics: list[Json] = []
         for topic, action in monitor.topics:
             stated: dict[str, Json] = {"name": topic.name, "type": topic.type, "action": action.value}
-            if action is Action.FILTER:  # a monitor with publishers filters even if it should only log
+            if action is Action.FILTER:  # publishers would make the monitor filter
                 stated["publishers"] = list(topic.publishers)
                 publishers.update(dict.fromkeys(topic.publishers))
             topics.append(stated)
@@ -295,7 +291,7 @@ def commands_text(monitors: Sequence[Planned], options: RosOptions, *, tree: str
     """Return the commands to run in the folder of the files; `tree` is the path from there."""
     lines = ["# Run in this folder, each oracle in its own terminal."]
     for monitor in monitors:
-        if options.oracle is Oracle.RML:  # as in the instructions of ROSMonitoring
+        if options.oracle is Oracle.RML:
             script = '"$ROSMONITORING_HOME"/oracle/RMLOracle/prolog/online_monitor.sh'
             lines.append(f"{script} {monitor.id}.pl {monitor.port}")
             continue

@@ -10,10 +10,10 @@ from collections.abc import Collection
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Final
 
-from rvaft.integrations.live_page import BROWSERS, PERIOD, asked, cursor_of, headers, message, refusal
+from rvaft.integrations.live_page import BROWSERS, PERIOD, cursor_of, headers, message, refusal, resource_kind
 from rvaft.integrations.ros.protocol import Session
 from rvaft.model.tree import RVAFT
-from rvaft.reports.log_report import SHOWN, LogReport, Told
+from rvaft.reports.log_report import SHOWN, LogReport, Messages
 from rvaft.stream.detection import counted
 from rvaft.stream.keys import Key
 from rvaft.stream.plan import MonitoringPlan
@@ -28,7 +28,7 @@ _LINES: Final = 200
 _WAIT: Final = 3.0
 """Seconds that a request waits for updates; less than the timeout for opening a connection."""
 _AGAIN: Final = b"retry: 200\n\n"
-"""The delay before the next request of the browser, in milliseconds."""
+"""The delay before the next request, in milliseconds."""
 
 
 class ConnectionsPage:
@@ -38,7 +38,7 @@ class ConnectionsPage:
     >>> tree = rvaft.loads("top and a b;")
     >>> page = ConnectionsPage("tree.rvaft", tree, Session(tree))
     >>> page.say("connection 1 opened")
-    >>> page.told["held"]
+    >>> page.messages["held"]
     ['connection 1 opened']
     """
 
@@ -50,12 +50,12 @@ class ConnectionsPage:
         self._lines: deque[str] = deque(maxlen=_LINES)
         self._earlier = self._asking = 0
         if shared:
-            session.tell(self.report, "all connections")
+            session.notify(self.report, "all connections")
 
     def opened(self, number: int, peer: str, session: Session) -> None:
         """Register an opened connection."""
         if not self.shared:
-            session.tell(self.report, "", (f"{number} from {peer}",))
+            session.notify(self.report, "", (f"{number} from {peer}",))
 
     def closed(self, session: Session) -> None:
         """Note that a connection was closed."""
@@ -68,7 +68,7 @@ class ConnectionsPage:
         self._lines.append(line)
 
     @property
-    def told(self) -> Told:
+    def messages(self) -> Messages:
         """The recent messages of the server."""
         earlier = [f"{counted(self._earlier, 'line')} before these are no longer on this page"] if self._earlier else []
         return {"said": [], "held": [*(f"warning: {one}" for one in self.report.left_out), *earlier, *self._lines]}
@@ -77,7 +77,7 @@ class ConnectionsPage:
         self, connection: "ServerConnection", request: "Request", origins: Collection[str], stop: asyncio.Event
     ) -> "Response":
         """Answer a plain HTTP request."""
-        kind, status, more = asked(request.path, live=True), HTTPStatus.OK, ""
+        kind, status, more = resource_kind(request.path, live=True), HTTPStatus.OK, ""
         if not own(request.headers.get_all("Host"), origins):
             status = HTTPStatus.FORBIDDEN
         elif getattr(request, "method", "GET") != "GET":  # websockets before 16 accepts GET only
@@ -91,7 +91,7 @@ class ConnectionsPage:
         if status is HTTPStatus.OK:
             page = kind == "page"
             response.body = (
-                self.report.page(self.name, self.told, live=True) if page else await self._news(request, stop)
+                self.report.page(self.name, self.messages, live=True) if page else await self._news(request, stop)
             )
             found["Content-Length"] = str(len(response.body))
         if status is HTTPStatus.METHOD_NOT_ALLOWED:
@@ -108,7 +108,7 @@ class ConnectionsPage:
         self._asking += 1
         try:
             for _ in range(int(_WAIT / PERIOD)):
-                new = self.report.since(cursor, self.name, self.told)
+                new = self.report.since(cursor, self.name, self.messages)
                 if new[1] or stop.is_set():
                     return _AGAIN + message(new) if new[1] else _AGAIN
                 await asyncio.sleep(PERIOD)

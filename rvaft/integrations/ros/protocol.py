@@ -5,8 +5,8 @@ A message is one JSON event. The reply is the event with the field `verdict`. RO
 verdict would count as definitive `true`, so a malformed message gets an error with the current
 verdict.
 
-A definitive verdict ends a monitor that only logs. Therefore ⊥ is not sent as definitive unless
-requested, nor is a detection if the session continues after it.
+A definitive verdict ends a monitor that only logs. So ⊥ is sent as definitive only on request, and
+a detection only if the session ends with it.
 """
 
 import re
@@ -27,7 +27,7 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.readers.json_lines import decode, marked
 from rvaft.readers.log import BOM
 from rvaft.stream.data_warnings import DataWarnings
-from rvaft.stream.detection import explained, kept, matched_events, told_fields
+from rvaft.stream.detection import explained, identifying_fields, kept, matched_events
 from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, VerdictChange
 from rvaft.stream.monitor_set import DetectionCount, MonitorSet, Per, columns
 
@@ -35,7 +35,7 @@ MAX_MESSAGE: Final = 1024 * 1024
 """Default maximum size of a message in bytes."""
 _WHOLE: Final = "tree"
 _OF_LINES: Final = re.compile(r"(?: \([^()]*\))?; a trace has one JSON object per line$")
-"""References to lines and traces in reader errors, which do not apply to messages."""
+"""References to lines and traces, which messages lack."""
 
 
 class Polarity(StrEnum):
@@ -60,7 +60,6 @@ _WORDS: Final[Mapping[Polarity, Mapping[Verdict, str]]] = {
 
 
 _GOING_ON: Final = {Polarity.PROPERTY: "currently_false", Polarity.DETECTION: "currently_true"}
-"""The word for a detection after which the session continues."""
 
 
 class Session:
@@ -69,7 +68,7 @@ class Session:
 
     A monitor fails beyond `limit` partial matches; `failures` has the reasons. `buffer` keeps time
     and topic of a bounded number of recent events, for explanations. `repeat` and `cooldown` are as
-    for `MonitorSet`. Raises what `rvaft.stream.monitor_set.columns` raises.
+    for `MonitorSet`.
     """
 
     def __init__(
@@ -89,7 +88,7 @@ class Session:
         parts = columns(tree, per)
         self.monitors = {column.label: MonitorSet([column], make, meaning, **repeating) for column in parts}
         self.failures: dict[str, str] = {}
-        self.fields = told_fields(tree)
+        self.fields = identifying_fields(tree)
         self.buffer = EventBuffer()
         self.listener: Listener | None = None
         self.watch = MonitoredTrace("", self.looked_at, buffer=self.buffer)
@@ -108,7 +107,7 @@ class Session:
         twin.watch = MonitoredTrace("", twin.looked_at, buffer=twin.buffer, events=self.events)
         return twin
 
-    def tell(self, listener: Listener, trace: str, key: tuple[Json, ...] | None = None) -> None:
+    def notify(self, listener: Listener, trace: str, key: tuple[Json, ...] | None = None) -> None:
         """Notify a listener of further events, as those of a trace or key."""
         self.listener, self.watch.trace, self.watch.key = listener, trace, key
         listener.begin(self.watch)
@@ -118,8 +117,8 @@ class Session:
         """The monitors as a read-only set."""
         return MonitorSet.beside(list(self.monitors.values()))
 
-    def read(self, event: Json, came: Json) -> None:
-        """Read one event; `came` is the event before renaming."""
+    def read(self, event: Json, original: Json) -> None:
+        """Read one event; `original` is the event before renaming."""
         self.events += 1
         changed: list[int] = []
         for column, (label, monitors) in enumerate(self.monitors.items()):
@@ -130,7 +129,7 @@ class Session:
                     self.failures[label] = str(error)
         whole = self.monitors[_WHOLE]
         if _WHOLE not in self.failures and whole.serves:
-            self.buffer.remember(self.events, kept(came, self.fields))
+            self.buffer.remember(self.events, kept(original, self.fields))
         if _WHOLE not in self.failures and whole.late:
             self.data_warnings.note_late(event, self.events, "", whole.engines[0].latest)
         elif _WHOLE not in self.failures:
@@ -143,7 +142,7 @@ class Session:
                 self.listener.event(self.watch, self.events, event)
 
     def begin_again(self) -> None:
-        """Restart the repeating monitors that detected with the last event."""
+        """Restart the monitors that have detected."""
         for monitors in self.monitors.values():
             monitors.begin_again()
 
@@ -161,8 +160,8 @@ class Session:
 class Protocol:
     """Reads and answers messages for a tree or part.
 
-    Messages of more than `longest` bytes are errors. So are numbers that are not finite with
-    `strict_json`; otherwise the reply repeats them. `definitive` sends ⊥ as definitive.
+    Messages of more than `longest` bytes are errors; with `strict_json`, so are numbers that are
+    not finite, which replies otherwise repeat. `definitive` sends ⊥ as definitive.
 
     >>> import rvaft
     >>> tree = rvaft.loads("top and a; a;")
@@ -181,7 +180,6 @@ class Protocol:
     def __post_init__(self) -> None:
         self._reads = TreeReads(self.tree)
         self._names: dict[str, set[str]] = {"topic": set(), "service": set()}
-        """Literal names of topics and services in events and `ignore` declarations."""
         for pattern in self._reads.patterns:
             for field, inner in pattern.fields if isinstance(pattern, ObjectPattern) else ():
                 if field in self._names and isinstance(inner, Literal) and isinstance(inner.value, str):
@@ -216,7 +214,7 @@ class Protocol:
 
     def _word(self, verdict: Verdict | None, session: Session) -> str | bool:
         if verdict is None:
-            return "unknown"  # ROSMonitoring: neither a violation nor definitive
+            return "unknown"  # neither a violation nor definitive
         if verdict is Verdict.TRUE and session.repeat:
             return _GOING_ON[self.polarity]
         holds = verdict is Verdict.FALSE and self.polarity is Polarity.PROPERTY
@@ -226,9 +224,9 @@ class Protocol:
     def _as_spelled(self, event: dict[str, Json]) -> dict[str, Json]:
         """Return the event with topic and service names spelled as in the tree.
 
-        ROS treats `/command` and `command` (in the root namespace) as equal, and versions of
-        ROSMonitoring differ, while trees distinguish them. A name that the tree spells both ways,
-        or that starts with several slashes, is unchanged.
+        ROS treats `/command` and `command` (in the root namespace) as equal, while trees
+        distinguish them. A name that the tree spells both ways, or that starts with several
+        slashes, is unchanged.
         """
         renamed: dict[str, Json] = {}
         for field, known in self._names.items():

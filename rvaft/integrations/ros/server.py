@@ -30,16 +30,16 @@ REMEDY: Final = "pip install '.[ros]' in a checkout of rvaft"
 PORT: Final = 8080
 CONNECTIONS: Final = 1000
 _SPARE: Final = 64
-_TOLD: Final = 10
+_MAX_REPORTED: Final = 10
 """Maximum number of refused messages reported per connection."""
 _OVERSIZE: Final = 16
 """A message up to so many times the maximum size gets an error reply; a longer one ends the
 connection.
 """
 _BACKLOG: Final = 1024
-"""Length of the accept queue: all monitors of a robot start at once."""
+"""Length of the accept queue, because all monitors of a robot start at once."""
 _ACCEPTED: Final = 1
-"""Connections accepted at a time by `asyncio`, and its retries at the limit of open files."""
+"""Connections that `asyncio` accepts at a time, and its retries at the limit of open files."""
 _HANDSHAKE: Final = 5.0
 """Seconds for the opening handshake."""
 _PATIENCE: Final = 1.0
@@ -52,7 +52,7 @@ _LIBRARY.propagate = False
 
 @dataclass(eq=False)
 class Server:
-    """Answers the messages of all connections; `fresh` returns the session of a new one.
+    """Answers the messages of all connections; `fresh` returns the session of a new connection.
 
     `say` receives reports on connections, refused messages and detections. Port 0 is any free port.
     `origins` are allowed in addition to programs. Browsers get the `page`, if there is one.
@@ -118,8 +118,8 @@ class Server:
                 reply = self.protocol.reply(message, session)
                 if session.events == events:
                     refused += 1
-                    if refused <= _TOLD:
-                        more = "; further ones are not reported" if refused == _TOLD else ""
+                    if refused <= _MAX_REPORTED:
+                        more = "; further ones are not reported" if refused == _MAX_REPORTED else ""
                         self._tell(f"{name}: message refused: {reply['error']}{more}")
                 elif session.count.notified > detected:
                     branch = [] if reply.get("branch") is None else [f"branch {reply['branch']}"]
@@ -148,10 +148,10 @@ class Server:
             self._tell(f"{name} closed after {counted(read)}{doubtful}")
 
     def failed(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Report an exception of the event loop.
+        """Report an exception of the event loop, as `asyncio` does.
 
         The limit of open files is reported once until the next connection opens. A failing retry of
-        accepting during a stop is ignored. Other exceptions are reported as `asyncio` does.
+        accepting during a stop is ignored.
         """
         error = context.get("exception")
         if self._stop.is_set() and "_start_serving" in context.get("message", ""):

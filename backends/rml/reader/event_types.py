@@ -1,7 +1,7 @@
 """Matching of events with event types, and the patterns that all event types of a text use.
 
 Declarations of one name are alternatives, in order. `|` in a pattern stands for several patterns;
-the first field varies slowest. `any` and `none` are predefined; a declaration of `any` adds to it.
+the first field varies slowest.
 """
 
 import math
@@ -24,9 +24,9 @@ from rvaft.model.values import Json, equal, is_number
 Number: TypeAlias = int | float
 Bound: TypeAlias = Mapping[str, Json]
 
-# Values of data expressions: exact numbers, or `None` for wrong types and unbound variables.
-# Integers are exact, other numbers are IEEE doubles, and strings compare by code points, as in
-# trees. The published monitor uses Prolog's real constraints instead (see `deviations`).
+# Values of data expressions; `None` for wrong types and unbound variables. Integers are exact,
+# other numbers are IEEE doubles, and strings compare by code points, as in trees. The published
+# monitor uses Prolog's real constraints instead (see `deviations`).
 
 _MAX_BITS: Final = 100_000
 
@@ -101,7 +101,6 @@ class Mark(Enum):
     UNBOUND = auto()
     """A variable of an event type that the match does not bind."""
     UNEVALUATED = auto()
-    """An argument that is not evaluated."""
 
 
 UNBOUND: Final = Mark.UNBOUND
@@ -122,7 +121,6 @@ class EventTypes:
                 return
 
     def _ways(self, use: s.TypeUse, event: Json, bound: Bound) -> Iterator[Bound]:
-        """Yield the matches of a use as bindings of the surrounding variables."""
         for declaration in self._declared.get(s.signature(use), ()):
             inner: dict[str, Json] = {}
             pairs = list(zip(declaration.parameters, use.parameters, strict=True))
@@ -160,7 +158,7 @@ def _given(given: s.Parameter, bound: Bound) -> Json:
 
 
 def _matching(pattern: s.Value, event: Json, bound: Bound) -> Iterator[Bound]:
-    """Yield the matches of a pattern with a value, with an explicit stack."""
+    """Yield the matches of a pattern with a value; the stack is explicit, so nesting is unlimited."""
     stack: list[tuple[Any, Bound]] = [((pattern, event, None), bound)]
     while stack:
         todo, bound = stack.pop()
@@ -196,13 +194,15 @@ def _matching(pattern: s.Value, event: Json, bound: Bound) -> Iterator[Bound]:
 
 
 # The patterns with guards that an RML text uses.
+#
 # Every use of an event type that is reachable from `Main` is unfolded into *ways* to match. A way
 # has one alternative of each declaration, with arguments and derived types filled in, and the
-# guards. The reader depends on nothing else of an event. `not` contributes what it negates.
-# Variables of expressions are shared between events and keep their names; variables of declarations
-# are local and begin with `_`.
-# The result is None if a use has no such form: open lists, functions in guards, or a value that
-# must equal a part of the event and match a pattern.
+# guards. The reader uses nothing else of an event. `not` contributes what it negates. Variables of
+# expressions are shared between events and keep their names; variables of declarations are local
+# and begin with `_`.
+#
+# A use has no such form with open lists, functions in guards, or a value that must equal a part of
+# the event and match a pattern; the result is then None.
 
 _CHOICES: Final = 10_000
 _NESTING: Final = 100
@@ -211,7 +211,6 @@ _ALWAYS: Final = Observed(p.ObjectPattern(()))
 _NOTHING: Final = p.Literal(None)
 """A guard operand without value: operations on null are undefined."""
 _Value: TypeAlias = p.Pattern | Mark
-"""The value of a name; `Mark.UNEVALUATED` equals nothing."""
 _Scope: TypeAlias = Mapping[str, _Value]
 
 
@@ -221,7 +220,7 @@ class _Unknown(Exception):
 
 @dataclass(frozen=True, slots=True)
 class _Way:
-    """A way to match: a pattern (None after `not`), the values of names, and the guards."""
+    """A way to match; the pattern is None after `not`."""
 
     pattern: p.Pattern | None
     scope: _Scope
@@ -251,15 +250,13 @@ def observed(text: str) -> tuple[Observed, ...] | None:
 
 
 class _Questions:
-    """The patterns and guards of one program."""
-
     def __init__(self, program: s.RmlProgram) -> None:
         self._fresh = count(1)
         self.found: list[Observed] = []
         self._declared = program.declared
 
     def ask(self, ways: Iterator[_Way]) -> None:
-        """Add the patterns; local variables are numbered from 1, so that equal patterns are merged."""
+        """Add the patterns, with local variables numbered from 1, so that equal patterns merge."""
         for way in ways:
             if way.pattern is None:
                 continue
@@ -272,7 +269,6 @@ class _Questions:
                 raise _Unknown
 
     def ways(self, use: s.TypeUse, scope: _Scope) -> Iterator[_Way]:
-        """Yield the ways to match a use; their scope is the surrounding one."""
         for declaration in self._declared.get(s.signature(use), ()):
             inner = _inward(declaration, use, scope)
             if inner is None:
@@ -295,9 +291,7 @@ class _Questions:
                 yield from filter(None, (self._way(pattern, inner) for pattern in _choices(one)))
 
     def _way(self, pattern: p.Pattern, inner: _Scope) -> _Way | None:
-        """Return a pattern with its scope, or None if it never matches; unknown names become local
-        variables.
-        """
+        """Return a pattern with its scope, or None if it never matches; unknown names become local."""
         if any(inner.get(name) is Mark.UNEVALUATED for name in p.variables(pattern)):
             return None
         own = {name: p.Variable(f"_{next(self._fresh)}") for name in p.variables(pattern) if name not in inner}
@@ -369,7 +363,7 @@ def _fits(value: _Value, wanted: p.Pattern, whole: p.Pattern | None) -> Mapping[
 
 
 def _choices(value: s.Value) -> Iterator[p.Pattern]:
-    """Return the patterns of a pattern with `|`; their number is checked first."""
+    """Return the patterns of a pattern with `|`, after checking their number."""
 
     def size(part: s.Part, below: list[tuple[int, int]]) -> tuple[int, int]:
         sizes, depths = zip(*below, strict=True) if below else ((), (-1,))
@@ -401,8 +395,8 @@ def _choices(value: s.Value) -> Iterator[p.Pattern]:
 
 
 # RML compares only two numbers or two strings, but `==` of guards compares all values. `x == y`
-# therefore becomes `x <= y and x >= y`, and `x != y` becomes `x < y or x > y`. These are undefined
-# when RML's comparisons have no value.
+# therefore becomes `x <= y and x >= y`, and `x != y` becomes `x < y or x > y`: undefined exactly
+# where RML's comparisons are.
 
 _NUMBERS: Final = frozenset({Operator.ABS, Operator.MIN, Operator.MAX})
 """Functions that trees also have."""

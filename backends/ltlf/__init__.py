@@ -65,7 +65,7 @@ class LtlfBackend(Backend):
         return observed(text, atoms or {})
 
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
-        """Return a monitor for a formula without variables by `mona`: ltlf2dfa and MONA build the
+        """Return a monitor for a formula without variables; ltlf2dfa and MONA (`mona`) build its
         automaton.
 
         Raises `LanguageError`, `NotExpressible` (variables), `TooLarge` (too many atoms, or a

@@ -10,7 +10,6 @@ The formula of a part is followed strictly later by `after`:
     otherwise          the general sum over the events that may come next
 
 The sum ranges over sets of residuals (`rvaft.core.residual`), possibly exponentially many.
-Residuals with the same next events are merged.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -61,8 +60,7 @@ class Composer:
         self._work = work
         self._known: dict[tuple[int, int], int] = {}
         self._free: set[int] = set()
-        """Descendants of a separable part: they are translated separately although they share
-        occurrences.
+        """Descendants of a separable part, translated separately although they share occurrences.
         """
         self._residuals: dict[tuple[int, ...], ResidualSpace] = {}
 
@@ -87,9 +85,6 @@ class Composer:
         return TRUE if formula == TRUE else self._formulas.next(self._begin(formula))
 
     def _steps(self, ways: Iterable[tuple[int, int]]) -> int:
-        """Return the choice of an event at this position (`scattered`: at some position) and its
-        continuation.
-        """
         f = self._formulas
         found = f.disjunction(f.conjunction([event, self._later(after)]) for event, after in ways)
         return f.eventually(found) if self._monotone else found
@@ -197,7 +192,7 @@ class Composer:
     # The general form.
 
     def _sum(self, some: Sequence[int], after: int) -> Call[int]:
-        """Return the general form of some parts in any order; they share no occurrence with other
+        """Return the general form of some parts in any order that share no occurrence with other
         parts.
 
         Each set of residuals has one shared formula G: `after` if a residual is complete, or one of

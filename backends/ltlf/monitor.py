@@ -2,8 +2,8 @@
 
 At an event, a slice stays (atoms with unbound variables are false), or binds the values that make
 one more atom true. The letter is the set of atoms that are then true. The verdict is ⊤ if the
-formula holds in some slice on every continuation, and ⊥ if it cannot hold in any slice. Slices in
-which it cannot hold are dropped.
+formula holds in some slice on every continuation. A slice in which the formula cannot hold is
+dropped; the verdict is ⊥ when none is left.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
@@ -36,9 +36,7 @@ class Atom:
     """The smallest extension of a binding that makes the atom true at an event, or None."""
 
     def holds(self, event: Json, binding: Binding, before: Binding) -> bool:
-        """Return whether the atom is true at an event; `before` is the binding without the event's
-        values.
-        """
+        """Return whether the atom is true at an event; `before` is the binding before the event."""
         return self.binds <= binding.keys() and fits(partial(self.extended, event), binding, before)
 
 
@@ -76,7 +74,6 @@ def _event_atom(observation: Observation) -> Atom:
 
 
 def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) -> Atom:
-    """Return the atom of events that fit a relevant and no ignored observation, for some values."""
 
     def fitting(observations: Sequence[Observation]) -> PatternIndex[list[Reader]]:
         readers = [reader(number, Letter(one.pattern, one.when)) for number, one in enumerate(observations)]
@@ -94,7 +91,6 @@ def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) 
 
 @lru_cache(maxsize=8)
 def _formula(text: str) -> tuple[Header, Formulas, int]:
-    """Return the header, the formulas and the root formula of a text."""
     formulas = Formulas()
     header, root = formula_of(text, formulas)
     return header, formulas, root
@@ -125,7 +121,7 @@ def _questions(header: Header, formulas: Formulas, root: int, given: Mapping[str
 
 @lru_cache(maxsize=32)
 class _LtlfProgram:
-    """The formula of a text, its atoms and a cache of residuals; shared by monitors of one text."""
+    """The formula of a text, its atoms and a cache of residuals, for all monitors of the text."""
 
     def __init__(self, text: str, given: tuple[tuple[str, Pattern], ...]) -> None:
         header, formulas, root = _formula(text)
@@ -175,8 +171,8 @@ class LtlfMonitor(Monitor):
                 return Verdict.TRUE, rest
             return Verdict.UNKNOWN if accepted or residuals.is_satisfiable(rest) else Verdict.FALSE, rest
 
-        # Keep all slices: a guard counts as true while a variable is unbound, so a slice with more
-        # bindings may violate less.
+        # Keep all slices: a guard counts as true while a variable is unbound, so more bindings may
+        # violate less.
         slices = advance(self._slices, extensions, step, matter=residuals.variables, keep_all=True)
         self._slices = slices or {}
         return Verdict.TRUE if slices is None else Verdict.UNKNOWN if slices else Verdict.FALSE

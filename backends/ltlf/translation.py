@@ -38,7 +38,6 @@ class Translation:
         self._formulas = Formulas(limit)
         self._atoms: dict[Observation, int] = {}
         self._rank: dict[str, int] = {}
-        """For each atom, the position of its event in the tree."""
         self._place = {event: place for place, event in enumerate(prop.events)}
         nodes = Counter(event.source.node for event in prop.events)
         self._counted = {node for node, count in nodes.items() if count > 1}
@@ -69,7 +68,6 @@ class Translation:
         anatomy = Anatomy(simplified(form, monotone=monotone))
 
         def event_of(part: int) -> int:
-            """Return the atom of an event under guards, named after the first node with that event."""
             event = anatomy.parts[part].event
             pattern, time = untimed(event.pattern)
             observation = Observation(pattern, guards.get(event, ()), time)

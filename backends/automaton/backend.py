@@ -28,8 +28,8 @@ class AutomatonBackend(Backend):
     """Deterministic automata, complete over the feasible letters and minimal over them.
 
     A letter is feasible if an event can make it true. Infeasible letters lead wherever the shortest
-    labels allow, mostly nowhere; HOA reads a missing edge as rejection. The labels of one state are
-    disjoint, infeasible letters included. No verdict depends on an infeasible letter.
+    labels allow, mostly nowhere; HOA reads a missing edge as rejection. No verdict depends on an
+    infeasible letter. The labels of one state are disjoint, infeasible letters included.
 
     The limit of `translate` counts states; each state allows ten edges and a thousand construction
     steps. Only reading needs Spot.
@@ -61,8 +61,8 @@ class AutomatonBackend(Backend):
         return SpecificationText(text, metrics, partial(AutomatonBackend.read, self))
 
     def diagram(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> str:
-        """Return the minimal automaton as DOT; raises `TooLarge` beyond `limit` states (`READABLE`
-        by default).
+        """Return the minimal automaton as DOT; raises `TooLarge` beyond `limit` states
+        (`READABLE`).
         """
         semantics, most = Semantics(semantics), READABLE if limit is None else limit
         prop = self.prepared(tree, semantics)
@@ -75,8 +75,8 @@ class AutomatonBackend(Backend):
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         """Return a monitor for any HOA text.
 
-        With a proposition `alive`, the text encodes finite words by any acceptance condition.
-        Without it, the text is an automaton over finite words. Raises `LanguageError`, `TooLarge`,
+        With a proposition `alive`, the text encodes finite words by any acceptance condition;
+        without it, the text is an automaton over finite words. Raises `LanguageError`, `TooLarge`,
         and `ToolMissing` without Spot.
         """
         return HoaMonitor(program(text, atoms))
@@ -98,7 +98,6 @@ def _relevance(prop: Property, semantics: Semantics) -> Relevance | None:
 
 
 def _built(prop: Property, semantics: Semantics, work: Work) -> tuple[Automaton, Structure, FeasibleLetters]:
-    """Return the minimal automaton of a property, its parts and its feasible letters."""
     parts = structure(prop)
     scattered = semantics is Semantics.SCATTERED
     letters = FeasibleLetters(parts.patterns, _relevance(prop, semantics))

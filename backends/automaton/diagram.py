@@ -1,11 +1,10 @@
 """The minimal automaton as a Graphviz graph for readers.
 
-- A label lists its alternatives one per line; continuation lines are indented.
+- A label has a line per alternative; continuation lines are indented.
 - `a, b` is one event that matches both patterns; all guards in brackets hold with it.
 - `else` is an event that is on no other edge of the state.
 - ⊤ is detection; from ⊥ no detection is possible.
-- States keep their numbers from the HOA text. Unreachable states and infeasible letters are not
-  drawn.
+- States keep their numbers from the HOA text, without unreachable states and infeasible letters.
 - Under `projected` the letters are relevant events.
 """
 
@@ -29,15 +28,13 @@ from rvaft.support.bits import bits, mask_of
 from rvaft.support.budget import Work
 
 READABLE: Final = 100
-"""The default maximum of drawn states; larger graphs are not readable."""
+"""Default maximum of drawn states."""
 BEFORE: Final = 100
 """States allowed before minimisation, per state of the limit."""
 _LINES: Final = 10
 """Label lines allowed per state of the limit."""
 _WIDTH: Final = 24
-"""Columns of text in a label."""
 _QUIET: Final = "#8a8a8a"
-"""The grey of edges to ⊥."""
 
 
 def diagram(
@@ -92,7 +89,6 @@ def diagram(
 def _edges(
     row: StateRow, structure: Structure, letters: FeasibleLetters, prop: Property, work: Work
 ) -> dict[int, list[str]]:
-    """Return the lines of the label for each successor of a state."""
     leaving, rest = cubes(row, work), row.targets.get(0)
     if len(leaving) == 1:
         return {target: ["any event"] for target in leaving}
@@ -121,7 +117,6 @@ def _edges(
 
 
 def _hanging(text: str) -> str:
-    """Return left-aligned lines; continuation lines are indented."""
     first, *rest = (html_lines([line]) for line in wrapped_code(text, _WIDTH))
     return '<br align="left"/>'.join([first, *(f"&#160;&#160;{line}" for line in rest), ""])
 
@@ -152,8 +147,8 @@ def joined(those: Iterable[Cube], atoms: int) -> list[Cube]:
 def possible(automaton: Automaton, structure: Structure) -> Automaton:
     """Return the automaton without letters that cannot occur and guards that cannot fail.
 
-    A guard holds while one of its variables is unbound, and only events bind variables. A letter in
-    which such a guard fails cannot occur.
+    A guard holds while one of its variables is unbound, and only events bind variables, so a letter
+    in which such a guard fails cannot occur.
     """
     needs = {bit: frozenset(variables(guard)) for guard, bit in structure.guard_bits.items()}
     atoms = (1 << len(structure.patterns)) - 1

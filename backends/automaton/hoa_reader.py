@@ -45,7 +45,7 @@ _UNKNOWN: Final = Verdict.UNKNOWN  # a global lookup per event is slow
 RELEVANT: Final = -1
 """The pseudo-number of the propositions for relevant events."""
 LIMIT: Final = 100_000
-"""The maximum number of states after determinisation."""
+"""Maximum number of states after determinisation."""
 
 
 _error: Final = partial(error_at, file="<hoa>")
@@ -53,7 +53,6 @@ _error: Final = partial(error_at, file="<hoa>")
 # The table: the automaton that Spot parsed, determinised.
 
 Edges: TypeAlias = list[list[tuple[Any, int]]]
-"""For each state its edges: label (a BuDDy diagram) and target."""
 
 _PLACE: Final = re.compile(r"^<hoa>:(\d+)\.(\d+)[-.\d]*: (.*)$", re.MULTILINE)
 _STATE: Final = re.compile(
@@ -107,11 +106,9 @@ class HoaTable:
         return [bool(components.is_useful_scc(components.scc_of(state))) for state in range(states)]
 
     def _asked(self) -> list[int]:
-        """Return per state the propositions, as bits, on which it or a reachable state depends."""
         return self._ahead([mask_of(self.seen(state)) for state in range(len(self._edges))])
 
     def _ahead(self, own: Sequence[int]) -> list[int]:
-        """Return per state the union of its bit set and those of all reachable states."""
         before: list[list[int]] = [[] for _ in self._edges]
         for state, leaving in enumerate(self._edges):
             for _, to in leaving:
@@ -136,7 +133,6 @@ class HoaTable:
         return tuple(sorted(found))
 
     def _next(self, state: int, letter: tuple[bool, ...]) -> int:
-        """Return the successor for a letter, given as the values of the propositions `seen`."""
         values = self._buddy.bddtrue
         for number, true in zip(self.seen(state), letter, strict=True):
             variable = self._variables[number]
@@ -330,7 +326,6 @@ class HoaProgram:
         return found
 
     def _move(self, state: int, holding: frozenset[int]) -> tuple[Verdict, int]:
-        """Return the verdict and state after an event, if no variables are shared."""
         read = ((number if number in self.events else RELEVANT) in holding for number in self.table.seen(state))
         to = self.table.next(state, tuple(read))
         return self.table.verdicts[to], to
@@ -365,13 +360,12 @@ class HoaProgram:
             (self._alphabet if name == "alphabet:" else self._ignored).append(fit)
 
     def is_relevant(self, event: Json) -> bool:
-        """Return whether an event fits an `alphabet` line and no `ignore` line, for some values of
-        their variables.
+        """Return whether an event fits an `alphabet` line and no `ignore` line, for some variable
+        values.
         """
         return any(line.fits(event) for line in self._alphabet) and not any(line.fits(event) for line in self._ignored)
 
     def _matter(self, state: int) -> frozenset[str]:
-        """Return the variables that the text may still read from a state on."""
         asked = [*bits(self.table.asked()[state])]
         shared = [self.events[number][1] for number in asked if number in self.events]
         guards = [self.guards[number] for number in asked if number in self.guards]
@@ -401,7 +395,7 @@ def program(text: str, atoms: Mapping[str, Pattern] | None) -> HoaProgram:
 
 
 class HoaMonitor(Monitor):
-    """Run one program in slices; raises `TooLarge` beyond their limit."""
+    """Runs one program in slices; raises `TooLarge` beyond their limit."""
 
     def __init__(self, program: HoaProgram) -> None:
         super().__init__()

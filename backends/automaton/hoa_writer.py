@@ -41,7 +41,7 @@ def atom_name(node: str) -> str:
     """Return the proposition name for a node's event: the node name, with other characters escaped.
 
     An escape is `_x`, the hexadecimal code point and `_`. A `_` before an `x` is escaped too, so
-    that different names stay different. Reserved words have their first character escaped.
+    that names stay distinct. Reserved words have their first character escaped.
 
     >>> atom_name("land"), atom_name("or"), atom_name("lost link")
     ('land', '_x6f_r', 'lost_x20_link')
@@ -85,7 +85,6 @@ def cubes(row: StateRow, work: Work) -> dict[int, list[Cube]]:
 
 
 def _needed(those: list[Cube], work: Work) -> list[Cube]:
-    """Return the cubes that no other cube covers, indexed by their first positive proposition."""
     ordered: list[Cube] = []
     kept: dict[int, list[Cube]] = {}
     for one in sorted(dict.fromkeys(those), key=lambda cube: cube.yes.bit_count()):
@@ -112,7 +111,7 @@ def write(
     """Return the text of an automaton and its metrics; `relevance` adds self-loops on irrelevant
     events.
 
-    Header aliases express the mutual exclusion of atoms, so that an edge names only the atoms that
+    Header aliases express the mutual exclusion of atoms, so that an edge names only atoms that
     hold.
     """
     order = automaton.in_order()
@@ -202,7 +201,6 @@ def _propositions(structure: Structure, numbers: Mapping[int, int], relevance: R
 
 
 def _fresh(wanted: str, taken: list[str]) -> str:
-    """Return the name, numbered if it is taken."""
     return next(name for number in count(1) if (name := wanted if number == 1 else f"{wanted}_x_{number}") not in taken)
 
 

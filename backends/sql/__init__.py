@@ -1,7 +1,6 @@
 """The `sql` backend: a query on a table of events, whose rows are detections.
 
 A comment describes the table, the rows and the declared time. The `limit` counts joined events.
-Python's SQLite runs it; `sql-duckdb` and `sql-postgres` are other dialects.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,8 +24,8 @@ __all__ = ["SqlBackend", "SqlDuckdbBackend", "SqlPostgresBackend"]
 
 
 class SqlBackend(Backend):
-    """SQL for SQLite: every tree under every semantics, including late events; reports detections
-    only.
+    """SQL for SQLite: every tree under every semantics, including late events; it reports
+    detections only.
 
     >>> from rvaft import loads
     >>> specification = SqlBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED)
@@ -52,8 +51,8 @@ class SqlBackend(Backend):
     default_limit: ClassVar[int] = 2_000
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """Return the query; raises `TooLarge` beyond `limit` joined events, and `NotExpressible`
-        for constants that tables cannot hold.
+        """Return the query; raises `NotExpressible` for constants that tables cannot hold, and
+        `TooLarge`.
         """
         return SpecificationText(*SqlQuery(prop, semantics, DIALECTS[self.dialect], limit).text())
 

@@ -1,8 +1,8 @@
 """The SQL dialects as templates.
 
-A value is at a path of an event. It has a type and facets: a 64-bit integer, another number, a
-string, a Boolean; a facet is NULL for other types. Conversions that would silently change a number
-are avoided: a result beyond 64 bits is a runtime error.
+A value at a path of an event has a type and facets: a 64-bit integer, another number, a string, a
+Boolean; a facet is NULL for other types. Conversions that would silently change a number are
+avoided: a result beyond 64 bits is a runtime error.
 """
 
 import re
@@ -15,9 +15,7 @@ from typing import Final, TypeAlias
 from rvaft.errors import NotExpressible
 
 Path = tuple[str | int, ...]
-"""The path to a value: field names and list indices."""
 Form: TypeAlias = Callable[..., str]
-"""A function of expressions to an expression."""
 
 _PLAIN: Final = re.compile(r'[^"\\\x00-\x1f]*')
 _HALF: Final = re.compile("[\0\ud800-\udfff]")
@@ -31,8 +29,8 @@ def _capitals() -> tuple[str, str]:
 
 
 def quoted(text: str, character: str = "chr") -> str:
-    """Return a string literal on one line; raises `NotExpressible` for characters that tables
-    cannot hold.
+    """Return a string literal on one line; raises `NotExpressible` for characters that SQL cannot
+    hold.
     """
     if _HALF.search(text):
         reason = f"{text!a} has a character that SQL strings cannot hold"
@@ -87,7 +85,7 @@ class Dialect:
     least_of: str
     greatest: str
     numbers: Mapping[str, str]
-    """The number that a string denotes, if it has that kind."""
+    """Number that a string denotes, if it has that kind."""
     ordered: Form
     """A comparison of strings by code points."""
     startswith: Form
@@ -97,7 +95,9 @@ class Dialect:
     signs: Mapping[str, str]
     """Replacements for characters of a glob."""
     lowered: str
-    """A string, the capitals, and their lower-case characters: lower case per character."""
+    """A template for lower case per character, with a string, the capitals, and their lower-case
+    forms.
+    """
 
     def text(self, value: str) -> str:
         """Return a string literal."""
@@ -187,7 +187,6 @@ Parts: TypeAlias = Sequence[Mapping[str, str]]
 
 
 def _subquery(depth: int, parts: Parts, truth: str) -> str:
-    """Return the condition with each part as a table over the previous ones."""
     tables, before = list[str](), ""
     for number, columns in enumerate(parts, 1):
         said = ", ".join(f"{expression} AS {kind}_{depth}_{number}" for kind, expression in columns.items())
@@ -373,4 +372,3 @@ _POSTGRES: Final = replace(
 )
 
 DIALECTS: Final = {one.name: one for one in (_SQLITE, _DUCKDB, _POSTGRES)}
-"""The dialects by name."""

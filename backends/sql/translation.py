@@ -4,10 +4,10 @@ A scenario is a join, an occurrence an alias, precedence `<`, distinctness `<>`,
 condition. Under `strict` and `projected`, relevant events are numbered, and a match has the first
 numbers. Under `consecutive`, each event is joined with all possible starts of its match.
 
-Under `scattered` the query returns every match, with two exceptions: only order relates the events,
-or a leaf has many counted events. It then finds the least position of each event after its
-predecessors, per value of shared variables and start of a window. Only events that a guard compares
-or that match each other's node are tried individually.
+Under `scattered` the query returns every match, unless only order relates the events or a leaf has
+many counted events. It then finds the least position of each event after its predecessors, per
+value of shared variables and start of a window. Only events that a guard compares or that match
+each other's node are tried individually.
 """
 
 import json
@@ -38,12 +38,12 @@ _TOKEN: Final = re.compile(r"'(?:[^']|'')*'|[\w.]+|->>|[<>]=?|<>|\|\||\S")
 _LENGTH: Final = 400
 """Characters of text per joined event of the limit."""
 TABLES: Final = 60
-"""The maximum number of events of a scenario: SQLite joins 64 tables."""
+"""Maximum number of events of a scenario: SQLite joins 64 tables."""
 
 
 @dataclass(frozen=True)
 class QueriedScenario:
-    """A scenario: the predecessors of each event, in topological order, and guards with variables."""
+    """The predecessors of each event in topological order, and guards with variables."""
 
     branch: int
     before: Mapping[Event, frozenset[Event]]
@@ -132,7 +132,6 @@ class QueriedScenario:
 
 
 def _scenarios(prop: Property, limit: int, *, minimal: bool) -> tuple[QueriedScenario, ...]:
-    """Return the scenarios of a property; raises `TooLarge` beyond `limit` joined events."""
     found, joined = list[QueriedScenario](), 0
     for scenario in scenarios(prop, minimal=minimal, limit=limit):
         joined += max(len(scenario.events), 1)
@@ -160,17 +159,14 @@ def _branch(prop: Property, kept: Kept) -> int:
 
 @dataclass(frozen=True)
 class QueriedRow:
-    """The table of an occurrence, and its columns that other tables share, by shared name."""
+    """The table of an occurrence, and the columns that it shares, by shared name."""
 
     table: str
     shared: Mapping[str, str]
 
 
 class SqlQuery:
-    """One translation.
-
-    Raises `TooLarge` beyond `limit` joined events, `TreeError` without a feasible scenario.
-    """
+    """One translation; raises `TooLarge`, and `TreeError` without a feasible scenario."""
 
     def __init__(self, prop: Property, semantics: Semantics, dialect: Dialect, limit: int) -> None:
         self.prop, self.semantics, self.dialect, self.limit = prop, semantics, dialect, limit
@@ -249,7 +245,9 @@ class SqlQuery:
         return self._table(f"SELECT trace, pos, event, time{late}, {place} FROM {source}{where}", "place_")
 
     def _leaf(self, one: QueriedScenario, name: Event, places: str, wanted: Set[str]) -> str:
-        """Return the table of candidate rows for an event, with these columns of its variables."""
+        """Return the table of candidate rows for an event, with the `wanted` columns of its
+        variables.
+        """
         pattern = name.pattern
         where = [self._condition(pattern, [guard for guard, home in one.homes if home == name])]
         columns = ["trace", "pos"]
@@ -405,7 +403,7 @@ class SqlQuery:
         alias: Mapping[Event, str],
         wanted: Mapping[str, Set[str]],
     ) -> dict[Event, QueriedRow]:
-        """Return for each occurrence its rows: all if tried individually, else those at the least
+        """Return the rows of each occurrence: all if tried individually, else those at the least
         positions.
         """
         keys = {name: [key for key in sorted(wanted[row]) if key.endswith("_key")] for name, row in alias.items()}
@@ -441,9 +439,6 @@ class SqlQuery:
     def _start(
         self, column: str, members: Sequence[Event], tables: Mapping[Event, str], keys: Mapping[Event, Sequence[str]]
     ) -> QueriedRow:
-        """Return the possible starts of a window: the times of its events, with their common
-        values.
-        """
         every = [key for key in keys[members[0]] if all(key in keys[name] for name in members)]
         columns = ", ".join(["trace", *every, "time AS start"])
         selects = dict.fromkeys(f"SELECT {columns} FROM {tables[name]}" for name in members)
@@ -453,7 +448,6 @@ class SqlQuery:
 
     @staticmethod
     def _same(known: dict[str, str], row: str, has: QueriedRow) -> list[str]:
-        """Return equalities with known shared columns; other columns become known."""
         said = {column: f"{row}.{own}" for column, own in has.shared.items()}
         return [f"{one} = {known[column]}" for column, one in said.items() if known.setdefault(column, one) != one]
 

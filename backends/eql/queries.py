@@ -172,9 +172,8 @@ class _Rewriting(Visitor[Token]):
 
 
 def _is_lucenes(regex: str, *, any_case: bool) -> bool:
-    """Return whether Lucene and Python agree on a regular expression.
-
-    Lucene ignores the case flag in brackets.
+    """Return whether Lucene, which ignores the case flag in brackets, and Python agree on an
+    expression.
     """
     signs = re.sub(r"\\[^\w\s]", "'", regex)
     with suppress(re.error):
@@ -183,7 +182,6 @@ def _is_lucenes(regex: str, *, any_case: bool) -> bool:
 
 
 def _text(part: Any) -> str | None:
-    """Return the text of a string literal, or None."""
     token = next(part.scan_values(lambda _: True), "") if part.data == "literal" else ""
     return str(token[3:-3]) if token.startswith('"') else None
 

@@ -1,7 +1,6 @@
-"""Properties to EQL queries.
+"""Properties to EQL queries: a sequence of conditions on single events per order of a scenario.
 
-Each order of events that a scenario allows becomes a sequence of conditions on single events. EQL
-compares values of one type, and does not distinguish a null field from a missing one. A guard
+EQL compares values of one type, and does not distinguish a null field from a missing one. A guard
 becomes a condition that is true exactly when the guard holds, for all types of the fields.
 """
 
@@ -33,7 +32,7 @@ _ESCAPES: Final = str.maketrans({sign: f"\\{letter}" for sign, letter in zip('\\
 _TOKEN: Final = re.compile(r'"(?:[^"\\]|\\.)*"|`[^`]*`|[\w.]+|[^\s\w]')
 _SPANS: Final = {"d": UNITS["d"], "h": UNITS["h"], "m": UNITS["min"], "s": UNITS["s"], "ms": UNITS["ms"]}
 _RUNS: Final = 100
-"""The maximum of `with runs` in Elasticsearch."""
+"""Maximum of `with runs` in Elasticsearch."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +70,7 @@ def query(items: Sequence[Item]) -> str:
 
 
 class EqlText:
-    """One translation. Raises `NotExpressible`, `TooLarge`, and `TreeError` without a feasible
+    """One translation; raises `NotExpressible`, `TooLarge`, and `TreeError` without a feasible
     scenario.
     """
 
@@ -108,7 +107,6 @@ class EqlText:
         return min((window.duration for window in found), default=None)
 
     def _items(self, scenario: Scenario) -> dict[Event, Item] | None:
-        """Return the condition of each event of a scenario, or None if a guard never holds."""
         groups = self._orders.groups
         paths = {event: {} if event in groups else self._paths(event) for event in scenario.events}
         several = "an EQL condition concerns one event"
@@ -137,7 +135,6 @@ class EqlText:
             return (self._dialect.of(event.pattern, asked),)
 
     def _paths(self, event: Event) -> dict[str, str]:
-        """Return the paths of the variables that an event shares with others."""
         if event not in self._seen:
             with naming(event.source.node):
                 found = self._dialect.paths(event.pattern)

@@ -1,5 +1,4 @@
-"""The `mtl` backend: past-time formulas for Reelay over discrete time, true from the first
-detection on.
+"""The `mtl` backend: past-time formulas for Reelay over discrete time, true from the detection on.
 
 A comment defines the propositions. The `limit` counts events of all orders. Only reading needs the
 package `reelay`.
@@ -64,9 +63,7 @@ class MtlBackend(MtlCapabilities):
     modules: ClassVar[tuple[str, ...]] = ("reelay",)
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
-        """Return the formula; raises `TooLarge` beyond `limit` events, `NotExpressible` for too
-        long chains.
-        """
+        """Return the formula; raises `TooLarge`, and `NotExpressible` for too long chains."""
         chains = translation(prop, limit)
         header = "".join(f"{name} := {asked}\n" for name, asked in chains.propositions.items())
         formula = chains.reelay()

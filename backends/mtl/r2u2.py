@@ -1,8 +1,7 @@
 """Past MTL for R2U2: a file for its compiler C2PO, in which all operators have bounds.
 
-Propositions are Boolean inputs, defined in a comment; each event is a row of inputs. The formula
-holds at each event that completes a match, first at the detection. The text uses `true S` for `O`:
-C2PO 4.1 reserves memory proportional to the bound of `O`, but two slots for `S`.
+Propositions are Boolean inputs, defined in a comment; each event is a row of inputs. The text uses
+`true S` for `O`: C2PO 4.1 reserves memory proportional to the bound of `O`, but two slots for `S`.
 
 A cross-check needs a checkout of R2U2. It runs the compiler once per text and the monitor once per
 trace.
@@ -26,8 +25,7 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 
 HORIZON: Final = 2**30 - 1
-"""The bound of operators, in events: the largest to which R2U2 4.1 can add any event number in 31
-bits.
+"""Bound of operators in events: the largest that R2U2 4.1 can add to any event number in 31 bits.
 """
 _SMALL: Final = "if the text exceeds the bounds of the monitor, build it with larger ones (`c2po.py --write-bounds`)"
 _COMPILER: Final = Path("compiler", "c2po.py")
@@ -36,8 +34,7 @@ _VERDICT: Final = re.compile(r"^0:(\d+),([TF])", re.MULTILINE)
 
 
 class MtlR2u2Backend(MtlCapabilities):
-    """The formulas of `mtl` for R2U2; not faithful, because they cover only the first 1,073,741,824
-    events.
+    """The formulas of `mtl` for R2U2, faithful only for the first 1,073,741,824 events.
 
     >>> from rvaft import loads
     >>> print(MtlR2u2Backend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text, end="")

@@ -4,9 +4,8 @@
     NAME := PATTERN when GUARD when GUARD
     */
 
-Reelay ends the whole process on malformed or too deep formulas. The formula is therefore parsed
-here, and Reelay receives the parsed formula. Propositions are evaluated here per event and passed
-as Booleans.
+Reelay ends the whole process on malformed or too deep formulas, so it receives formulas that are
+parsed here. Propositions are evaluated here per event and passed as Booleans.
 """
 
 import re

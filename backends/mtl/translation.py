@@ -41,7 +41,6 @@ class Chains:
         return self._formula("{}", "{}", " || ", f"{{}} && (true S[1,{horizon}] ({{}}))")
 
     def _formula(self, whole: str, atom: str, either: str, then: str) -> str:
-        """Return the words as a formula, from templates for a chain, an atom, a choice and a step."""
         formulas: list[str] = []
         for word in self.words:
             before = ""

@@ -21,8 +21,7 @@ __all__ = ["MfotlBackend"]
 
 
 class MfotlBackend(Backend):
-    """A closed formula of past MFOTL, true from the first detection on: every tree under
-    `scattered`.
+    """A closed formula of past MFOTL, true from the detection on: every tree under `scattered`.
 
     A cross-check runs it with `rvaft cross-check --monpoly PATH`; there is no reader.
 

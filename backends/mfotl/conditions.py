@@ -1,7 +1,6 @@
 """Guards over several events as disjunctions of conjunctions of MonPoly comparisons.
 
-Comparisons use bound arguments only. Expressions over one event that MonPoly evaluates differently
-become arguments.
+Expressions over one event that MonPoly evaluates differently become arguments.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -28,7 +27,7 @@ Ways: TypeAlias = tuple[tuple[str, ...], ...]
 """A disjunction of conjunctions."""
 
 MOST: Final = 500
-"""The maximum number of conjunctions per guard."""
+"""Maximum number of conjunctions per guard."""
 _LEFT_TO_COLUMNS: Final = FUNCTIONS - {Operator.MIN, Operator.MAX} | {Operator.MUL, Operator.DIV}
 _ASPECTS: Final = {Sort.NUMBER: "number", Sort.TIME: "time", Sort.TEXT: "string"}
 _KINDS: Final = {Sort.NUMBER: "n", Sort.TIME: "n", Sort.TEXT: "s", Sort.TRUTH: "o"}
@@ -148,7 +147,6 @@ class Conditions:
         return self._column((term, aspect))
 
     def _defined(self, *terms: Guard) -> tuple[str, ...]:
-        """Return the conditions that calculated terms have a value."""
         return tuple(f'NOT ({self._written(one, "kind")} = "")' for one in terms if isinstance(one, Operation))
 
     def _is(self, term: Guard, sort: Sort) -> str:

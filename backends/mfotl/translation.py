@@ -41,10 +41,8 @@ _RESERVED: Final = [
 
 
 class MfotlFormula:
-    """One translation.
-
-    Raises `NotExpressible`, `TooLarge` beyond `limit` atoms and comparisons, `TreeError` without a
-    feasible scenario.
+    """One translation; raises `NotExpressible`, `TooLarge`, and `TreeError` without a feasible
+    scenario.
     """
 
     def __init__(self, prop: Property, limit: int) -> None:
@@ -104,7 +102,6 @@ class MfotlFormula:
             yield _conjunction(atoms, orders, way, [*map(self._column, asked), *places.values()])
 
     def _atom(self, event: Event, guards: tuple[Guard, ...], columns: tuple[Column, ...], place: str) -> str:
-        """Return the atom of an event at a position, which binds these arguments."""
         known = FittingEvent(event.pattern, guards), columns
         if known not in self._predicates:
             self._predicates[known] = name = self._fresh(event.source.node)
@@ -129,7 +126,6 @@ class MfotlFormula:
 
 
 def _free(name: str, taken: Collection[str]) -> str:
-    """Return the name, numbered if it is taken."""
     return next(one for one in chain([name], (f"{name}_{number}" for number in count(2))) if one not in taken)
 
 

@@ -1,5 +1,4 @@
-"""A monitor for correlations: pySigma compiles rules to queries, and SQLite runs them on a table of
-events.
+"""A monitor for correlations: pySigma compiles rules to queries for SQLite.
 
 A trace is left open if Sigma would confuse values: null with a missing field, or group values that
 differ only in type, case, or beyond 15 digits. It is also left open if times do not increase.
@@ -35,8 +34,6 @@ class SigmaMonitor(DetectionMonitor):
 
 @lru_cache(maxsize=64)
 class _SigmaProgram:
-    """The queries of a text with a cache of results; shared by monitors of one text."""
-
     def __init__(self, text: str) -> None:
         self.known = lru_cache(5_000)(self.first)
         yaml = installed("yaml", "PyYAML", _REMEDY)

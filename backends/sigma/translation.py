@@ -82,7 +82,6 @@ class SigmaRules:
     # Correlations.
 
     def _correlation(self, nest: Nest) -> dict[str, Any]:
-        """Return a correlation that holds once a nest is matched within its window."""
         within, nest = nest.within, replace(nest, within=None)
         if mixed := self._mixed(nest):
             nest = self._in_every_order(mixed, _MIXED)
@@ -121,7 +120,6 @@ class SigmaRules:
         return self._of("temporal_ordered", names, within)
 
     def _of(self, kind: str, names: list[str], within: int | None, **further: Any) -> dict[str, Any]:
-        """Return a correlation of rules and correlations, grouped by the values of variables."""
         if within is not None and (within < _SECOND or within % _SECOND or within > _DAYS * 86_400 * _SECOND):
             self._refuse("a timespan has whole seconds, at least one", (one.source.node for one in self._windows))
         bound = {name: self._bound[name] for name in names if name in self._bound}
@@ -198,7 +196,6 @@ class SigmaRules:
         return in_every_order(self._without_window(), limit=10 * self._limit)
 
     def _without_window(self) -> Property:
-        """Return the property without its outermost window."""
         root = self._prop.root
         return self._prop.with_root(root.parts[0] if isinstance(root, Within) else root)
 
@@ -220,12 +217,11 @@ class SigmaRules:
         return self._names.setdefault(key, word)
 
     def _key(self, step: Nest) -> object:
-        """Return a key that is equal for equal steps."""
         return step if step.within is not None else tuple(event.pattern for event in step.events())
 
     def _rule(self, step: Nest, number: int) -> str:
-        """Return the name of the rule for a step and number, or of the correlation for a nest with
-        a window.
+        """Return the name of the rule for a step and number, or of the correlation for a windowed
+        nest.
         """
         if step.within is not None:
             return self._child(self._correlation(step))

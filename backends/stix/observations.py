@@ -97,7 +97,6 @@ class StixHeader:
             raise LanguageError(f"invalid header comment: {reason}", file="<stix>") from None
 
     def _times(self, trace: Sequence[Json]) -> list[int]:
-        """Return the event times in microseconds, up to the first that does not increase."""
         found = [-1]
         for number, event in enumerate(trace):
             time = number * 1_000_000_000 if self.time is None else self.time.read(event)

@@ -18,9 +18,8 @@ from rvaft.model.patterns import Literal, ObjectPattern
 _SECOND: Final = 1_000_000_000
 _LONGEST: Final = 1_000 * 366 * 86_400 * _SECOND
 _EXACT: Final = 1_000_000_000 * _SECOND
-"""The longest window with fractional seconds that the matcher does not round."""
+"""Longest window with fractional seconds that the matcher does not round."""
 _NEVER: Final = f"[{EVENT}:type != '{EVENT}']"
-"""A pattern that no events match."""
 _TOKEN: Final = re.compile(r"'(?:[^'\\]|\\.)*'|[\w.:-]+|\S", re.DOTALL)
 _SIGNS: Final = {PartKind.ALL: " AND ", PartKind.SEQUENCE: " FOLLOWEDBY ", PartKind.ONE: " OR "}
 

@@ -1,9 +1,9 @@
 """First detections of texts in Apache Flink, with many texts and traces per job.
 
 The leading comment of a text defines columns of the table `events` (`backends.event_columns`): a
-BOOLEAN per pattern, and its values. Every row has `trace` (the number of the trace), `pos` (the
-number of the event, from 1) and `ts`, a time attribute that increases with `pos` and is not the
-time of the event.
+BOOLEAN per pattern, and its values. Every row also has `trace` (the number of the trace), `pos`
+(the number of the event, from 1) and `ts`, a time attribute that increases with `pos` and is not
+the time of the event.
 """
 
 import json
@@ -19,7 +19,6 @@ from rvaft.errors import ToolFailed, installed
 from rvaft.model.values import Json
 
 _TYPES: Final = {"text": "STRING", "number": "DOUBLE", "string": "STRING", "time": "BIGINT", "truth": "BOOLEAN"}
-"""The SQL type of each aspect."""
 _TABLE: Final = """CREATE TEMPORARY TABLE events_{number} (trace BIGINT, pos BIGINT, {columns}
 ts AS TO_TIMESTAMP_LTZ(pos, 3), WATERMARK FOR ts AS ts - INTERVAL '99' DAY)
 WITH ('connector' = 'filesystem', 'path' = '{path}', 'format' = 'json')"""
@@ -98,7 +97,6 @@ def _detections(
     headers: Sequence[RowHeader],
     asked: Sequence[tuple[str, Sequence[Sequence[Json]]]],
 ) -> Iterator[tuple[int, int, int]]:
-    """Yield the numbers of text, trace and event for each result row."""
     whole, queries = None, 0
     for number, (header, (text, traces)) in enumerate(zip(headers, asked, strict=True)):
         path = folder / f"{number}.json"

@@ -1,7 +1,4 @@
-"""Properties to MATCH_RECOGNIZE queries, one per order of a scenario's events.
-
-Each query is a row pattern with a condition per event.
-"""
+"""Properties to MATCH_RECOGNIZE queries, one row pattern per order of a scenario's events."""
 
 import re
 from collections import Counter
@@ -30,10 +27,8 @@ _RESERVED: Final = {"trace", "pos", "ts", "is_relevant", "is_ignored"}
 
 
 class RowPatternQueries:
-    """One translation.
-
-    Raises `NotExpressible`, `TooLarge` beyond `limit` events of all orders, `TreeError` without a
-    feasible scenario.
+    """One translation; raises `NotExpressible`, `TooLarge`, and `TreeError` without a feasible
+    scenario.
     """
 
     def __init__(self, prop: Property, semantics: Semantics, limit: int) -> None:
@@ -69,9 +64,6 @@ class RowPatternQueries:
         return start + " AND NOT ".join(self._header.fitting)
 
     def _words(self, scenario: Scenario) -> Iterator[tuple[Sequence[str], list[str]]]:
-        """Yield the orders of a scenario's events as pattern columns, with the condition of each
-        event.
-        """
         shared = dict[tuple[str, Guard], TruthCondition]()
         bound = {event: frozenset(rigid_variables(event.pattern)) for event in scenario.events}
         conditions = TruthConditions(
@@ -136,7 +128,6 @@ class RowPatternQueries:
         return [" AND ".join(several) for several in found]
 
     def _cell(self, columns: Sequence[str], at: int, aspect: str, part: Guard) -> str:
-        """Return the column for an aspect of an expression over one event."""
         base, value = columns[at], ValueColumn(aspect, part)
         known = self._header.values.setdefault(base, {})
         name = next((name for name, one in known.items() if one == value), None)
@@ -147,7 +138,6 @@ class RowPatternQueries:
         return f"e{at + 1}.{name}"
 
     def _fitting(self, event: Event, own: Sequence[Guard]) -> str:
-        """Return the column that holds whether a row matches an event and its guards."""
         node = event.source.node
         fitting = FittingEvent(event.pattern, tuple(dict.fromkeys(own)))
         if fitting not in self._columns:

@@ -8,10 +8,10 @@
 The oracle returns a monitor for a tree and a semantics, and shares nothing with the backend.
 Refusals (`NotExpressible`) and too large texts (`TooLarge`) are counted separately; a refusal of a
 required tree is a failure. If a backend is not `readable`, only its texts are checked.
-`ToolMissing` is raised to the caller.
+`ToolMissing` reaches the caller.
 
-Every operator of guards and every construct has an example: a tree with a detecting trace, and a
-trace that fails only this operator or construct. A backend refuses the tree, or its text gives both
+Every operator of guards and every construct has an example: a tree, a detecting trace, and a trace
+that fails only this operator or construct. A backend refuses the tree, or its text gives both
 verdicts.
 """
 
@@ -40,19 +40,18 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor, Monitor
 
-# The trees, each with its relevant events.
-# Every gate with one to three children, with and without an event, under both causalities; every
-# gate in every other; shared nodes; events that match several nodes; guards, variables, `ignore`;
-# and parts that keep the alphabet of the whole tree.
+# The trees, each with its relevant events: every gate with one to three children, with and without
+# an event, under both causalities; every gate in every other; shared nodes; events that match
+# several nodes; guards, variables, `ignore`; and parts that keep the alphabet of the whole tree.
 
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """A tree with matching events; traces in their order and in reverse are always tried.
+    """A tree with matching events, which are always tried in their order and in reverse.
 
     `determinate`: no event matches two occurrences that may come next, so at most one assignment of
-    the variables is possible. The tree detects `detects` and not `misses` under the semantics
-    `shown`; both traces are always tried.
+    the variables is possible. Under the semantics `shown`, the tree detects `detects` and not
+    `misses`.
     """
 
     name: str
@@ -80,7 +79,7 @@ CONSTRUCTS: Final = frozenset(
         *("ignore", "late", "shared", "a variable over two events", "when, on a gate"),
     }
 )
-"""All constructs of trees except operators of guards, kinds and labels; the latter change no
+"""All constructs of trees except operators of guards, and kinds and labels, which change no
 verdict.
 """
 
@@ -215,10 +214,8 @@ Finding: TypeAlias = tuple[str, str, Trace]
 NOISE: Json = {"nothing": "of interest"}
 
 VARIANTS: Final = 48
-"""The number of events used to check `observed`."""
 
 ALIKE: Final = 4
-"""The number of compared prefixes per state."""
 
 
 OF_STRINGS: Final = FUNCTIONS - NUMERIC
@@ -232,7 +229,7 @@ def everything(example: Example, semantics: Semantics) -> bool:  # noqa: ARG001 
 
 
 def no_texts_of_several(example: Example, semantics: Semantics) -> bool:
-    """Require every tree, except guards that search the text of one event in that of another."""
+    """Require every tree, except guards that search a string of one event in that of another."""
     functions = (Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS)
     names = (f"operator `{name}`, two events" for name in functions)
     return everything(example, semantics) and example.name not in names
@@ -255,8 +252,8 @@ def without_variables_or_determinate(example: Example, semantics: Semantics) -> 
 
 
 def scattered_by_single_events(example: Example, semantics: Semantics) -> bool:
-    """Require trees without variables and times under `scattered`, if each pattern only compares
-    fields with constants.
+    """Require trees without variables and times under `scattered` whose patterns compare with
+    constants.
     """
     asked = (
         part
@@ -271,8 +268,7 @@ def scattered_by_single_events(example: Example, semantics: Semantics) -> bool:
 def asks_of_strings(tree: RVAFT, semantics: Semantics) -> bool:
     """Return whether a guard orders a value relative to a string, or searches a string.
 
-    Guards of nodes count; under `projected` and `consecutive` also those of `ignore` and of the
-    alphabet.
+    Under `projected` and `consecutive`, the guards of `ignore` and of the alphabet count too.
     """
     asked = [node.when for node in tree.top_down()]
     if semantics.projects:
@@ -302,9 +298,7 @@ class ConformanceFailure:
 
 @dataclass(slots=True)
 class Report:
-    """The results of a run; `refusals` and `too_large` name example and semantics, refusals also
-    the reason.
-    """
+    """The results of a run; `refusals` and `too_large` name example and semantics."""
 
     backend: str
     readable: bool = True
@@ -421,7 +415,6 @@ def _text(backend: Backend, tree: RVAFT, semantics: Semantics, specification: Sp
 
 
 def _left_open(example: Example, first: DetectionMonitor) -> Iterator[Finding]:
-    """Check that the text has a verdict for the traces of a row."""
     for trace in (example.detects, example.misses):
         if trace and (why := first.left_open(trace)):
             yield "left open", f"the text has no verdict for the trace of a row: {why}", trace
@@ -458,7 +451,6 @@ def _detections(
     tried: Sequence[Trace],
     report: Report,
 ) -> Iterator[Finding]:
-    """Compare the first detection of each trace with the oracle, on the text that was read back."""
     reader = backend.read(str(specification.text))
     assert isinstance(reader, DetectionMonitor)
     start = oracle()
@@ -473,7 +465,6 @@ def _detections(
 def _self_contained(
     backend: Backend, specification: Specification, tried: Sequence[Trace], alone: Sequence[list[Verdict]]
 ) -> Iterator[Finding]:
-    """Check that the text without the specification gives the same verdicts."""
     for trace, verdicts in zip(tried, alone, strict=True):
         if list(backend.read(str(specification.text)).run(trace)) != verdicts:
             yield "self-contained", "the text read back gives other verdicts", trace
@@ -512,7 +503,6 @@ def _states(specification: Specification, tried: Sequence[Trace]) -> Iterator[Fi
 
 
 def _observed(backend: Backend, specification: Specification, tried: Sequence[Trace]) -> Iterator[Finding]:
-    """Check that events on which all `observed` patterns agree have equal effects."""
     questions = backend.observed(specification.text)
     if questions is None:
         return
@@ -539,7 +529,6 @@ def _after(specification: Specification, prefixes: Iterable[Trace]) -> Iterator[
 
 
 def _variants(traces: Sequence[Trace]) -> list[Json]:
-    """Return the events, also with an added field, a removed field, and other values."""
     found: dict[str, Json] = {}
     for event in (NOISE, *(event for trace in traces for event in trace)):
         changed = [event, {**event, "one more": 1}]
@@ -551,7 +540,6 @@ def _variants(traces: Sequence[Trace]) -> list[Json]:
 
 
 def _answer(question: Observed, event: Json) -> object:
-    """Return whether an event matches and the guard holds; with shared variables, their values."""
     binding = match(question.pattern, event, {})
     names = [*variables(question.pattern), *guard_variables(question.when)]
     if binding is None or any(not name.startswith("_") for name in names):

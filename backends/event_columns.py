@@ -33,7 +33,7 @@ ASPECTS: Final = ("text", "kind", "number", "string", "time", "truth")
 EXACT: Final = 2**46
 """Columns hold smaller numbers: sums of several remain exact as doubles."""
 LONGEST: Final = 22 * 10**17
-"""The bound of times and durations in nanoseconds (up to 2039).
+"""Bound of times and durations in nanoseconds (up to 2039).
 
 Differences of two times plus some years fit in 63 bits and a sign.
 """
@@ -61,7 +61,7 @@ class ValueColumn(NamedTuple):
     expression: Guard
 
     def of(self, values: dict[str, Json]) -> Json:
-        """Return the value of the column; raises `OverflowError` for a number that it cannot hold
+        """Return the column's value; raises `OverflowError` for a number that it cannot hold
         exactly.
         """
         found = guards.value(self.expression, values)
@@ -143,7 +143,7 @@ class EventColumns:
         return header
 
     def cells(self, event: Json) -> dict[str, dict[str, Json] | None]:
-        """Return for each name the columns of a matching event, or None.
+        """Return the columns of a matching event for each name, or None.
 
         Raises `OverflowError` if a column cannot hold a number exactly.
         """

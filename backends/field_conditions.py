@@ -1,7 +1,6 @@
 """Conditions on one event, for languages that compare fields with constants.
 
-A dialect is a subclass with a template per kind of test. A test without a template is refused with
-the dialect's reason.
+A dialect is a subclass with a template per kind of test; it refuses tests without a template.
 """
 
 from abc import ABC, abstractmethod
@@ -25,7 +24,7 @@ from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, 
 from rvaft.model.values import Json, is_finite
 
 FieldPath: TypeAlias = tuple[str | int, ...]
-"""The path to a value, outermost first: field names and list indices."""
+"""Path to a value, outermost first: field names and list indices."""
 
 
 class Lack(Enum):
@@ -106,7 +105,7 @@ class FieldConditions(ABC):
         return found
 
     def _tests(self, pattern: Pattern, way: FieldPath, paths: dict[str, str]) -> Iterator[tuple[str, str]]:
-        """Yield the tests of a pattern with their variable, if any; add the paths of variables to
+        """Yield each test of a pattern with its variable, if any; add the paths of variables to
         `paths`.
         """
         match pattern:
@@ -160,9 +159,7 @@ class FieldConditions(ABC):
                 raise self.lacks(Lack.CALCULATION)
 
     def function(self, operator: Operator, path: str, text: str, *, wanted: bool) -> str:
-        """Return a test that a function of the string at a path and a constant is true, or is
-        false.
-        """
+        """Return a test that a function of the string at a path and a constant equals `wanted`."""
         if operator not in self.functions:
             raise self.lacks(Lack.CALCULATION)
         found = self.functions[operator].format(p=path, v=self.literal(text))
@@ -194,7 +191,7 @@ def conjunction(texts: Iterable[str], word: str, always: str, never: str) -> str
 def disjunction(texts: Iterable[str], word: str, always: str, never: str, operand: Callable[[str], str] = str) -> str:
     """Return the disjunction of conditions without duplicates, in parentheses if there are several.
 
-    `operand` formats each of several conditions.
+    `operand` formats each of them.
 
     >>> disjunction(["a", "false", "b"], " or ", "true", "false"), disjunction([], " or ", "true", "false")
     ('(a or b)', 'false')

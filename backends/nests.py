@@ -43,7 +43,7 @@ WINDOW: Final = "window"
 
 @dataclass(frozen=True, slots=True)
 class Nest:
-    """An event under guards, or an operator over parts, of which `need` are required, within a
+    """An event under guards, or an operator over parts, of which it requires `need`, within a
     duration.
 
     `size` counts the written events.
@@ -213,7 +213,6 @@ class Nesting:
         return knots
 
     def _own_event(self, part: All) -> Event | None:
-        """Return the event of the node of a part with conditions, or None."""
         node = part.source.node if part.source is not None else None
         agenda: list[Part] = [one for one in part.parts if not isinstance(one, Condition)]
         while agenda:
@@ -228,7 +227,6 @@ class Nesting:
         return [guard for one in part.parts if isinstance(one, Condition) for guard in conjuncts(one.guard)]
 
     def _own(self, part: All) -> tuple[Guard, ...]:
-        """Return the guards of a part on the event of its own node."""
         event = self._own_event(part)
         known = frozenset[str]() if event is None else self._binds[event]
         return tuple(guard for guard in self._asked(part) if known.issuperset(variables(guard)))
@@ -238,7 +236,6 @@ class Nesting:
         return [guard for guard in self._asked(part) if guard not in own]
 
     def _nest(self, part: Part, asked: tuple[Guard, ...]) -> Nest:
-        """Return the nest of a part; `asked` holds the guards on the event of its node."""
         if (part, asked) not in self._made_nests:
             found = joined(PartKind.ONE, self._scenarios(part)) if part in self._knots else self._gate(part, asked)
             self._fits(found.size)
@@ -303,7 +300,6 @@ class Nesting:
                     yield NOTHING
 
     def _arranged(self, said: Mapping[Event, Nest], order: nx.DiGraph) -> Nest:
-        """Return events of a scenario arranged by their order."""
         if len(said) == 1:
             self._made += 1
             self._fits(self._made)

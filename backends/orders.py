@@ -1,8 +1,7 @@
 """The event orders of a property as distinct words of letters, for languages that list orders.
 
 Choices between independent leaves are made within a letter. Votes keep no child beyond their
-minimum, which `scattered` allows. Words that differ in one letter are merged. All steps count
-against a budget.
+minimum, which `scattered` allows. All steps count against a budget.
 """
 
 from collections import Counter
@@ -144,7 +143,9 @@ class Orders:
         return {event: frozenset(some) for event, some in later.items()}
 
     def words(self, scenario: Scenario, letters: Mapping[Event, Letter]) -> Iterator[tuple[Letter, ...]]:
-        """Yield the event orders of a scenario as words of letters, without earlier words."""
+        """Yield the event orders of a scenario as words of letters, without words of earlier
+        scenarios.
+        """
         events, known = scenario.events, scenario.before
         needed, last = list(known), dict[Hashable, int]()
         after = [0] * len(events)

@@ -17,10 +17,10 @@ from rvaft.model.values import equal, fingerprint
 from rvaft.model.verdict import Verdict
 
 LIMIT: Final = 100_000
-"""The maximum number of slices of a monitor; beyond it `TooLarge` is raised."""
+"""Maximum number of slices of a monitor."""
 
 FEW: Final = 6
-"""The maximum number of variables for which all smaller assignments are tested."""
+"""Maximum number of variables for which all smaller assignments are tested."""
 
 Assignment: TypeAlias = frozenset[tuple[str, Hashable]]
 Slices: TypeAlias = Mapping[tuple[Assignment, int], Binding]

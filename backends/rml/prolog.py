@@ -31,7 +31,6 @@ fields_fit([], _).
 fields_fit([Name-Pattern|Fields], Value) :-
     get_dict(Name, Value, Inner), fits(Inner, Pattern), fields_fit(Fields, Value).
 """
-"""The beginning of every text."""
 _DATA: Final = {"==": "=:=", "!=": "=\\=", "<=": "=<", "&&": ",", "||": ";"}
 _JOINS: Final = {"and": "/\\", "or": "\\/", "shuffle": "|"}
 

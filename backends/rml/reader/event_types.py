@@ -256,7 +256,6 @@ class _Questions:
         self._declared = program.declared
 
     def ask(self, ways: Iterator[_Way]) -> None:
-        """Add the patterns, with local variables numbered from 1, so that equal patterns merge."""
         for way in ways:
             if way.pattern is None:
                 continue
@@ -328,7 +327,6 @@ class _Questions:
 
 
 def _inward(declaration: s.Declaration, use: s.TypeUse, scope: _Scope) -> _Scope | None:
-    """Return the values of parameters, or None if one parameter has two values."""
     inner: dict[str, _Value] = {}
     for name, given in zip(declaration.parameters, use.parameters, strict=True):
         known = _given(given, scope)
@@ -343,7 +341,6 @@ def _inward(declaration: s.Declaration, use: s.TypeUse, scope: _Scope) -> _Scope
 
 
 def _equal(value: _Value, wanted: _Value) -> Mapping[str, p.Pattern] | None:
-    """Return the substitution that makes two values equal, or None if there is none."""
     for one, other in ((value, wanted), (wanted, value)):
         if isinstance(one, p.Variable) and one.local and isinstance(other, p.Literal | p.Variable):
             return {} if one == other else {one.name: other}

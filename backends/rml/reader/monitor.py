@@ -24,7 +24,7 @@ from rvaft.monitors import Monitor
 from rvaft.support.budget import Call, run
 
 DEPTH_LIMIT: Final = 50_000
-"""The maximum nesting of terms while equations are unfolded."""
+"""Maximum nesting of terms while equations are unfolded."""
 _REMEMBERED: Final = 1024
 Bindings: TypeAlias = dict[str, Json]
 Way: TypeAlias = tuple[RmlTerm, Bindings]

@@ -14,7 +14,7 @@ from rvaft.errors import LanguageError, TooLarge
 from rvaft.model.values import Json
 
 DERIVATION_LIMIT: Final = 100
-"""The maximum length of a chain of derived event types."""
+"""Maximum length of a chain of derived event types."""
 Position: TypeAlias = tuple[int, int]
 """A line and a column."""
 

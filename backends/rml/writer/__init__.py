@@ -24,7 +24,6 @@ count, one event later. The user's limit does not affect this choice.
 SYMBOLS: Final = 10
 """Symbols of the text per alternative of the limit, which bounds the reading time."""
 RmlProperty: TypeAlias = tuple[Written, list[tuple[str, Written]]]
-"""The main expression, and the equations."""
 
 
 def translate(prop: Property, semantics: Semantics, *, limit: int) -> tuple[str, int, int]:

@@ -52,7 +52,6 @@ class _Facts:
 
     part: NumberedPart
     children: Sequence["_Facts"] = ()
-    """The parts with events, in temporal order if there is one."""
     events: int = 0
     first: int = 0
     marks: int = 0
@@ -144,9 +143,6 @@ class Composition:
         return True
 
     def _fits(self) -> bool:
-        """Return whether each part can become its operator; computes facts bottom-up, then
-        top-down.
-        """
         overlaps = Overlaps([letter.call.pattern(self._prop.tree) for letter in self._own])
         position = {event: index for index, event in enumerate(self._prop.events)}
         for part in self._form.parts:

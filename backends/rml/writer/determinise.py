@@ -160,7 +160,6 @@ def _unimplied(guards: Mapping[int, int], calls: list[Call], implied: list[int])
 ACCEPT: Final = -1
 STAY: Final = -2
 Partial: TypeAlias = tuple[int, tuple[tuple[str, str], ...]]
-"""The matched occurrences, and the register of each remembered variable, by name."""
 Partials: TypeAlias = Mapping[Partial, int]
 
 
@@ -308,7 +307,6 @@ class Determinised:
         return moves, detecting
 
     def _chosen(self, waiting: Iterable[tuple[int, Set[str]]], bound: Set[str]) -> dict[Where, str]:
-        """Return a register for each parameter that may bind a remembered variable."""
         here: dict[Where, list[tuple[str, int]]] = {}
         for index, known in waiting:
             for where, name in self._letters.remembered_parameters(index):
@@ -359,7 +357,6 @@ class Determinised:
 # Merging of states with the same future, and removal of redundant alternatives.
 
 StateClass: TypeAlias = tuple[tuple[tuple[RmlLetter, ...], int], ...]
-"""Alternatives as letters with the next class, `ACCEPT` or `STAY`."""
 
 
 def minimised(states: list[list[RmlAlternative]]) -> list[StateClass]:

@@ -42,7 +42,6 @@ NEVER: Final = Operation(Operator.OR, ())
 NUMERIC: Final = CALCULATING
 """Operators that RML calculates; its `min` and `max` take two numbers."""
 TEXTS: Final = FUNCTIONS - NUMERIC
-"""Operators without an RML counterpart."""
 
 
 class Inexpressible(Exception):
@@ -163,7 +162,6 @@ def _defined(arithmetic: Guard) -> Guard:
 
 
 def _constant(guard: Guard) -> Guard | None:
-    """Return a constant expression as a literal, or None if it is undefined."""
     if variables(guard):
         return guard
     constant = value(guard, {})
@@ -326,7 +324,6 @@ class RmlTypes:
         return applied(self._declare([names[r] for r in registers], parents, more, hint), registers)
 
     def _satisfying(self, call: Call, condition: Guard, hint: str) -> str:
-        """Return a type for events of the call that satisfy the condition; it binds nothing."""
         registers = _outside(call, condition)
         match condition:
             case Operation(Operator.NOT, (inner,)):

@@ -23,7 +23,7 @@ TYPES: Final = frozenset(["any", "none"])
 """Predefined event types; redeclaring one adds alternatives."""
 RESERVED: Final = KEYWORDS | FUNCTIONS | VALUES | TYPES
 LARGEST: Final = 2**31 - 1
-"""The largest integer that the compiler reads."""
+"""Largest integer that the compiler reads."""
 _ESCAPES: Final = str.maketrans({"\\": "\\\\", "'": "\\'", "\n": "\\n", "\t": "\\t", "\r": "\\r"})
 _CHUNK: Final = 10**9
 

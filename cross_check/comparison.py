@@ -1,8 +1,7 @@
 """The comparison of participants on one tree (or a branch or kind) under one semantics.
 
-Agreement is proved on all traces if possible. All participants also run the same test traces. The
-verdict after every prefix is compared with that of the baseline: the reference or, without it, the
-next participant. Agreement without any detection is vacuous.
+All participants run the same test traces, also if agreement is proved. The verdict after every
+prefix is compared with that of the baseline: the reference or, without it, the next participant.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -56,9 +55,9 @@ T = TypeVar("T")
 Enlist: TypeAlias = Callable[[], Enlisted]
 
 MATCHED: Final = 8
-"""The maximum number of traces per comparison of which all matches are compared."""
+"""Maximum number of traces per comparison of which all matches are compared."""
 TRIED: Final = 2_000
-"""The maximum number of events tried to find the matches of a trace."""
+"""Maximum number of events tried to find the matches of a trace."""
 PATIENCE: Final = 60.0
 """Seconds for all traces of one comparison."""
 
@@ -153,8 +152,6 @@ def cross_check(
 
 @dataclass(slots=True)
 class _Row:
-    """The state of one participant."""
-
     name: str
     patience: float | None
     participant: Participant | None = None
@@ -171,7 +168,6 @@ class _Row:
     matched: int = 0
     match: str = ""
     detected: bool = False
-    """Whether this participant or the baseline detected in a common trace."""
 
     def end(self, status: Status, why: str = "") -> None:
         self.status, self.why = status, why
@@ -196,8 +192,8 @@ class _Row:
         return self.participant.answers([trace])[0]
 
     def answers(self, traces: Sequence[Trace]) -> Sequence[Answer] | None:
-        """Return the answer for every trace, or None on an error; external programs have their own
-        timeout.
+        """Return the answer for every trace, or None on an error; external programs time
+        themselves.
         """
         if self.outside is not None:
             return self.attempt(partial(self.outside.answers, traces), None)
@@ -212,7 +208,6 @@ class _Row:
         return one is not None and tells_detections_only(one)
 
     def leaves_open(self, trace: Trace) -> str:
-        """Return why the participant has no verdict for a trace, or an empty string."""
         left_open = None if self.participant is None else self.participant.left_open
         return "" if left_open is None else left_open(trace)
 
@@ -234,7 +229,6 @@ class _Row:
         return None
 
     def compare(self, trace: Trace, wanted: Sequence[Verdict], got: Sequence[Verdict]) -> None:
-        """Compare two sequences of verdicts; keep the shortest differing trace."""
         if self.detections_only:
             wanted = detections(wanted)
         for length, (one, other) in enumerate(zip(wanted, got, strict=True), 1):
@@ -284,9 +278,7 @@ class Comparison:
     rows: list[_Row] = field(default_factory=list)
 
     def run(self, candidates: Iterable[tuple[str, Enlist]]) -> list[Result]:
-        """Return the results; `candidates` have names before creation, because creation may time
-        out.
-        """
+        """Return the results; `candidates` are named before their creation, which may time out."""
         for name, enlist in candidates:
             started = perf_counter()
             row = _Row(name, self.effort.seconds)
@@ -381,7 +373,6 @@ class Comparison:
                 row.why = f"{able[0].name} failed" if 0 in found.failed else f"state limit {self.effort.states} reached"
 
     def _test(self) -> bool:
-        """Run the test traces; return False if the baseline fails."""
         baseline, *others = self._present
         rest = [*others, *self._outside]
         unproved = any(row.status is None for row in rest)
@@ -419,7 +410,7 @@ class Comparison:
 
     def _told(self, row: _Row, baseline: _Row, asked: list[tuple[Trace, Answer]]) -> list[tuple[Trace, Answer]]:
         """Return the traces with verdicts in the language; others get increasing times, or are
-        counted as masked.
+        masked.
         """
         told = [one for one in asked if not row.leaves_open(one[0])]
         if len(told) < len(asked):

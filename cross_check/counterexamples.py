@@ -256,8 +256,7 @@ def _reason(error: Exception) -> str:
 
 
 def case_folders(folder: StrPath) -> tuple[Path, ...]:
-    """Return the folders of cases: this folder if it is a case, else its visible subfolders by
-    name.
+    """Return this folder if it is a case, else its visible subfolders by name.
 
     Raises `CaseError` if there are none.
     """
@@ -308,7 +307,6 @@ def shrunk(task: Task, result: Result) -> Case:
 
 
 def _verdicts(enlisted: Mapping[str, Enlisted], trace: Sequence[Json]) -> dict[str, Verdicts]:
-    """Return the verdicts of each participant after every prefix, without participants that fail."""
     asked = ((name, verdicts_of(one, trace)) for name, one in enlisted.items())
     return {name: said for name, said in asked if isinstance(said, tuple)}
 
@@ -326,10 +324,7 @@ class Replay:
 
 
 def replay(case: Case, roster: Roster) -> Iterator[Replay]:
-    """Yield the verdicts of participants on the trace of a case.
-
-    Participants are those of the roster and those saved with the case.
-    """
+    """Yield the verdicts of participants of the roster and of the case on its trace."""
     known = all_backends()
     named = tuple(name for name in case.verdicts if name in known)
     against = tuple(Handwritten(name, *text) for name, text in case.specifications.items() if name not in known)

@@ -23,7 +23,7 @@ VERIMON: Final = "mfotl-verimon"
 R2U2: Final = "mtl-r2u2"
 FLINK: Final = "match-recognize-flink"
 FLINK_LIMIT: Final = 200
-"""The maximum number of events of a text for Flink, which takes minutes beyond it."""
+"""Maximum number of events of a text for Flink, which takes minutes beyond it."""
 
 Traces: TypeAlias = Sequence[Sequence[Json]]
 

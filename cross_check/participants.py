@@ -170,8 +170,7 @@ def times_matter(tree: RVAFT) -> bool:
 
 
 def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
-    """Return the patterns that a tree's verdicts depend on: runtime events, alphabet and ignored
-    events.
+    """Return the patterns that a tree's verdicts depend on: runtime, alphabet and ignored events.
 
     A variable of a single, uncounted runtime event is local if all guards on it concern only that
     event.
@@ -189,8 +188,8 @@ def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
         about = {name: guards.get(name, []) for name in names if uses[name] == 1}
         own = [name for name, some in about.items() if all(set(guard_variables(g)) <= set(names) for g in some)]
         found += [Observed(pattern, guard).untied(own) for guard in (None, *chain(*(about[name] for name in own)))]
-        # Each event that binds a shared variable is also tested against its guards: the engine
-        # drops values that a guard rejects.
+        # The engine drops values that a guard rejects, so events that bind a shared variable also
+        # meet its guards.
         shared = chain(*(guards.get(name, []) for name in names if name not in own))
         found += [Observed(pattern, guard).untied() for guard in shared]
     found += [Observed(entry.pattern, entry.when).untied() for entry in tree.alphabet]
@@ -304,7 +303,7 @@ class Handwritten:
     def enlist(self, tree: RVAFT, semantics: Semantics) -> Participant | Absent:
         """Return the participant for this text.
 
-        An atom that the text does not define is the event of the node of that name.
+        An undefined atom of the text is the event of the node of that name.
         """
         if self.language == TREE:
             other = loads(self.text)
@@ -333,8 +332,8 @@ class _NodeEvents(dict[str, Pattern]):
 
 
 def handwritten(named: str) -> Handwritten:
-    """Return the specification `[LANG:]FILE`; the language defaults to the suffix, and `-` is
-    standard input.
+    """Return the specification `[LANG:]FILE`; by default the suffix gives LANG; `-` is standard
+    input.
 
     Raises `OSError` for unreadable files, `OptionError` for an unknown language, `LanguageError`
     for invalid texts.

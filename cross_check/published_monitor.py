@@ -97,7 +97,6 @@ def _answers(text: str, traces: Sequence[Sequence[Json]], monitor: Path, timeout
 
 
 def _swipl(monitor: Path) -> str:
-    """Return the path of SWI-Prolog; raises `ToolMissing`."""
     if not (monitor / _SEMANTICS).is_file():
         remedy = f"{monitor} is not a checkout of it (it has no {_SEMANTICS}); {_CHECKOUT}"
         raise ToolMissing("the published RML monitor", remedy=remedy)

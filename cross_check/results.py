@@ -1,7 +1,4 @@
-"""Results of comparisons, with output for terminals, spreadsheets and continuous integration.
-
-The statuses proved, tested, vacuous and not compared are always kept apart.
-"""
+"""Results of comparisons, with output for terminals, spreadsheets and continuous integration."""
 
 import csv
 import io
@@ -26,7 +23,6 @@ class Status(StrEnum):
     """The result for one participant."""
 
     BASELINE = "baseline"
-    """The participant that others are compared with."""
     PROVED = "proved"
     """Agrees with the baseline on all traces."""
     TESTED = "tested"
@@ -80,9 +76,7 @@ def reason(error: BaseException) -> str:
 _RAN: Final = (Status.BASELINE, Status.PROVED, Status.TESTED, Status.DIFFERS)
 _SKIPPED: Final = (Status.VACUOUS, Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)
 _REASONS: Final = 2
-"""The number of reasons shown per participant, most frequent first."""
 _FAILURES: Final = 20
-"""The number of failures shown."""
 _JUNIT: Final = {**dict.fromkeys(_RAN, ""), Status.DIFFERS: "failure", **dict.fromkeys(_SKIPPED, "skipped")}
 
 
@@ -95,8 +89,7 @@ class Difference:
     """A trace on which a participant and the baseline disagree, with their verdicts after every
     prefix.
 
-    If the verdicts are equal and the matches differ, `match` is the first missing or additional
-    match.
+    If only the matches differ, `match` is the first missing or additional match.
     """
 
     trace: tuple[Json, ...]
@@ -189,7 +182,7 @@ def exit_status(results: Iterable[Result], *, failing: Collection[Status] = (), 
     compared.
 
     2 takes precedence. `failing` lists further statuses that count as failures. A comparison with
-    only vacuous results compared nothing. `vacuous` allows this for single comparisons, such as
+    only vacuous results compared nothing; `vacuous` allows this for single comparisons, such as
     random trees, but not for all.
     """
     every = list(results)
@@ -205,7 +198,7 @@ def exit_status(results: Iterable[Result], *, failing: Collection[Status] = (), 
 class ComparisonTotals:
     """Counts over all results; `unable` are those without a comparison.
 
-    Verdicts count in comparisons with a detection; vacuous comparisons have none.
+    Verdicts of vacuous comparisons do not count.
     """
 
     def __init__(self, results: Iterable[Result]) -> None:
@@ -285,9 +278,7 @@ def summary_lines(totals: ComparisonTotals) -> list[str]:
 
 
 def part_lines(results: Iterable[Result], parts: Mapping[str, Collection[str]]) -> list[str]:
-    """Return one line per participant, with counts on trees with each construct (`parts`, by tree
-    title).
-    """
+    """Return one line per participant, with counts on trees per construct (`parts`, by tree title)."""
     every = list(results)
     names = _called(every)
     found = {part: {name: Counter[Status]() for name in names} for some in parts.values() for part in some}
@@ -344,9 +335,7 @@ def difference_lines(result: Result) -> list[str]:
 
 
 def csv_text(results: Iterable[Result], note: str = "") -> str:  # noqa: ARG001 (a table has no room for it)
-    """Return one row per participant and comparison; columns are named as in Spot's `ltlcross` if
-    possible.
-    """
+    """Return one row per participant and comparison, with the column names of Spot's `ltlcross`."""
     stream = io.StringIO()
     names = ("tree", "semantics", "participant", "exit_status", "seconds", "symbols", "states", "verdicts", "result")
     writer = csv.DictWriter(stream, names, extrasaction="ignore", lineterminator="\n")
@@ -411,7 +400,6 @@ def junit_text(results: Iterable[Result], note: str = "") -> str:
 
 
 def _printable(text: str) -> str:
-    """Return the text without control characters that XML cannot hold."""
     return "".join(c if c in "\t\n" or (c.isprintable() or ord(c) > 0x9F) else "\ufffd" for c in text)
 
 

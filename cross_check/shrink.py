@@ -1,9 +1,9 @@
 """Shrinking of a tree and a trace on which participants disagree.
 
 The search is greedy: it takes the first candidate of the reductions that still disagrees, and
-repeats until none does. Candidates must be smaller by `_Pair.measure`, a lexicographic measure, so
-the search terminates, and it is deterministic. It is a form of delta debugging: A. Zeller, R.
-Hildebrandt, Simplifying and Isolating Failure-Inducing Input, IEEE TSE 28(2), 2002.
+repeats until none does. Candidates must be smaller by the lexicographic `_Pair.measure`, so the
+search terminates. It is a form of delta debugging: A. Zeller, R. Hildebrandt, Simplifying and
+Isolating Failure-Inducing Input, IEEE TSE 28(2), 2002.
 
 A reduction changes one part of the tree. Events of a changed runtime event may have to change too,
 so every smaller tree has several candidate traces (`_followed`).
@@ -40,11 +40,10 @@ from rvaft.model.values import Json, Scalar
 from rvaft.rules import require_valid
 
 DEFAULT_STEPS: Final = 2_000
-"""The default number of attempts."""
+"""Default number of attempts."""
 PLAIN: Final[tuple[Scalar, ...]] = (0, 1, "")
 """Literals that need no simplification, simplest first."""
 _SIMPLEST: Final = sorted(Gate, key=lambda gate: gate.ordered)
-"""Gates, simplest first."""
 
 
 class NotReproduced(RvaftError, ValueError):
@@ -160,7 +159,6 @@ class _Pair:
 
     @cached_property
     def tree(self) -> RVAFT:
-        """The tree; raises `TreeError` if the parts form no tree."""
         if self.whole is not None:
             return self.whole
         used: dict[str, EventType] = {}
@@ -262,7 +260,6 @@ _WEIGHTS: Final = {Anything: 1, Literal: 2, Variable: 3}
 
 
 def _opened(whole: Any) -> tuple[list[tuple[Any, Any]], Callable[[Iterable[tuple[Any, Any]]], Any]]:
-    """Return the parts of a pattern, guard or event, and a function that rebuilds it."""
     match whole:
         case dict():
             return list(whole.items()), dict
@@ -279,7 +276,6 @@ def _opened(whole: Any) -> tuple[list[tuple[Any, Any]], Callable[[Iterable[tuple
 
 
 def _length(duration: int | None) -> int:
-    """Return a logarithmic size of a duration, 0 for None."""
     return 0 if duration is None else 2 + duration.bit_length()
 
 
@@ -385,9 +381,7 @@ def _shorter_trace(pair: _Pair) -> Iterator[_Pair]:
 
 
 def _fewer_nodes(pair: _Pair) -> Iterator[_Pair]:
-    """Yield another root, a child instead of its gate, a leaf instead of a gate, and a gate without
-    one child.
-    """
+    """Yield another root, a child or a leaf instead of a gate, and a gate without one child."""
     for name in pair.order:
         yield from _followed(pair, pair.having(root=name))
     for name in pair.order[1:]:
@@ -411,7 +405,6 @@ def _instead(parent: Node, name: str, *children: str) -> Node:
 
 
 def _fewer_notes(pair: _Pair) -> Iterator[_Pair]:
-    """Yield trees without labels, attributes and kinds, with default causality and semantics."""
     bare = [replace(node, kind=None, label=None, attributes=()) for node in pair.nodes.values()]
     yield pair.having(*bare)
     yield from map(pair.having, bare)
@@ -420,7 +413,6 @@ def _fewer_notes(pair: _Pair) -> Iterator[_Pair]:
 
 
 def _smaller_terms(pair: _Pair) -> Iterator[_Pair]:
-    """Yield trees with smaller or no guards, runtime events and `ignore` declarations."""
     for name in pair.order:
         node, pattern = pair.nodes[name], pair.patterns.get(name)
         for guard in _smaller_guards(node.when):
@@ -436,7 +428,6 @@ def _smaller_terms(pair: _Pair) -> Iterator[_Pair]:
 
 
 def _simpler_nodes(pair: _Pair) -> Iterator[_Pair]:
-    """Yield trees with simpler gates, smaller K and `times`, and shorter or no windows."""
     for name in pair.order:
         node = pair.nodes[name]
         simpler: list[dict[str, Any]] = []
@@ -468,7 +459,6 @@ def _simpler_times(pair: _Pair) -> Iterator[_Pair]:
 
 
 def _retimed(event: Json, old: EventTime, new: EventTime, begin: int) -> Json:
-    """Return the event with its time in another format and field, from another origin."""
     instant = old.read(event)
     if instant is None:
         return event
@@ -477,7 +467,6 @@ def _retimed(event: Json, old: EventTime, new: EventTime, begin: int) -> Json:
 
 
 def _smaller_events(pair: _Pair) -> Iterator[_Pair]:
-    """Yield traces with an event without a field or item, or with a simpler value."""
     for index, event in enumerate(pair.trace):
         for smaller in _smaller(event, lambda _: PLAIN):
             yield pair.with_events_at(index, smaller)

@@ -35,9 +35,8 @@ _FORMATS: Final[dict[str, Callable[[Iterable[Result], str], str]]] = {
     "markdown": reports.markdown_text,
 }
 _SHOWN: Final = 20
-"""The maximum number of disagreements printed with traces."""
 SMALL_TEXT: Final = 5_000
-"""The limit of translations in a random campaign."""
+"""Limit of translations in a random campaign."""
 
 
 @contextmanager
@@ -51,16 +50,13 @@ def progress(total: int) -> Iterator[Callable[[], None]]:
 
 @dataclass(slots=True)
 class Reports:
-    """Collects results and prints disagreements; `every` lists all results, else only counts are
-    printed.
-    """
+    """Collects results and prints disagreements; `every` prints all results instead of counts."""
 
     files: dict[str, str]
     every: bool
     failures: Failures = field(default_factory=Failures)
     results: list[Result] = field(default_factory=list)
     parts: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """For each tree, by title, its constructs that not every language has."""
 
     def compare(
         self, running: Generator[tuple[Task, list[Result]], None, None], count: int, *, bogus: str | None, stop: bool

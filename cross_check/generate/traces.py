@@ -109,18 +109,13 @@ def is_ignored(tree: RVAFT, event: Json) -> bool:
 # cycle of the precedence. Without bans, every feasible scenario can be drawn.
 
 Ban: TypeAlias = str | Edge
-"""A node or tree edge that drawn scenarios must not contain."""
 
 _MORE_THAN_NEEDED: Final = 0.3
-"""The probability that a choice of at least K keeps more than K children."""
+"""Probability that a choice of at least K keeps more than K children."""
 _TRIED: Final = 20
-"""The number of bans tried to find one that leaves a scenario."""
 _SCHEDULES: Final = 6
-"""The number of draws of times for a scenario."""
 _ENDS: Final = 8
-"""The number of draws of last events under `pand`."""
 _REMEMBERED: Final = 10_000
-"""The maximum number of points in cached precedences."""
 
 
 @dataclass
@@ -172,8 +167,8 @@ class Scenarios:
     def order(self, random: Random, kept: Kept) -> list[str]:
         """Return the node of each event in a random order; raises `Cyclic` if there is none.
 
-        Every order that respects the precedence can occur. A leaf with `times N` occurs N times.
-        The last event of a part under `pand` is drawn.
+        Every order that respects the precedence can occur. The last event of a part under `pand` is
+        drawn.
         """
         ordered = [part for part in kept if isinstance(part, EndInOrder)]
         for _ in range(_ENDS):
@@ -270,12 +265,10 @@ def _end_in_order(random: Random, kept: Kept, ordered: Part, graph: "nx.DiGraph"
 # Traces guided by a scenario.
 
 _NOISE: Final = 3
-"""The maximum number of noise events in a trace."""
 _COUNTED: Final = 1_000
-"""The maximum `times` of a leaf: the monitor's memory grows with it."""
+"""Maximum `times` of a leaf: the monitor's memory grows with it."""
 _BUILDS: Final = 40
-"""The number of attempts to build an event that is not ignored; after a quarter, all values are
-used.
+"""Number of attempts to build an event that is not ignored; after a quarter, all values are used.
 """
 
 
@@ -317,10 +310,9 @@ class NoTraceFound(RvaftError, LookupError):
 def detecting(
     random: Random, tree: RVAFT, semantics: Semantics = Semantics.PROJECTED, manner: Manner = WILD
 ) -> list[Json]:
-    """Return a trace with ⊤ at its last event and not before.
+    """Return a trace with ⊤ at its last event and not before, for a valid tree.
 
-    The tree must be valid. Raises `NoTraceFound`, and `TooLarge` for leaves counted too often or as
-    the monitor does.
+    Raises `NoTraceFound`, and `TooLarge` for leaves counted too often or as the monitor does.
     """
     if max((node.times for node in tree.top_down()), default=1) > _COUNTED:
         raise TooLarge("times of a counted leaf in example traces", limit=_COUNTED)
@@ -330,7 +322,7 @@ def detecting(
         for position, event in enumerate(trace, 1):
             if monitor.step(event) is Verdict.TRUE:
                 return trace[:position]
-    # The trace contains a match by construction. Skipping it would hide a fault from the
+    # The trace contains a match by construction; skipping it would hide a fault from the
     # cross-check.
     raise AssertionError(f"the monitor does not detect {tree.root} under {semantics} in {trace}")
 
@@ -376,8 +368,6 @@ def guided(
 
 
 class _Making:
-    """Builds events for scenarios of one tree under one semantics."""
-
     def __init__(self, random: Random, tree: RVAFT, prop: Property, semantics: Semantics, manner: Manner) -> None:
         self.random = random
         self.tree = tree
@@ -416,7 +406,6 @@ class _Making:
         return [events[name] if name in events else self._event(patterns[name], binding, self.values) for name in order]
 
     def _timed(self, schedule: Schedule) -> list[Json]:
-        """Return the events at times that satisfy all conditions; raises `Unmet`."""
         tree, plain = self.tree, self.look is not None
         for _ in range(_SCHEDULES):
             if (times := schedule.times()) is None:
@@ -476,7 +465,6 @@ class _Making:
 
 
 def _objection(nodes: Sequence[str], refusing: Sequence[Demand]) -> str:
-    """Return why a scenario has no events: the failed demands of these nodes."""
     asked = {(demand.node, demand.guard is not None) for demand in refusing}
     guarded, dropped = ([name for name in nodes if (name, guards) in asked] for guards in (True, False))
     said = []

@@ -85,8 +85,6 @@ def random_tree(random: Random, shape: Shape = Shape(), *, attempts: int = 200) 
 
 
 class _Growth:
-    """One attempt to build a tree."""
-
     def __init__(self, random: Random, shape: Shape, guards: float) -> None:
         self.random = random
         self.shape = shape
@@ -96,8 +94,8 @@ class _Growth:
         self.waiting: list[str] = []
 
     def tree(self) -> RVAFT:
-        """Return a tree grown from the root; a child is new or, with `sharing`, a node that is not
-        yet grown.
+        """Return a tree grown from the root; a child is new or, with `sharing`, a node not yet
+        grown.
         """
         size = self.random.randint(2, self.shape.max_nodes)
         self.count = 1
@@ -113,7 +111,6 @@ class _Growth:
         return RVAFT("n0", self.nodes, events, ignores=ignores, topics=self._topics(), causality=causality)
 
     def _topics(self) -> list[Topic]:
-        """Return some topics, drawn separately so that later draws do not depend on them."""
         apart = _apart(self.random)
         return apart.sample(TOPICS, apart.randint(1, len(TOPICS))) if apart.random() < self.shape.topics else []
 
@@ -189,18 +186,16 @@ class _Growth:
 _DURATIONS: Final = (0, 1, 1_000_000, 1_000_000_000, 2_000_000_000, 5_000_000_000, 90_000_000_000)
 _FIELDS: Final = (("t",), ("t",), ("header", "stamp"), ("x",), ("@timestamp",))
 _SIMPLER: Final = 6
-"""The number of attempts to add constructs, fewer constructs each time."""
+"""Number of attempts to add constructs, fewer constructs each time."""
 
 
 def _apart(random: Random) -> Random:
-    """Return a generator in the same state as this one, which is unchanged."""
     apart = Random()  # noqa: S311 (no secret)
     apart.setstate(random.getstate())
     return apart
 
 
 def _in_practice(random: Random, tree: RVAFT, shape: Shape) -> RVAFT:
-    """Return the tree with times, windows, counted leaves, `pand` and functions, if it stays valid."""
     apart = _apart(random)
     for attempt in range(_SIMPLER):
         with suppress(TreeError):
@@ -253,7 +248,6 @@ class _Additions:
         return replace(node, **changes)
 
     def _condition(self) -> Guard:
-        """Return a comparison of two time points, mostly of nodes with events."""
         r, nodes = self.random, self.old.nodes
         left, right = (
             TimePoint.of(r.choice(("at", "at", "start", "end") if nodes[name].has_event else ("start", "end")), name)

@@ -27,7 +27,6 @@ from rvaft.model.values import Json, is_number
 
 T = TypeVar("T")
 Path: TypeAlias = tuple[str | int, ...]
-"""The field names and list indices of a value."""
 
 COMMON: Final[tuple[Json, ...]] = (
     *(0, 1, 1.0, 2, 3, 1.5, -1, "a", "b", "", True, False, None),
@@ -162,7 +161,7 @@ class EventFields:
 
     def __init__(self, tree: RVAFT) -> None:
         self.of: dict[str, str] = {}
-        """The field of each variable."""
+        """Field of each variable."""
         self.literals: dict[str, list[Json]] = defaultdict(list)
         for field, leaf in (pair for entry in tree.alphabet for pair in leaves(entry.pattern)):
             if isinstance(leaf, Literal):
@@ -190,7 +189,7 @@ class EventFields:
 # Values that satisfy demands: guards of a scenario, and events that are not ignored.
 
 TRIES: Final = 200
-"""The number of values tried for connected variables; 20 more per variable."""
+"""Number of values tried for connected variables; 20 more per variable."""
 _ANY_ORDER: Final = 0.3
 
 
@@ -248,8 +247,7 @@ class ValueSearch:
         found: dict[str, Json] = {}
         place = {name: index for index, name in enumerate(graph)}
         for component in nx.connected_components(graph):
-            # Mostly in binding order, so that times increase; another start may succeed where this
-            # fails.
+            # Mostly in binding order, so that times increase; another start may succeed instead.
             start = min(component, key=place.__getitem__)
             if self.near and self.random.random() < _ANY_ORDER:
                 start = self.random.choice(sorted(component))
@@ -325,7 +323,7 @@ NAMES: Final[Mapping[str, Sequence[str]]] = {
 }
 LOGGED: Final = ("heartbeat", "status", "log")
 STEPS: Final = 9
-"""The maximum number of seconds between events with open times."""
+"""Maximum number of seconds between events with open times."""
 LATER: Final = object()
 """A placeholder for a time that is filled in when the trace is complete."""
 

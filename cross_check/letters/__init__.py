@@ -3,7 +3,7 @@
 Completeness: the patterns that an event matches are those that their least event matches
 (`unification`), and all such sets are enumerated (`closed_sets`). Equalities in guards become
 patterns. For each set, values are chosen that show every combination of truth values of the guards
-(`regions`). The answers of a letter are always those of its event.
+(`regions`).
 """
 
 import math
@@ -38,7 +38,7 @@ _SAMPLED: Final = 256
 
 @dataclass(frozen=True, slots=True)
 class Letters:
-    """Events, starting with `{}`: whatever it matches, every event matches.
+    """Events, starting with `{}`, whose matching patterns match every event.
 
     `gap` is empty if every event has the answers of one of these; otherwise it is the reason why
     this is unknown. `twins` holds for each event the index of an earlier event with the same
@@ -69,8 +69,7 @@ def letters(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
 
 
 def with_twins(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
-    """Return the letters without joins, each followed by a twin in which every replaceable value
-    differs.
+    """Return the letters without joins, each followed by a twin with other values where possible.
 
     A class contains the values with equal truth in every guard; literals of patterns are
     singletons. Participants that use only these questions cannot distinguish traces in which the
@@ -178,7 +177,7 @@ def _exchanged(event: Json, by: dict[object, Json]) -> Json:
 def _samples(questions: Sequence[Observed]) -> Iterator[Json]:
     """Yield events that match one or two questions with shared variables; incomplete.
 
-    Each round uses other values: constants of guards with their neighbours, and some more.
+    Each round uses other values, among them constants of guards with their neighbours.
     """
     tried: list[Scalar] = [1, 2, "a"]
     for guard in (question.when for question in questions if question.when is not None):

@@ -255,13 +255,13 @@ def scattered_by_single_events(example: Example, semantics: Semantics) -> bool:
     """Require trees without variables and times under `scattered` whose patterns compare with
     constants.
     """
-    asked = (
+    parts = (
         part
         for name in example.tree.occurrences
         if (p := example.tree.pattern(name)) is not None
         for part in walk_pattern(p)
     )
-    simple = all(not isinstance(part, ListPattern) and part != Literal(None) for part in asked)
+    simple = all(not isinstance(part, ListPattern) and part != Literal(None) for part in parts)
     return semantics is Semantics.SCATTERED and without_variables(example, semantics) and simple
 
 
@@ -270,10 +270,10 @@ def asks_of_strings(tree: RVAFT, semantics: Semantics) -> bool:
 
     Under `projected` and `consecutive`, the guards of `ignore` and of the alphabet count too.
     """
-    asked = [node.when for node in tree.top_down()]
+    tested_guards = [node.when for node in tree.top_down()]
     if semantics.projects:
-        asked += [entry.when for entry in tree.alphabet] + [ignore.when for ignore in tree.ignores]
-    parts = [part for guard in asked for part in walk(guard)]
+        tested_guards += [entry.when for entry in tree.alphabet] + [ignore.when for ignore in tree.ignores]
+    parts = [part for guard in tested_guards for part in walk(guard)]
     if any(isinstance(part, Operation) and part.operator in OF_STRINGS for part in parts):
         return True
     ordering = [part for part in parts if isinstance(part, Operation) and part.operator in ORDERINGS]
@@ -376,7 +376,7 @@ def run(
                     if isinstance(first, DetectionMonitor):
                         found += _detections(backend, specification, wanted, tried, report)
                         tried = tried[:2]  # event by event, each step reads the whole prefix
-                    found += _verdicts(specification, wanted, tried, report, told=backend.verdicts)
+                    found += _verdicts(specification, wanted, tried, report, expressible=backend.verdicts)
                     alone = [[*specification.monitor().run(trace)] for trace in tried[:3]]
                     found += _self_contained(backend, specification, tried[:3], alone)
                     found += _independent(specification, tried[:3], alone)
@@ -426,7 +426,7 @@ def _verdicts(
     tried: Sequence[Trace],
     report: Report,
     *,
-    told: frozenset[Verdict],
+    expressible: frozenset[Verdict],
 ) -> Iterator[Finding]:
     """Compare the verdict after every prefix with the oracle, also after a final verdict.
 
@@ -437,7 +437,7 @@ def _verdicts(
         monitor, expected = specification.monitor(), start.fork()
         for position, event in enumerate(trace, 1):
             got, wanted = monitor.step(event), expected.step(event)
-            wanted = wanted if wanted in told else Verdict.UNKNOWN
+            wanted = wanted if wanted in expressible else Verdict.UNKNOWN
             report.verdicts += 1
             if got is not wanted or monitor.verdict is not got:
                 yield "verdict", f"{got.symbol} instead of {wanted.symbol}", trace[:position]

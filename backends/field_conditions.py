@@ -92,10 +92,10 @@ class FieldConditions(ABC):
         """
         paths: dict[str, str] = {}
         tests = list(self._tests(pattern, (), paths))
-        asked = [(variables(guard), self.guard(guard, paths)) for guard in guards]
-        compared = {names[0] for names, text in asked if len(names) == 1 and text not in (self.always, self.never)}
+        conditions = [(variables(guard), self.guard(guard, paths)) for guard in guards]
+        compared = {names[0] for names, text in conditions if len(names) == 1 and text not in (self.always, self.never)}
         implied = compared if self.comparing_asks else set[str]()
-        return self.all([*(text for name, text in tests if name not in implied), *(text for _, text in asked)])
+        return self.all([*(text for name, text in tests if name not in implied), *(text for _, text in conditions)])
 
     def paths(self, pattern: Pattern) -> dict[str, str]:
         """Return the paths of the variables of a pattern."""

@@ -66,10 +66,14 @@ class Orders:
                     conditions: list[Part] = []
                     found = GuardedEvent(part)
                 case All(parts=(Event() as event, *conditions)):
-                    asked = [one for one in conditions if isinstance(one, Condition) and one not in prop.shared]
-                    if len(asked) < len(conditions):
+                    own_conditions = [
+                        one for one in conditions if isinstance(one, Condition) and one not in prop.shared
+                    ]
+                    if len(own_conditions) < len(conditions):
                         return ()
-                    found = GuardedEvent(event, tuple(guard for one in asked for guard in guards.conjuncts(one.guard)))
+                    found = GuardedEvent(
+                        event, tuple(guard for one in own_conditions for guard in guards.conjuncts(one.guard))
+                    )
                 case One(parts=parts):
                     each = [leaves(inner) for inner in parts]
                     return tuple(leaf for some in each for leaf in some) if all(each) else ()
@@ -106,7 +110,7 @@ class Orders:
             root = self.prop.tree.root
             raise TreeError(f"no scenario of {root} is feasible", rule="no-scenario", nodes=[root])
 
-    def asked(
+    def assigned_guards(
         self,
         scenario: Scenario,
         bound: Mapping[Event, Container[str]],

@@ -173,14 +173,14 @@ _IN_PRACTICE: Final = {
 def parts_of_language(tree: RVAFT) -> Iterator[str]:
     """Yield the constructs of a tree that not every language has."""
     nodes = [*tree.top_down()]
-    asked = [part.operator for node in nodes for part in guard_walk(node.when) if isinstance(part, Operation)]
+    operators = [part.operator for node in nodes for part in guard_walk(node.when) if isinstance(part, Operation)]
     found = {
         "pand": any(node.gate == "pand" for node in nodes),
         "times": any(node.times > 1 for node in nodes),
         "within": any(node.within is not None for node in nodes),
         "at, start, end": any(time_points(node.when) for node in nodes),
         "late": tree.time is not None and tree.time.late is not None,
-        "functions": any(operator in FUNCTIONS | {Operator.IN} for operator in asked),
+        "functions": any(operator in FUNCTIONS | {Operator.IN} for operator in operators),
     }
     return (part for part, there in found.items() if there)
 

@@ -31,7 +31,7 @@ from cross_check.participants import (
     faithful_backends,
     handwritten,
     reference_of,
-    tells_detections_only,
+    reports_detections_only,
     translated,
 )
 from cross_check.product import Exploration
@@ -198,22 +198,22 @@ class _Row:
         if self.outside is not None:
             return self.attempt(partial(self.outside.answers, traces), None)
         assert self.participant is not None
-        asked = partial(self.participant.answers, traces)
-        said = self.attempt(asked, self.patience)
-        return None if said is None else [*map(Answer, said)]
+        step = partial(self.participant.answers, traces)
+        found = self.attempt(step, self.patience)
+        return None if found is None else [*map(Answer, found)]
 
     @property
     def detections_only(self) -> bool:
         one = self.participant or self.outside
-        return one is not None and tells_detections_only(one)
+        return one is not None and reports_detections_only(one)
 
     def leaves_open(self, trace: Trace) -> str:
         left_open = None if self.participant is None else self.participant.left_open
         return "" if left_open is None else left_open(trace)
 
-    def judge(self, asked: Sequence[tuple[Trace, Answer]], answers: Sequence[Answer]) -> None:
+    def judge(self, judged: Sequence[tuple[Trace, Answer]], answers: Sequence[Answer]) -> None:
         """Compare the answers; known deviations of an external program are only counted."""
-        for (trace, wanted), answer in zip(asked, answers, strict=True):
+        for (trace, wanted), answer in zip(judged, answers, strict=True):
             if answer.verdicts != wanted.verdicts and answer.deviations and not answer.expired:
                 self.masks.update(dict.fromkeys(answer.deviations))
                 self.masked += 1
@@ -239,7 +239,7 @@ class _Row:
                 return
 
     @property
-    def tells_matches(self) -> bool:
+    def lists_matches(self) -> bool:
         """Whether all matches can be compared: the participant lists them, and no verdict differs."""
         every = None if self.participant is None or self.difference is not None else self.participant.matches
         return every is not None and self.attempt(partial(every, ()), self.patience) is not None
@@ -394,13 +394,13 @@ class Comparison:
                 continue
             if traces:
                 json_alone = row.participant is None or row.participant.json_alone
-                asked = [one for one in every if not json_alone or all(map(is_finite, one[0]))]
-                asked = self._told(row, baseline, asked)
-                answers = row.answers([trace for trace, _ in asked])
+                judged = [one for one in every if not json_alone or all(map(is_finite, one[0]))]
+                judged = self._decidable(row, baseline, judged)
+                answers = row.answers([trace for trace, _ in judged])
                 if answers is not None:
-                    row.judge(asked, answers)
-                if baseline.name == REFERENCE and row.tells_matches:  # the reference could enumerate the scenarios
-                    row.compare_matches(self._matches(asked))
+                    row.judge(judged, answers)
+                if baseline.name == REFERENCE and row.lists_matches:  # the reference could enumerate the scenarios
+                    row.compare_matches(self._matches(judged))
                 if row.participant is not None:
                     row.shorten(baseline)
             elif row.status is None:
@@ -408,24 +408,24 @@ class Comparison:
             row.status = row.status or Status.TESTED
         return True
 
-    def _told(self, row: _Row, baseline: _Row, asked: list[tuple[Trace, Answer]]) -> list[tuple[Trace, Answer]]:
+    def _decidable(self, row: _Row, baseline: _Row, every: list[tuple[Trace, Answer]]) -> list[tuple[Trace, Answer]]:
         """Return the traces with verdicts in the language; others get increasing times, or are
         masked.
         """
-        told = [one for one in asked if not row.leaves_open(one[0])]
-        if len(told) < len(asked):
-            others = [in_order(self.tree, trace) for trace, _ in asked if row.leaves_open(trace)]
+        kept = [one for one in every if not row.leaves_open(one[0])]
+        if len(kept) < len(every):
+            others = [in_order(self.tree, trace) for trace, _ in every if row.leaves_open(trace)]
             whys = [why for trace in others if (why := row.leaves_open(trace))]
             row.masks.update(dict.fromkeys(whys))
             row.masked += len(whys)
             others = [trace for trace in others if not row.leaves_open(trace)]
-            told += zip(others, baseline.answers(others) or (), strict=False)
-        return told
+            kept += zip(others, baseline.answers(others) or (), strict=False)
+        return kept
 
-    def _matches(self, asked: Iterable[tuple[Trace, Answer]]) -> list[tuple[Trace, frozenset[Match]]]:
+    def _matches(self, judged: Iterable[tuple[Trace, Answer]]) -> list[tuple[Trace, frozenset[Match]]]:
         """Return all matches of some detecting traces, if these are few."""
         found: dict[str, tuple[Trace, frozenset[Match]]] = {}
-        detecting = (trace for trace, answer in asked if Verdict.TRUE in (answer.verdicts or ()))
+        detecting = (trace for trace, answer in judged if Verdict.TRUE in (answer.verdicts or ()))
         scenarios = chosen_scenarios(self.tree, self.job.branch, self.job.kind)
         for trace in islice(detecting, MATCHED):
             with suppress(TooLarge):

@@ -29,7 +29,7 @@ from cross_check.participants import (
     Enlisted,
     Handwritten,
     detections,
-    tells_detections_only,
+    reports_detections_only,
     verdicts_of,
 )
 from cross_check.results import DETECTIONS_ONLY, Difference, Job, Result, Status
@@ -292,7 +292,7 @@ def shrunk(task: Task, result: Result) -> Case:
             return False
         enlisted = made(tree)
         found = _verdicts(enlisted, trace)
-        only = any(map(tells_detections_only, enlisted.values()))
+        only = any(map(reports_detections_only, enlisted.values()))
         return len(found) == len(names) and len({detections(one) if only else one for one in found.values()}) > 1
 
     tree, trace = shrink(task.tree, list(result.difference.trace), disagrees)
@@ -302,13 +302,13 @@ def shrunk(task: Task, result: Result) -> Case:
         if not isinstance(one, Absent) and one.specification is not None:
             texts[name] = one.specification.language, one.specification.text
     name = case_name(tree, trace, job.semantics, branch=job.branch, kind=job.kind)
-    said = _verdicts(enlisted, trace)
-    return Case(name, tree, tuple(trace), job.semantics, job.branch, job.kind, said, texts)
+    verdicts = _verdicts(enlisted, trace)
+    return Case(name, tree, tuple(trace), job.semantics, job.branch, job.kind, verdicts, texts)
 
 
 def _verdicts(enlisted: Mapping[str, Enlisted], trace: Sequence[Json]) -> dict[str, Verdicts]:
-    asked = ((name, verdicts_of(one, trace)) for name, one in enlisted.items())
-    return {name: said for name, said in asked if isinstance(said, tuple)}
+    results = ((name, verdicts_of(one, trace)) for name, one in enlisted.items())
+    return {name: verdicts for name, verdicts in results if isinstance(verdicts, tuple)}
 
 
 # Replaying.
@@ -335,7 +335,7 @@ def replay(case: Case, roster: Roster) -> Iterator[Replay]:
     baseline: Verdicts | None = None
     for name, enlist in roster.candidates(case.tree, job):
         enlisted = enlist()
-        found, only = verdicts_of(enlisted, case.trace), tells_detections_only(enlisted)
+        found, only = verdicts_of(enlisted, case.trace), reports_detections_only(enlisted)
         before = case.verdicts.get(name)
         if isinstance(found, RvaftError):
             yield Replay(Result(job, name, Status.of(found), why=str(found)), before, None)

@@ -68,7 +68,7 @@ def _judge(
             found = iter(ask([trace for trace, why in zip(traces, whys, strict=True) if not why]))
         except subprocess.TimeoutExpired as error:
             return [Answer(error=f"no answer within {error.timeout:g} s", expired=True)] * len(traces)
-        told = zip(traces, whys, strict=True)
-        return [Answer(deviations=(why,)) if why else Answer(detected(trace, next(found))) for trace, why in told]
+        pairs = zip(traces, whys, strict=True)
+        return [Answer(deviations=(why,)) if why else Answer(detected(trace, next(found))) for trace, why in pairs]
 
     return Outside(name, answers, made, detections_only=True)

@@ -249,7 +249,7 @@ def _of_whole_traces(monitor: Monitor) -> tuple[FirstDetections | None, LeftOpen
     return (monitor.first_detections, monitor.left_open) if isinstance(monitor, DetectionMonitor) else (None, None)
 
 
-def tells_detections_only(one: Enlisted) -> bool:
+def reports_detections_only(one: Enlisted) -> bool:
     """Return whether a participant reports detections only, never ⊥."""
     match one:
         case Participant(first_detections=first):

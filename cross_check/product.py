@@ -26,7 +26,7 @@ class _Machine:
 
     def __init__(self, participant: Participant, letters: Sequence[Json]) -> None:
         self.ties = participant.ties
-        self.asked = [not participant.json_alone or is_finite(letter) for letter in letters]
+        self.receives = [not participant.json_alone or is_finite(letter) for letter in letters]
         self.verdicts: list[Verdict] = []
         self._letters = letters
         self._numbers: dict[Hashable, int] = {}
@@ -105,7 +105,7 @@ class Exploration:
             after = GONE
             if (
                 state != GONE
-                and machine.asked[letter]
+                and machine.receives[letter]
                 and not (number in self.differ or number in self.failed or number in self.tied)
             ):
                 try:

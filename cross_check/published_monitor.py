@@ -54,9 +54,9 @@ def run(text: str, traces: Sequence[Sequence[Json]], monitor: Path, *, timeout: 
         raise ToolFailed(NAME, reason=f"it cannot load the specification: {_short(loading['error'])}")
     found = []
     for answer, known in zip(answers, deviations, strict=False):
-        said = answer.get("verdicts")
-        wrong = _short(answer["error"]) if said is None else ""
-        found.append(Answer(None if said is None else tuple(map(Verdict, said)), wrong, known))
+        verdicts = answer.get("verdicts")
+        wrong = _short(answer["error"]) if verdicts is None else ""
+        found.append(Answer(None if verdicts is None else tuple(map(Verdict, verdicts)), wrong, known))
     return [*found, *(Answer(None, ending, known, expired=expired) for known in deviations[len(answers) :])]
 
 
@@ -87,8 +87,8 @@ def _answers(text: str, traces: Sequence[Sequence[Json]], monitor: Path, timeout
             try:
                 given = "".join(f"{json.dumps(list(trace))}\n" for trace in traces)
                 output, complaints = process.communicate(given, timeout=timeout)
-                said = complaints.strip().splitlines() or [f"exit status {process.returncode}"]
-                ending = f"the monitor ended early: {_short(said[0])}"
+                lines = complaints.strip().splitlines() or [f"exit status {process.returncode}"]
+                ending = f"the monitor ended early: {_short(lines[0])}"
             except subprocess.TimeoutExpired:
                 process.kill()
                 output, _ = process.communicate()

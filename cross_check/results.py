@@ -206,8 +206,8 @@ class ComparisonTotals:
         self.statuses: dict[tuple[str, Semantics], Counter[Status]] = {}
         called = _called(every)
         for result in every:
-            told = self.statuses.setdefault((called[result.participant], result.job.semantics), Counter())
-            told[result.status] += 1
+            counts = self.statuses.setdefault((called[result.participant], result.job.semantics), Counter())
+            counts[result.status] += 1
         self.differing = [result for result in every if result.status is Status.DIFFERS]
         self.unable = [result for result in every if result.status not in _RAN]
         self.vacuous = sum(result.status is Status.VACUOUS for result in every)
@@ -237,13 +237,12 @@ class ComparisonTotals:
         """The summary line."""
         seldom = {"masked trace": self.masked, "vacuous result": self.vacuous}
         counted = self.counts | {what: number for what, number in seldom.items() if number}
-        said = ", ".join(f"{number:,} {_plural(what, number)}" for what, number in counted.items())
+        summary = ", ".join(f"{number:,} {_plural(what, number)}" for what, number in counted.items())
         if not self.counts["verdict"]:
-            return (
-                f"{said}; {'nothing was detected, so nothing was compared' if self.vacuous else 'nothing was compared'}"
-            )
+            outcome = "nothing was detected, so nothing was compared" if self.vacuous else "nothing was compared"
+            return f"{summary}; {outcome}"
         differ = len(self.differing)
-        return f"{said}; {f'{differ:,}' if differ else 'no'} {_plural('disagreement', differ or 1)}"
+        return f"{summary}; {f'{differ:,}' if differ else 'no'} {_plural('disagreement', differ or 1)}"
 
 
 def _called(results: Iterable[Result]) -> dict[str, str]:
@@ -303,8 +302,8 @@ def unable_lines(results: Iterable[Result]) -> list[str]:
     for (participant, status), some in skipped.items():
         chief = Counter(f"{status}: {result.why}" if result.why else str(status) for result in some).most_common()
         if others := chief[_REASONS:] if len(chief) > _REASONS + 1 else []:
-            told = f"{status}: {len(others)} other reasons"
-            chief = [*chief[:_REASONS], (told, sum(times for _, times in others))]
+            rest = f"{status}: {len(others)} other reasons"
+            chief = [*chief[:_REASONS], (rest, sum(times for _, times in others))]
         rows += [["" if place else participant, f"{times:,}", why] for place, (why, times) in enumerate(chief)]
     lines = columns(rows) if skipped else []
     for (participant, why), some in [*failed.items()][:_FAILURES]:
@@ -386,9 +385,9 @@ def junit_text(results: Iterable[Result], note: str = "") -> str:
         cases = [(case, _JUNIT.get(case.status, "error")) for case in group]
         met = Counter(kind for _, kind in cases)
         counts = {"failures": met["failure"], "errors": met["error"], "skipped": met["skipped"]}
-        said = {name: str(count) for name, count in {"tests": len(cases), **counts}.items()}
-        said["time"] = f"{sum(case.seconds for case, _ in cases):.3f}"
-        suite = ET.SubElement(root, "testsuite", {"name": _printable(f"{job.title} ({job.semantics})"), **said})
+        attributes = {name: str(count) for name, count in {"tests": len(cases), **counts}.items()}
+        attributes["time"] = f"{sum(case.seconds for case, _ in cases):.3f}"
+        suite = ET.SubElement(root, "testsuite", {"name": _printable(f"{job.title} ({job.semantics})"), **attributes})
         for case, kind in cases:
             named = {"name": _printable(case.participant), "classname": _printable(f"{job.title}.{job.semantics}")}
             made = ET.SubElement(suite, "testcase", named, time=f"{case.seconds:.3f}")

@@ -276,9 +276,9 @@ def _same(one: StateRow, other: StateRow, letters: FeasibleLetters, work: Work) 
     if set(one.targets.values()) != set(other.targets.values()):
         return False
     for atoms in letters.over(one.sees | other.sees):
-        asked = one.asks.get(atoms & one.sees, 0) | other.asks.get(atoms & other.sees, 0)
-        work.step(10 << asked.bit_count())
-        if any(one.target(atoms | held) != other.target(atoms | held) for held in _subsets(asked)):
+        guards = one.asks.get(atoms & one.sees, 0) | other.asks.get(atoms & other.sees, 0)
+        work.step(10 << guards.bit_count())
+        if any(one.target(atoms | held) != other.target(atoms | held) for held in _subsets(guards)):
             return False
     return True
 

@@ -111,7 +111,9 @@ def _edges(
         return f"{events}<i>{_hanging('[' + '; '.join(conditions) + ']')}</i>" if conditions else events
 
     written = {
-        target: [line(cube) for cube in joined(those, atoms)] for target, those in leaving.items() if target != rest
+        target: [line(cube) for cube in joined(alternatives, atoms)]
+        for target, alternatives in leaving.items()
+        if target != rest
     }
     return written if rest is None else {**written, rest: ["else"]}
 
@@ -121,18 +123,18 @@ def _hanging(text: str) -> str:
     return '<br align="left"/>'.join([first, *(f"&#160;&#160;{line}" for line in rest), ""])
 
 
-def joined(those: Iterable[Cube], atoms: int) -> list[Cube]:
+def joined(alternatives: Iterable[Cube], atoms: int) -> list[Cube]:
     """Return equivalent cubes, merging pairs that differ in the sign of one proposition.
 
     >>> joined([Cube(0b11, 0), Cube(0b01, 0b10), Cube(0b10, 0b01)], 0b11)
     [Cube(yes=1, no=2), Cube(yes=2, no=0)]
     """
-    found = dict.fromkeys(those)
+    found = dict.fromkeys(alternatives)
     todo = list(found)
     while todo:
         one = todo.pop()
-        said = one.yes | one.no
-        for proposition in (*bits(said & ~atoms), *bits(said & atoms)) if one in found else ():
+        literals = one.yes | one.no
+        for proposition in (*bits(literals & ~atoms), *bits(literals & atoms)) if one in found else ():
             bit = 1 << proposition
             other, both = Cube(one.yes ^ bit, one.no ^ bit), Cube(one.yes & ~bit, one.no & ~bit)
             if other in found:
@@ -157,8 +159,8 @@ def possible(automaton: Automaton, structure: Structure) -> Automaton:
     def after(state: int, letter: int) -> frozenset[str]:
         return valued[state].union(*(rigid_variables(structure.patterns[atom]) for atom in bits(letter & atoms)))
 
-    def idle(names: frozenset[str], asked: int) -> int:
-        return mask_of(guard for guard in bits(asked) if not needs[guard] <= names)
+    def idle(names: frozenset[str], guards_read: int) -> int:
+        return mask_of(guard for guard in bits(guards_read) if not needs[guard] <= names)
 
     todo = deque(valued)
     while todo:
@@ -173,8 +175,8 @@ def possible(automaton: Automaton, structure: Structure) -> Automaton:
     rows = list(automaton.rows)
     for state in valued.keys() - {DETECTED, HOPELESS}:
         row = rows[state]
-        never = {seen: idle(after(state, seen), asked) for seen, asked in row.asks.items()}
-        asks = {seen: asked & ~never[seen] for seen, asked in row.asks.items()}
+        never = {seen: idle(after(state, seen), guards_read) for seen, guards_read in row.asks.items()}
+        asks = {seen: guards_read & ~never[seen] for seen, guards_read in row.asks.items()}
         rows[state] = StateRow(row.sees, asks, {})
         for letter, target in row.targets.items():
             if not never[letter & row.sees] & ~letter:

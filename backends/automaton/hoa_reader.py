@@ -84,7 +84,7 @@ class HoaTable:
         self.verdicts = [(Verdict.TRUE, Verdict.FALSE, Verdict.UNKNOWN)[some - 1] for some in ends]
         self.seen = cache(self._seen)
         self.next = cache(self._next)
-        self.asked = cache(self._asked)
+        self.dependencies = cache(self._dependencies)
 
     def _accepting_silence(self, spot: Any, automaton: Any) -> list[bool]:
         """Return per state whether the infinite word without propositions is accepted from it."""
@@ -105,7 +105,7 @@ class HoaTable:
         components.determine_unknown_acceptance()
         return [bool(components.is_useful_scc(components.scc_of(state))) for state in range(states)]
 
-    def _asked(self) -> list[int]:
+    def _dependencies(self) -> list[int]:
         return self._ahead([mask_of(self.seen(state)) for state in range(len(self._edges))])
 
     def _ahead(self, own: Sequence[int]) -> list[int]:
@@ -302,8 +302,8 @@ class HoaProgram:
             self.time is None and not self.guards and not any(shared for _, shared in self.events.values())
         )
         """Whether the successor depends on the current event alone."""
-        asked = (*self._patterns.values(), *(line.pattern for line in (*self._alphabet, *self._ignored)))
-        self.of_shape = PatternIndex(asked, self._decided).of
+        patterns = (*self._patterns.values(), *(line.pattern for line in (*self._alphabet, *self._ignored)))
+        self.of_shape = PatternIndex(patterns, self._decided).of
         """As `holding`, or None if the shape of an event does not determine it."""
         self.move = lru_cache(maxsize=LIMIT)(self._move)
 
@@ -366,9 +366,9 @@ class HoaProgram:
         return any(line.fits(event) for line in self._alphabet) and not any(line.fits(event) for line in self._ignored)
 
     def _matter(self, state: int) -> frozenset[str]:
-        asked = [*bits(self.table.asked()[state])]
-        shared = [self.events[number][1] for number in asked if number in self.events]
-        guards = [self.guards[number] for number in asked if number in self.guards]
+        propositions = [*bits(self.table.dependencies()[state])]
+        shared = [self.events[number][1] for number in propositions if number in self.events]
+        guards = [self.guards[number] for number in propositions if number in self.guards]
         return frozenset().union(*shared, *map(guard_variables, guards))
 
     def questions(self) -> Iterator[Observed]:

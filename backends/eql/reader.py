@@ -127,11 +127,11 @@ class Queries:
             moment = None if self._time is None else self._time.read(event)
             try:
                 given = self._module.Event(_EVENT, 0, {**event, _CATEGORIES: _categories(event)})
-                told = {place: answer(given) for place, answer in enumerate(self._answers, 1)}
+                answers = {place: answer(given) for place, answer in enumerate(self._answers, 1)}
                 for kind in self._types:
-                    told[_TRACE] = self._traces
+                    answers[_TRACE] = self._traces
                     for engine in self._engines[: 1 if moment is None else 2]:
-                        engine.stream_event(self._module.Event(kind, moment or 0, told))
+                        engine.stream_event(self._module.Event(kind, moment or 0, answers))
             except Exception as error:  # errors of the engine on unexpected values
                 self._traces = 0
                 raise ToolFailed("eql", reason=f"event {number}: {type(error).__name__}: {error}") from error

@@ -110,8 +110,8 @@ class EqlText:
         groups = self._orders.groups
         paths = {event: {} if event in groups else self._paths(event) for event in scenario.events}
         several = "an EQL condition concerns one event"
-        asked = self._orders.asked(scenario, paths, lambda node, _: NotExpressible(several, nodes=[node]))
-        if asked is None:
+        guards = self._orders.assigned_guards(scenario, paths, lambda node, _: NotExpressible(several, nodes=[node]))
+        if guards is None:
             return None
         holders = Counter(chain.from_iterable(paths.values()))
         shared = [variable for variable, count in holders.items() if count > 1]
@@ -121,18 +121,18 @@ class EqlText:
                 raise NotExpressible(f"`by` joins all events of a sequence, and some lack {variable}", nodes=having)
         span = self._span(scenario)
         return {
-            event: Item(self._conditions(event, asked[event]), tuple(paths[event][one] for one in shared), span)
+            event: Item(self._conditions(event, guards[event]), tuple(paths[event][one] for one in shared), span)
             for event in scenario.events
         }
 
     # Conditions on one event.
 
-    def _conditions(self, event: Event, asked: Iterable[Guard]) -> tuple[str, ...]:
+    def _conditions(self, event: Event, guards: Iterable[Guard]) -> tuple[str, ...]:
         if event in self._orders.groups:
             each = chain.from_iterable(self._conditions(*leaf) for leaf in self._orders.groups[event])
             return tuple(dict.fromkeys(one for one in each if one != "false")) or ("false",)
         with naming(event.source.node):
-            return (self._dialect.of(event.pattern, asked),)
+            return (self._dialect.of(event.pattern, guards),)
 
     def _paths(self, event: Event) -> dict[str, str]:
         if event not in self._seen:

@@ -172,7 +172,7 @@ class MonaMonitor(Monitor):
         event, nothing = self._header.stamped(event), dict[str, Json]()
         word = ["1" if self._atoms[name].holds(event, nothing, nothing) else "0" for name in self._automaton.names]
         for cube, to in self._automaton.edges[self._at]:
-            if all(asked in ("X", bit) for asked, bit in zip(cube, word, strict=True)):
+            if all(wanted in ("X", bit) for wanted, bit in zip(cube, word, strict=True)):
                 self._at = to
                 break
         return self._automaton.verdicts[self._at]

@@ -60,17 +60,17 @@ def _event_atom(observation: Observation) -> Atom:
     pattern = observation.observed
     binds = frozenset(patterns.rigid_variables(pattern))
 
-    asked = [(guard, frozenset(guards.variables(guard))) for guard in observation.guards]
+    conditions = [(guard, frozenset(guards.variables(guard))) for guard in observation.guards]
 
     def extended(event: Json, binding: Binding) -> Binding | None:
         found = patterns.match(pattern, event, binding)
         if found is None:
             return None
         bound = patterns.rigid(found)
-        failed = any(names <= bound.keys() and not guards.holds(guard, bound) for guard, names in asked)
+        failed = any(names <= bound.keys() and not guards.holds(guard, bound) for guard, names in conditions)
         return None if failed else bound
 
-    return Atom(pattern, binds, binds.union(*(names for _, names in asked)), extended)
+    return Atom(pattern, binds, binds.union(*(names for _, names in conditions)), extended)
 
 
 def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) -> Atom:
@@ -154,18 +154,18 @@ class LtlfMonitor(Monitor):
 
         def extensions(residual: int, binding: Binding) -> Iterator[Binding]:
             if not residuals.variables(residual) <= binding.keys():
-                asked = residuals.now(residual) & candidates
-                residuals.ask(len(asked))
-                for name in sorted(asked):
+                atoms_now = residuals.now(residual) & candidates
+                residuals.ask(len(atoms_now))
+                for name in sorted(atoms_now):
                     if not atoms[name].binds <= binding.keys():
                         extended = atoms[name].extended(event, binding)
                         if extended is not None:
                             yield extended
 
         def step(residual: int, binding: Binding, before: Binding) -> tuple[Verdict, int]:
-            asked = residuals.now(residual) & candidates
-            residuals.ask(len(asked))
-            letter = frozenset([name for name in asked if atoms[name].holds(event, binding, before)])
+            atoms_now = residuals.now(residual) & candidates
+            residuals.ask(len(atoms_now))
+            letter = frozenset([name for name in atoms_now if atoms[name].holds(event, binding, before)])
             accepted, rest = residuals.step(residual, letter)
             if accepted and residuals.is_valid(rest):
                 return Verdict.TRUE, rest

@@ -71,10 +71,10 @@ class RowPatternQueries:
         )
 
         def several(node: str, guard: Guard) -> None:
-            with self._saying(node):
+            with self._naming(node):
                 shared[node, guard] = conditions.of(guard)
 
-        own = self._orders.asked(scenario, bound, several)
+        own = self._orders.assigned_guards(scenario, bound, several)
         if own is None:
             return
         letters = {name: (self._fitting(name, own[name]), (*shared,)) for name in bound}
@@ -82,12 +82,12 @@ class RowPatternQueries:
         uses = Counter(chain(*bound.values()))
         for word in self._orders.words(scenario, letters):
             columns = [column for column, _ in word]
-            asked = self._conditions(columns, variables_of, shared, sorted(name for name in uses if uses[name] > 1))
-            if asked is not None:
-                yield columns, asked
+            per_event = self._conditions(columns, variables_of, shared, sorted(name for name in uses if uses[name] > 1))
+            if per_event is not None:
+                yield columns, per_event
 
     @contextmanager
-    def _saying(self, node: str) -> Iterator[None]:
+    def _naming(self, node: str) -> Iterator[None]:
         try:
             yield
         except Unsayable as error:
@@ -108,7 +108,7 @@ class RowPatternQueries:
             for number in others:
                 cells = [self._cell(columns, at, "text", Variable(variable)) for at in (first, number)]
                 found[number].append(f"{cells[1]} = {cells[0]}")
-        for (node, _), asked in shared.items():
+        for (node, _), test in shared.items():
             last = 0
 
             def column(aspect: str, part: Guard) -> str | None:
@@ -120,8 +120,8 @@ class RowPatternQueries:
                 last = max(last, at)
                 return self._cell(columns, at, aspect, part)
 
-            with self._saying(node):
-                condition = written(asked, column)
+            with self._naming(node):
+                condition = written(test, column)
             if condition == NEVER:
                 return None
             found[last] += [condition] if condition != ALWAYS else []

@@ -52,13 +52,13 @@ class Conditions:
     """The guards of a scenario.
 
     `times` are the variables of times. `column` returns the argument of a column, which is then in
-    `asked`. `bound` holds the variables of each event.
+    `columns`. `bound` holds the variables of each event.
     """
 
     def __init__(
         self, times: frozenset[str], bound: Collection[frozenset[str]], column: Callable[[Column], str]
     ) -> None:
-        self.asked: set[Column] = set()
+        self.columns: set[Column] = set()
         self._bound, self._column = bound, column
         self._conditions = TruthConditions(times, self._is_argument)
 
@@ -143,7 +143,7 @@ class Conditions:
     def _written(self, term: Guard, aspect: str) -> str:
         if isinstance(term, Literal):
             return argument(aspect, constant(term, aspect))
-        self.asked.add((term, aspect))
+        self.columns.add((term, aspect))
         return self._column((term, aspect))
 
     def _defined(self, *terms: Guard) -> tuple[str, ...]:

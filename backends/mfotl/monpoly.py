@@ -95,9 +95,9 @@ def first_detections(
             names[2].write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
             ran = _run(program, *options, *(["-verified"] if verified else []), timeout=timeout)
             at = _FOUND.search(ran.stdout)
-            said = " ".join(f"{ran.stderr} {ran.stdout if at is None else ''}".split())
-            if ran.returncode or (at is None and _REFUSED.search(said)):
-                raise ToolFailed("MonPoly", reason=said[:300] or f"exit status {ran.returncode}")
+            complaint = " ".join(f"{ran.stderr} {ran.stdout if at is None else ''}".split())
+            if ran.returncode or (at is None and _REFUSED.search(complaint)):
+                raise ToolFailed("MonPoly", reason=complaint[:300] or f"exit status {ran.returncode}")
             found.append(None if at is None else int(at[1]) + 1)
     return found
 

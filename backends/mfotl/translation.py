@@ -77,14 +77,16 @@ class MfotlFormula:
                 return NotExpressible(reason, nodes=[node])
             return None
 
-        own = self._orders.asked(scenario, bound, several)
+        own = self._orders.assigned_guards(scenario, bound, several)
         if own is None:
             return
         uses = Counter(chain(*bound.values()))
         tied = {(Variable(name), "text") for name in uses if uses[name] > 1 and name not in self._times}
         places = {name: f"i{number}" for number, name in enumerate(events, 1)}
-        asked = sorted(tied | conditions.asked, key=self._column)
-        columns = {name: tuple(one for one in asked if bound[name].issuperset(variables(one[0]))) for name in events}
+        arguments = sorted(tied | conditions.columns, key=self._column)
+        columns = {
+            name: tuple(one for one in arguments if bound[name].issuperset(variables(one[0]))) for name in events
+        }
         atoms = [self._atom(name, tuple(own[name]), columns[name], places[name]) for name in events]
         orders: list[list[str]] = []
         for name in events:
@@ -99,7 +101,7 @@ class MfotlFormula:
             self._size += len(events) + sum(map(len, orders)) + len(way)
             if self._size > self._limit:
                 raise TooLarge("atoms and comparisons of the formula", limit=self._limit)
-            yield _conjunction(atoms, orders, way, [*map(self._column, asked), *places.values()])
+            yield _conjunction(atoms, orders, way, [*map(self._column, arguments), *places.values()])
 
     def _atom(self, event: Event, guards: tuple[Guard, ...], columns: tuple[Column, ...], place: str) -> str:
         known = FittingEvent(event.pattern, guards), columns

@@ -65,7 +65,7 @@ class MtlBackend(MtlCapabilities):
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
         """Return the formula; raises `TooLarge`, and `NotExpressible` for too long chains."""
         chains = translation(prop, limit)
-        header = "".join(f"{name} := {asked}\n" for name, asked in chains.propositions.items())
+        header = "".join(f"{name} := {definition}\n" for name, definition in chains.propositions.items())
         formula = chains.reelay()
         return SpecificationText(f"/* rvaft\n{header}*/\n{formula}\n", Metrics(symbols(formula)))
 

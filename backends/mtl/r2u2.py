@@ -59,7 +59,7 @@ class MtlR2u2Backend(MtlCapabilities):
         mtl = MtlBackend()
         chains = translation(prop, limit)
         formula = chains.c2po(HORIZON)
-        header = "".join(f"-- {name} := {asked}\n" for name, asked in chains.propositions.items())
+        header = "".join(f"-- {name} := {definition}\n" for name, definition in chains.propositions.items())
         text = (
             "-- rvaft: the first time that the formula holds is the detection; "
             f"it misses what comes after {HORIZON + 1} events\n{header}"
@@ -80,7 +80,7 @@ def first_detections(
     after `timeout` seconds for one run.
     """
     found = list[int | None]()
-    asked = definitions(f"/* rvaft\n{''.join(_DEFINITION.findall(text))}*/")
+    propositions = definitions(f"/* rvaft\n{''.join(_DEFINITION.findall(text))}*/")
     compilers = (folder / _COMPILER for folder in program.resolve().parents)
     compiler = next((one for one in compilers if one.is_file()), None)
     if compiler is None:
@@ -90,16 +90,16 @@ def first_detections(
         names = ("formula.c2po", "signals.map", "formula.bin", "trace.csv")
         formula, signals, binary, rows = (Path(folder) / name for name in names)
         formula.write_text(text, encoding="utf-8")
-        signals.write_text("".join(f"{name}:{number}\n" for number, name in enumerate(asked)), encoding="utf-8")
+        signals.write_text("".join(f"{name}:{number}\n" for number, name in enumerate(propositions)), encoding="utf-8")
         _output(timeout, "C2PO", sys.executable, compiler, "--spec", formula, "--map", signals, "-o", binary)
         for trace in traces:
-            told = (",".join(str(int(one.fits(event))) for one in asked.values()) for event in trace)
-            rows.write_text("".join(f"{row}\n" for row in (f"# {','.join(asked)}", *told)), encoding="utf-8")
-            said = _VERDICT.findall(_output(timeout, "R2U2", program.resolve(), binary, rows)) if trace else []
-            ends = [0, *(int(number) + 1 for number, _ in said)]
+            values = (",".join(str(int(one.fits(event))) for one in propositions.values()) for event in trace)
+            rows.write_text("".join(f"{row}\n" for row in (f"# {','.join(propositions)}", *values)), encoding="utf-8")
+            verdicts = _VERDICT.findall(_output(timeout, "R2U2", program.resolve(), binary, rows)) if trace else []
+            ends = [0, *(int(number) + 1 for number, _ in verdicts)]
             if ends[-1] < len(trace):
                 raise ToolFailed("R2U2", reason=f"it gives no verdict from event {ends[-1] + 1} on; {_SMALL}")
-            found.append(next((end + 1 for end, (_, truth) in zip(ends, said, strict=False) if truth == "T"), None))
+            found.append(next((end + 1 for end, (_, truth) in zip(ends, verdicts, strict=False) if truth == "T"), None))
     return found
 
 
@@ -111,6 +111,6 @@ def _output(timeout: float | None, tool: str, *command: str | Path) -> str:
     except OSError as error:
         raise ToolMissing(tool, remedy=f"give the path of the program ({error.strerror}: {command[0]})") from error
     if ran.returncode:
-        said = " ".join(f"{ran.stderr} {ran.stdout}".split())
-        raise ToolFailed(tool, reason=said[:300] or f"exit status {ran.returncode}; {_SMALL}")
+        complaint = " ".join(f"{ran.stderr} {ran.stdout}".split())
+        raise ToolFailed(tool, reason=complaint[:300] or f"exit status {ran.returncode}; {_SMALL}")
     return ran.stdout

@@ -110,8 +110,8 @@ class MtlProgram:
     def _first(self, trace: Sequence[Json]) -> int | None:
         self._monitor.update({"go": False, **dict.fromkeys(map(_called, self._atoms), False)})
         for number, event in enumerate(trace, 1):
-            told = {_called(name): atom.fits(event) for name, atom in self._atoms.items()}
-            if self._monitor.update({"go": True, **told})["value"]:
+            values = {_called(name): atom.fits(event) for name, atom in self._atoms.items()}
+            if self._monitor.update({"go": True, **values})["value"]:
                 return number
         return None
 

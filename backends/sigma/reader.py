@@ -20,7 +20,7 @@ from rvaft.monitors import DetectionMonitor
 _LAST: Final = 2**32
 _REMEDY: Final = "pip install '.[sigma]' in a checkout of rvaft"
 _TIME: Final = "rvaft_time"
-_TOLD: Final = ("action", "correlation", "detection", "filter", "id", "logsource", "name", "rvaft", "title")
+_RELEVANT: Final = ("action", "correlation", "detection", "filter", "id", "logsource", "name", "rvaft", "title")
 """The relevant keys of a document, without author, date and purpose."""
 
 
@@ -41,9 +41,9 @@ class _SigmaProgram:
         sqlite = installed("sigma.backends.sqlite", "pysigma-backend-sqlite", _REMEDY)
         try:
             loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-            documents = _told(yaml.load_all(text, Loader=loader))
-            said = next((one["rvaft"] for one in documents if "rvaft" in one), None)
-            self._time: EventTime | None = None if said is None else parse_time(str(said))
+            documents = _relevant_parts(yaml.load_all(text, Loader=loader))
+            time = next((one["rvaft"] for one in documents if "rvaft" in one), None)
+            self._time: EventTime | None = None if time is None else parse_time(str(time))
             rules = sigma.SigmaCollection.from_dicts(documents)
             backend = sqlite.sqliteBackend(
                 timestamp_field=_TIME, timestamp_seconds_expression="{field}", collate_nocase=True
@@ -124,13 +124,13 @@ class _SigmaProgram:
         return next((number for number, time in enumerate(times, 1) if time >= end), None)
 
 
-def _told(documents: Iterable[Any]) -> list[Any]:
+def _relevant_parts(documents: Iterable[Any]) -> list[Any]:
     """Return the relevant parts of documents; a single rule gets a correlation that counts to one."""
     found = list[Any]()
     for one in documents:
         if not isinstance(one, dict | None):
             raise TypeError(f"a rule must be a YAML mapping, not {type(one).__name__}")
-        found += [{key: one[key] for key in _TOLD if key in one}] if one else []
+        found += [{key: one[key] for key in _RELEVANT if key in one}] if one else []
     match found:
         case [{"detection": _} as rule]:
             name = str(rule.get("name", "rule"))

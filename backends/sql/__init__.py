@@ -58,20 +58,20 @@ class SqlBackend(Backend):
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """Return a monitor for any query; raises `LanguageError`."""
-        asked = query(text, self.dialect)
-        return DetectionMonitor(asked.first_detections, asked.left_open)
+        compiled = query(text, self.dialect)
+        return DetectionMonitor(compiled.first_detections, compiled.left_open)
 
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         """Return a monitor that runs a query in `duckdb`; raises `LanguageError` and `ToolMissing`."""
         if tool not in self.tools:
             return super().read_with(tool, text, atoms=atoms)
-        asked = query(text, tool)
-        return DetectionMonitor(asked.first_detections, asked.left_open)
+        compiled = query(text, tool)
+        return DetectionMonitor(compiled.first_detections, compiled.left_open)
 
     def matches(self, text: str, traces: Sequence[Sequence[Json]]) -> Sequence[frozenset[Match]] | None:
         """Return all matches per trace, or None if the rows of the query are not all matches."""
-        asked = query(text, self.dialect)
-        return asked.matches(traces) if asked.every else None
+        compiled = query(text, self.dialect)
+        return compiled.matches(traces) if compiled.every else None
 
     @classmethod
     def dialect_backend(cls, dialect: str) -> str:

@@ -36,8 +36,8 @@ def quoted(text: str, character: str = "chr") -> str:
         reason = f"{text!a} has a character that SQL strings cannot hold"
         raise NotExpressible(reason)
     parts = enumerate(_CONTROL.split(text))
-    said = [f"{character}({ord(part)})" if odd % 2 else "'" + part.replace("'", "''") + "'" for odd, part in parts]
-    kept = [part for part in said if part != "''"] or ["''"]
+    literals = [f"{character}({ord(part)})" if odd % 2 else "'" + part.replace("'", "''") + "'" for odd, part in parts]
+    kept = [part for part in literals if part != "''"] or ["''"]
     return kept[0] if len(kept) == 1 else f"({' || '.join(kept)})"
 
 
@@ -117,8 +117,8 @@ class Dialect:
 
     def facet(self, kind: str, event: str, path: Path) -> str:
         """Return a facet of a value."""
-        said = self.facets.get(kind, "{0}").format(self.value("raw", event, path))
-        return f"CASE WHEN {self.is_a(kind, event, path)} THEN {said} END"
+        converted = self.facets.get(kind, "{0}").format(self.value("raw", event, path))
+        return f"CASE WHEN {self.is_a(kind, event, path)} THEN {converted} END"
 
     def is_text(self, value: str, event: str, path: Path) -> str:
         """Return the test that a value is this string."""
@@ -140,8 +140,8 @@ class Dialect:
     def least(self, word: str, values: Sequence[str]) -> str:
         """Return the least or greatest integer, NULL if one is NULL."""
         nulls = " OR ".join(f"{value} IS NULL" for value in values)
-        said = f"{self.least_of if word == 'least' else self.greatest}({', '.join(values)})"
-        return values[0] if len(values) == 1 else f"CASE WHEN {nulls} THEN NULL ELSE {said} END"
+        extreme = f"{self.least_of if word == 'least' else self.greatest}({', '.join(values)})"
+        return values[0] if len(values) == 1 else f"CASE WHEN {nulls} THEN NULL ELSE {extreme} END"
 
     def read_number(self, text: str, kind: str) -> str:
         """Return the number that a string denotes, if it has that kind."""
@@ -189,8 +189,8 @@ Parts: TypeAlias = Sequence[Mapping[str, str]]
 def _subquery(depth: int, parts: Parts, truth: str) -> str:
     tables, before = list[str](), ""
     for number, columns in enumerate(parts, 1):
-        said = ", ".join(f"{expression} AS {kind}_{depth}_{number}" for kind, expression in columns.items())
-        start = f"SELECT *, {said} FROM {before}" if before else f"SELECT {said}"
+        terms = ", ".join(f"{expression} AS {kind}_{depth}_{number}" for kind, expression in columns.items())
+        start = f"SELECT *, {terms} FROM {before}" if before else f"SELECT {terms}"
         before = f"term_{depth}_{number}"
         tables.append(f"{before} AS MATERIALIZED ({start})")
     return f"(WITH {', '.join(tables)} SELECT {truth} FROM {before})"
@@ -200,9 +200,9 @@ def _lambdas(depth: int, parts: Parts, truth: str) -> str:
     """Return the condition with parts in a structure; DuckDB would run a subquery per event."""
     found = ""
     for number, columns in enumerate(parts, 1):
-        said = ", ".join(f"{kind}_{number} := {expression}" for kind, expression in columns.items())
-        added = f"lambda term_{depth}: struct_insert(term_{depth}, {said})"
-        found = f"list_transform({found}, {added})" if found else f"[struct_pack({said})]"
+        terms = ", ".join(f"{kind}_{number} := {expression}" for kind, expression in columns.items())
+        added = f"lambda term_{depth}: struct_insert(term_{depth}, {terms})"
+        found = f"list_transform({found}, {added})" if found else f"[struct_pack({terms})]"
     return f"list_transform({found}, lambda term_{depth}: {truth})[1]"
 
 

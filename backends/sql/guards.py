@@ -81,11 +81,11 @@ class Guards:
                 if isinstance(value, int) and abs(value) >= 2**63:
                     reason = f"{value} is an integer of more than 64 bits"
                     raise NotExpressible(reason)
-                said = self.dialect.number(value)
+                number = self.dialect.number(value)
                 known = value if abs(value) < _EXACT else None
                 if isinstance(value, int):
-                    return SqlTerm(whole=said, total=True, constant=known)
-                return SqlTerm(real=said, total=True, constant=known)
+                    return SqlTerm(whole=number, total=True, constant=known)
+                return SqlTerm(real=number, total=True, constant=known)
             case str():
                 return SqlTerm(text=self.dialect.text(value), total=True)
             case _:
@@ -119,7 +119,11 @@ class Guards:
     def _once(self, term: SqlTerm) -> SqlTerm:
         """Return the term with names for long expressions, where a comparison can name them."""
         kinds = {"whole": term.whole, "real": term.real, "text": term.text}
-        long = {kind: said for kind, said in kinds.items() if said is not None and not _SIMPLE.fullmatch(said)}
+        long = {
+            kind: expression
+            for kind, expression in kinds.items()
+            if expression is not None and not _SIMPLE.fullmatch(expression)
+        }
         if not (long and self._named and (term.real or term.text)):
             return term
         named = self._named[-1]
@@ -161,9 +165,15 @@ class Guards:
             case Operator.IN:
                 return SqlTerm(truth=f"({' OR '.join(self.equal(first, one) for one in terms[1:])})")
             case Operator.STARTSWITH | Operator.ENDSWITH | Operator.CONTAINS:
-                asked = {"startswith": dialect.startswith, "endswith": dialect.endswith, "contains": dialect.contains}
+                templates = {
+                    "startswith": dialect.startswith,
+                    "endswith": dialect.endswith,
+                    "contains": dialect.contains,
+                }
                 some = first.text is not None and terms[1].text is not None
-                return SqlTerm(truth=f"({asked[operator](first.text or '', terms[1].text or '')})" if some else None)
+                return SqlTerm(
+                    truth=f"({templates[operator](first.text or '', terms[1].text or '')})" if some else None
+                )
             case Operator.LOWER:
                 return SqlTerm(text=first.text and dialect.lower(first.text))
             case Operator.NUMBER:

@@ -77,9 +77,9 @@ class QueriedScenario:
         """
         found: list[tuple[Guard, Event | None]] = []
         for guard in self.guards:
-            asked = {name: self.binders.get(name, []) for name in variables(guard)}
-            every = {name: None for names in asked.values() for name in names}
-            own = (name for name in every if all(name in names for names in asked.values()))
+            binders = {name: self.binders.get(name, []) for name in variables(guard)}
+            every = {name: None for names in binders.values() for name in names}
+            own = (name for name in every if all(name in names for names in binders.values()))
             home = (name for name in own if all(name == other or name in self.before[other] for other in every))
             found.append((guard, next(home, None)))
         return found
@@ -254,8 +254,8 @@ class SqlQuery:
         paths = _paths(pattern)
         for variable, path in ((name, paths[name]) for name in rigid_variables(pattern) if name not in one.times):
             facets = {**self.guards.facets("event", path), "json": self.dialect.value("json", "event", path)}
-            named = ((f"{self._column(variable)}_{kind}", said) for kind, said in facets.items())
-            columns += [f"{said} AS {column}" for column, said in named if column in wanted]
+            named = ((f"{self._column(variable)}_{kind}", expression) for kind, expression in facets.items())
+            columns += [f"{expression} AS {column}" for column, expression in named if column in wanted]
         if self.timed:
             columns.append("time")
         if self.late is not None:
@@ -273,7 +273,7 @@ class SqlQuery:
         return f"v{self.variables.index(variable) + 1}"
 
     def _condition(self, pattern: Pattern, guards: Iterable[Guard]) -> str:
-        dialect, asked, places = self.dialect, list[str](), dict[str, Path]()
+        dialect, conditions, places = self.dialect, list[str](), dict[str, Path]()
         todo: list[tuple[Path, Pattern]] = [((), pattern)]
         while todo:
             path, part = todo.pop()
@@ -281,26 +281,28 @@ class SqlQuery:
                 case Variable(name) if path == (TIME,):
                     places[name] = path
                 case Literal() | ListPattern() if not path:  # an event is an object
-                    asked.append("false")
+                    conditions.append("false")
                 case Literal(str() as value):
-                    asked.append(dialect.is_text(value, "event", path))
+                    conditions.append(dialect.is_text(value, "event", path))
                 case Literal(value):
-                    asked.append(self.guards.equal(self._term(path), self.guards.literal(value)))
+                    conditions.append(self.guards.equal(self._term(path), self.guards.literal(value)))
                 case Variable() | Anything():
                     if path:
-                        asked.append(f"{dialect.kind('event', path)} IS NOT NULL")
+                        conditions.append(f"{dialect.kind('event', path)} IS NOT NULL")
                     if isinstance(part, Variable) and (first := places.setdefault(part.name, path)) != path:
-                        asked.append(f"{dialect.key('event', first)} = {dialect.key('event', path)}")
+                        conditions.append(f"{dialect.key('event', first)} = {dialect.key('event', path)}")
                 case ObjectPattern(fields):
-                    asked += [dialect.is_a("object", "event", path)] if path else []
+                    conditions += [dialect.is_a("object", "event", path)] if path else []
                     todo += reversed([((*path, name), inner) for name, inner in fields])
                 case ListPattern(items):
                     length = dialect.value("length", "event", path)
-                    asked.append(f"{dialect.is_a('list', 'event', path)} AND {length} = {len(items)}")
+                    conditions.append(f"{dialect.is_a('list', 'event', path)} AND {length} = {len(items)}")
                     todo += reversed([((*path, place), item) for place, item in enumerate(items)])
         for guard in guards:
-            asked.append(self.guards.condition(guard, {name: self._term(places[name]) for name in variables(guard)}))
-        return " AND ".join(dict.fromkeys(asked)) or "true"
+            conditions.append(
+                self.guards.condition(guard, {name: self._term(places[name]) for name in variables(guard)})
+            )
+        return " AND ".join(dict.fromkeys(conditions)) or "true"
 
     def _term(self, path: Path) -> SqlTerm:
         return SqlTerm(whole="time") if path == (TIME,) else self.guards.variable("event", path)
@@ -336,8 +338,8 @@ class SqlQuery:
             if home is None and not (guard in windows and windows[guard][0] - one.tried)
         ]
         values = self._object((name, f"{column}_json") for name, column in first_of.items())
-        asked = re.findall(r"(e\d+)\.(v\d+_[a-z]+)", " ".join([*where, values]))
-        wanted = {row: frozenset(column for other, column in asked if other == row) for row in alias.values()}
+        references = re.findall(r"(e\d+)\.(v\d+_[a-z]+)", " ".join([*where, values]))
+        wanted = {row: frozenset(column for other, column in references if other == row) for row in alias.values()}
         tables = {name: self._leaf(one, name, places, wanted[row]) for name, row in alias.items()}
         rows = {name: QueriedRow(table, {}) for name, table in tables.items()}
         if self.first:
@@ -369,11 +371,11 @@ class SqlQuery:
         distinct = "DISTINCT " if self.first and not one.loose else ""
         return f"SELECT {distinct}{what}\nFROM {', '.join(sources)}" + (f"\nWHERE {condition}" if condition else "")
 
-    def _numbers(self, said: Sequence[str]) -> str:
-        if len(said) == 1:
-            return said[0]
+    def _numbers(self, numbers: Sequence[str]) -> str:
+        if len(numbers) == 1:
+            return numbers[0]
         comma = f" || {self.dialect.text(', ')} || "
-        return f"{self.dialect.text('[')} || {comma.join(said)} || {self.dialect.text(']')}"
+        return f"{self.dialect.text('[')} || {comma.join(numbers)} || {self.dialect.text(']')}"
 
     def _order(self, one: QueriedScenario, alias: Mapping[Event, str]) -> Iterator[str]:
         first, *others = alias.values()
@@ -426,7 +428,7 @@ class SqlQuery:
                     where += [f"{start.table}.trace = n.trace", *self._same(shared, start.table, start)]
                 if name in members:
                     where.append(f"n.time - {shared[column]} BETWEEN 0 AND {self.guards.literal(length).whole}")
-            columns = "".join(f", {said} AS {column}" for column, said in shared.items())
+            columns = "".join(f", {expression} AS {column}" for column, expression in shared.items())
             groups = ", ".join(["n.trace", *shared.values()])
             condition = f" WHERE {' AND '.join(dict.fromkeys(where))}" if where else ""
             query = (
@@ -448,8 +450,8 @@ class SqlQuery:
 
     @staticmethod
     def _same(known: dict[str, str], row: str, has: QueriedRow) -> list[str]:
-        said = {column: f"{row}.{own}" for column, own in has.shared.items()}
-        return [f"{one} = {known[column]}" for column, one in said.items() if known.setdefault(column, one) != one]
+        columns = {column: f"{row}.{own}" for column, own in has.shared.items()}
+        return [f"{one} = {known[column]}" for column, one in columns.items() if known.setdefault(column, one) != one]
 
     def _shared(
         self, one: QueriedScenario, alias: Mapping[Event, str], rows: Mapping[Event, QueriedRow]
@@ -462,11 +464,11 @@ class SqlQuery:
                 yield f"{alias[name]}.time - {known[column]} BETWEEN 0 AND {self.guards.literal(length).whole}"
 
     def _object(self, items: Iterable[tuple[str, str]]) -> str:
-        said = [
+        fields = [
             f"{self.dialect.text(('{' if not number else ', ') + json.dumps(name) + ': ')} || {value}"
             for number, (name, value) in enumerate(items)
         ]
-        return f"{' || '.join(said)} || '}}'" if said else "'{}'"
+        return f"{' || '.join(fields)} || '}}'" if fields else "'{}'"
 
 
 def _paths(pattern: Pattern) -> dict[str, Path]:

@@ -79,19 +79,19 @@ class StixHeader:
         return self.types[kind][way]
 
     def __str__(self) -> str:
-        said: dict[str, Any] = {} if self.time is None else {"time": time_text(self.time)}
-        said |= {"objects": self.objects} if self.objects else {}
-        text = json.dumps(said, separators=(",", ":")).replace("/", r"\u002f")
-        return f"/* rvaft {text} */ " if said else ""
+        content: dict[str, Any] = {} if self.time is None else {"time": time_text(self.time)}
+        content |= {"objects": self.objects} if self.objects else {}
+        text = json.dumps(content, separators=(",", ":")).replace("/", r"\u002f")
+        return f"/* rvaft {text} */ " if content else ""
 
     @classmethod
     def of(cls, text: str) -> "StixHeader":
         """Return the header of a text, if any; raises `LanguageError`."""
         found = _HEADER.match(text)
         try:
-            said = json.loads(found[1]) if found else {}
-            objects = {_checked(path): tuple(map(str, way)) for path, way in said.get("objects", {}).items()}
-            return cls(parse_time(said["time"]) if "time" in said else None, objects)
+            content = json.loads(found[1]) if found else {}
+            objects = {_checked(path): tuple(map(str, way)) for path, way in content.get("objects", {}).items()}
+            return cls(parse_time(content["time"]) if "time" in content else None, objects)
         except (ValueError, AttributeError, TypeError) as error:
             reason = error.message if isinstance(error, LanguageError) else str(error)
             raise LanguageError(f"invalid header comment: {reason}", file="<stix>") from None

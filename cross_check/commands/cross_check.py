@@ -254,8 +254,10 @@ def cross_check_command(
     running = run(tasks, jobs=jobs, together=1 if trees else every)
     collected.compare(running, count * every, bogus=given["save_bogus"], stop=given["stop_on_error"])
     fails = (Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT, Status.VACUOUS)
-    asked = {status for status in fails if given[f"fail_on_{status.name.lower()}"]}
-    return FAILED if failures.met else exit_status(collected.results, failing=asked, vacuous=random is not None)
+    failing_statuses = {status for status in fails if given[f"fail_on_{status.name.lower()}"]}
+    return (
+        FAILED if failures.met else exit_status(collected.results, failing=failing_statuses, vacuous=random is not None)
+    )
 
 
 def _entry(path: str, branch: int | None, kind: Kind | None) -> Entry:

@@ -182,16 +182,16 @@ class Schedule:
         timed = [part for part in kept if isinstance(part, Condition) and time_points(part.guard)]
         self._guards = [guard for part in timed for guard in conjuncts(part.guard) if time_points(guard)]
         self._windows = [part for part in kept if isinstance(part, Within)]
-        asking: list[Part] = [*timed, *self._windows]
-        self.asking = [*map(node_of, asking)] or [*order]
-        asked = {name for node in tree.top_down() for name in variables(node.when)}
+        timed_parts: list[Part] = [*timed, *self._windows]
+        self.constrained = [*map(node_of, timed_parts)] or [*order]
+        guarded = {name for node in tree.top_down() for name in variables(node.when)}
         stands = [standing(tree.pattern(name) or Anything(), tree.time.field) for name in order]
         self.free = [part is None or isinstance(part, Anything) for part in stands]
         self._following: dict[str, list[int]] = {}
         """Variables that follow the time, with their events."""
         self._fixed: dict[int, int | None] = {}
         for number, part in enumerate(stands):
-            if isinstance(part, Variable) and (part.name not in asked or part.name not in binding):
+            if isinstance(part, Variable) and (part.name not in guarded or part.name not in binding):
                 self._following.setdefault(part.name, []).append(number)
             elif not self.free[number]:
                 value = binding[part.name] if isinstance(part, Variable) else getattr(part, "value", None)
@@ -266,10 +266,10 @@ class Schedule:
                 for operand in some:
                     yield from self._demanded(operand, truth=truth)
             case Operation(operator, operands) if negated := OPERATORS[operator].negated:
-                asked = operator if truth else negated
-                if asked is Operator.NE and time_points(guard):
-                    asked = self.random.choice((Operator.LT, Operator.GT))
-                for bound in point_bounds(Operation(asked, operands)):
+                comparison = operator if truth else negated
+                if comparison is Operator.NE and time_points(guard):
+                    comparison = self.random.choice((Operator.LT, Operator.GT))
+                for bound in point_bounds(Operation(comparison, operands)):
                     yield from self._at_most(*bound)
             case _:
                 pass

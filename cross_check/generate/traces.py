@@ -418,7 +418,7 @@ class _Making:
             right = tree.time is None or [*map(tree.time.read, events)] == times
             if right and (self.semantics is Semantics.STRICT or not any(is_ignored(tree, event) for event in events)):
                 return events
-        raise Unmet([Demand(name, (), lambda _: False, Literal(value=False)) for name in schedule.asking])
+        raise Unmet([Demand(name, (), lambda _: False, Literal(value=False)) for name in schedule.constrained])
 
     def _binding(self, demands: list[Demand], patterns: list[Pattern]) -> dict[str, Json]:
         names = list(dict.fromkeys(name for pattern in patterns for name in rigid_variables(pattern)))
@@ -465,12 +465,12 @@ class _Making:
 
 
 def _objection(nodes: Sequence[str], refusing: Sequence[Demand]) -> str:
-    asked = {(demand.node, demand.guard is not None) for demand in refusing}
-    guarded, dropped = ([name for name in nodes if (name, guards) in asked] for guards in (True, False))
-    said = []
+    failed = {(demand.node, demand.guard is not None) for demand in refusing}
+    guarded, dropped = ([name for name in nodes if (name, guards) in failed] for guards in (True, False))
+    reasons = []
     if guarded:
         whose = f"the guards of {listing(guarded)} do" if len(guarded) > 1 else f"the guard of {guarded[0]} does"
-        said.append(f"{whose} not hold with any value that was tried")
+        reasons.append(f"{whose} not hold with any value that was tried")
     if dropped:
-        said.append(f"`ignore` takes the events of {listing(dropped)} with any value that was tried")
-    return "; ".join(said)
+        reasons.append(f"`ignore` takes the events of {listing(dropped)} with any value that was tried")
+    return "; ".join(reasons)

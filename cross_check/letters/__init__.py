@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import chain, combinations, islice
 from typing import Final, TypeAlias
 
-from cross_check.letters.regions import Asked, Choices, Guarded, plain
+from cross_check.letters.regions import Choices, Guarded, GuardFacts, plain
 from cross_check.letters.unification import ROOT, Demands, Fresh, closed_sets
 from rvaft.backend import Observed
 from rvaft.errors import TooLarge
@@ -81,11 +81,11 @@ def with_twins(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
         return letters(questions, limit=limit)
     own = tuple(dict.fromkeys(map(Observed.untied, questions)))
     guards = [question.when for question in own if question.when is not None]
-    if any(len(guard_variables(guard)) > 1 or Asked(guard).calculated for guard in guards):
+    if any(len(guard_variables(guard)) > 1 or GuardFacts(guard).calculated for guard in guards):
         return Letters(({},), VARIABLES)
     found, gap = _complete(own, limit)
     literals = [part.value for one in own for part in walk(one.pattern) if isinstance(part, Literal)]
-    constants = [one.value for guard in guards for some in Asked(guard).constants.values() for one in some]
+    constants = [one.value for guard in guards for some in GuardFacts(guard).constants.values() for one in some]
 
     def truths(value: Json) -> list[bool]:
         return [holds(guard, dict.fromkeys(guard_variables(guard), value)) for guard in guards]
@@ -132,7 +132,7 @@ def _complete(questions: Iterable[Observed], limit: int) -> tuple[tuple[Json, ..
             continue
         kept.append(question)
         if question.when is not None and names:
-            guarded.append(Guarded(question.pattern, question.when, Asked(question.when)))
+            guarded.append(Guarded(question.pattern, question.when, GuardFacts(question.when)))
             patterns.update(dict.fromkeys(guarded[-1].refined()))
         elif question.when is None or holds(question.when, {}):
             patterns[plain(question.pattern)] = None
@@ -146,7 +146,7 @@ def _complete(questions: Iterable[Observed], limit: int) -> tuple[tuple[Json, ..
             found.setdefault(closed if choices is None else answers(kept, event), event)
             if len(found) > limit:
                 raise TooLarge("letters, the combinations of answers that an event can give", limit=limit)
-    return tuple(found.values()), next((one.asked.gap for one in guarded if one.asked.gap), gap)
+    return tuple(found.values()), next((one.facts.gap for one in guarded if one.facts.gap), gap)
 
 
 def _near(value: Json) -> Iterator[Json]:
@@ -181,7 +181,7 @@ def _samples(questions: Sequence[Observed]) -> Iterator[Json]:
     """
     tried: list[Scalar] = [1, 2, "a"]
     for guard in (question.when for question in questions if question.when is not None):
-        for constant in (one.value for constants in Asked(guard).constants.values() for one in constants):
+        for constant in (one.value for constants in GuardFacts(guard).constants.values() for one in constants):
             tried.append(constant)
             if isinstance(constant, (int, float)) and is_number(constant):
                 tried += [constant - 1, constant + 1]

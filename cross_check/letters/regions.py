@@ -48,7 +48,7 @@ moderate constants can remove.
 """
 
 
-class Asked:
+class GuardFacts:
     """The constants and comparisons of a guard; `gap` is the reason if they are incomplete."""
 
     def __init__(self, guard: Guard) -> None:
@@ -330,15 +330,15 @@ class Guarded:
 
     pattern: Pattern
     guard: Guard
-    asked: Asked
+    facts: GuardFacts
 
     def refined(self) -> Iterator[Pattern]:
         """Yield the pattern, and its variants for each equality in the guard."""
         yield plain(self.pattern)
-        for name, constants in self.asked.constants.items():
+        for name, constants in self.facts.constants.items():
             for constant in constants:
                 yield plain(substitute(self.pattern, {name: constant}))
-        for one, other in sorted(self.asked.pairs):
+        for one, other in sorted(self.facts.pairs):
             yield plain(substitute(self.pattern, {other: Variable(one)}))
 
 
@@ -363,7 +363,7 @@ class Choices:
         self._guarded = [(one, patterns.index(plain(one.pattern))) for one in guarded]
         self._patterns = patterns
         self._fresh = fresh
-        self._calculated = any(one.asked.calculated for one in guarded)
+        self._calculated = any(one.facts.calculated for one in guarded)
         self._many = sum(len(variables(one.guard)) for one in guarded)
         self._tried = 0
         added = {pattern for one in guarded for pattern in one.refined()} - {plain(one.pattern) for one in guarded}
@@ -374,10 +374,10 @@ class Choices:
         self._regions = [tuple(fresh.opaque(number) for number in range(self._many))]
         self._points: tuple[Scalar, ...] = ()
         # a non-finite number does not equal itself; only it makes `V != 1` undefined
-        self._undefined = [math.nan] if any(one.asked.equated for one in guarded) else []
-        if any(one.asked.ordered for one in guarded):  # otherwise guards only test equality
-            constants = [one.value for about in guarded for some in about.asked.constants.values() for one in some]
-            if any(one.asked.pairs for one in guarded):
+        self._undefined = [math.nan] if any(one.facts.equated for one in guarded) else []
+        if any(one.facts.ordered for one in guarded):  # otherwise guards only test equality
+            constants = [one.value for about in guarded for some in about.facts.constants.values() for one in some]
+            if any(one.facts.pairs for one in guarded):
                 # a variable may meet a literal of another pattern at the same or a linked path
                 paths = {path for one in guarded for path, _ in _parts(one.pattern, Variable)}
                 constants += [one for path, one in literals if linked or path in paths]

@@ -215,11 +215,11 @@ def closed_sets(patterns: Sequence[Pattern], fresh: Fresh, *, limit: int) -> Ite
 
 
 def _rivals(patterns: Sequence[Pattern]) -> list[int]:
-    """Return for each pattern those with another literal in a common field: no event matches both."""
+    """Return for each pattern having with another literal in a common field: no event matches both."""
     fields = (pattern.fields if isinstance(pattern, ObjectPattern) else () for pattern in patterns)
     literals = [[field for field in some if isinstance(field[1], Literal)] for some in fields]
-    those: dict[object, int] = defaultdict(int)
+    having: dict[object, int] = defaultdict(int)
     for index, some in enumerate(literals):
         for what in chain(some, dict(some)):  # a literal in a field, and the field alone
-            those[what] |= 1 << index
-    return [union(those[name] & ~those[name, literal] for name, literal in some) for some in literals]
+            having[what] |= 1 << index
+    return [union(having[name] & ~having[name, literal] for name, literal in some) for some in literals]

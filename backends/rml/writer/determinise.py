@@ -315,8 +315,8 @@ class Determinised:
         chosen: dict[Where, str] = {}
         takers: dict[str, list[int]] = defaultdict(list)
         loose = self._letters.loose
-        for where, asking in here.items():
-            names, occurrences = zip(*asking, strict=True)
+        for where, candidates in here.items():
+            names, occurrences = zip(*candidates, strict=True)
             wanted = next(register for name, register in self._wanted.items() if name in names)
             chosen[where] = next(
                 register

@@ -49,9 +49,8 @@ from rvaft.monitors import DetectionMonitor, Monitor
 class Example:
     """A tree with matching events, which are always tried in their order and in reverse.
 
-    `determinate`: no event matches two occurrences that may come next, so at most one assignment of
-    the variables is possible. Under the semantics `shown`, the tree detects `detects` and not
-    `misses`.
+    `determinate`: no event matches two occurrences that may come next. Under the semantics `shown`,
+    the tree detects `detects` and not `misses`.
     """
 
     name: str
@@ -243,7 +242,7 @@ def without_variables(example: Example, semantics: Semantics) -> bool:  # noqa: 
 def without_variables_or_determinate(example: Example, semantics: Semantics) -> bool:
     """Require also determinate trees with variables, unless the semantics skips events.
 
-    Trees that test strings (`asks_of_strings`) or times are not required.
+    Trees that test strings or times are not required.
     """
     if asks_of_strings(example.tree, semantics) or example.tree.time is not None:
         return False
@@ -266,7 +265,7 @@ def scattered_by_single_events(example: Example, semantics: Semantics) -> bool:
 
 
 def asks_of_strings(tree: RVAFT, semantics: Semantics) -> bool:
-    """Return whether a guard orders a value relative to a string, or searches a string.
+    """Return whether a guard orders or searches strings.
 
     Under `projected` and `consecutive`, the guards of `ignore` and of the alphabet count too.
     """
@@ -428,9 +427,8 @@ def _verdicts(
     *,
     expressible: frozenset[Verdict],
 ) -> Iterator[Finding]:
-    """Compare the verdict after every prefix with the oracle, also after a final verdict.
-
-    A verdict that the language cannot express counts as unknown.
+    """Compare the verdict after every prefix; one that the language cannot express counts as
+    unknown.
     """
     start = oracle()
     for trace in tried:

@@ -119,8 +119,8 @@ class Orders:
         """Return the guards of a scenario per event, or None if one never holds.
 
         A guard is assigned to one event that binds all its variables (`bound`), preferably that of
-        its node. `several` receives guards over several events with their node; an error that it
-        returns is raised.
+        its node. `several` receives guards over several events with their node, and may return an
+        error to raise.
         """
         found: dict[Event, list[Guard]] = {event: [] for event in bound}
         for condition in scenario.conditions:

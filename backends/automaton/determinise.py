@@ -109,11 +109,9 @@ def determinised(residuals: ResidualSpace, letters: FeasibleLetters, work: Work,
 class _Successors:
     """The successors of one state, computed per atom and combined as bit sets.
 
-    A state with many overlapping atoms has exponentially many letters, so dominance is computed
-    once per pair of residuals and state.
-
-    `kept` holds the residuals in every successor; none dominates another. Under `consecutive` they
-    are the initial ones, under `scattered` those of the state, and dominated residuals are dropped.
+    Dominance is computed once per pair of residuals, because a state may have exponentially many
+    letters. `kept` holds the residuals in every successor: under `consecutive` the initial ones,
+    under `scattered` those of the state. None of them dominates another.
     """
 
     def __init__(
@@ -247,7 +245,7 @@ def minimised(automaton: Automaton, letters: FeasibleLetters, work: Work, *, loo
 
 
 def refined(automaton: Automaton, letters: FeasibleLetters, work: Work) -> Automaton:
-    """Return the minimal automaton in which a letter that a state does not read leads to the start."""
+    """Return the minimal automaton in which letters that a state does not read lead to start."""
     order = [state for state in automaton.in_order() if state not in (DETECTED, HOPELESS)]
     class_of = {DETECTED: DETECTED, HOPELESS: HOPELESS, **dict.fromkeys(order, 2)}
     while True:

@@ -87,7 +87,6 @@ class HoaTable:
         self.dependencies = cache(self._dependencies)
 
     def _accepting_silence(self, spot: Any, automaton: Any) -> list[bool]:
-        """Return per state whether the infinite word without propositions is accepted from it."""
         silence = always = self._buddy.bddtrue
         for variable in self._variables:
             silence &= self._buddy.bdd_nithvar(variable)
@@ -257,11 +256,10 @@ _EXPECTED: Final = {
 
 
 class HoaProgram:
-    """A parsed HOA text, shared by its monitors.
+    """A parsed HOA text, shared by its monitors; `atoms` as for `Backend.read`.
 
     `events` maps propositions to patterns with their shared variables, `guards` to guards.
-    `relevant` holds the propositions that `alphabet` and `ignore` lines define. `atoms` gives
-    patterns for propositions without a header line.
+    `relevant` holds the propositions that `alphabet` and `ignore` lines define.
     """
 
     def __init__(self, text: str, atoms: Mapping[str, Pattern]) -> None:
@@ -308,7 +306,6 @@ class HoaProgram:
         self.move = lru_cache(maxsize=LIMIT)(self._move)
 
     def _decided(self, decided: Decided) -> frozenset[int] | None:
-        """Return `holding` for all events of a shape, or None if the shape does not determine it."""
         first, last = len(self._patterns), len(self._patterns) + len(self._alphabet)
         guards = [line.when for line in (*self._alphabet, *self._ignored)]
         if decided.open or any(place >= first and guards[place - first] is not None for place in decided.fits):

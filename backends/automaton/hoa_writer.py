@@ -40,8 +40,8 @@ _TOKEN: Final = re.compile(r"State:|@?\w+|[^\s\w]")
 def atom_name(node: str) -> str:
     """Return the proposition name for a node's event: the node name, with other characters escaped.
 
-    An escape is `_x`, the hexadecimal code point and `_`. A `_` before an `x` is escaped too, so
-    that names stay distinct. Reserved words have their first character escaped.
+    An escape is `_x`, the hexadecimal code point and `_`. A `_` before an `x` and the first
+    character of a reserved word are escaped too.
 
     >>> atom_name("land"), atom_name("or"), atom_name("lost link")
     ('land', '_x6f_r', 'lost_x20_link')
@@ -66,10 +66,9 @@ class Cube(NamedTuple):
 
 
 def cubes(row: StateRow, work: Work) -> dict[int, list[Cube]]:
-    """Return per successor of a state its cubes, short and disjoint from alternatives of other successors.
+    """Return per successor of a state its cubes, short and disjoint from those of other successors.
 
-    A cube negates only propositions that distinguish letters with another target. Raises
-    `TooLarge`.
+    A cube negates only propositions that distinguish letters with another target.
     """
     work.step(10 * len(row.targets))
     own: dict[int, int] = {}

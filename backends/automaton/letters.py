@@ -88,7 +88,7 @@ class FeasibleLetters:
         return found & others
 
     def over(self, some: int) -> Iterator[int]:
-        """Yield the feasible letters restricted to these atoms, the empty letter first if feasible."""
+        """Yield the feasible letters restricted to these atoms, the empty one first if feasible."""
         nothing = (self.closure(0) or 0) & some
         seen = {nothing}
         todo = [nothing]

@@ -66,7 +66,7 @@ class EqlBackend(Backend):
     default_limit: ClassVar[int] = 1_000
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
-        """Return the queries; raises `TooLarge` and `NotExpressible`."""
+        """Return the queries."""
         text, symbols = EqlText(prop, limit).text()
         return SpecificationText(text, Metrics(symbols))
 
@@ -78,8 +78,7 @@ class EqlBackend(Backend):
         """Return a monitor that runs queries in Elasticsearch syntax, separated by `;`, in the
         package `eql`.
 
-        Raises `ToolMissing`, and `LanguageError`, also for queries whose meaning differs between
-        `eql` and Elasticsearch.
+        Queries whose meaning differs between `eql` and Elasticsearch raise `LanguageError`.
         """
         self.require()
         queries = compiled(text)

@@ -37,7 +37,7 @@ _RUNS: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One event of a sequence: alternative conditions, join keys, and the `maxspan` in nanoseconds."""
+    """One event of a sequence: alternative conditions, join keys, and the `maxspan` in ns."""
 
     conditions: tuple[str, ...]
     keys: tuple[str, ...] = ()

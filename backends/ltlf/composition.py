@@ -29,14 +29,12 @@ class Composer:
     """Translates parts.
 
     `event_of` returns the formula of an EVENT part; `relevant` is the atom of relevant positions
-    (`projected`, `consecutive`); `work` bounds the steps. A formula is true at a position if the
-    part is matched from there on:
+    (`projected`, `consecutive`). A formula is true at a position if the part is matched from there
+    on:
 
-    - `scattered`: by some later events; the formula is *monotone*, true at every earlier position
-      too.
+    - `scattered`: by some later events; the formula is *monotone*, true at every earlier position too.
     - `strict`: by exactly the next events.
-    - `projected`: by exactly the next relevant events; formulas hold at relevant positions, and
-      `_begin` finds the first one.
+    - `projected`: by exactly the next relevant events, from a relevant position.
     - `consecutive`: as `projected`, from any relevant position.
     """
 
@@ -196,9 +194,8 @@ class Composer:
         parts.
 
         Each set of residuals has one shared formula G: `after` if a residual is complete, or one of
-        the next events, followed by G of the residuals after it. The residuals after one event part
-        form one set. Merging residuals after equal events would give fewer formulas for some trees,
-        but exponentially many for others.
+        the next events, followed by G of the residuals after it. Merging residuals after equal
+        events would give fewer formulas for some trees, but exponentially many for others.
         """
         key, disjunction = tuple(some), self._formulas.disjunction
         if key not in self._residuals:

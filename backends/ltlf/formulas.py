@@ -125,8 +125,7 @@ class Formulas:
     def size(self, root: int) -> int:
         """Return the number of distinct subformulas, the formula included.
 
-        `&` and `|` are flat and unordered: `a & (b & c)` counts four, and `b & c` is not one of
-        them.
+        `&` and `|` are flat and unordered: `a & (b & c)` counts four.
         """
         reachable = self.reachable(root)
         last = {operand: formula for formula in reachable for operand in self.rows[formula].operands}

@@ -41,7 +41,7 @@ class Atom:
 
 
 def atoms_of(header: Header, names: Iterable[str], given: Mapping[str, Pattern]) -> dict[str, Atom]:
-    """Return the atoms of these names: from the header, from `given`, or as the event of that name."""
+    """Return the named atoms: from the header, from `given`, or as the event of that name."""
     return {
         name: _relevance(header.relevant.get(name, ()), header.ignored.get(name, ()))
         if name in header.relevant or name in header.ignored
@@ -56,7 +56,7 @@ def _observation(header: Header, name: str, given: Mapping[str, Pattern]) -> Obs
 
 
 def _event_atom(observation: Observation) -> Atom:
-    """Return the atom of a pattern under guards; a guard with an unbound variable counts as true."""
+    """Return the atom of a pattern under guards; a guard with an unbound variable is true."""
     pattern = observation.observed
     binds = frozenset(patterns.rigid_variables(pattern))
 
@@ -100,8 +100,7 @@ def observed(text: str, given: Mapping[str, Pattern]) -> tuple[Observed, ...] | 
     """Return the patterns and guards of the atoms and of relevance, or None if the formula has
     times.
 
-    `given` has the patterns of atoms that the text does not define. Raises `LanguageError`,
-    `ToolMissing`.
+    `given` has the patterns of atoms that the text does not define.
     """
     header, formulas, root = _formula(text)
     return tuple(dict.fromkeys(_questions(header, formulas, root, given))) if header.time is None else None

@@ -178,10 +178,9 @@ class Anatomy:
         only).
 
         A shared part is then written once per use, and different events may match the uses. This is
-        correct if a match from one position is possible from every earlier one. The latest match
+        correct if a match from one position is possible from every earlier one: the latest match
         then serves all uses with the same continuation, and the earliest one all uses with the same
-        start. Each of the three conditions is necessary. For example, `and (sand x s) (sand s y)`
-        would accept s y x s.
+        start. Each condition is necessary: `and (sand x s) (sand s y)` would accept s y x s.
         """
         kept = self.below(root)
         unordered = (part for part in kept if self.parts[part].op in (PartKind.ALL, PartKind.AT_LEAST))
@@ -216,9 +215,8 @@ GuardsOf: TypeAlias = Mapping[Event, tuple[Guard, ...]]
 def settled(form: NumberedParts, *, monotone: bool, work: Work) -> Iterator[tuple[NumberedParts, GuardsOf]]:
     """Yield divisions of the scenarios in which the guards of each event are fixed.
 
-    A guard counts in every scenario with its condition, and is conjoined to each event that binds
-    one of its variables. If only some scenarios with such an event contain the guard, the deciding
-    choices are split.
+    A guard is conjoined to each event that binds one of its variables. If only some scenarios with
+    such an event contain the guard, the deciding choices are split.
     """
     if not form.guards:
         yield form, {}

@@ -69,7 +69,7 @@ class _Diagrams:
         return self.choice(f, g, TOP) == TOP
 
     def joined(self, op: Connective, parts: Iterable[int]) -> int:
-        """Return the junction of functions, the lowest first, so that each step works near the top."""
+        """Return the junction of functions, lowest first, so that each step works near the top."""
         found = TOP if op is Connective.AND else BOTTOM
         for part in sorted(set(parts), key=lambda f: self.nodes[f][0]):
             found = self.choice(part, found, BOTTOM) if op is Connective.AND else self.choice(part, TOP, found)
@@ -270,8 +270,7 @@ class Residuals:
         trace.
 
         This holds for g = p & X[!] h with monotone h: if g holds later, h holds there later, hence
-        at the beginning. Keeping `F g` beside h would also be correct, but the residuals of long
-        sequences would grow with each repetition.
+        at the beginning. Without it, the residuals of long sequences grow with each repetition.
         """
         row = self._formulas.rows[formula]
         operands = row.operands if row.op is Connective.AND else (formula,)
@@ -294,8 +293,8 @@ _Clause: TypeAlias = list[list[_Item]]
 class _Continuations:
     """A lazy search for a continuation that satisfies a residual, without an automaton.
 
-    The search runs over sets of obligations, tries the nearest fulfilment first, and caches
-    results. All letters count, including infeasible ones.
+    The search runs over sets of obligations and tries the nearest fulfilment first. All letters
+    count, including infeasible ones.
     """
 
     def __init__(self, formulas: Formulas, diagrams: _Diagrams, steps: Steps) -> None:

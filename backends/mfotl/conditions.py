@@ -51,8 +51,8 @@ def either(*several: Ways) -> Ways:
 class Conditions:
     """The guards of a scenario.
 
-    `times` are the variables of times. `column` returns the argument of a column, which is then in
-    `columns`. `bound` holds the variables of each event.
+    `times` are the variables of times, `bound` the variables of each event. `column` returns the
+    argument of a column, and `columns` collects the columns used.
     """
 
     def __init__(
@@ -158,6 +158,5 @@ def _operands(guard: Guard, operator: Operator) -> tuple[Guard, ...]:
 
 
 def _first(texts: Sequence[str], number: int, before: str, after: str) -> list[str]:
-    """Return the conditions that one number is the first extreme among several."""
     pairs = ((before if other < number else after, text) for other, text in enumerate(texts) if other != number)
     return [f"{texts[number]} {sign} {text}" for sign, text in pairs]

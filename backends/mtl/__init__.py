@@ -63,7 +63,7 @@ class MtlBackend(MtlCapabilities):
     modules: ClassVar[tuple[str, ...]] = ("reelay",)
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
-        """Return the formula; raises `TooLarge`, and `NotExpressible` for too long chains."""
+        """Return the formula; raises `NotExpressible` for too long chains."""
         chains = translation(prop, limit)
         header = "".join(f"{name} := {definition}\n" for name, definition in chains.propositions.items())
         formula = chains.reelay()
@@ -73,8 +73,7 @@ class MtlBackend(MtlCapabilities):
         """Return a monitor that runs Reelay; `atoms` defines propositions that the text does not
         define.
 
-        Other propositions match the event of their name. Raises `LanguageError`, `TooLarge`,
-        `ToolMissing`.
+        Other propositions match the event of their name.
         """
         self.require()
         return DetectionMonitor(compiled(text, tuple((atoms or {}).items())).first_detections)

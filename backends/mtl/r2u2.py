@@ -2,9 +2,6 @@
 
 Propositions are Boolean inputs, defined in a comment; each event is a row of inputs. The text uses
 `true S` for `O`: C2PO 4.1 reserves memory proportional to the bound of `O`, but two slots for `S`.
-
-A cross-check needs a checkout of R2U2. It runs the compiler once per text and the monitor once per
-trace.
 """
 
 import re
@@ -55,7 +52,7 @@ class MtlR2u2Backend(MtlCapabilities):
     readable: ClassVar[bool] = False
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """Return the file for C2PO; raises `NotExpressible` and `TooLarge` as `mtl` does."""
+        """Return the file for C2PO."""
         mtl = MtlBackend()
         chains = translation(prop, limit)
         formula = chains.c2po(HORIZON)

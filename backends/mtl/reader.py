@@ -125,7 +125,7 @@ def _reelay() -> tuple[Any, Any]:
 
 @lru_cache(maxsize=128)
 def _monitor(formula: str) -> tuple[Any, Lock]:
-    """Return the monitor of a formula and its lock. Reelay's own constructor parses formulas twice."""
+    """Return the monitor of a formula and its lock; Reelay's own constructor parses twice."""
     extension, options = _reelay()
     return extension.discrete_monitor.make(formula, options), Lock()
 

@@ -1,4 +1,4 @@
-"""Properties to past MTL: a disjunction of event orders, each a chain of strictly earlier events."""
+"""Properties to past MTL: a disjunction of event orders, each a chain of earlier events."""
 
 import re
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ class Chains:
         return self._formula("once({})", "{{{}: true}}", " or ", "{} and pre(once({}))")
 
     def c2po(self, horizon: int) -> str:
-        """Return the formula for C2PO: the last event now, the others strictly before it, within
+        """Return the formula for C2PO: as for Reelay, but with the last event now, and within
         `horizon`.
         """
         return self._formula("{}", "{}", " || ", f"{{}} && (true S[1,{horizon}] ({{}}))")

@@ -71,10 +71,10 @@ class RmlCapabilities(Backend):
 class RmlBackend(RmlCapabilities):
     """Attack-fault trees in the Runtime Monitoring Language (RML).
 
-    Trees without variables and conditions on time are expressible under every semantics, with one
-    exception. RML cannot order or search strings: `projected` and `consecutive` are refused if
-    relevance depends on that, through a guard of `ignore` or of a node outside the branch. Under
-    `strict` and `projected`, trees with variables are expressible too, apart from such guards.
+    Trees without variables and conditions on time are expressible under every semantics. Under
+    `strict` and `projected`, trees with variables are too. RML cannot order or search strings:
+    `projected` and `consecutive` are refused if relevance depends on that, through a guard of
+    `ignore` or of a node outside the branch.
 
     `limit` counts scenarios and alternatives of equations; each allows ten symbols of text and
     fifty steps of search.
@@ -87,7 +87,7 @@ class RmlBackend(RmlCapabilities):
     json_alone: ClassVar[bool] = True  # `not matches` accepts any other value
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """Return the text in RML; raises `NotExpressible` and `TooLarge`."""
+        """Return the text in RML."""
         text, symbols, equations = translate(prop, semantics, limit=limit)
         return SpecificationText(text, Metrics(symbols=symbols, states=equations))
 

@@ -192,6 +192,6 @@ class RmlPrologBackend(RmlCapabilities):
     readable: ClassVar[bool] = False
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """Return the Prolog module; raises `NotExpressible` and `TooLarge`."""
+        """Return the Prolog module."""
         made = RmlBackend().write(prop, semantics, limit)
         return SpecificationText(prolog(made.text), made.metrics, lambda _: RmlBackend().read(made.text))

@@ -69,9 +69,7 @@ class SigmaBackend(Backend):
     default_limit: ClassVar[int] = 100
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
-        """Return the correlation with its rules; raises `TooLarge`, `NotExpressible`, and
-        `ToolMissing`.
-        """
+        """Return the correlation with its rules; raises `ToolMissing` without PyYAML."""
         text, symbols = SigmaRules(prop, limit).text()
         return SpecificationText(text, Metrics(symbols))
 
@@ -80,8 +78,6 @@ class SigmaBackend(Backend):
         return "".join(f"{json.dumps(event, ensure_ascii=False)}\n" for event in stamped(tree, trace, "timestamp"))
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
-        """Return a monitor for any rules, compiled by pySigma; raises `LanguageError` and
-        `ToolMissing`.
-        """
+        """Return a monitor for any rules, compiled by pySigma."""
         self.require()
         return SigmaMonitor(text)

@@ -125,7 +125,7 @@ class _SigmaProgram:
 
 
 def _relevant_parts(documents: Iterable[Any]) -> list[Any]:
-    """Return the relevant parts of documents; a single rule gets a correlation that counts to one."""
+    """Return the relevant parts of documents; a single rule gets a correlation that counts to 1."""
     found = list[Any]()
     for one in documents:
         if not isinstance(one, dict | None):

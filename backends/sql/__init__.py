@@ -57,12 +57,12 @@ class SqlBackend(Backend):
         return SpecificationText(*SqlQuery(prop, semantics, DIALECTS[self.dialect], limit).text())
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
-        """Return a monitor for any query; raises `LanguageError`."""
+        """Return a monitor for any query."""
         compiled = query(text, self.dialect)
         return DetectionMonitor(compiled.first_detections, compiled.left_open)
 
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
-        """Return a monitor that runs a query in `duckdb`; raises `LanguageError` and `ToolMissing`."""
+        """Return a monitor that runs a query in `duckdb`."""
         if tool not in self.tools:
             return super().read_with(tool, text, atoms=atoms)
         compiled = query(text, tool)

@@ -180,7 +180,7 @@ class Query:
         return [*map(frozenset, found)]
 
     def left_open(self, trace: Sequence[Json]) -> str:
-        """Return why a table cannot hold a trace or the query overflows on it, or an empty string."""
+        """Return why a table cannot hold a trace or the query overflows on it, or an empty text."""
         try:
             _ = [*self._loaded(0, trace)]
         except TraceError as error:

@@ -126,7 +126,7 @@ class QueriedScenario:
 
     @property
     def counts(self) -> bool:
-        """Whether three or more events have one pattern, so that listing all matches is infeasible."""
+        """Whether three or more events have one pattern: all matches are then too many."""
         patterns = (untimed(event.pattern)[0] for event in self.before if event not in self.tried)
         return any(number > 2 for number in Counter(patterns).values())
 

@@ -88,9 +88,7 @@ class StixBackend(Backend):
         return StixBackend(StixHeader.mapped(mapping))
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
-        """Return the pattern; raises `TooLarge`, and `OptionError` if the mapping lacks a type or a
-        field.
-        """
+        """Return the pattern; raises `OptionError` if the mapping lacks a type or a field."""
         windows = any(isinstance(part, Within) for part in prop.parts)
         header = replace(self._header, time=prop.time if windows else None)
         text, symbols = StixPattern(prop, header, limit).text()
@@ -107,7 +105,7 @@ class StixBackend(Backend):
         return f"{json.dumps(bundle, ensure_ascii=False, indent=1)}\n"
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
-        """Return a monitor for any pattern; raises `LanguageError` and `ToolMissing`.
+        """Return a monitor for any pattern.
 
         Events are 1 s apart, unless the header of the pattern defines their times, which must
         increase.

@@ -152,7 +152,7 @@ def _bindable(parts: list[s.Part], fields: list[tuple[str, Json]], whole: bool, 
 
 
 def _kind(part: s.Data, operands: list[str]) -> str:
-    """Return `truth` for connectives of comparisons, `number` for arithmetic, else an empty string."""
+    """Return `truth` for connectives of comparisons, `number` for arithmetic, else nothing."""
     match part:
         case s.Constant(value):
             return "number" if is_number(value) else ""

@@ -158,7 +158,7 @@ def _given(given: s.Parameter, bound: Bound) -> Json:
 
 
 def _matching(pattern: s.Value, event: Json, bound: Bound) -> Iterator[Bound]:
-    """Yield the matches of a pattern with a value; the stack is explicit, so nesting is unlimited."""
+    """Yield the matches of a pattern with a value, with an explicit stack for any nesting."""
     stack: list[tuple[Any, Bound]] = [((pattern, event, None), bound)]
     while stack:
         todo, bound = stack.pop()
@@ -290,7 +290,9 @@ class _Questions:
                 yield from filter(None, (self._way(pattern, inner) for pattern in _choices(one)))
 
     def _way(self, pattern: p.Pattern, inner: _Scope) -> _Way | None:
-        """Return a pattern with its scope, or None if it never matches; unknown names become local."""
+        """Return a pattern with its scope, or None if it never matches; it makes unknown names
+        local.
+        """
         if any(inner.get(name) is Mark.UNEVALUATED for name in p.variables(pattern)):
             return None
         own = {name: p.Variable(f"_{next(self._fresh)}") for name in p.variables(pattern) if name not in inner}
@@ -352,7 +354,7 @@ def _equal(value: _Value, wanted: _Value) -> Mapping[str, p.Pattern] | None:
 
 
 def _fits(value: _Value, wanted: p.Pattern, whole: p.Pattern | None) -> Mapping[str, p.Pattern]:
-    """Return the substitution that makes a value match a pattern, if its variable occurs only once."""
+    """Return the substitution that makes a value match a pattern; its variable must occur once."""
     uses = 0 if whole is None else sum(part == value for part in p.walk(whole))
     if isinstance(value, p.Variable) and value.local and uses == 1:
         return {value.name: wanted}
@@ -409,7 +411,7 @@ _PAIRS: Final = {
 
 
 def _condition(data: s.Data, scope: _Scope, depth: int = 0) -> Guard:
-    """Return an RML `with` as an equivalent guard; unbound names, objects and lists have no value."""
+    """Return an RML `with` as a guard; unbound names, objects and lists have no value."""
     if depth > g.MAX_DEPTH:
         raise _Unknown
     match data:

@@ -92,7 +92,7 @@ class TypeUse:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Declaration:
-    """`name(parameters) [not] matches … [with guard];`: alternatives are patterns or event types."""
+    """`name(parameters) [not] matches alternatives [with guard];`, of patterns or event types."""
 
     name: str
     parameters: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""Properties to RML texts: by composition if that is safe, else by determinisation into equations."""
+"""Properties to RML texts: by composition if that is safe, else by determinisation."""
 
 from contextlib import suppress
 from typing import Final, TypeAlias

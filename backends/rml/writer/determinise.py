@@ -142,7 +142,7 @@ def combinations(
 
 
 def _unimplied(guards: Mapping[int, int], calls: list[Call], implied: list[int]) -> list[int]:
-    """Return the calls with guards that no other call implies, unless they bind more registers."""
+    """Return the calls that no other call implies, unless they bind more registers."""
 
     def spares(one: int, other: int) -> bool:
         covers = implied[one] >> other & 1 and not guards[other] & ~guards[one]
@@ -279,7 +279,6 @@ class Determinised:
         return frozenset(found.items())
 
     def _moves(self, state: MatchState) -> tuple[dict[RmlLetter, dict[Partial, int]], set[RmlLetter]]:
-        """Return the moves per letter, and the detecting letters."""
         self._spend(len(state.partials) * len(self._ready))
         candidates = [
             (done, dict(environment), index, mask & ways)
@@ -360,7 +359,7 @@ StateClass: TypeAlias = tuple[tuple[tuple[RmlLetter, ...], int], ...]
 
 
 def minimised(states: list[list[RmlAlternative]]) -> list[StateClass]:
-    """Return the classes of an acyclic automaton, targets first; the first state's class is last."""
+    """Return the classes of an acyclic automaton, targets first; that of state 0 is last."""
     number: dict[StateClass, int] = {}
     of_state: dict[int, int] = {}
     agenda = [(0, False)]
@@ -399,9 +398,7 @@ def refined(states: list[list[RmlAlternative]]) -> list[StateClass]:
 
 
 def _without_idle(own: list[RmlAlternative], class_of: Mapping[int, int]) -> StateClass:
-    """Return the alternatives by class, without those that the next fitting alternative makes
-    redundant.
-    """
+    """Return the alternatives by class, without those that the next fitting one makes redundant."""
     kept: list[RmlAlternative] = []
     for alternative in reversed(own):
         target = class_of.get(alternative.target, alternative.target)

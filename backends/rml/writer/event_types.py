@@ -130,7 +130,9 @@ def _equality(left: Guard, right: Guard, *, positive: bool) -> Guard:
 
 
 def _is(side: Guard, truth: bool, positive: bool) -> Guard:
-    """Return the condition that the side equals `truth` (not `positive`: is defined and differs)."""
+    """Return the condition that the side equals `truth`; if not `positive`, that it is defined and
+    differs.
+    """
     match side:
         case Variable():
             return _same(side, Literal(truth), positive=positive)
@@ -229,7 +231,7 @@ def is_register(argument: Argument) -> TypeGuard[Variable]:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """An event type applied to arguments; if `event` is None, the default event of node `default`."""
+    """An event type with arguments; if `event` is None, the default event of node `default`."""
 
     event: str | None
     arguments: tuple[Argument, ...] = ()
@@ -273,7 +275,7 @@ class RmlTypes:
         return [binding, *(self._satisfying(call, condition, name) for condition, name in others)]
 
     def checked(self, call: Call, condition: Guard, hint: str) -> list[str]:
-        """Return types that bind nothing; each matches events of a call that satisfy the condition."""
+        """Return types that match events of a call that satisfy the condition, and bind nothing."""
         if condition == ALWAYS:
             parents, extra = self._parents(call, *self._scope(call, ()), ())
             return [self._declare((), parents, extra, hint)] if extra else parents
@@ -315,7 +317,7 @@ class RmlTypes:
     def _derived(
         self, call: Call, condition: Guard, conditions: Iterable[Guard], hint: str, binding: Sequence[str] = ()
     ) -> str:
-        """Return a type with numeric conditions in its `with`; it binds the registers in `binding`."""
+        """Return a type with numeric conditions in its `with`; it binds the registers `binding`."""
         outside = _outside(call, condition)
         registers = tuple(dict.fromkeys((*binding, *outside)))
         names, local = self._scope(call, outside)

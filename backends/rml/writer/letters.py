@@ -23,7 +23,7 @@ Where: TypeAlias = tuple[str, int]
 
 
 def closed(on: On, when: Guard | None) -> tuple[Call, Guard | None]:
-    """Return a call for any values of its variables, with the guard if it uses no other variables."""
+    """Return a call for any values of its variables, with a guard that uses only these."""
     used = set(guard_variables(when))
     if when is None or not used <= set(on.variables):
         return Call(on.event, _template(on, set())), None

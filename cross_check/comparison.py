@@ -133,9 +133,8 @@ def cross_check(
     """Compare the reference, the engine and backends on a tree under some semantics (default: all).
 
     `backends` restricts the backends (default: all faithful ones). `against` lists specifications
-    `[LANG:]FILE` to compare with the tree instead. `name` names the tree in results. Returns one
-    result per participant and semantics. Raises `OptionError` and `LanguageError` for `against`,
-    `TreeError` for an invalid tree or part.
+    `[LANG:]FILE` to compare with the tree instead. `name` names the tree in results. Raises
+    `OptionError` and `LanguageError` for `against`, `TreeError` for an invalid tree or part.
 
     >>> import rvaft
     >>> [result.text for result in cross_check(rvaft.loads("top and a b;"), "projected", backends=["ltlf"])]
@@ -177,7 +176,6 @@ class _Row:
         self.end(Status.of(known), reason(known))
 
     def attempt(self, step: Callable[[], T], seconds: float | None) -> T | None:
-        """Return the result of a step, or None on an error or timeout."""
         try:
             with within(seconds):
                 return step()
@@ -240,7 +238,7 @@ class _Row:
 
     @property
     def lists_matches(self) -> bool:
-        """Whether all matches can be compared: the participant lists them, and no verdict differs."""
+        """Whether the participant lists all matches, and no verdict differs."""
         every = None if self.participant is None or self.difference is not None else self.participant.matches
         return every is not None and self.attempt(partial(every, ()), self.patience) is not None
 
@@ -259,7 +257,6 @@ class _Row:
                 return
 
     def shorten(self, baseline: "_Row") -> None:
-        """Remove events from the differing trace that the disagreement does not need."""
         position = 0
         with suppress(Exception, Expired), within(self.patience):
             while self.difference is not None and position < len(trace := self.difference[0]):
@@ -423,7 +420,6 @@ class Comparison:
         return kept
 
     def _matches(self, judged: Iterable[tuple[Trace, Answer]]) -> list[tuple[Trace, frozenset[Match]]]:
-        """Return all matches of some detecting traces, if these are few."""
         found: dict[str, tuple[Trace, frozenset[Match]]] = {}
         detecting = (trace for trace, answer in judged if Verdict.TRUE in (answer.verdicts or ()))
         scenarios = chosen_scenarios(self.tree, self.job.branch, self.job.kind)

@@ -88,7 +88,7 @@ class Case:
 
     `verdicts` holds for each participant the verdict after every event, `specifications` language
     and text of participants that have one. Raises `CaseError` for a wrong number of verdicts and
-    for a restricted tree: a case has the whole tree, with `branch` or `kind`.
+    for a restricted tree, instead of which a case has `branch` or `kind`.
     """
 
     name: str
@@ -125,7 +125,7 @@ def save(case: Case, folder: StrPath) -> Path:
     """Write a case into its own folder, and return the folder.
 
     An existing folder with the same case is returned unchanged; another case with the name gets a
-    number. Raises `CaseError` if the folder cannot be written or the case does not read back equal.
+    number. Raises `CaseError` if that fails or the case does not read back equal.
     """
     home, stem = Path(folder), _slug(case.name)
     temporary = home / f".{stem}.{token_hex(4)}"

@@ -87,8 +87,8 @@ class Answer:
     """The result of a participant on one trace.
 
     `verdicts` has one verdict per event, or is None if an external program failed (`error`) or
-    timed out (`expired`). `deviations` names known deviations of the program that may occur on the
-    trace; a disagreement then proves nothing about the text.
+    timed out (`expired`). `deviations` names known deviations of the program on the trace; a
+    disagreement then proves nothing about the text.
     """
 
     verdicts: tuple[Verdict, ...] | None = None
@@ -99,7 +99,7 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Outside:
-    """An external program for many whole traces; `answers` raises the errors that `Absent` holds."""
+    """An external program for whole traces; `answers` raises the errors that `Absent` holds."""
 
     name: str
     answers: Callable[[Sequence[Sequence[Json]]], Sequence[Answer]]
@@ -229,10 +229,7 @@ def reference_of(
 def translated(
     name: str, part: RVAFT, semantics: Semantics, *, limit: int | None = None, tool: str | None = None
 ) -> Participant:
-    """Return a backend's text, run by its reader or by an external tool.
-
-    `limit` bounds the translation; None is the default of the backend.
-    """
+    """Return a backend's text, run by its reader or by an external tool."""
     language = backend(name)
     if not language.readable:
         raise OptionError(f"{name} has no reader, so its texts cannot be compared")

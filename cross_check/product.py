@@ -22,7 +22,7 @@ GONE = -1
 
 
 class _Machine:
-    """The reachable states of one participant, numbered by discovery; each step is computed once."""
+    """The reachable states of one participant, by discovery; each step is computed once."""
 
     def __init__(self, participant: Participant, letters: Sequence[Json]) -> None:
         self.ties = participant.ties

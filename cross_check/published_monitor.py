@@ -69,7 +69,7 @@ def _answer(line: str) -> dict[str, Any]:
 
 
 def _answers(text: str, traces: Sequence[Sequence[Json]], monitor: Path, timeout: float) -> tuple[list[str], str, bool]:
-    """Return the complete output lines, the reason for their end, and whether there was a timeout."""
+    """Return the complete output lines, the reason for their end, and whether time ran out."""
     swipl = _swipl(monitor)
     expired = False
     with tempfile.TemporaryDirectory(prefix="rvaft-") as folder, as_file(files(__package__) / "driver.pl") as script:

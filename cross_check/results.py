@@ -121,9 +121,9 @@ class Result:
     """One participant in one comparison.
 
     - `seconds`: time of translation and first reading.
-    - `verdicts`: the number of compared verdicts.
+    - `verdicts`: number of compared verdicts.
     - `symbols`, `states`: sizes of the text.
-    - `why`: the reason if the participant is not proved.
+    - `why`: reason if the participant is not proved.
     - `masked`, `masks`: traces with known deviations of the tool, and these deviations.
     - `matched`: traces on which all matches were compared.
     - `detections_only`: ⊥ was not compared.
@@ -277,7 +277,7 @@ def summary_lines(totals: ComparisonTotals) -> list[str]:
 
 
 def part_lines(results: Iterable[Result], parts: Mapping[str, Collection[str]]) -> list[str]:
-    """Return one line per participant, with counts on trees per construct (`parts`, by tree title)."""
+    """Return one line per participant, with counts on trees per construct (`parts`, by title)."""
     every = list(results)
     names = _called(every)
     found = {part: {name: Counter[Status]() for name in names} for some in parts.values() for part in some}
@@ -334,7 +334,9 @@ def difference_lines(result: Result) -> list[str]:
 
 
 def csv_text(results: Iterable[Result], note: str = "") -> str:  # noqa: ARG001 (a table has no room for it)
-    """Return one row per participant and comparison, with the column names of Spot's `ltlcross`."""
+    """Return a row per participant and comparison; columns have the names in Spot's `ltlcross` if
+    possible.
+    """
     stream = io.StringIO()
     names = ("tree", "semantics", "participant", "exit_status", "seconds", "symbols", "states", "verdicts", "result")
     writer = csv.DictWriter(stream, names, extrasaction="ignore", lineterminator="\n")
@@ -377,8 +379,8 @@ def _difference(found: Difference) -> dict[str, Json]:
 def junit_text(results: Iterable[Result], note: str = "") -> str:
     """Return JUnit XML: one suite per tree and semantics, one test case per participant.
 
-    A disagreement is a failure, a participant that could not run an error; vacuous, inexpressible
-    and too large cases are skipped.
+    A disagreement is a failure, a participant that could not run an error; others without verdicts
+    are skipped.
     """
     root = ET.Element("testsuites", name=f"rvaft cross-check{f': {note}' if note else ''}")
     for job, group in groupby(results, key=lambda result: result.job):
@@ -403,7 +405,7 @@ def _printable(text: str) -> str:
 
 
 def markdown_text(results: Iterable[Result], note: str = "") -> str:
-    """Return a table of totals, each disagreement with its trace, and what could not be compared."""
+    """Return a table of totals, each disagreement with its trace, and what was not compared."""
     totals = ComparisonTotals(results)
     lines = ["## rvaft cross-check", "", f"{'; '.join(filter(None, [totals.headline, note]))}.", ""]
     if not totals.statuses:

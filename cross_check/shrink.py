@@ -349,8 +349,8 @@ Reduction: TypeAlias = Callable[[_Pair], Iterator[_Pair]]
 def _followed(before: _Pair, after: _Pair) -> Iterator[_Pair]:
     """Yield a smaller tree with the same trace, and with events adapted to changed runtime events.
 
-    Events of a removed runtime event are removed, events of a changed one are changed: all of them,
-    then one by one. If a node gains a runtime event, any event may become it.
+    Events of a removed runtime event are removed, those of a changed one are changed: all, then one
+    by one. If a node gains a runtime event, any event may become it.
     """
     yield after
     single: list[tuple[int, tuple[Json, ...]]] = []
@@ -381,7 +381,6 @@ def _shorter_trace(pair: _Pair) -> Iterator[_Pair]:
 
 
 def _fewer_nodes(pair: _Pair) -> Iterator[_Pair]:
-    """Yield another root, a child or a leaf instead of a gate, and a gate without one child."""
     for name in pair.order:
         yield from _followed(pair, pair.having(root=name))
     for name in pair.order[1:]:

@@ -37,12 +37,12 @@ _UNDEFINED: Final = 16
 class Effort:
     """The effort of a comparison.
 
-    - `states`: the limit of a proof (0: no proof).
-    - `words`: the limit of events in enumerated traces.
-    - `traces`: the number of random traces.
+    - `states`: limit of a proof (0: no proof).
+    - `words`: limit of events in enumerated traces.
+    - `traces`: number of random traces.
     - `length`: their maximum length (None: enough for a detection).
     - `recheck`: run the traces also for proved participants.
-    - `seconds`: the time limit of each translation, proof and test run.
+    - `seconds`: time limit of each translation, proof and test run.
     """
 
     states: int = 20_000

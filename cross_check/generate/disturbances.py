@@ -63,7 +63,7 @@ def disturbed(random: Random, trace: list[Json], tree: RVAFT, values: Sequence[J
 def disturbed_by(
     kind: Disturbance, random: Random, trace: list[Json], tree: RVAFT, values: Sequence[Json] = ()
 ) -> list[Json] | None:
-    """Return the trace after one edit, different from the original, or None if that is impossible."""
+    """Return the trace after one edit, different from the original; None if that is impossible."""
     index = random.randrange(len(trace)) if trace else 0
     match kind:
         case Disturbance.EXTRA | Disturbance.NOISE:
@@ -194,8 +194,7 @@ def with_constant(random: Random, trace: list[Json], constants: Sequence[Json]) 
     """Return the trace with a guard's constant, or a value next to it, at one value of its kind; or
     None.
 
-    The rest is unchanged, so that one condition is met or broken while others hold. Sometimes a
-    value becomes a similar one.
+    The rest is unchanged, so that one condition is met or broken while others hold.
     """
     scalars = _scalars(trace)
     alike = [(path, twin) for path, value in scalars for twin in _look_alikes(value)]

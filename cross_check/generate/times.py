@@ -325,7 +325,7 @@ class Schedule:
 
 
 def _lowered(times: list[int], bounds: Sequence[Bound]) -> list[int] | None:
-    """Return the times lowered until they satisfy all bounds; the last one represents 0 and stays."""
+    """Return the times lowered until they satisfy all bounds; the last one stands for 0."""
     for _ in times:
         changed = False
         for a, b, most in bounds:

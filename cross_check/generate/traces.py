@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 
 def random_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
-    """Return an event: mostly one that matches a pattern, sometimes two, disturbed, or irrelevant."""
+    """Return an event: mostly one that matches a pattern, else two, disturbed, or irrelevant."""
     patterns = [entry.pattern for entry in tree.alphabet]
     dice = random.random()
     if dice < 0.05:
@@ -277,8 +277,8 @@ class Manner:
     """The style of generated events (probabilities), and the effort.
 
     A `believable` trace has increasing times and typical values per field; otherwise free values
-    are those that affect the tree, of all types. An `overlapping` event has also the fields of
-    another runtime event. `longest` bounds the events of a trace, `attempts` the scenarios drawn.
+    are those that affect the tree. An `overlapping` event has also the fields of another runtime
+    event. `longest` bounds the events of a trace, `attempts` the scenarios drawn.
     """
 
     believable: bool = False

@@ -1,9 +1,8 @@
-"""Random trees, reproducible from a seed.
+"""Random valid trees, reproducible from a seed.
 
 They cover all gates, shared nodes, events on gates, overlapping patterns, both causalities,
 variables, guards with values of wrong types, `ignore`, kinds and topics. Some also get times,
-windows, conditions on time, counted leaves, `pand`, functions, and a semantics. Every tree is
-valid.
+windows, conditions on time, counted leaves, `pand`, functions, and a semantics.
 """
 
 from collections.abc import Sequence

@@ -75,7 +75,7 @@ def operations(guard: Guard | None) -> Iterator[Operation]:
 
 
 def built(pattern: Pattern, binding: Binding, free: Callable[[str], Json]) -> Json:
-    """Return a value that matches the pattern under a binding; `free` supplies the rest by field."""
+    """Return a value that matches the pattern under a binding; `free` gives the rest by field."""
     chosen = dict(binding)
 
     def build(part: Pattern, field: str) -> Json:

@@ -73,8 +73,8 @@ def with_twins(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
 
     A class contains the values with equal truth in every guard; literals of patterns are
     singletons. Participants that use only these questions cannot distinguish traces in which the
-    values of a class are permuted. If after every trace two values of a class lead to one state,
-    all values of the class lead to it.
+    values of a class are permuted. If two values of a class always lead to one state, all its
+    values do.
     """
     questions = tuple(dict.fromkeys(observed))
     if not any(map(ties, questions)):

@@ -153,9 +153,9 @@ def _folded(guard: Guard) -> Guard | None:
 def _is_monotone(guard: Guard, limit: Scalar) -> bool:
     """Return whether the guard is a chain of steps on one variable, each with a moderate constant.
 
-    Integers are exact, other numbers are rounded. A sum with an integer is monotone if the integer
-    is at most 2**53. A product with an integer is monotone if its results are less than 2**54;
-    beyond, it does not matter if `limit` is at most 2**53.
+    A sum with an integer is monotone if the integer is at most 2**53. A product with an integer is
+    monotone if its results are less than 2**54; beyond, it does not matter if `limit` is at most
+    2**53.
     """
     reach = abs(limit) if isinstance(limit, (int, float)) else 0
     while isinstance(guard, Operation):

@@ -215,7 +215,7 @@ def closed_sets(patterns: Sequence[Pattern], fresh: Fresh, *, limit: int) -> Ite
 
 
 def _rivals(patterns: Sequence[Pattern]) -> list[int]:
-    """Return for each pattern having with another literal in a common field: no event matches both."""
+    """Return for each pattern those with another literal in a field: no event matches both."""
     fields = (pattern.fields if isinstance(pattern, ObjectPattern) else () for pattern in patterns)
     literals = [[field for field in some if isinstance(field[1], Literal)] for some in fields]
     having: dict[object, int] = defaultdict(int)

@@ -8,7 +8,6 @@
 The oracle returns a monitor for a tree and a semantics, and shares nothing with the backend.
 Refusals (`NotExpressible`) and too large texts (`TooLarge`) are counted separately; a refusal of a
 required tree is a failure. If a backend is not `readable`, only its texts are checked.
-`ToolMissing` reaches the caller.
 
 Every operator of guards and every construct has an example: a tree, a detecting trace, and a trace
 that fails only this operator or construct. A backend refuses the tree, or its text gives both
@@ -40,9 +39,9 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor, Monitor
 
-# The trees, each with its relevant events: every gate with one to three children, with and without
-# an event, under both causalities; every gate in every other; shared nodes; events that match
-# several nodes; guards, variables, `ignore`; and parts that keep the alphabet of the whole tree.
+# The trees, each with its relevant events: gates with one to three children, with and without an
+# event, under both causalities; every gate in every other; shared nodes; events that match several
+# nodes; guards, variables, `ignore`; and parts that keep the alphabet of the whole tree.
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,9 +250,7 @@ def without_variables_or_determinate(example: Example, semantics: Semantics) -> 
 
 
 def scattered_by_single_events(example: Example, semantics: Semantics) -> bool:
-    """Require trees without variables and times under `scattered` whose patterns compare with
-    constants.
-    """
+    """Require `scattered` trees without variables and times whose patterns compare with constants."""
     parts = (
         part
         for name in example.tree.occurrences

@@ -87,8 +87,6 @@ class FieldConditions(ABC):
     def of(self, pattern: Pattern, guards: Iterable[Guard] = ()) -> str:
         """Return the condition that an event matches a pattern and satisfies guards over its own
         values.
-
-        Raises `NotExpressible`.
         """
         paths: dict[str, str] = {}
         tests = list(self._tests(pattern, (), paths))

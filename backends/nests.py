@@ -1,8 +1,8 @@
 """Properties as series-parallel expressions: event, all, one, at least k, or sequence.
 
-Expressions are built part by part. Scenarios are written one by one if parts share events or
-variables (shared nodes, guards over several nodes). If the order of a scenario is not
-series-parallel, two unordered events are tried in both orders. Matches use distinct events.
+Scenarios are written one by one if parts share events or variables (shared nodes, guards over
+several nodes). If the order of a scenario is not series-parallel, two unordered events are tried in
+both orders. Matches use distinct events.
 """
 
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping

@@ -1,7 +1,6 @@
 """The event orders of a property as distinct words of letters, for languages that list orders.
 
-Choices between independent leaves are made within a letter. Votes keep no child beyond their
-minimum, which `scattered` allows. All steps count against a budget.
+Choices between independent leaves are made within a letter. All steps count against a budget.
 """
 
 from collections import Counter

@@ -24,10 +24,9 @@ from rvaft.support.processes import Killed, in_processes
 
 # The catalogue of a run without arguments, in code so that installed packages contain it. It finds
 # every fault that the tests plant in translations and readers. It has every gate with one to four
-# children and every threshold, with and without an event under both causalities; every ordered pair
-# of gates, and three nested gates; a shared node under each gate, also where a choice adds an
-# order; children with equal events or equal first events; monitors of branches and kinds; a vote
-# with many orders; a guard in every place; and literals that differ only in type.
+# children, with and without an event under both causalities; every ordered pair of gates; shared
+# nodes; children with equal events; monitors of branches and kinds; votes with many orders; guards
+# in every place; and literals that differ only in type.
 
 EVENTS: Final = """
 event seen(what) = { event: what };

@@ -210,7 +210,6 @@ class _Row:
         return "" if left_open is None else left_open(trace)
 
     def judge(self, judged: Sequence[tuple[Trace, Answer]], answers: Sequence[Answer]) -> None:
-        """Compare the answers; known deviations of an external program are only counted."""
         for (trace, wanted), answer in zip(judged, answers, strict=True):
             if answer.verdicts != wanted.verdicts and answer.deviations and not answer.expired:
                 self.masks.update(dict.fromkeys(answer.deviations))
@@ -243,7 +242,6 @@ class _Row:
         return every is not None and self.attempt(partial(every, ()), self.patience) is not None
 
     def compare_matches(self, known: Sequence[tuple[Trace, frozenset[Match]]]) -> None:
-        """Compare all matches of traces; keep the first missing or additional match."""
         assert self.participant is not None
         assert self.participant.matches is not None
         traces = [trace for trace, _ in known]

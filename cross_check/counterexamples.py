@@ -201,8 +201,7 @@ def _settled(temporary: Path, wanted: Path, files: Mapping[str, bytes]) -> Path:
 def load(path: StrPath) -> Case:
     """Return the case in a folder, named after the folder.
 
-    Raises `CaseError` for other folders, `LanguageError` and `TreeError` for its tree, `TraceError`
-    for its trace.
+    Raises `CaseError` for other folders, and the errors of its tree and trace.
     """
     folder = Path(path)
     if not folder.is_dir():

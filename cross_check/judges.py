@@ -60,7 +60,6 @@ def flink_of(part: RVAFT, semantics: Semantics) -> Outside:
 def _judge(
     name: str, made: Specification, left_open: LeftOpen, ask: Callable[[Traces], Sequence[int | None]]
 ) -> Outside:
-    """Return a participant that reports first detections; traces without a verdict are masked."""
 
     def answers(traces: Traces) -> list[Answer]:
         whys = [left_open(trace) for trace in traces]

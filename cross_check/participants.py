@@ -373,5 +373,4 @@ def _split(named: str) -> tuple[str, str]:
 
 
 def _language(word: str) -> str | None:
-    """Return the reader for a name of a language, backend or suffix, or None."""
     return word.lower() if word.lower() in (TREE, *all_backends()) else speaking(word)

@@ -120,7 +120,6 @@ class Exploration:
         return self._agreeing(found, position, letter)
 
     def _agreeing(self, states: list[int], position: int, letter: int) -> tuple[int, ...]:
-        """Return the states after a letter, excluding those with another verdict than the first."""
         if states[0] != GONE:
             expected = self._machines[0].verdicts[states[0]]
             for number, state in enumerate(states):

@@ -44,8 +44,7 @@ def run(text: str, traces: Sequence[Sequence[Json]], monitor: Path, *, timeout: 
     """Return one result per trace for an RML text, which the monitor gets as Prolog.
 
     `timeout` is in seconds for all traces together; traces not reached get an error. Raises
-    `LanguageError` for other texts, `ToolMissing` without SWI-Prolog or a checkout, and
-    `ToolFailed` if the text cannot be loaded.
+    `LanguageError`, `ToolMissing`, and `ToolFailed` if the text cannot be loaded.
     """
     deviations = [backend("rml").masked(text, trace) for trace in traces]
     lines, ending, expired = _answers(prolog(text), traces, monitor, timeout)

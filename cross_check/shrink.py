@@ -5,8 +5,8 @@ repeats until none does. Candidates must be smaller by the lexicographic `_Pair.
 search terminates. It is a form of delta debugging: A. Zeller, R. Hildebrandt, Simplifying and
 Isolating Failure-Inducing Input, IEEE TSE 28(2), 2002.
 
-A reduction changes one part of the tree. Events of a changed runtime event may have to change too,
-so every smaller tree has several candidate traces (`_followed`).
+Events of a changed runtime event may have to change too, so every smaller tree has several
+candidate traces (`_followed`).
 """
 
 import json
@@ -152,7 +152,6 @@ class _Pair:
         )
 
     def pattern(self, name: str) -> Pattern | None:
-        """Return the runtime event of a node, its own or the default one, or None."""
         if name in self.nodes and name not in self.patterns and self.nodes[name].has_event:
             return ObjectPattern((("event", Literal(name)),))
         return self.patterns.get(name)
@@ -325,7 +324,6 @@ def _smaller_guards(guard: Guard | None) -> Iterator[Guard | None]:
 
 
 def _fitted(pattern: Pattern, binding: Mapping[str, Json], value: Json) -> Json:
-    """Return a value that matches the pattern and resembles the given one."""
     match pattern:
         case Literal(constant):
             return constant

@@ -121,8 +121,8 @@ class FeasibleLetters:
         """Yield the atoms of the least relevant event that satisfies the letter, per alphabet
         entry.
 
-        An atom whose events are all ignored keeps its letters, because its partial matches still
-        count.
+        If all events of an atom are ignored, its partial matches still count, so it keeps its
+        letters.
         """
         own = [self._patterns[atom] for atom in bits(letter)]
         if not self._entries or any(self._is_ignored(least([pattern])) for pattern in own):

@@ -6,7 +6,7 @@ in time order; queries with `maxspan` skip events without a time.
 
 The engine evaluates the conditions once per event. Sequences then run on events that hold only
 these results. Joins use JSON equality (`true` and 1 differ; null is a value). Elasticsearch does
-not index lists, so tests of elements by index run, and other tests of lists are left open.
+not index lists: a text with an index runs here, and other tests of lists are left open.
 """
 
 import re

@@ -1,8 +1,8 @@
 """A second monitor for formulas: `ltlf2dfa` writes a MONA program, and MONA builds the automaton.
 
-Only the parser and the translation of ltlf2dfa are used. Its `to_dfa` writes all programs to one
-file in the installed package, which fails with parallel processes or a read-only installation, and
-it ignores a missing MONA. Spot's parser and the atoms are shared with the other monitor.
+Spot's parser and the atoms are shared with the other monitor. `to_dfa` of ltlf2dfa is not used: it
+writes all programs to one file in the installed package, which fails with parallel processes or a
+read-only installation, and it ignores a missing MONA.
 """
 
 import re

@@ -1,9 +1,9 @@
 """A monitor for formulas: one slice per reachable partial assignment of the variables.
 
 At an event, a slice stays (atoms with unbound variables are false), or binds the values that make
-one more atom true. The letter is the set of atoms that are then true. The verdict is ⊤ if the
-formula holds in some slice on every continuation. A slice in which the formula cannot hold is
-dropped; the verdict is ⊥ when none is left.
+one more atom true. The letter is the set of true atoms. The verdict is ⊤ if the formula holds in
+some slice on every continuation. A slice in which it cannot hold is dropped; the verdict is ⊥ when
+none is left.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence

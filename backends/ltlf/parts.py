@@ -54,7 +54,7 @@ class _Simplifier:
         self._monotone = monotone
         self.parts: list[NumberedPart] = []
         self.several: set[int] = set()
-        """Parts with several users; they are not merged into a user."""
+        """Parts with several users."""
         self._always: list[int] = []
 
     def add(self, part: NumberedPart, *, shared: bool) -> int:
@@ -131,8 +131,8 @@ class Anatomy:
     """Simplified parts with the facts that the translation needs.
 
     - `events`: the events of a part.
-    - `rivals`: other events that one trace event may match together with an event of the part, regardless
-      of variables and guards, so that non-rivals are certain.
+    - `rivals`: other events that one trace event may match together with an event of the part; variables
+      and guards are ignored, so non-rivals are certain.
     - `unit`: the EVENT parts, if every scenario of the part has exactly one event.
     - `tangled`: whether parts below share occurrences.
     """
@@ -241,7 +241,7 @@ def _placed(form: NumberedParts) -> GuardsOf | int:
     above: dict[int, int] = {kept[-1]: 0}
     """Per part, itself and its dominators."""
     certain: dict[int, int] = {}
-    """Per part, the parts known to be in every scenario that contains it."""
+    """Per part, parts that are in every scenario with it."""
     for number in reversed(kept):
         certain[number] = always[number] | certain.get(_lowest(above[number]), 0)
         above[number] |= 1 << number

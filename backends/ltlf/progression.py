@@ -1,10 +1,10 @@
 """Progression of formulas in canonical form, and satisfiability of the residuals.
 
 A residual is a Boolean function. Its variables stand for "the rest is not empty and satisfies g",
-numbered as g. One event yields two results: whether the formula holds if the trace ends here, and
-the residual if it continues. After Bacchus and Kabanza, Using temporal logics to express search
-control knowledge for planning (Artificial Intelligence, 2000), with the strong next and the end of
-the trace.
+numbered as g. One event yields whether the formula holds if the trace ends here, and the residual
+if it continues. After Bacchus and Kabanza, Using temporal logics to express search control
+knowledge for planning (Artificial Intelligence, 2000), with the strong next and the end of the
+trace.
 """
 
 from collections.abc import Iterable, Iterator, Mapping

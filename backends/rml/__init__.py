@@ -71,9 +71,9 @@ class RmlCapabilities(Backend):
 class RmlBackend(RmlCapabilities):
     """Attack-fault trees in the Runtime Monitoring Language (RML).
 
-    Trees without variables and conditions on time are expressible under every semantics. Under
-    `strict` and `projected`, trees with variables are too. RML cannot order or search strings:
-    `projected` and `consecutive` are refused if relevance depends on that, through a guard of
+    Trees without variables and conditions on time are expressible under every semantics; under
+    `strict` and `projected`, trees with variables are too, apart from guards that order or search
+    strings. `projected` and `consecutive` are also refused if relevance depends on such a guard, of
     `ignore` or of a node outside the branch.
 
     `limit` counts scenarios and alternatives of equations; each allows ten symbols of text and

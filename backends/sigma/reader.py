@@ -102,10 +102,7 @@ class _SigmaProgram:
         return ""
 
     def first(self, written: str) -> int | None:
-        """Return the number of the first event at which the correlation holds, or None.
-
-        Raises `TraceError` if the trace is left open.
-        """
+        """Return the number of the first event at which the correlation holds, or None."""
         trace = json.loads(written)
         if why := self.left_open(trace):
             raise TraceError(f"Sigma has no verdict for this trace: {why}", line=None)

@@ -2,9 +2,9 @@
 
 A correlation knows only the time of its last event, and requires rules, not distinct events: one
 event can satisfy two unordered rules. In `temporal_ordered` each event is later than the previous
-one. Sequences therefore become chains of single events, combined by and/or; each event is taken as
-early as possible. Events that may coincide are tried in every order. Sigma is untyped, so constants
-that it confuses with other values are refused.
+one. Sequences therefore become chains of single events, combined by and/or. Events that may
+coincide are tried in every order. Sigma is untyped, so constants that it confuses with other values
+are refused.
 """
 
 import re
@@ -45,7 +45,7 @@ class Junction(NamedTuple):
 
 
 class SigmaRules:
-    """One translation of a property. `limit` counts rules and correlations."""
+    """One translation of a property; `limit` counts rules and correlations."""
 
     def __init__(self, prop: Property, limit: int) -> None:
         self._prop, self._limit = prop, limit
@@ -170,7 +170,6 @@ class SigmaRules:
         return Junction(need, [self._after(before, one) for one in nest.parts])
 
     def _condition(self, formula: Chain | Junction, names: dict[str, None]) -> str:
-        """Return the condition of a formula, and add the names of its rules to `names`."""
         if not isinstance(formula, Junction):
             name = self._rule(formula[0], 0) if len(formula) == 1 else self._child(self._sequence(formula, None))
             names[name] = None
@@ -190,7 +189,7 @@ class SigmaRules:
         return next(filter(None, map(self._mixed, nest.parts)), [])
 
     def _in_every_order(self, nodes: Iterable[str], reason: str) -> Nest:
-        """Return the tree as a choice of all event orders, or refuse it if it has windows."""
+        """Return the tree as a choice of all event orders, or refuse it if a part has a window."""
         if any(window is not self._prop.root for window in self._windows):
             self._refuse(reason, nodes)
         return in_every_order(self._without_window(), limit=10 * self._limit)
@@ -200,7 +199,6 @@ class SigmaRules:
         return self._prop.with_root(root.parts[0] if isinstance(root, Within) else root)
 
     def _is_step(self, nest: Nest) -> bool:
-        """Return whether one rule expresses the nest: an event, or a choice of events."""
         several = nest.op is PartKind.ONE and not self._groups and all(one.op is PartKind.EVENT for one in nest.parts)
         return nest.within is None and (nest.op is PartKind.EVENT or several)
 

@@ -1,8 +1,8 @@
 """The SQL dialects as templates.
 
 A value at a path of an event has a type and facets: a 64-bit integer, another number, a string, a
-Boolean; a facet is NULL for other types. Conversions that would silently change a number are
-avoided: a result beyond 64 bits is a runtime error.
+Boolean; a facet is NULL for other types. A number that a conversion would change, such as a result
+beyond 64 bits, is a runtime error.
 """
 
 import re
@@ -29,9 +29,7 @@ def _capitals() -> tuple[str, str]:
 
 
 def quoted(text: str, character: str = "chr") -> str:
-    """Return a string literal on one line; raises `NotExpressible` for characters that SQL cannot
-    hold.
-    """
+    """Return a string literal on one line; raises `NotExpressible` for characters that SQL lacks."""
     if _HALF.search(text):
         reason = f"{text!a} has a character that SQL strings cannot hold"
         raise NotExpressible(reason)
@@ -71,13 +69,13 @@ class Dialect:
     checked: Form
     """An integer result; an error beyond 64 bits."""
     finite: Form
-    """A number, or NULL if it is not finite; PostgreSQL raises an error instead."""
+    """A number, or NULL if it is not finite (in PostgreSQL, an error)."""
     integral: Form
     """A double as an integer; NULL if it has a fraction, an error beyond 64 bits."""
     fractional: Form
     """A double; NULL if it is integral."""
     part: str
-    """The column name of a part, from type, depth of the comparison and number of the part."""
+    """Column name of a part, from type, depth of the comparison and number of the part."""
     with_parts: Callable[[int, "Parts", str], str]
     """A condition over named parts, evaluated lazily; a part may use earlier ones."""
     compare: Form
@@ -95,9 +93,7 @@ class Dialect:
     signs: Mapping[str, str]
     """Replacements for characters of a glob."""
     lowered: str
-    """A template for lower case per character, with a string, the capitals, and their lower-case
-    forms.
-    """
+    """Lower case per character, from a string, the capitals, and their lower-case forms."""
 
     def text(self, value: str) -> str:
         """Return a string literal."""

@@ -132,9 +132,7 @@ class Query:
     def _ask(
         self, traces: Iterable[tuple[int, Sequence[Json]]], select: str = "", group: str = ""
     ) -> tuple[list[str], list[tuple[Any, ...]]]:
-        """Return columns and rows of a selection from the query (first detections) on numbered
-        traces.
-        """
+        """Return columns and rows of a selection from the query (default: first detections)."""
         program, trace = _running(self._program, os.getpid()), "trace" if self.many else "0 AS trace"
         select, group = (select, group) if select else (f"SELECT {trace}, min(detected)", "GROUP BY 1")
         with _ONE_AT_A_TIME:

@@ -245,9 +245,6 @@ class SqlQuery:
         return self._table(f"SELECT trace, pos, event, time{late}, {place} FROM {source}{where}", "place_")
 
     def _leaf(self, one: QueriedScenario, name: Event, places: str, wanted: Set[str]) -> str:
-        """Return the table of candidate rows for an event, with the `wanted` columns of its
-        variables.
-        """
         pattern = name.pattern
         where = [self._condition(pattern, [guard for guard, home in one.homes if home == name])]
         columns = ["trace", "pos"]

@@ -1,7 +1,7 @@
 """Events as observed data: property names, times, and the header of a pattern.
 
 STIX reserves `type`, `id` and names that end in `_ref`, `_refs`, `_hex` or `_bin`. A field with
-such a name, or such a name with underscores, gets one more underscore.
+such a name, also followed by underscores, gets one more underscore.
 """
 
 import json
@@ -43,7 +43,7 @@ def property_of(name: str) -> str:
 class StixHeader:
     """The header of a pattern: the time of events, and the field of each object path.
 
-    `types` maps event types and fields to object paths; it is set only for a user mapping.
+    `types` maps event types and fields to object paths, for a user mapping only.
     """
 
     time: EventTime | None = None

@@ -64,10 +64,7 @@ class _StixProgram:
         return [1 + max(one for one in match if one is not None) for match in some]
 
     def first(self, written: str) -> int | None:
-        """Return the number of the first event at which the pattern matches, or None.
-
-        Raises `TraceError` if the trace is left open.
-        """
+        """Return the number of the first event at which the pattern matches, or None."""
         observed, found = self.header.observations(json.loads(written)), None
         try:
             while observed and (ends := self._matches(observed)):

@@ -25,7 +25,7 @@ _SIGNS: Final = {PartKind.ALL: " AND ", PartKind.SEQUENCE: " FOLLOWEDBY ", PartK
 
 
 class StixPattern:
-    """One translation of a property. `limit` counts observation expressions."""
+    """One translation of a property; `limit` counts observation expressions."""
 
     def __init__(self, prop: Property, header: StixHeader, limit: int) -> None:
         self._prop, self._header = prop, header

@@ -167,8 +167,7 @@ class Scenarios:
     def order(self, random: Random, kept: Kept) -> list[str]:
         """Return the node of each event in a random order; raises `Cyclic` if there is none.
 
-        Every order that respects the precedence can occur. The last event of a part under `pand` is
-        drawn.
+        Every order that respects the precedence can occur.
         """
         ordered = [part for part in kept if isinstance(part, EndInOrder)]
         for _ in range(_ENDS):
@@ -249,7 +248,6 @@ def _drawn_order(random: Random, graph: "nx.DiGraph") -> list[Event | Times]:
 
 
 def _end_in_order(random: Random, kept: Kept, ordered: Part, graph: "nx.DiGraph") -> None:
-    """Draw the last event of each part in an order of ends, and add it to the precedence."""
     before: Part | None = None
     for inner in kept[ordered]:
         events = [part for part in reachable(inner, kept.__getitem__) if isinstance(part, Event | Times)]
@@ -383,7 +381,6 @@ class _Making:
         events: dict[str, Json] = {}
 
         def passes(name: str, binding: Binding) -> bool:
-            """Return whether an event of the occurrence is not ignored; stores the event."""
             for build in range(_BUILDS):
                 event = self._event(patterns[name], binding, self.values if build < _BUILDS // 4 else self.others)
                 if not is_ignored(self.tree, event):

@@ -93,9 +93,7 @@ class _Growth:
         self.waiting: list[str] = []
 
     def tree(self) -> RVAFT:
-        """Return a tree grown from the root; a child is new or, with `sharing`, a node not yet
-        grown.
-        """
+        """Return a tree grown from the root; with `sharing`, children may be earlier nodes."""
         size = self.random.randint(2, self.shape.max_nodes)
         self.count = 1
         self.waiting = ["n0"]

@@ -51,7 +51,6 @@ def interesting_values(tree: RVAFT) -> tuple[Json, ...]:
 
 
 def _texts_for(part: Operation) -> Iterator[Json]:
-    """Yield strings for which a string function is true or nearly true."""
     for text in (one.value for operand in part.operands for one in guard_walk(operand) if isinstance(one, Literal)):
         match part.operator, text:
             case Operator.STARTSWITH | Operator.ENDSWITH | Operator.CONTAINS, str():
@@ -292,7 +291,6 @@ class ValueSearch:
         return binding
 
     def _candidates(self, name: str, binding: Binding) -> Iterator[Json]:
-        """Yield candidates for a variable: promising ones in random order, then all others."""
         guards = [demand.guard for demand in self._touching[name] if demand.guard is not None]
         known = [bound for guard in guards for bound in bounds(guard, name, binding)]
         close = [value for bound in known for value in around(bound)]
@@ -304,9 +302,8 @@ class ValueSearch:
         yield from self.random.sample(self.others, len(self.others))
 
 
-# Typical log values: increasing times, and values suggested by field names.
-# A field holds times if its name says so, or if guards use differences of its values. Open times
-# are filled in last, between those of neighbouring events.
+# Typical log values: increasing times, and values suggested by field names. A field holds times if
+# its name says so, or if guards use differences of its values. Open times are filled in last.
 
 TIMES: Final = frozenset(
     {"t", "time", "times", "timestamp", "ts", "clock", "date", "datetime", "stamp", "when", "at_time", "epoch"}

@@ -177,7 +177,7 @@ def _exchanged(event: Json, by: dict[object, Json]) -> Json:
 def _samples(questions: Sequence[Observed]) -> Iterator[Json]:
     """Yield events that match one or two questions with shared variables; incomplete.
 
-    Each round uses other values, among them constants of guards with their neighbours.
+    Each round uses other values.
     """
     tried: list[Scalar] = [1, 2, "a"]
     for guard in (question.when for question in questions if question.when is not None):

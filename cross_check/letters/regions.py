@@ -249,7 +249,6 @@ def regions(
 
 
 def _taken(values: Iterator[Json], many: int, avoided: set[Hashable]) -> tuple[Json, ...]:
-    """Return this many distinct values; avoided ones only if there are too few others."""
     free: dict[Hashable, Json] = {}
     spare: dict[Hashable, Json] = {}
     for one in values:
@@ -302,11 +301,10 @@ def _strings(low: str | None, high: str | None) -> Iterator[str]:
 # Values for guard variables: one choice per possible combination of truth values. The places are
 # those of a closed set that includes the equalities in guards (`refined`). Two compared values are
 # therefore equal exactly if they share a place, and the value of a free place is no constant of its
-# guards. The remaining choice is the region between constants and, for compared values, their
-# order. A different value from each region for every place shows every case. Places without a
-# common guard are independent; they get different values, so that no choice equates places of
-# different classes. If a region has too few values for that and a pattern requires equality, all
-# choices are tried together.
+# guards. A different value from each region for every place then shows every case. Places without a
+# common guard get different values, so that no choice equates places of different classes. If a
+# region has too few values for that and a pattern requires equality, all choices are tried
+# together.
 
 TRIED: Final = 200_000
 """Maximum number of tried choices."""

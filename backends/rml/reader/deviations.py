@@ -1,8 +1,8 @@
 """Deviations of the published RML compiler and monitor from this reader.
 
-Comparisons with the published tools leave out the pairs of text and trace that a row concerns; no
-other pair may differ. The predicates are conservative: they may include pairs that agree, but miss
-none that differ. Row numbers are identifiers only.
+Comparisons with the published tools leave out the pairs of text and trace that a row concerns. The
+predicates are conservative: they may include pairs that agree, but miss none that differ. Row
+numbers are identifiers only.
 
 The table omits what cannot be compared. The compiler refuses field names that are blank or not
 ASCII, and integers beyond 32 bits. The monitor does not terminate on event types derived from

@@ -195,14 +195,13 @@ def _matching(pattern: s.Value, event: Json, bound: Bound) -> Iterator[Bound]:
 
 # The patterns with guards that an RML text uses.
 #
-# Every use of an event type that is reachable from `Main` is unfolded into *ways* to match. A way
-# has one alternative of each declaration, with arguments and derived types filled in, and the
-# guards. The reader uses nothing else of an event. `not` contributes what it negates. Variables of
-# expressions are shared between events and keep their names; variables of declarations are local
-# and begin with `_`.
+# Every use of an event type that is reachable from `Main` is unfolded into *ways* to match: one
+# alternative of each declaration, with arguments and derived types filled in, and the guards. `not`
+# contributes what it negates. Variables of expressions are shared between events and keep their
+# names; variables of declarations are local and begin with `_`.
 #
-# A use has no such form with open lists, functions in guards, or a value that must equal a part of
-# the event and match a pattern; the result is then None.
+# The result is None for open lists, functions in guards, or a value that must equal a part of the
+# event and match a pattern.
 
 _CHOICES: Final = 10_000
 _NESTING: Final = 100

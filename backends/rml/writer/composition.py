@@ -81,10 +81,7 @@ class _Facts:
 
 
 class Composition:
-    """Terms for the parts of a plain tree; `equations` holds the named terms.
-
-    `possible` is true for plain trees.
-    """
+    """Terms for the parts of a plain tree (if `possible`); `equations` holds the named terms."""
 
     def __init__(self, letters: RmlLetters, semantics: Semantics) -> None:
         self._prop, self._letters = letters.prop, letters
@@ -110,7 +107,6 @@ class Composition:
         return any(self._joined(facts) is PartKind.AT_LEAST for facts in self._parts)
 
     def _joined(self, facts: _Facts) -> PartKind:
-        """Return the operator for the children; SEQUENCE for at most one child."""
         part, count = facts.part, len(facts.children)
         if count < 2:
             return PartKind.SEQUENCE

@@ -182,9 +182,8 @@ class Determinised:
     """The alternatives of each state; state 0 is the first.
 
     Raises `TooLarge` beyond `limit` alternatives, rejected ones included. In RML a variable is
-    bound once. A register (`registers`, in order of need) is named after its first variable, with a
-    number if that name is already bound on the way to the state, or if one event could bind it
-    twice.
+    bound once. A register is named after its first variable, with a number if that name is already
+    bound on the way to the state, or if one event could bind it twice.
     """
 
     def __init__(self, found: list[BitScenario], letters: RmlLetters, semantics: Semantics, *, limit: int) -> None:

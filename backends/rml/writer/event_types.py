@@ -265,8 +265,6 @@ class RmlTypes:
     def observed(self, call: Call, conditions: Sequence[tuple[Guard, str]], node: str) -> list[str]:
         """Return the applied types that together match a call under conditions; the first one
         binds.
-
-        Their names come from `node` and the nodes of the conditions.
         """
         folded = [condition for condition, _ in conditions if _is_numeric(condition)]
         names = dict.fromkeys(name for condition, name in conditions if _is_numeric(condition) and name != node)
@@ -295,9 +293,6 @@ class RmlTypes:
     # Derived types.
 
     def _scope(self, call: Call, registers: Iterable[str]) -> tuple[dict[str, str], RmlNames]:
-        """Return the names of registers and places in one declaration, parameters of the event type
-        first.
-        """
         local, names = RmlNames(), dict[str, str]()
         parameters = self.tree.events[call.event].parameters if call.event is not None else ()
         for argument, parameter in zip(call.arguments, parameters, strict=True):

@@ -237,7 +237,6 @@ class _Row:
 
     @property
     def lists_matches(self) -> bool:
-        """Whether the participant lists all matches, and no verdict differs."""
         every = None if self.participant is None or self.difference is not None else self.participant.matches
         return every is not None and self.attempt(partial(every, ()), self.patience) is not None
 

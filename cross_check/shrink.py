@@ -287,7 +287,6 @@ def _size(term: Any) -> int:
 
 
 def _smaller(whole: Any, simpler: Callable[[Any], Iterable[Any]]) -> Iterator[Any]:
-    """Yield terms without one part or with a simpler part, at any depth."""
     parts, made = _opened(whole)
     shrinks = not isinstance(whole, Operation) or (whole.operator in JUNCTIONS and len(parts) > 2)
     for index, (name, part) in enumerate(parts):

@@ -302,7 +302,6 @@ class HoaProgram:
         """Whether the successor depends on the current event alone."""
         patterns = (*self._patterns.values(), *(line.pattern for line in (*self._alphabet, *self._ignored)))
         self.of_shape = PatternIndex(patterns, self._decided).of
-        """As `holding`, or None if the shape of an event does not determine it."""
         self.move = lru_cache(maxsize=LIMIT)(self._move)
 
     def _decided(self, decided: Decided) -> frozenset[int] | None:

@@ -93,7 +93,6 @@ class EqlText:
         return f"{header}\n" + ";\n".join(texts) + "\n", sum(len(_TOKEN.findall(text)) for text in texts)
 
     def _span(self, scenario: Scenario) -> int | None:
-        """Return the shortest window of a scenario; each must cover all its events."""
         found = [part for part in scenario.kept if isinstance(part, Within)]
         for window in found:
             node = window.source.node

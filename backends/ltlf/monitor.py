@@ -56,7 +56,6 @@ def _observation(header: Header, name: str, given: Mapping[str, Pattern]) -> Obs
 
 
 def _event_atom(observation: Observation) -> Atom:
-    """Return the atom of a pattern under guards; a guard with an unbound variable is true."""
     pattern = observation.observed
     binds = frozenset(patterns.rigid_variables(pattern))
 

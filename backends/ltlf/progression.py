@@ -169,8 +169,7 @@ class Residuals:
         """Whether a non-empty continuation satisfies a residual."""
         self._bare: list[bool] = []
         self._monotone: list[bool] = []
-        """Per formula: whether it consists of `F`, `&` and `|`; if true later, it is then true now.
-        """
+        """Per formula: whether it consists of `F`, `&` and `|`: if true later, it is true now."""
         self._variables: list[frozenset[str]] = []
         for op, operands, name in formulas.rows:
             bare = op in (Connective.NOT, *JUNCTIONS) and any(self._bare[operand] for operand in operands)

@@ -107,9 +107,6 @@ class Translation:
         return candidate
 
     def _written(self, root: int) -> str:
-        """Return the formula as text; subformulas with several uses become definitions in the
-        header.
-        """
         rows = self._formulas.rows
         reachable = self._formulas.reachable(root)
         uses = Counter(operand for formula in reachable for operand in rows[formula].operands)

@@ -101,7 +101,6 @@ class RowPatternQueries:
         shared: Mapping[tuple[str, Guard], TruthCondition],
         tied: Sequence[str],
     ) -> list[str] | None:
-        """Return the condition of each event of an order, or None if they are contradictory."""
         found = [[f"e{number}.{name}"] for number, name in enumerate(columns, 1)]
         for variable in tied:
             first, *others = (number for number, name in enumerate(columns) if variable in variables_of[name])

@@ -112,7 +112,6 @@ class MfotlFormula:
         return f"(ONCE {self._predicates[known]}({', '.join([*map(self._column, columns), place])}))"
 
     def _column(self, column: Column) -> str:
-        """Return the name of an argument; positions have names `i1`, `i2` and so on."""
         term, aspect = column
         if term not in self._names:
             about = term.name if isinstance(term, Variable) else "value"

@@ -142,7 +142,6 @@ class SigmaRules:
         return self._names[key]
 
     def _grouped(self) -> dict[str, str]:
-        """Return the shared variables with their field, or an alias if the fields differ."""
         fields = {event: dict(_places(event.pattern, ())) for event in self._prop.events}
         names = list(dict.fromkeys(chain.from_iterable(fields.values())))
         shared = sorted(name for name in names if sum(name in one for one in fields.values()) > 1)

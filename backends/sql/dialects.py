@@ -1,8 +1,8 @@
 """The SQL dialects as templates.
 
 A value at a path of an event has a type and facets: a 64-bit integer, another number, a string, a
-Boolean; a facet is NULL for other types. A number that a conversion would change, such as a result
-beyond 64 bits, is a runtime error.
+Boolean; a facet is NULL for other types. Conversions that would silently change a number are
+avoided: a result beyond 64 bits is a runtime error.
 """
 
 import re

@@ -55,7 +55,6 @@ class StixPattern:
         self._refuse(f"a pattern cannot compare two observations, and {what}", nodes)
 
     def _written(self, nest: Nest, *, inside: bool = False) -> str:
-        """Return a nest as a pattern, or as an operand; equal observations are counted."""
         if nest == NEVER:
             return _NEVER
         if nest.op is PartKind.EVENT:

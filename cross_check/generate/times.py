@@ -257,7 +257,6 @@ class Schedule:
         return [number for number, name in enumerate(self.order) if name in names]
 
     def _demanded(self, guard: Guard, *, truth: bool) -> Iterator[Bound]:
-        """Yield bounds that make a guard true or false; other conditions are left to chance."""
         match guard:
             case Operation(Operator.NOT, (inner,)):
                 yield from self._demanded(inner, truth=not truth)

@@ -93,7 +93,7 @@ class _Growth:
         self.waiting: list[str] = []
 
     def tree(self) -> RVAFT:
-        """Return a tree grown from the root; with `sharing`, children may be earlier nodes."""
+        """Return a tree grown from the root; with `sharing`, gates may share children."""
         size = self.random.randint(2, self.shape.max_nodes)
         self.count = 1
         self.waiting = ["n0"]

@@ -286,7 +286,6 @@ def _at_most(number: Number) -> float:
 
 
 def _strings(low: str | None, high: str | None) -> Iterator[str]:
-    """Yield the strings strictly between two strings (None: no bound), readable ones first."""
     if low is None:
         yield ""
     low = low or ""

@@ -191,7 +191,6 @@ def _leaves_unbound(program: s.RmlProgram) -> bool:
         return frozenset.intersection(*ways) if ways else frozenset()
 
     def bound_by(part: s.Part, below: list[frozenset[str]]) -> frozenset[str]:
-        """Return the names that a pattern always binds; names in `|` may stay unbound."""
         if isinstance(part, s.Name):
             return frozenset([part.name])
         return frozenset() if isinstance(part, s.Either) else frozenset[str]().union(*below)

@@ -361,7 +361,6 @@ def _fits(value: _Value, wanted: p.Pattern, whole: p.Pattern | None) -> Mapping[
 
 
 def _choices(value: s.Value) -> Iterator[p.Pattern]:
-    """Return the patterns of a pattern with `|`, after checking their number."""
 
     def size(part: s.Part, below: list[tuple[int, int]]) -> tuple[int, int]:
         sizes, depths = zip(*below, strict=True) if below else ((), (-1,))

@@ -59,7 +59,6 @@ def _declaration(use: s.TypeUse, no: Token | None, found: Any, guard: s.Data | N
 
 
 def _argument(given: s.Parameter) -> s.Parameter:
-    """Return an argument of an event type; a signed number is a constant."""
     match given:
         case s.Apply("neg", (s.Constant(int() | float() as value),)) if not isinstance(value, bool):
             return s.Constant(-value)

@@ -61,7 +61,6 @@ class _Facts:
     follow: int = 0
     single: bool = False
     last: bool = False
-    """Whether nothing may come after or beside the part."""
 
     @property
     def node(self) -> str:

@@ -142,7 +142,6 @@ def combinations(
 
 
 def _unimplied(guards: Mapping[int, int], calls: list[Call], implied: list[int]) -> list[int]:
-    """Return the calls that no other call implies, unless they bind more registers."""
 
     def spares(one: int, other: int) -> bool:
         covers = implied[one] >> other & 1 and not guards[other] & ~guards[one]

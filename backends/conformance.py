@@ -8,10 +8,9 @@
 The oracle returns a monitor for a tree and a semantics, and shares nothing with the backend.
 Refusals (`NotExpressible`) and too large texts (`TooLarge`) are counted separately; a refusal of a
 required tree is a failure. If a backend is not `readable`, only its texts are checked.
-`ToolMissing` is raised to the caller.
 
-Every operator of guards and every construct has an example: a tree with a detecting trace, and a
-trace that fails only this operator or construct. A backend refuses the tree, or its text gives both
+Every operator of guards and every construct has an example: a tree, a detecting trace, and a trace
+that fails only this operator or construct. A backend refuses the tree, or its text gives both
 verdicts.
 """
 
@@ -40,19 +39,17 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor, Monitor
 
-# The trees, each with its relevant events.
-# Every gate with one to three children, with and without an event, under both causalities; every
-# gate in every other; shared nodes; events that match several nodes; guards, variables, `ignore`;
-# and parts that keep the alphabet of the whole tree.
+# The trees, each with its relevant events: gates with one to three children, with and without an
+# event, under both causalities; every gate in every other; shared nodes; events that match several
+# nodes; guards, variables, `ignore`; and parts that keep the alphabet of the whole tree.
 
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """A tree with matching events; traces in their order and in reverse are always tried.
+    """A tree with matching events, which are always tried in their order and in reverse.
 
-    `determinate`: no event matches two occurrences that may come next, so at most one assignment of
-    the variables is possible. The tree detects `detects` and not `misses` under the semantics
-    `shown`; both traces are always tried.
+    `determinate`: no event matches two occurrences that may come next. Under the semantics `shown`,
+    the tree detects `detects` and not `misses`.
     """
 
     name: str
@@ -80,7 +77,7 @@ CONSTRUCTS: Final = frozenset(
         *("ignore", "late", "shared", "a variable over two events", "when, on a gate"),
     }
 )
-"""All constructs of trees except operators of guards, kinds and labels; the latter change no
+"""All constructs of trees except operators of guards, and kinds and labels, which change no
 verdict.
 """
 
@@ -215,10 +212,8 @@ Finding: TypeAlias = tuple[str, str, Trace]
 NOISE: Json = {"nothing": "of interest"}
 
 VARIANTS: Final = 48
-"""The number of events used to check `observed`."""
 
 ALIKE: Final = 4
-"""The number of compared prefixes per state."""
 
 
 OF_STRINGS: Final = FUNCTIONS - NUMERIC
@@ -232,7 +227,7 @@ def everything(example: Example, semantics: Semantics) -> bool:  # noqa: ARG001 
 
 
 def no_texts_of_several(example: Example, semantics: Semantics) -> bool:
-    """Require every tree, except guards that search the text of one event in that of another."""
+    """Require every tree, except guards that search a string of one event in that of another."""
     functions = (Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS)
     names = (f"operator `{name}`, two events" for name in functions)
     return everything(example, semantics) and example.name not in names
@@ -246,7 +241,7 @@ def without_variables(example: Example, semantics: Semantics) -> bool:  # noqa: 
 def without_variables_or_determinate(example: Example, semantics: Semantics) -> bool:
     """Require also determinate trees with variables, unless the semantics skips events.
 
-    Trees that test strings (`asks_of_strings`) or times are not required.
+    Trees that test strings or times are not required.
     """
     if asks_of_strings(example.tree, semantics) or example.tree.time is not None:
         return False
@@ -255,29 +250,26 @@ def without_variables_or_determinate(example: Example, semantics: Semantics) -> 
 
 
 def scattered_by_single_events(example: Example, semantics: Semantics) -> bool:
-    """Require trees without variables and times under `scattered`, if each pattern only compares
-    fields with constants.
-    """
-    asked = (
+    """Require `scattered` trees without variables and times whose patterns compare with constants."""
+    parts = (
         part
         for name in example.tree.occurrences
         if (p := example.tree.pattern(name)) is not None
         for part in walk_pattern(p)
     )
-    simple = all(not isinstance(part, ListPattern) and part != Literal(None) for part in asked)
+    simple = all(not isinstance(part, ListPattern) and part != Literal(None) for part in parts)
     return semantics is Semantics.SCATTERED and without_variables(example, semantics) and simple
 
 
 def asks_of_strings(tree: RVAFT, semantics: Semantics) -> bool:
-    """Return whether a guard orders a value relative to a string, or searches a string.
+    """Return whether a guard orders or searches strings.
 
-    Guards of nodes count; under `projected` and `consecutive` also those of `ignore` and of the
-    alphabet.
+    Under `projected` and `consecutive`, the guards of `ignore` and of the alphabet count too.
     """
-    asked = [node.when for node in tree.top_down()]
+    tested_guards = [node.when for node in tree.top_down()]
     if semantics.projects:
-        asked += [entry.when for entry in tree.alphabet] + [ignore.when for ignore in tree.ignores]
-    parts = [part for guard in asked for part in walk(guard)]
+        tested_guards += [entry.when for entry in tree.alphabet] + [ignore.when for ignore in tree.ignores]
+    parts = [part for guard in tested_guards for part in walk(guard)]
     if any(isinstance(part, Operation) and part.operator in OF_STRINGS for part in parts):
         return True
     ordering = [part for part in parts if isinstance(part, Operation) and part.operator in ORDERINGS]
@@ -302,9 +294,7 @@ class ConformanceFailure:
 
 @dataclass(slots=True)
 class Report:
-    """The results of a run; `refusals` and `too_large` name example and semantics, refusals also
-    the reason.
-    """
+    """The results of a run; `refusals` and `too_large` name example and semantics."""
 
     backend: str
     readable: bool = True
@@ -382,7 +372,7 @@ def run(
                     if isinstance(first, DetectionMonitor):
                         found += _detections(backend, specification, wanted, tried, report)
                         tried = tried[:2]  # event by event, each step reads the whole prefix
-                    found += _verdicts(specification, wanted, tried, report, told=backend.verdicts)
+                    found += _verdicts(specification, wanted, tried, report, expressible=backend.verdicts)
                     alone = [[*specification.monitor().run(trace)] for trace in tried[:3]]
                     found += _self_contained(backend, specification, tried[:3], alone)
                     found += _independent(specification, tried[:3], alone)
@@ -421,7 +411,6 @@ def _text(backend: Backend, tree: RVAFT, semantics: Semantics, specification: Sp
 
 
 def _left_open(example: Example, first: DetectionMonitor) -> Iterator[Finding]:
-    """Check that the text has a verdict for the traces of a row."""
     for trace in (example.detects, example.misses):
         if trace and (why := first.left_open(trace)):
             yield "left open", f"the text has no verdict for the trace of a row: {why}", trace
@@ -433,18 +422,17 @@ def _verdicts(
     tried: Sequence[Trace],
     report: Report,
     *,
-    told: frozenset[Verdict],
+    expressible: frozenset[Verdict],
 ) -> Iterator[Finding]:
-    """Compare the verdict after every prefix with the oracle, also after a final verdict.
-
-    A verdict that the language cannot express counts as unknown.
+    """Compare the verdict after every prefix; one that the language cannot express counts as
+    unknown.
     """
     start = oracle()
     for trace in tried:
         monitor, expected = specification.monitor(), start.fork()
         for position, event in enumerate(trace, 1):
             got, wanted = monitor.step(event), expected.step(event)
-            wanted = wanted if wanted in told else Verdict.UNKNOWN
+            wanted = wanted if wanted in expressible else Verdict.UNKNOWN
             report.verdicts += 1
             if got is not wanted or monitor.verdict is not got:
                 yield "verdict", f"{got.symbol} instead of {wanted.symbol}", trace[:position]
@@ -458,7 +446,6 @@ def _detections(
     tried: Sequence[Trace],
     report: Report,
 ) -> Iterator[Finding]:
-    """Compare the first detection of each trace with the oracle, on the text that was read back."""
     reader = backend.read(str(specification.text))
     assert isinstance(reader, DetectionMonitor)
     start = oracle()
@@ -473,7 +460,6 @@ def _detections(
 def _self_contained(
     backend: Backend, specification: Specification, tried: Sequence[Trace], alone: Sequence[list[Verdict]]
 ) -> Iterator[Finding]:
-    """Check that the text without the specification gives the same verdicts."""
     for trace, verdicts in zip(tried, alone, strict=True):
         if list(backend.read(str(specification.text)).run(trace)) != verdicts:
             yield "self-contained", "the text read back gives other verdicts", trace
@@ -512,7 +498,6 @@ def _states(specification: Specification, tried: Sequence[Trace]) -> Iterator[Fi
 
 
 def _observed(backend: Backend, specification: Specification, tried: Sequence[Trace]) -> Iterator[Finding]:
-    """Check that events on which all `observed` patterns agree have equal effects."""
     questions = backend.observed(specification.text)
     if questions is None:
         return
@@ -539,7 +524,6 @@ def _after(specification: Specification, prefixes: Iterable[Trace]) -> Iterator[
 
 
 def _variants(traces: Sequence[Trace]) -> list[Json]:
-    """Return the events, also with an added field, a removed field, and other values."""
     found: dict[str, Json] = {}
     for event in (NOISE, *(event for trace in traces for event in trace)):
         changed = [event, {**event, "one more": 1}]
@@ -551,7 +535,6 @@ def _variants(traces: Sequence[Trace]) -> list[Json]:
 
 
 def _answer(question: Observed, event: Json) -> object:
-    """Return whether an event matches and the guard holds; with shared variables, their values."""
     binding = match(question.pattern, event, {})
     names = [*variables(question.pattern), *guard_variables(question.when)]
     if binding is None or any(not name.startswith("_") for name in names):

@@ -33,10 +33,7 @@ ASPECTS: Final = ("text", "kind", "number", "string", "time", "truth")
 EXACT: Final = 2**46
 """Columns hold smaller numbers: sums of several remain exact as doubles."""
 LONGEST: Final = 22 * 10**17
-"""The bound of times and durations in nanoseconds (up to 2039).
-
-Differences of two times plus some years fit in 63 bits and a sign.
-"""
+"""Bound of times and durations in nanoseconds (up to 2039), so that differences fit in 63 bits."""
 _FITS: Final = re.compile(r"(\w+) := (.*?)(?:(?<=[}\]_]) at ([A-Za-z_]\w*))?", re.ASCII)
 _HAS: Final = re.compile(rf"(\w+) ({'|'.join(ASPECTS)}) of (.*)")
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"')
@@ -61,7 +58,7 @@ class ValueColumn(NamedTuple):
     expression: Guard
 
     def of(self, values: dict[str, Json]) -> Json:
-        """Return the value of the column; raises `OverflowError` for a number that it cannot hold
+        """Return the column's value; raises `OverflowError` for a number that it cannot hold
         exactly.
         """
         found = guards.value(self.expression, values)
@@ -143,9 +140,8 @@ class EventColumns:
         return header
 
     def cells(self, event: Json) -> dict[str, dict[str, Json] | None]:
-        """Return for each name the columns of a matching event, or None.
-
-        Raises `OverflowError` if a column cannot hold a number exactly.
+        """Return the columns of a matching event for each name, or None; raises as `ValueColumn.of`
+        does.
         """
         seen, found = event if self.time is None else self.time.stamped(event), dict[str, dict[str, Json] | None]()
         for name, several in self.fitting.items():

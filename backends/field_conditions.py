@@ -1,7 +1,6 @@
 """Conditions on one event, for languages that compare fields with constants.
 
-A dialect is a subclass with a template per kind of test. A test without a template is refused with
-the dialect's reason.
+A dialect is a subclass with a template per kind of test; it refuses tests without a template.
 """
 
 from abc import ABC, abstractmethod
@@ -25,7 +24,7 @@ from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, 
 from rvaft.model.values import Json, is_finite
 
 FieldPath: TypeAlias = tuple[str | int, ...]
-"""The path to a value, outermost first: field names and list indices."""
+"""Path to a value, outermost first: field names and list indices."""
 
 
 class Lack(Enum):
@@ -88,15 +87,13 @@ class FieldConditions(ABC):
     def of(self, pattern: Pattern, guards: Iterable[Guard] = ()) -> str:
         """Return the condition that an event matches a pattern and satisfies guards over its own
         values.
-
-        Raises `NotExpressible`.
         """
         paths: dict[str, str] = {}
         tests = list(self._tests(pattern, (), paths))
-        asked = [(variables(guard), self.guard(guard, paths)) for guard in guards]
-        compared = {names[0] for names, text in asked if len(names) == 1 and text not in (self.always, self.never)}
+        conditions = [(variables(guard), self.guard(guard, paths)) for guard in guards]
+        compared = {names[0] for names, text in conditions if len(names) == 1 and text not in (self.always, self.never)}
         implied = compared if self.comparing_asks else set[str]()
-        return self.all([*(text for name, text in tests if name not in implied), *(text for _, text in asked)])
+        return self.all([*(text for name, text in tests if name not in implied), *(text for _, text in conditions)])
 
     def paths(self, pattern: Pattern) -> dict[str, str]:
         """Return the paths of the variables of a pattern."""
@@ -106,7 +103,7 @@ class FieldConditions(ABC):
         return found
 
     def _tests(self, pattern: Pattern, way: FieldPath, paths: dict[str, str]) -> Iterator[tuple[str, str]]:
-        """Yield the tests of a pattern with their variable, if any; add the paths of variables to
+        """Yield each test of a pattern with its variable, if any; add the paths of variables to
         `paths`.
         """
         match pattern:
@@ -160,9 +157,7 @@ class FieldConditions(ABC):
                 raise self.lacks(Lack.CALCULATION)
 
     def function(self, operator: Operator, path: str, text: str, *, wanted: bool) -> str:
-        """Return a test that a function of the string at a path and a constant is true, or is
-        false.
-        """
+        """Return a test that a function of the string at a path and a constant equals `wanted`."""
         if operator not in self.functions:
             raise self.lacks(Lack.CALCULATION)
         found = self.functions[operator].format(p=path, v=self.literal(text))
@@ -194,7 +189,7 @@ def conjunction(texts: Iterable[str], word: str, always: str, never: str) -> str
 def disjunction(texts: Iterable[str], word: str, always: str, never: str, operand: Callable[[str], str] = str) -> str:
     """Return the disjunction of conditions without duplicates, in parentheses if there are several.
 
-    `operand` formats each of several conditions.
+    `operand` formats each of them.
 
     >>> disjunction(["a", "false", "b"], " or ", "true", "false"), disjunction([], " or ", "true", "false")
     ('(a or b)', 'false')

@@ -1,8 +1,8 @@
 """Properties as series-parallel expressions: event, all, one, at least k, or sequence.
 
-Expressions are built part by part. Scenarios are written one by one if parts share events or
-variables (shared nodes, guards over several nodes). If the order of a scenario is not
-series-parallel, two unordered events are tried in both orders. Matches use distinct events.
+Scenarios are written one by one if parts share events or variables (shared nodes, guards over
+several nodes). If the order of a scenario is not series-parallel, two unordered events are tried in
+both orders. Matches use distinct events.
 """
 
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
@@ -43,7 +43,7 @@ WINDOW: Final = "window"
 
 @dataclass(frozen=True, slots=True)
 class Nest:
-    """An event under guards, or an operator over parts, of which `need` are required, within a
+    """An event under guards, or an operator over parts, of which it requires `need`, within a
     duration.
 
     `size` counts the written events.
@@ -78,8 +78,8 @@ class Nest:
         >>> both.during(5).during(9).within, both.parts[0].during(5).within
         (5, None)
         """
-        asked = [one for one in (self.within, within) if one is not None]
-        return replace(self, within=min(asked)) if asked and self.parts else self
+        windows = [one for one in (self.within, within) if one is not None]
+        return replace(self, within=min(windows)) if windows and self.parts else self
 
     def ways(self) -> "Nest":
         """Return an at-least-k nest as a choice of conjunctions."""
@@ -213,7 +213,6 @@ class Nesting:
         return knots
 
     def _own_event(self, part: All) -> Event | None:
-        """Return the event of the node of a part with conditions, or None."""
         node = part.source.node if part.source is not None else None
         agenda: list[Part] = [one for one in part.parts if not isinstance(one, Condition)]
         while agenda:
@@ -228,7 +227,6 @@ class Nesting:
         return [guard for one in part.parts if isinstance(one, Condition) for guard in conjuncts(one.guard)]
 
     def _own(self, part: All) -> tuple[Guard, ...]:
-        """Return the guards of a part on the event of its own node."""
         event = self._own_event(part)
         known = frozenset[str]() if event is None else self._binds[event]
         return tuple(guard for guard in self._asked(part) if known.issuperset(variables(guard)))
@@ -237,26 +235,25 @@ class Nesting:
         own = self._own(part)
         return [guard for guard in self._asked(part) if guard not in own]
 
-    def _nest(self, part: Part, asked: tuple[Guard, ...]) -> Nest:
-        """Return the nest of a part; `asked` holds the guards on the event of its node."""
-        if (part, asked) not in self._made_nests:
-            found = joined(PartKind.ONE, self._scenarios(part)) if part in self._knots else self._gate(part, asked)
+    def _nest(self, part: Part, guards: tuple[Guard, ...]) -> Nest:
+        if (part, guards) not in self._made_nests:
+            found = joined(PartKind.ONE, self._scenarios(part)) if part in self._knots else self._gate(part, guards)
             self._fits(found.size)
-            self._made_nests[part, asked] = found
-        return self._made_nests[part, asked]
+            self._made_nests[part, guards] = found
+        return self._made_nests[part, guards]
 
-    def _gate(self, part: Part, asked: tuple[Guard, ...]) -> Nest:
+    def _gate(self, part: Part, guards: tuple[Guard, ...]) -> Nest:
         def below() -> list[Nest]:
             inner = (one for one in part.parts if not isinstance(one, Condition))
-            return [self._nest(one, asked if self._same_node(part, one) else ()) for one in inner]
+            return [self._nest(one, guards if self._same_node(part, one) else ()) for one in inner]
 
         match part:
             case Event():
-                return Nest(PartKind.EVENT, event=part, guards=asked, size=1)
+                return Nest(PartKind.EVENT, event=part, guards=guards, size=1)
             case Condition():
                 return NOTHING
             case All():
-                asked = (*asked, *self._own(part))
+                guards = (*guards, *self._own(part))
                 return joined(PartKind.ALL, below())
             case Sequence():
                 return joined(PartKind.SEQUENCE, below())
@@ -265,7 +262,7 @@ class Nesting:
             case AtLeast(need=need):
                 return joined(PartKind.AT_LEAST, [self._nest(one, ()) for one in part.parts], need)
             case Within(parts=(whole,), duration=duration):
-                return self._nest(whole, asked).during(duration)
+                return self._nest(whole, guards).during(duration)
             case Within() | Times() | EndInOrder():
                 raise AssertionError("passes remove these before")
             case _:
@@ -289,34 +286,33 @@ class Nesting:
                 for (one, have), (other, has) in combinations(binds.items(), 2):
                     if have & has:
                         self._refuse(min(have & has), (one.source.node, other.source.node))
-                asked = orders.asked(scenario, binds, lambda node, _: self._refuse(TIE, [node]))
-                if asked:
-                    said = {
-                        event: Nest(PartKind.EVENT, event=event, guards=tuple(asked[event]), size=1) for event in binds
+                guards = orders.assigned_guards(scenario, binds, lambda node, _: self._refuse(TIE, [node]))
+                if guards:
+                    leaves = {
+                        event: Nest(PartKind.EVENT, event=event, guards=tuple(guards[event]), size=1) for event in binds
                     }
                     order = nx.DiGraph()
-                    order.add_nodes_from(said)
+                    order.add_nodes_from(leaves)
                     for event, before in zip(scenario.events, scenario.before, strict=True):
                         order.add_edges_from((scenario.events[earlier], event) for earlier in bits(before))
-                    yield self._arranged(said, order)
-                elif asked is not None:
+                    yield self._arranged(leaves, order)
+                elif guards is not None:
                     yield NOTHING
 
-    def _arranged(self, said: Mapping[Event, Nest], order: nx.DiGraph) -> Nest:
-        """Return events of a scenario arranged by their order."""
-        if len(said) == 1:
+    def _arranged(self, leaves: Mapping[Event, Nest], order: nx.DiGraph) -> Nest:
+        if len(leaves) == 1:
             self._made += 1
             self._fits(self._made)
-            return next(iter(said.values()))
-        own = order.subgraph(said).to_undirected()
+            return next(iter(leaves.values()))
+        own = order.subgraph(leaves).to_undirected()
         for op, graph in ((PartKind.ALL, own), (PartKind.SEQUENCE, nx.complement(own))):
-            found = [[one for one in said if one in group] for group in nx.connected_components(graph)]
+            found = [[one for one in leaves if one in group] for group in nx.connected_components(graph)]
             if len(found) > 1:
-                place = [*said].index
+                place = [*leaves].index
                 found.sort(
                     key=lambda some: (order.in_degree(some[0]) if op is PartKind.SEQUENCE else 0, place(some[0]))
                 )
-                return joined(op, [self._arranged({one: said[one] for one in some}, order) for some in found])
-        pair = next(pair for pair in combinations(said, 2) if not own.has_edge(*pair))
+                return joined(op, [self._arranged({one: leaves[one] for one in some}, order) for some in found])
+        pair = next(pair for pair in combinations(leaves, 2) if not own.has_edge(*pair))
         ways = [nx.transitive_closure_dag(nx.DiGraph([*order.edges, both])) for both in (pair, pair[::-1])]
-        return joined(PartKind.ONE, [self._arranged(said, way) for way in ways])
+        return joined(PartKind.ONE, [self._arranged(leaves, way) for way in ways])

@@ -1,8 +1,6 @@
 """The event orders of a property as distinct words of letters, for languages that list orders.
 
-Choices between independent leaves are made within a letter. Votes keep no child beyond their
-minimum, which `scattered` allows. Words that differ in one letter are merged. All steps count
-against a budget.
+Choices between independent leaves are made within a letter. All steps count against a budget.
 """
 
 from collections import Counter
@@ -67,10 +65,14 @@ class Orders:
                     conditions: list[Part] = []
                     found = GuardedEvent(part)
                 case All(parts=(Event() as event, *conditions)):
-                    asked = [one for one in conditions if isinstance(one, Condition) and one not in prop.shared]
-                    if len(asked) < len(conditions):
+                    own_conditions = [
+                        one for one in conditions if isinstance(one, Condition) and one not in prop.shared
+                    ]
+                    if len(own_conditions) < len(conditions):
                         return ()
-                    found = GuardedEvent(event, tuple(guard for one in asked for guard in guards.conjuncts(one.guard)))
+                    found = GuardedEvent(
+                        event, tuple(guard for one in own_conditions for guard in guards.conjuncts(one.guard))
+                    )
                 case One(parts=parts):
                     each = [leaves(inner) for inner in parts]
                     return tuple(leaf for some in each for leaf in some) if all(each) else ()
@@ -107,7 +109,7 @@ class Orders:
             root = self.prop.tree.root
             raise TreeError(f"no scenario of {root} is feasible", rule="no-scenario", nodes=[root])
 
-    def asked(
+    def assigned_guards(
         self,
         scenario: Scenario,
         bound: Mapping[Event, Container[str]],
@@ -116,8 +118,8 @@ class Orders:
         """Return the guards of a scenario per event, or None if one never holds.
 
         A guard is assigned to one event that binds all its variables (`bound`), preferably that of
-        its node. `several` receives guards over several events with their node; an error that it
-        returns is raised.
+        its node. `several` receives guards over several events with their node, and may return an
+        error to raise.
         """
         found: dict[Event, list[Guard]] = {event: [] for event in bound}
         for condition in scenario.conditions:
@@ -144,7 +146,9 @@ class Orders:
         return {event: frozenset(some) for event, some in later.items()}
 
     def words(self, scenario: Scenario, letters: Mapping[Event, Letter]) -> Iterator[tuple[Letter, ...]]:
-        """Yield the event orders of a scenario as words of letters, without earlier words."""
+        """Yield the event orders of a scenario as words of letters, without words of earlier
+        scenarios.
+        """
         events, known = scenario.events, scenario.before
         needed, last = list(known), dict[Hashable, int]()
         after = [0] * len(events)

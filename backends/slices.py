@@ -1,9 +1,9 @@
 """Slices: variable values in monitors of propositional texts.
 
 A *slice* is a partial assignment of variables and the state of the text under it. At an event a
-slice continues as it is, with atoms over unbound variables false. It also branches for each way in
-which an atom binds variables from the event. The verdict is ⊤ when a slice detects, and ⊥ when none
-can. Of two slices in the same state, the one with more bindings is dropped.
+slice continues, with atoms over unbound variables false. It also branches for each way in which an
+atom binds variables from the event. The verdict is ⊤ when a slice detects, and ⊥ when none can. Of
+two slices in the same state, the one with more bindings is dropped.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Set
@@ -17,10 +17,10 @@ from rvaft.model.values import equal, fingerprint
 from rvaft.model.verdict import Verdict
 
 LIMIT: Final = 100_000
-"""The maximum number of slices of a monitor; beyond it `TooLarge` is raised."""
+"""Maximum number of slices of a monitor."""
 
 FEW: Final = 6
-"""The maximum number of variables for which all smaller assignments are tested."""
+"""Maximum number of variables for which all smaller assignments are tested."""
 
 Assignment: TypeAlias = frozenset[tuple[str, Hashable]]
 Slices: TypeAlias = Mapping[tuple[Assignment, int], Binding]
@@ -45,10 +45,7 @@ def advance(
     - `extensions` yields the bindings that atoms of a state can take from the event.
     - `step` returns verdict and next state under a binding, given the binding before.
     - `matter` returns the variables that a state still depends on; others are dropped.
-    - `keep_all` keeps slices with more bindings, which may detect more, as under a negated atom
-      with a guard.
-
-    Raises `TooLarge`.
+    - `keep_all` keeps slices with more bindings, for texts in which these may detect more.
 
     >>> once = lambda state, bound, _: (Verdict.UNKNOWN, len(bound))
     >>> one = advance(start(0), lambda state, bound: [{"X": 1}], once, matter=lambda state: {"X"})

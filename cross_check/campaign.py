@@ -22,14 +22,11 @@ from rvaft.model.tree import RVAFT
 from rvaft.rules import require_valid
 from rvaft.support.processes import Killed, in_processes
 
-# The catalogue of a run without arguments, in code so that installed packages contain it.
-# It has every gate with one to four children and every threshold, with and without an event under
-# both causalities; every ordered pair of gates, and three nested gates; a shared node under each
-# gate, also where a choice adds an order; children with equal events or equal first events;
-# monitors of branches and kinds; a vote with many orders; a guard in every place; and literals that
-# differ only in type.
-
-"""Sufficient to find every fault that the tests plant in translations and readers."""
+# The catalogue of a run without arguments, in code so that installed packages contain it. It finds
+# every fault that the tests plant in translations and readers. It has every gate with one to four
+# children, with and without an event under both causalities; every ordered pair of gates; shared
+# nodes; children with equal events; monitors of branches and kinds; votes with many orders; guards
+# in every place; and literals that differ only in type.
 
 EVENTS: Final = """
 event seen(what) = { event: what };
@@ -65,7 +62,6 @@ def gates(children: int) -> Iterator[str]:
 
 
 def _above(gate: Gate, children: str, further: str) -> tuple[str, str]:
-    """Return a gate and its children; a vote gets a further child."""
     return ("2of3", f"{children} {further}") if gate.counts else (gate, children)
 
 
@@ -176,20 +172,19 @@ _IN_PRACTICE: Final = {
 def parts_of_language(tree: RVAFT) -> Iterator[str]:
     """Yield the constructs of a tree that not every language has."""
     nodes = [*tree.top_down()]
-    asked = [part.operator for node in nodes for part in guard_walk(node.when) if isinstance(part, Operation)]
+    operators = [part.operator for node in nodes for part in guard_walk(node.when) if isinstance(part, Operation)]
     found = {
         "pand": any(node.gate == "pand" for node in nodes),
         "times": any(node.times > 1 for node in nodes),
         "within": any(node.within is not None for node in nodes),
         "at, start, end": any(time_points(node.when) for node in nodes),
         "late": tree.time is not None and tree.time.late is not None,
-        "functions": any(operator in FUNCTIONS | {Operator.IN} for operator in asked),
+        "functions": any(operator in FUNCTIONS | {Operator.IN} for operator in operators),
     }
     return (part for part, there in found.items() if there)
 
 
 def _entry(name: str, text: str) -> Entry:
-    """Return an entry for a tree, with the event declarations that it uses."""
     used = "".join(f"{line}\n" for line in EVENTS.splitlines() if f" {line[6:].partition('(')[0]}(" in text)
     return Entry(name, loads(used + text))
 
@@ -208,7 +203,7 @@ def _single(*counts: int) -> Iterator[Entry]:
 
 MAX_NODES: Final = 9
 _PARTS: Final = 0.2
-"""The probability that one branch is compared instead of the whole tree."""
+"""Probability that one branch is compared instead of the whole tree."""
 
 
 def campaign(number: int, seed: int, max_nodes: int = MAX_NODES) -> Iterator[Entry]:
@@ -237,7 +232,7 @@ class Task:
     effort: Effort
 
     def run(self) -> list[Result]:
-        """Return the results; errors of the tree are results too."""
+        """Return the results, also for errors of the tree."""
         try:
             return Comparison(self.tree, self.job, self.effort).run(self.roster.candidates(self.tree, self.job))
         except Exception as error:  # noqa: BLE001 (whatever it is, the other comparisons go on)

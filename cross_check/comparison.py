@@ -1,8 +1,7 @@
 """The comparison of participants on one tree (or a branch or kind) under one semantics.
 
-Agreement is proved on all traces if possible. All participants also run the same test traces. The
-verdict after every prefix is compared with that of the baseline: the reference or, without it, the
-next participant. Agreement without any detection is vacuous.
+All participants run the same test traces, also if agreement is proved. The verdict after every
+prefix is compared with that of the baseline: the reference or, without it, the next participant.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -32,7 +31,7 @@ from cross_check.participants import (
     faithful_backends,
     handwritten,
     reference_of,
-    tells_detections_only,
+    reports_detections_only,
     translated,
 )
 from cross_check.product import Exploration
@@ -56,9 +55,9 @@ T = TypeVar("T")
 Enlist: TypeAlias = Callable[[], Enlisted]
 
 MATCHED: Final = 8
-"""The maximum number of traces per comparison of which all matches are compared."""
+"""Maximum number of traces per comparison of which all matches are compared."""
 TRIED: Final = 2_000
-"""The maximum number of events tried to find the matches of a trace."""
+"""Maximum number of events tried to find the matches of a trace."""
 PATIENCE: Final = 60.0
 """Seconds for all traces of one comparison."""
 
@@ -134,9 +133,8 @@ def cross_check(
     """Compare the reference, the engine and backends on a tree under some semantics (default: all).
 
     `backends` restricts the backends (default: all faithful ones). `against` lists specifications
-    `[LANG:]FILE` to compare with the tree instead. `name` names the tree in results. Returns one
-    result per participant and semantics. Raises `OptionError` and `LanguageError` for `against`,
-    `TreeError` for an invalid tree or part.
+    `[LANG:]FILE` to compare with the tree instead. `name` names the tree in results. Raises
+    `OptionError` and `LanguageError` for `against`, `TreeError` for an invalid tree or part.
 
     >>> import rvaft
     >>> [result.text for result in cross_check(rvaft.loads("top and a b;"), "projected", backends=["ltlf"])]
@@ -153,8 +151,6 @@ def cross_check(
 
 @dataclass(slots=True)
 class _Row:
-    """The state of one participant."""
-
     name: str
     patience: float | None
     participant: Participant | None = None
@@ -171,7 +167,6 @@ class _Row:
     matched: int = 0
     match: str = ""
     detected: bool = False
-    """Whether this participant or the baseline detected in a common trace."""
 
     def end(self, status: Status, why: str = "") -> None:
         self.status, self.why = status, why
@@ -181,7 +176,6 @@ class _Row:
         self.end(Status.of(known), reason(known))
 
     def attempt(self, step: Callable[[], T], seconds: float | None) -> T | None:
-        """Return the result of a step, or None on an error or timeout."""
         try:
             with within(seconds):
                 return step()
@@ -196,29 +190,27 @@ class _Row:
         return self.participant.answers([trace])[0]
 
     def answers(self, traces: Sequence[Trace]) -> Sequence[Answer] | None:
-        """Return the answer for every trace, or None on an error; external programs have their own
-        timeout.
+        """Return the answer for every trace, or None on an error; external programs time
+        themselves.
         """
         if self.outside is not None:
             return self.attempt(partial(self.outside.answers, traces), None)
         assert self.participant is not None
-        asked = partial(self.participant.answers, traces)
-        said = self.attempt(asked, self.patience)
-        return None if said is None else [*map(Answer, said)]
+        step = partial(self.participant.answers, traces)
+        found = self.attempt(step, self.patience)
+        return None if found is None else [*map(Answer, found)]
 
     @property
     def detections_only(self) -> bool:
         one = self.participant or self.outside
-        return one is not None and tells_detections_only(one)
+        return one is not None and reports_detections_only(one)
 
     def leaves_open(self, trace: Trace) -> str:
-        """Return why the participant has no verdict for a trace, or an empty string."""
         left_open = None if self.participant is None else self.participant.left_open
         return "" if left_open is None else left_open(trace)
 
-    def judge(self, asked: Sequence[tuple[Trace, Answer]], answers: Sequence[Answer]) -> None:
-        """Compare the answers; known deviations of an external program are only counted."""
-        for (trace, wanted), answer in zip(asked, answers, strict=True):
+    def judge(self, judged: Sequence[tuple[Trace, Answer]], answers: Sequence[Answer]) -> None:
+        for (trace, wanted), answer in zip(judged, answers, strict=True):
             if answer.verdicts != wanted.verdicts and answer.deviations and not answer.expired:
                 self.masks.update(dict.fromkeys(answer.deviations))
                 self.masked += 1
@@ -234,7 +226,6 @@ class _Row:
         return None
 
     def compare(self, trace: Trace, wanted: Sequence[Verdict], got: Sequence[Verdict]) -> None:
-        """Compare two sequences of verdicts; keep the shortest differing trace."""
         if self.detections_only:
             wanted = detections(wanted)
         for length, (one, other) in enumerate(zip(wanted, got, strict=True), 1):
@@ -245,13 +236,11 @@ class _Row:
                 return
 
     @property
-    def tells_matches(self) -> bool:
-        """Whether all matches can be compared: the participant lists them, and no verdict differs."""
+    def lists_matches(self) -> bool:
         every = None if self.participant is None or self.difference is not None else self.participant.matches
         return every is not None and self.attempt(partial(every, ()), self.patience) is not None
 
     def compare_matches(self, known: Sequence[tuple[Trace, frozenset[Match]]]) -> None:
-        """Compare all matches of traces; keep the first missing or additional match."""
         assert self.participant is not None
         assert self.participant.matches is not None
         traces = [trace for trace, _ in known]
@@ -265,7 +254,6 @@ class _Row:
                 return
 
     def shorten(self, baseline: "_Row") -> None:
-        """Remove events from the differing trace that the disagreement does not need."""
         position = 0
         with suppress(Exception, Expired), within(self.patience):
             while self.difference is not None and position < len(trace := self.difference[0]):
@@ -284,9 +272,7 @@ class Comparison:
     rows: list[_Row] = field(default_factory=list)
 
     def run(self, candidates: Iterable[tuple[str, Enlist]]) -> list[Result]:
-        """Return the results; `candidates` have names before creation, because creation may time
-        out.
-        """
+        """Return the results; `candidates` are named before their creation, which may time out."""
         for name, enlist in candidates:
             started = perf_counter()
             row = _Row(name, self.effort.seconds)
@@ -381,7 +367,6 @@ class Comparison:
                 row.why = f"{able[0].name} failed" if 0 in found.failed else f"state limit {self.effort.states} reached"
 
     def _test(self) -> bool:
-        """Run the test traces; return False if the baseline fails."""
         baseline, *others = self._present
         rest = [*others, *self._outside]
         unproved = any(row.status is None for row in rest)
@@ -403,13 +388,13 @@ class Comparison:
                 continue
             if traces:
                 json_alone = row.participant is None or row.participant.json_alone
-                asked = [one for one in every if not json_alone or all(map(is_finite, one[0]))]
-                asked = self._told(row, baseline, asked)
-                answers = row.answers([trace for trace, _ in asked])
+                judged = [one for one in every if not json_alone or all(map(is_finite, one[0]))]
+                judged = self._decidable(row, baseline, judged)
+                answers = row.answers([trace for trace, _ in judged])
                 if answers is not None:
-                    row.judge(asked, answers)
-                if baseline.name == REFERENCE and row.tells_matches:  # the reference could enumerate the scenarios
-                    row.compare_matches(self._matches(asked))
+                    row.judge(judged, answers)
+                if baseline.name == REFERENCE and row.lists_matches:  # the reference could enumerate the scenarios
+                    row.compare_matches(self._matches(judged))
                 if row.participant is not None:
                     row.shorten(baseline)
             elif row.status is None:
@@ -417,24 +402,23 @@ class Comparison:
             row.status = row.status or Status.TESTED
         return True
 
-    def _told(self, row: _Row, baseline: _Row, asked: list[tuple[Trace, Answer]]) -> list[tuple[Trace, Answer]]:
+    def _decidable(self, row: _Row, baseline: _Row, every: list[tuple[Trace, Answer]]) -> list[tuple[Trace, Answer]]:
         """Return the traces with verdicts in the language; others get increasing times, or are
-        counted as masked.
+        masked.
         """
-        told = [one for one in asked if not row.leaves_open(one[0])]
-        if len(told) < len(asked):
-            others = [in_order(self.tree, trace) for trace, _ in asked if row.leaves_open(trace)]
+        kept = [one for one in every if not row.leaves_open(one[0])]
+        if len(kept) < len(every):
+            others = [in_order(self.tree, trace) for trace, _ in every if row.leaves_open(trace)]
             whys = [why for trace in others if (why := row.leaves_open(trace))]
             row.masks.update(dict.fromkeys(whys))
             row.masked += len(whys)
             others = [trace for trace in others if not row.leaves_open(trace)]
-            told += zip(others, baseline.answers(others) or (), strict=False)
-        return told
+            kept += zip(others, baseline.answers(others) or (), strict=False)
+        return kept
 
-    def _matches(self, asked: Iterable[tuple[Trace, Answer]]) -> list[tuple[Trace, frozenset[Match]]]:
-        """Return all matches of some detecting traces, if these are few."""
+    def _matches(self, judged: Iterable[tuple[Trace, Answer]]) -> list[tuple[Trace, frozenset[Match]]]:
         found: dict[str, tuple[Trace, frozenset[Match]]] = {}
-        detecting = (trace for trace, answer in asked if Verdict.TRUE in (answer.verdicts or ()))
+        detecting = (trace for trace, answer in judged if Verdict.TRUE in (answer.verdicts or ()))
         scenarios = chosen_scenarios(self.tree, self.job.branch, self.job.kind)
         for trace in islice(detecting, MATCHED):
             with suppress(TooLarge):

@@ -29,7 +29,7 @@ from cross_check.participants import (
     Enlisted,
     Handwritten,
     detections,
-    tells_detections_only,
+    reports_detections_only,
     verdicts_of,
 )
 from cross_check.results import DETECTIONS_ONLY, Difference, Job, Result, Status
@@ -88,7 +88,7 @@ class Case:
 
     `verdicts` holds for each participant the verdict after every event, `specifications` language
     and text of participants that have one. Raises `CaseError` for a wrong number of verdicts and
-    for a restricted tree: a case has the whole tree, with `branch` or `kind`.
+    for a restricted tree, instead of which a case has `branch` or `kind`.
     """
 
     name: str
@@ -125,7 +125,7 @@ def save(case: Case, folder: StrPath) -> Path:
     """Write a case into its own folder, and return the folder.
 
     An existing folder with the same case is returned unchanged; another case with the name gets a
-    number. Raises `CaseError` if the folder cannot be written or the case does not read back equal.
+    number. Raises `CaseError` if that fails or the case does not read back equal.
     """
     home, stem = Path(folder), _slug(case.name)
     temporary = home / f".{stem}.{token_hex(4)}"
@@ -201,8 +201,7 @@ def _settled(temporary: Path, wanted: Path, files: Mapping[str, bytes]) -> Path:
 def load(path: StrPath) -> Case:
     """Return the case in a folder, named after the folder.
 
-    Raises `CaseError` for other folders, `LanguageError` and `TreeError` for its tree, `TraceError`
-    for its trace.
+    Raises `CaseError` for other folders, and the errors of its tree and trace.
     """
     folder = Path(path)
     if not folder.is_dir():
@@ -256,8 +255,7 @@ def _reason(error: Exception) -> str:
 
 
 def case_folders(folder: StrPath) -> tuple[Path, ...]:
-    """Return the folders of cases: this folder if it is a case, else its visible subfolders by
-    name.
+    """Return this folder if it is a case, else its visible subfolders by name.
 
     Raises `CaseError` if there are none.
     """
@@ -293,7 +291,7 @@ def shrunk(task: Task, result: Result) -> Case:
             return False
         enlisted = made(tree)
         found = _verdicts(enlisted, trace)
-        only = any(map(tells_detections_only, enlisted.values()))
+        only = any(map(reports_detections_only, enlisted.values()))
         return len(found) == len(names) and len({detections(one) if only else one for one in found.values()}) > 1
 
     tree, trace = shrink(task.tree, list(result.difference.trace), disagrees)
@@ -303,14 +301,13 @@ def shrunk(task: Task, result: Result) -> Case:
         if not isinstance(one, Absent) and one.specification is not None:
             texts[name] = one.specification.language, one.specification.text
     name = case_name(tree, trace, job.semantics, branch=job.branch, kind=job.kind)
-    said = _verdicts(enlisted, trace)
-    return Case(name, tree, tuple(trace), job.semantics, job.branch, job.kind, said, texts)
+    verdicts = _verdicts(enlisted, trace)
+    return Case(name, tree, tuple(trace), job.semantics, job.branch, job.kind, verdicts, texts)
 
 
 def _verdicts(enlisted: Mapping[str, Enlisted], trace: Sequence[Json]) -> dict[str, Verdicts]:
-    """Return the verdicts of each participant after every prefix, without participants that fail."""
-    asked = ((name, verdicts_of(one, trace)) for name, one in enlisted.items())
-    return {name: said for name, said in asked if isinstance(said, tuple)}
+    results = ((name, verdicts_of(one, trace)) for name, one in enlisted.items())
+    return {name: verdicts for name, verdicts in results if isinstance(verdicts, tuple)}
 
 
 # Replaying.
@@ -326,10 +323,7 @@ class Replay:
 
 
 def replay(case: Case, roster: Roster) -> Iterator[Replay]:
-    """Yield the verdicts of participants on the trace of a case.
-
-    Participants are those of the roster and those saved with the case.
-    """
+    """Yield the verdicts of participants of the roster and of the case on its trace."""
     known = all_backends()
     named = tuple(name for name in case.verdicts if name in known)
     against = tuple(Handwritten(name, *text) for name, text in case.specifications.items() if name not in known)
@@ -340,7 +334,7 @@ def replay(case: Case, roster: Roster) -> Iterator[Replay]:
     baseline: Verdicts | None = None
     for name, enlist in roster.candidates(case.tree, job):
         enlisted = enlist()
-        found, only = verdicts_of(enlisted, case.trace), tells_detections_only(enlisted)
+        found, only = verdicts_of(enlisted, case.trace), reports_detections_only(enlisted)
         before = case.verdicts.get(name)
         if isinstance(found, RvaftError):
             yield Replay(Result(job, name, Status.of(found), why=str(found)), before, None)

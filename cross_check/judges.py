@@ -23,7 +23,7 @@ VERIMON: Final = "mfotl-verimon"
 R2U2: Final = "mtl-r2u2"
 FLINK: Final = "match-recognize-flink"
 FLINK_LIMIT: Final = 200
-"""The maximum number of events of a text for Flink, which takes minutes beyond it."""
+"""Maximum number of events of a text for Flink, which takes minutes beyond it."""
 
 Traces: TypeAlias = Sequence[Sequence[Json]]
 
@@ -60,7 +60,6 @@ def flink_of(part: RVAFT, semantics: Semantics) -> Outside:
 def _judge(
     name: str, made: Specification, left_open: LeftOpen, ask: Callable[[Traces], Sequence[int | None]]
 ) -> Outside:
-    """Return a participant that reports first detections; traces without a verdict are masked."""
 
     def answers(traces: Traces) -> list[Answer]:
         whys = [left_open(trace) for trace in traces]
@@ -68,7 +67,7 @@ def _judge(
             found = iter(ask([trace for trace, why in zip(traces, whys, strict=True) if not why]))
         except subprocess.TimeoutExpired as error:
             return [Answer(error=f"no answer within {error.timeout:g} s", expired=True)] * len(traces)
-        told = zip(traces, whys, strict=True)
-        return [Answer(deviations=(why,)) if why else Answer(detected(trace, next(found))) for trace, why in told]
+        pairs = zip(traces, whys, strict=True)
+        return [Answer(deviations=(why,)) if why else Answer(detected(trace, next(found))) for trace, why in pairs]
 
     return Outside(name, answers, made, detections_only=True)

@@ -87,8 +87,8 @@ class Answer:
     """The result of a participant on one trace.
 
     `verdicts` has one verdict per event, or is None if an external program failed (`error`) or
-    timed out (`expired`). `deviations` names known deviations of the program that may occur on the
-    trace; a disagreement then proves nothing about the text.
+    timed out (`expired`). `deviations` names known deviations of the program on the trace; a
+    disagreement then proves nothing about the text.
     """
 
     verdicts: tuple[Verdict, ...] | None = None
@@ -99,7 +99,7 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Outside:
-    """An external program for many whole traces; `answers` raises the errors that `Absent` holds."""
+    """An external program for whole traces; `answers` raises the errors that `Absent` holds."""
 
     name: str
     answers: Callable[[Sequence[Sequence[Json]]], Sequence[Answer]]
@@ -170,8 +170,7 @@ def times_matter(tree: RVAFT) -> bool:
 
 
 def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
-    """Return the patterns that a tree's verdicts depend on: runtime events, alphabet and ignored
-    events.
+    """Return the patterns that a tree's verdicts depend on: runtime, alphabet and ignored events.
 
     A variable of a single, uncounted runtime event is local if all guards on it concern only that
     event.
@@ -189,8 +188,8 @@ def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
         about = {name: guards.get(name, []) for name in names if uses[name] == 1}
         own = [name for name, some in about.items() if all(set(guard_variables(g)) <= set(names) for g in some)]
         found += [Observed(pattern, guard).untied(own) for guard in (None, *chain(*(about[name] for name in own)))]
-        # Each event that binds a shared variable is also tested against its guards: the engine
-        # drops values that a guard rejects.
+        # The engine drops values that a guard rejects, so events that bind a shared variable also
+        # meet its guards.
         shared = chain(*(guards.get(name, []) for name in names if name not in own))
         found += [Observed(pattern, guard).untied() for guard in shared]
     found += [Observed(entry.pattern, entry.when).untied() for entry in tree.alphabet]
@@ -230,10 +229,7 @@ def reference_of(
 def translated(
     name: str, part: RVAFT, semantics: Semantics, *, limit: int | None = None, tool: str | None = None
 ) -> Participant:
-    """Return a backend's text, run by its reader or by an external tool.
-
-    `limit` bounds the translation; None is the default of the backend.
-    """
+    """Return a backend's text, run by its reader or by an external tool."""
     language = backend(name)
     if not language.readable:
         raise OptionError(f"{name} has no reader, so its texts cannot be compared")
@@ -250,7 +246,7 @@ def _of_whole_traces(monitor: Monitor) -> tuple[FirstDetections | None, LeftOpen
     return (monitor.first_detections, monitor.left_open) if isinstance(monitor, DetectionMonitor) else (None, None)
 
 
-def tells_detections_only(one: Enlisted) -> bool:
+def reports_detections_only(one: Enlisted) -> bool:
     """Return whether a participant reports detections only, never ⊥."""
     match one:
         case Participant(first_detections=first):
@@ -304,7 +300,7 @@ class Handwritten:
     def enlist(self, tree: RVAFT, semantics: Semantics) -> Participant | Absent:
         """Return the participant for this text.
 
-        An atom that the text does not define is the event of the node of that name.
+        An undefined atom of the text is the event of the node of that name.
         """
         if self.language == TREE:
             other = loads(self.text)
@@ -333,8 +329,8 @@ class _NodeEvents(dict[str, Pattern]):
 
 
 def handwritten(named: str) -> Handwritten:
-    """Return the specification `[LANG:]FILE`; the language defaults to the suffix, and `-` is
-    standard input.
+    """Return the specification `[LANG:]FILE`; by default the suffix gives LANG; `-` is standard
+    input.
 
     Raises `OSError` for unreadable files, `OptionError` for an unknown language, `LanguageError`
     for invalid texts.
@@ -377,5 +373,4 @@ def _split(named: str) -> tuple[str, str]:
 
 
 def _language(word: str) -> str | None:
-    """Return the reader for a name of a language, backend or suffix, or None."""
     return word.lower() if word.lower() in (TREE, *all_backends()) else speaking(word)

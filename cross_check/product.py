@@ -1,5 +1,4 @@
-"""Proof of agreement: breadth-first exploration of the product of the participants' states over all
-letters.
+"""Proof of agreement: breadth-first exploration of the product of the participants' states.
 
 Equal monitor states imply equal futures, and events of one letter are indistinguishable. If no
 reachable combination of states has two different verdicts, no trace distinguishes the participants;
@@ -23,14 +22,11 @@ GONE = -1
 
 
 class _Machine:
-    """The reachable states of one participant, numbered in discovery order; each step is computed
-    once.
-    """
+    """The reachable states of one participant, by discovery; each step is computed once."""
 
     def __init__(self, participant: Participant, letters: Sequence[Json]) -> None:
         self.ties = participant.ties
-        self.asked = [not participant.json_alone or is_finite(letter) for letter in letters]
-        """Whether each letter is given to the participant."""
+        self.receives = [not participant.json_alone or is_finite(letter) for letter in letters]
         self.verdicts: list[Verdict] = []
         self._letters = letters
         self._numbers: dict[Hashable, int] = {}
@@ -63,8 +59,7 @@ class Exploration:
     - `failed`: errors of monitors.
     - `tied`: participants that remember values.
     - `detected`: participants that detected something.
-    - `complete`: no combination of states was skipped, so the others agree on all traces over the
-      letters.
+    - `complete`: no combination of states was skipped, so the others agree on all traces.
     """
 
     def __init__(self, participants: Sequence[Participant], letters: Letters, *, limit: int) -> None:
@@ -110,7 +105,7 @@ class Exploration:
             after = GONE
             if (
                 state != GONE
-                and machine.asked[letter]
+                and machine.receives[letter]
                 and not (number in self.differ or number in self.failed or number in self.tied)
             ):
                 try:
@@ -125,7 +120,6 @@ class Exploration:
         return self._agreeing(found, position, letter)
 
     def _agreeing(self, states: list[int], position: int, letter: int) -> tuple[int, ...]:
-        """Return the states after a letter, excluding those with another verdict than the first."""
         if states[0] != GONE:
             expected = self._machines[0].verdicts[states[0]]
             for number, state in enumerate(states):

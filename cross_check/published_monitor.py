@@ -44,8 +44,7 @@ def run(text: str, traces: Sequence[Sequence[Json]], monitor: Path, *, timeout: 
     """Return one result per trace for an RML text, which the monitor gets as Prolog.
 
     `timeout` is in seconds for all traces together; traces not reached get an error. Raises
-    `LanguageError` for other texts, `ToolMissing` without SWI-Prolog or a checkout, and
-    `ToolFailed` if the text cannot be loaded.
+    `LanguageError`, `ToolMissing`, and `ToolFailed` if the text cannot be loaded.
     """
     deviations = [backend("rml").masked(text, trace) for trace in traces]
     lines, ending, expired = _answers(prolog(text), traces, monitor, timeout)
@@ -54,9 +53,9 @@ def run(text: str, traces: Sequence[Sequence[Json]], monitor: Path, *, timeout: 
         raise ToolFailed(NAME, reason=f"it cannot load the specification: {_short(loading['error'])}")
     found = []
     for answer, known in zip(answers, deviations, strict=False):
-        said = answer.get("verdicts")
-        wrong = _short(answer["error"]) if said is None else ""
-        found.append(Answer(None if said is None else tuple(map(Verdict, said)), wrong, known))
+        verdicts = answer.get("verdicts")
+        wrong = _short(answer["error"]) if verdicts is None else ""
+        found.append(Answer(None if verdicts is None else tuple(map(Verdict, verdicts)), wrong, known))
     return [*found, *(Answer(None, ending, known, expired=expired) for known in deviations[len(answers) :])]
 
 
@@ -69,7 +68,7 @@ def _answer(line: str) -> dict[str, Any]:
 
 
 def _answers(text: str, traces: Sequence[Sequence[Json]], monitor: Path, timeout: float) -> tuple[list[str], str, bool]:
-    """Return the complete output lines, the reason for their end, and whether there was a timeout."""
+    """Return the complete output lines, the reason for their end, and whether time ran out."""
     swipl = _swipl(monitor)
     expired = False
     with tempfile.TemporaryDirectory(prefix="rvaft-") as folder, as_file(files(__package__) / "driver.pl") as script:
@@ -87,8 +86,8 @@ def _answers(text: str, traces: Sequence[Sequence[Json]], monitor: Path, timeout
             try:
                 given = "".join(f"{json.dumps(list(trace))}\n" for trace in traces)
                 output, complaints = process.communicate(given, timeout=timeout)
-                said = complaints.strip().splitlines() or [f"exit status {process.returncode}"]
-                ending = f"the monitor ended early: {_short(said[0])}"
+                lines = complaints.strip().splitlines() or [f"exit status {process.returncode}"]
+                ending = f"the monitor ended early: {_short(lines[0])}"
             except subprocess.TimeoutExpired:
                 process.kill()
                 output, _ = process.communicate()
@@ -97,7 +96,6 @@ def _answers(text: str, traces: Sequence[Sequence[Json]], monitor: Path, timeout
 
 
 def _swipl(monitor: Path) -> str:
-    """Return the path of SWI-Prolog; raises `ToolMissing`."""
     if not (monitor / _SEMANTICS).is_file():
         remedy = f"{monitor} is not a checkout of it (it has no {_SEMANTICS}); {_CHECKOUT}"
         raise ToolMissing("the published RML monitor", remedy=remedy)

@@ -1,7 +1,4 @@
-"""Results of comparisons, with output for terminals, spreadsheets and continuous integration.
-
-The statuses proved, tested, vacuous and not compared are always kept apart.
-"""
+"""Results of comparisons, with output for terminals, spreadsheets and continuous integration."""
 
 import csv
 import io
@@ -26,7 +23,6 @@ class Status(StrEnum):
     """The result for one participant."""
 
     BASELINE = "baseline"
-    """The participant that others are compared with."""
     PROVED = "proved"
     """Agrees with the baseline on all traces."""
     TESTED = "tested"
@@ -80,9 +76,7 @@ def reason(error: BaseException) -> str:
 _RAN: Final = (Status.BASELINE, Status.PROVED, Status.TESTED, Status.DIFFERS)
 _SKIPPED: Final = (Status.VACUOUS, Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)
 _REASONS: Final = 2
-"""The number of reasons shown per participant, most frequent first."""
 _FAILURES: Final = 20
-"""The number of failures shown."""
 _JUNIT: Final = {**dict.fromkeys(_RAN, ""), Status.DIFFERS: "failure", **dict.fromkeys(_SKIPPED, "skipped")}
 
 
@@ -95,8 +89,7 @@ class Difference:
     """A trace on which a participant and the baseline disagree, with their verdicts after every
     prefix.
 
-    If the verdicts are equal and the matches differ, `match` is the first missing or additional
-    match.
+    If only the matches differ, `match` is the first missing or additional match.
     """
 
     trace: tuple[Json, ...]
@@ -128,9 +121,9 @@ class Result:
     """One participant in one comparison.
 
     - `seconds`: time of translation and first reading.
-    - `verdicts`: the number of compared verdicts.
+    - `verdicts`: number of compared verdicts.
     - `symbols`, `states`: sizes of the text.
-    - `why`: the reason if the participant is not proved.
+    - `why`: reason if the participant is not proved.
     - `masked`, `masks`: traces with known deviations of the tool, and these deviations.
     - `matched`: traces on which all matches were compared.
     - `detections_only`: ⊥ was not compared.
@@ -189,7 +182,7 @@ def exit_status(results: Iterable[Result], *, failing: Collection[Status] = (), 
     compared.
 
     2 takes precedence. `failing` lists further statuses that count as failures. A comparison with
-    only vacuous results compared nothing. `vacuous` allows this for single comparisons, such as
+    only vacuous results compared nothing; `vacuous` allows this for single comparisons, such as
     random trees, but not for all.
     """
     every = list(results)
@@ -205,7 +198,7 @@ def exit_status(results: Iterable[Result], *, failing: Collection[Status] = (), 
 class ComparisonTotals:
     """Counts over all results; `unable` are those without a comparison.
 
-    Verdicts count in comparisons with a detection; vacuous comparisons have none.
+    Verdicts of vacuous comparisons do not count.
     """
 
     def __init__(self, results: Iterable[Result]) -> None:
@@ -213,8 +206,8 @@ class ComparisonTotals:
         self.statuses: dict[tuple[str, Semantics], Counter[Status]] = {}
         called = _called(every)
         for result in every:
-            told = self.statuses.setdefault((called[result.participant], result.job.semantics), Counter())
-            told[result.status] += 1
+            counts = self.statuses.setdefault((called[result.participant], result.job.semantics), Counter())
+            counts[result.status] += 1
         self.differing = [result for result in every if result.status is Status.DIFFERS]
         self.unable = [result for result in every if result.status not in _RAN]
         self.vacuous = sum(result.status is Status.VACUOUS for result in every)
@@ -244,13 +237,12 @@ class ComparisonTotals:
         """The summary line."""
         seldom = {"masked trace": self.masked, "vacuous result": self.vacuous}
         counted = self.counts | {what: number for what, number in seldom.items() if number}
-        said = ", ".join(f"{number:,} {_plural(what, number)}" for what, number in counted.items())
+        summary = ", ".join(f"{number:,} {_plural(what, number)}" for what, number in counted.items())
         if not self.counts["verdict"]:
-            return (
-                f"{said}; {'nothing was detected, so nothing was compared' if self.vacuous else 'nothing was compared'}"
-            )
+            outcome = "nothing was detected, so nothing was compared" if self.vacuous else "nothing was compared"
+            return f"{summary}; {outcome}"
         differ = len(self.differing)
-        return f"{said}; {f'{differ:,}' if differ else 'no'} {_plural('disagreement', differ or 1)}"
+        return f"{summary}; {f'{differ:,}' if differ else 'no'} {_plural('disagreement', differ or 1)}"
 
 
 def _called(results: Iterable[Result]) -> dict[str, str]:
@@ -285,9 +277,7 @@ def summary_lines(totals: ComparisonTotals) -> list[str]:
 
 
 def part_lines(results: Iterable[Result], parts: Mapping[str, Collection[str]]) -> list[str]:
-    """Return one line per participant, with counts on trees with each construct (`parts`, by tree
-    title).
-    """
+    """Return one line per participant, with counts on trees per construct (`parts`, by title)."""
     every = list(results)
     names = _called(every)
     found = {part: {name: Counter[Status]() for name in names} for some in parts.values() for part in some}
@@ -312,8 +302,8 @@ def unable_lines(results: Iterable[Result]) -> list[str]:
     for (participant, status), some in skipped.items():
         chief = Counter(f"{status}: {result.why}" if result.why else str(status) for result in some).most_common()
         if others := chief[_REASONS:] if len(chief) > _REASONS + 1 else []:
-            told = f"{status}: {len(others)} other reasons"
-            chief = [*chief[:_REASONS], (told, sum(times for _, times in others))]
+            rest = f"{status}: {len(others)} other reasons"
+            chief = [*chief[:_REASONS], (rest, sum(times for _, times in others))]
         rows += [["" if place else participant, f"{times:,}", why] for place, (why, times) in enumerate(chief)]
     lines = columns(rows) if skipped else []
     for (participant, why), some in [*failed.items()][:_FAILURES]:
@@ -344,7 +334,7 @@ def difference_lines(result: Result) -> list[str]:
 
 
 def csv_text(results: Iterable[Result], note: str = "") -> str:  # noqa: ARG001 (a table has no room for it)
-    """Return one row per participant and comparison; columns are named as in Spot's `ltlcross` if
+    """Return a row per participant and comparison; columns have the names in Spot's `ltlcross` if
     possible.
     """
     stream = io.StringIO()
@@ -389,17 +379,17 @@ def _difference(found: Difference) -> dict[str, Json]:
 def junit_text(results: Iterable[Result], note: str = "") -> str:
     """Return JUnit XML: one suite per tree and semantics, one test case per participant.
 
-    A disagreement is a failure, a participant that could not run an error; vacuous, inexpressible
-    and too large cases are skipped.
+    A disagreement is a failure, a participant that could not run an error; others without verdicts
+    are skipped.
     """
     root = ET.Element("testsuites", name=f"rvaft cross-check{f': {note}' if note else ''}")
     for job, group in groupby(results, key=lambda result: result.job):
         cases = [(case, _JUNIT.get(case.status, "error")) for case in group]
         met = Counter(kind for _, kind in cases)
         counts = {"failures": met["failure"], "errors": met["error"], "skipped": met["skipped"]}
-        said = {name: str(count) for name, count in {"tests": len(cases), **counts}.items()}
-        said["time"] = f"{sum(case.seconds for case, _ in cases):.3f}"
-        suite = ET.SubElement(root, "testsuite", {"name": _printable(f"{job.title} ({job.semantics})"), **said})
+        attributes = {name: str(count) for name, count in {"tests": len(cases), **counts}.items()}
+        attributes["time"] = f"{sum(case.seconds for case, _ in cases):.3f}"
+        suite = ET.SubElement(root, "testsuite", {"name": _printable(f"{job.title} ({job.semantics})"), **attributes})
         for case, kind in cases:
             named = {"name": _printable(case.participant), "classname": _printable(f"{job.title}.{job.semantics}")}
             made = ET.SubElement(suite, "testcase", named, time=f"{case.seconds:.3f}")
@@ -411,12 +401,11 @@ def junit_text(results: Iterable[Result], note: str = "") -> str:
 
 
 def _printable(text: str) -> str:
-    """Return the text without control characters that XML cannot hold."""
     return "".join(c if c in "\t\n" or (c.isprintable() or ord(c) > 0x9F) else "\ufffd" for c in text)
 
 
 def markdown_text(results: Iterable[Result], note: str = "") -> str:
-    """Return a table of totals, each disagreement with its trace, and what could not be compared."""
+    """Return a table of totals, each disagreement with its trace, and what was not compared."""
     totals = ComparisonTotals(results)
     lines = ["## rvaft cross-check", "", f"{'; '.join(filter(None, [totals.headline, note]))}.", ""]
     if not totals.statuses:

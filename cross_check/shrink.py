@@ -1,12 +1,12 @@
 """Shrinking of a tree and a trace on which participants disagree.
 
 The search is greedy: it takes the first candidate of the reductions that still disagrees, and
-repeats until none does. Candidates must be smaller by `_Pair.measure`, a lexicographic measure, so
-the search terminates, and it is deterministic. It is a form of delta debugging: A. Zeller, R.
-Hildebrandt, Simplifying and Isolating Failure-Inducing Input, IEEE TSE 28(2), 2002.
+repeats until none does. Candidates must be smaller by the lexicographic `_Pair.measure`, so the
+search terminates. It is a form of delta debugging: A. Zeller, R. Hildebrandt, Simplifying and
+Isolating Failure-Inducing Input, IEEE TSE 28(2), 2002.
 
-A reduction changes one part of the tree. Events of a changed runtime event may have to change too,
-so every smaller tree has several candidate traces (`_followed`).
+Events of a changed runtime event may have to change too, so every smaller tree has several
+candidate traces (`_followed`).
 """
 
 import json
@@ -40,11 +40,10 @@ from rvaft.model.values import Json, Scalar
 from rvaft.rules import require_valid
 
 DEFAULT_STEPS: Final = 2_000
-"""The default number of attempts."""
+"""Default number of attempts."""
 PLAIN: Final[tuple[Scalar, ...]] = (0, 1, "")
 """Literals that need no simplification, simplest first."""
 _SIMPLEST: Final = sorted(Gate, key=lambda gate: gate.ordered)
-"""Gates, simplest first."""
 
 
 class NotReproduced(RvaftError, ValueError):
@@ -153,14 +152,12 @@ class _Pair:
         )
 
     def pattern(self, name: str) -> Pattern | None:
-        """Return the runtime event of a node, its own or the default one, or None."""
         if name in self.nodes and name not in self.patterns and self.nodes[name].has_event:
             return ObjectPattern((("event", Literal(name)),))
         return self.patterns.get(name)
 
     @cached_property
     def tree(self) -> RVAFT:
-        """The tree; raises `TreeError` if the parts form no tree."""
         if self.whole is not None:
             return self.whole
         used: dict[str, EventType] = {}
@@ -262,7 +259,6 @@ _WEIGHTS: Final = {Anything: 1, Literal: 2, Variable: 3}
 
 
 def _opened(whole: Any) -> tuple[list[tuple[Any, Any]], Callable[[Iterable[tuple[Any, Any]]], Any]]:
-    """Return the parts of a pattern, guard or event, and a function that rebuilds it."""
     match whole:
         case dict():
             return list(whole.items()), dict
@@ -279,7 +275,6 @@ def _opened(whole: Any) -> tuple[list[tuple[Any, Any]], Callable[[Iterable[tuple
 
 
 def _length(duration: int | None) -> int:
-    """Return a logarithmic size of a duration, 0 for None."""
     return 0 if duration is None else 2 + duration.bit_length()
 
 
@@ -292,7 +287,6 @@ def _size(term: Any) -> int:
 
 
 def _smaller(whole: Any, simpler: Callable[[Any], Iterable[Any]]) -> Iterator[Any]:
-    """Yield terms without one part or with a simpler part, at any depth."""
     parts, made = _opened(whole)
     shrinks = not isinstance(whole, Operation) or (whole.operator in JUNCTIONS and len(parts) > 2)
     for index, (name, part) in enumerate(parts):
@@ -329,7 +323,6 @@ def _smaller_guards(guard: Guard | None) -> Iterator[Guard | None]:
 
 
 def _fitted(pattern: Pattern, binding: Mapping[str, Json], value: Json) -> Json:
-    """Return a value that matches the pattern and resembles the given one."""
     match pattern:
         case Literal(constant):
             return constant
@@ -353,8 +346,8 @@ Reduction: TypeAlias = Callable[[_Pair], Iterator[_Pair]]
 def _followed(before: _Pair, after: _Pair) -> Iterator[_Pair]:
     """Yield a smaller tree with the same trace, and with events adapted to changed runtime events.
 
-    Events of a removed runtime event are removed, events of a changed one are changed: all of them,
-    then one by one. If a node gains a runtime event, any event may become it.
+    Events of a removed runtime event are removed, those of a changed one are changed: all, then one
+    by one. If a node gains a runtime event, any event may become it.
     """
     yield after
     single: list[tuple[int, tuple[Json, ...]]] = []
@@ -385,9 +378,6 @@ def _shorter_trace(pair: _Pair) -> Iterator[_Pair]:
 
 
 def _fewer_nodes(pair: _Pair) -> Iterator[_Pair]:
-    """Yield another root, a child instead of its gate, a leaf instead of a gate, and a gate without
-    one child.
-    """
     for name in pair.order:
         yield from _followed(pair, pair.having(root=name))
     for name in pair.order[1:]:
@@ -411,7 +401,6 @@ def _instead(parent: Node, name: str, *children: str) -> Node:
 
 
 def _fewer_notes(pair: _Pair) -> Iterator[_Pair]:
-    """Yield trees without labels, attributes and kinds, with default causality and semantics."""
     bare = [replace(node, kind=None, label=None, attributes=()) for node in pair.nodes.values()]
     yield pair.having(*bare)
     yield from map(pair.having, bare)
@@ -420,7 +409,6 @@ def _fewer_notes(pair: _Pair) -> Iterator[_Pair]:
 
 
 def _smaller_terms(pair: _Pair) -> Iterator[_Pair]:
-    """Yield trees with smaller or no guards, runtime events and `ignore` declarations."""
     for name in pair.order:
         node, pattern = pair.nodes[name], pair.patterns.get(name)
         for guard in _smaller_guards(node.when):
@@ -436,7 +424,6 @@ def _smaller_terms(pair: _Pair) -> Iterator[_Pair]:
 
 
 def _simpler_nodes(pair: _Pair) -> Iterator[_Pair]:
-    """Yield trees with simpler gates, smaller K and `times`, and shorter or no windows."""
     for name in pair.order:
         node = pair.nodes[name]
         simpler: list[dict[str, Any]] = []
@@ -468,7 +455,6 @@ def _simpler_times(pair: _Pair) -> Iterator[_Pair]:
 
 
 def _retimed(event: Json, old: EventTime, new: EventTime, begin: int) -> Json:
-    """Return the event with its time in another format and field, from another origin."""
     instant = old.read(event)
     if instant is None:
         return event
@@ -477,7 +463,6 @@ def _retimed(event: Json, old: EventTime, new: EventTime, begin: int) -> Json:
 
 
 def _smaller_events(pair: _Pair) -> Iterator[_Pair]:
-    """Yield traces with an event without a field or item, or with a simpler value."""
     for index, event in enumerate(pair.trace):
         for smaller in _smaller(event, lambda _: PLAIN):
             yield pair.with_events_at(index, smaller)

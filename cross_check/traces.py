@@ -26,9 +26,9 @@ from rvaft.model.values import Json
 Trace: TypeAlias = Sequence[Json]
 
 SHORTEST: Final = 8
-"""The minimum of the default length of traces."""
+"""Minimum of the default length of traces."""
 LONGEST: Final = 500
-"""The maximum of the default length of traces."""
+"""Maximum of the default length of traces."""
 _UNDEFINED: Final = 16
 """One of this many traces contains a non-finite number."""
 
@@ -37,12 +37,12 @@ _UNDEFINED: Final = 16
 class Effort:
     """The effort of a comparison.
 
-    - `states`: the limit of a proof (0: no proof).
-    - `words`: the limit of events in enumerated traces.
-    - `traces`: the number of random traces.
+    - `states`: limit of a proof (0: no proof).
+    - `words`: limit of events in enumerated traces.
+    - `traces`: number of random traces.
     - `length`: their maximum length (None: enough for a detection).
     - `recheck`: run the traces also for proved participants.
-    - `seconds`: the time limit of each translation, proof and test run.
+    - `seconds`: time limit of each translation, proof and test run.
     """
 
     states: int = 20_000
@@ -69,7 +69,7 @@ def trials(
 ) -> Iterator[Trace]:
     """Yield the test traces of a tree, the same for the same seed.
 
-    All words up to some length over the letters, with `words`, and random traces.
+    With `words`, all words up to some length over the letters come before the random traces.
     """
     prop = property_of(part)
     longest = effort.length or max(SHORTEST, min(fewest_events(prop.parts)[prop.root].events + 2, LONGEST))
@@ -105,7 +105,6 @@ def _undefined(random: Random, trace: Sequence[Json]) -> Trace:
 
 
 def _words(participants: Iterable[Participant], events: int, longest: int) -> Iterator[Trace]:
-    """Yield all words over the letters by length, within the limit of events."""
     try:
         alphabet = letters_of(participant.observed or () for participant in participants).events
     except TooLarge:
@@ -118,10 +117,7 @@ def _words(participants: Iterable[Participant], events: int, longest: int) -> It
 
 
 def letters_of(observed: Iterable[Iterable[Observed]], *, proof: bool = False) -> Letters:
-    """Return the letters of several participants; raises `TooLarge`.
-
-    With `proof`, letters have twins if variables are shared between events.
-    """
+    """Return the letters of several participants, with twins for a `proof`; raises `TooLarge`."""
     return _remembered(frozenset(chain.from_iterable(observed)), proof=proof)
 
 

@@ -27,9 +27,8 @@ from rvaft.support.budget import Work
 class AutomatonBackend(Backend):
     """Deterministic automata, complete over the feasible letters and minimal over them.
 
-    A letter is feasible if an event can make it true. Infeasible letters lead wherever the shortest
-    labels allow, mostly nowhere; HOA reads a missing edge as rejection. The labels of one state are
-    disjoint, infeasible letters included. No verdict depends on an infeasible letter.
+    A letter is feasible if an event can make it true. Infeasible letters change no verdict; mostly
+    they have no edge, which HOA reads as rejection. The labels of one state are disjoint.
 
     The limit of `translate` counts states; each state allows ten edges and a thousand construction
     steps. Only reading needs Spot.
@@ -53,7 +52,7 @@ class AutomatonBackend(Backend):
     default_limit: ClassVar[int] = 100_000
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """Return the automaton in HOA; raises `TooLarge` beyond `limit` states."""
+        """Return the automaton in HOA."""
         work = Work(limit)
         automaton, parts, letters = _built(prop, semantics, work)
         relevance, name = _relevance(prop, semantics), title_of(prop, semantics)
@@ -61,8 +60,8 @@ class AutomatonBackend(Backend):
         return SpecificationText(text, metrics, partial(AutomatonBackend.read, self))
 
     def diagram(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> str:
-        """Return the minimal automaton as DOT; raises `TooLarge` beyond `limit` states (`READABLE`
-        by default).
+        """Return the minimal automaton as DOT; raises `TooLarge` beyond `limit` states
+        (`READABLE`).
         """
         semantics, most = Semantics(semantics), READABLE if limit is None else limit
         prop = self.prepared(tree, semantics)
@@ -75,16 +74,13 @@ class AutomatonBackend(Backend):
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         """Return a monitor for any HOA text.
 
-        With a proposition `alive`, the text encodes finite words by any acceptance condition.
-        Without it, the text is an automaton over finite words. Raises `LanguageError`, `TooLarge`,
-        and `ToolMissing` without Spot.
+        With a proposition `alive`, the text encodes finite words by any acceptance condition;
+        without it, the text is an automaton over finite words.
         """
         return HoaMonitor(program(text, atoms))
 
     def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:
-        """Return the patterns of the propositions, or None if the text has times; raises as `read`
-        does.
-        """
+        """Return the patterns of the propositions, or None if the text has times."""
         known = program(text, atoms)
         return tuple(dict.fromkeys(known.questions())) if known.time is None else None
 
@@ -98,7 +94,6 @@ def _relevance(prop: Property, semantics: Semantics) -> Relevance | None:
 
 
 def _built(prop: Property, semantics: Semantics, work: Work) -> tuple[Automaton, Structure, FeasibleLetters]:
-    """Return the minimal automaton of a property, its parts and its feasible letters."""
     parts = structure(prop)
     scattered = semantics is Semantics.SCATTERED
     letters = FeasibleLetters(parts.patterns, _relevance(prop, semantics))

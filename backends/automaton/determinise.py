@@ -3,8 +3,8 @@ prefix.
 
 - `strict`: every event must extend a partial match.
 - `projected`: every relevant event must.
-- `scattered`: events may be skipped, and a dominated residual is dropped. The graph has no cycles
-  but self-loops, because every move leaves fewer occurrences.
+- `scattered`: events may be skipped, and a dominated residual is dropped. Every move leaves fewer
+  occurrences, so the only cycles are self-loops.
 - `consecutive`: every state includes the initial residuals, so the graph has cycles.
 """
 
@@ -20,7 +20,7 @@ from rvaft.support.budget import Work
 
 DETECTED: Final = 0
 HOPELESS: Final = 1
-"""The two states of every automaton."""
+"""The first two states of every automaton."""
 EDGES: Final = 10
 """Edges allowed per state of the limit."""
 
@@ -109,12 +109,9 @@ def determinised(residuals: ResidualSpace, letters: FeasibleLetters, work: Work,
 class _Successors:
     """The successors of one state, computed per atom and combined as bit sets.
 
-    A state with many overlapping atoms has exponentially many letters. Dominance is therefore
-    computed once per pair of residuals and state.
-
-    `kept` holds the residuals in every successor; none dominates another. Under `consecutive` they
-    are the initial ones. Under `scattered` they are those of the state, and dominated residuals are
-    dropped.
+    Dominance is computed once per pair of residuals, because a state may have exponentially many
+    letters. `kept` holds the residuals in every successor: under `consecutive` the initial ones,
+    under `scattered` those of the state. None of them dominates another.
     """
 
     def __init__(
@@ -143,7 +140,6 @@ class _Successors:
         self._best: dict[int, frozenset[Residual]] = {}
 
     def of(self, atoms: int, holding: int) -> frozenset[Residual] | None:
-        """Return the residuals after a letter, or None if one is complete."""
         together = (1 << len(self._kept)) - 1
         for atom in bits(atoms):
             case = atom, holding & self.guards[atom]
@@ -160,7 +156,6 @@ class _Successors:
         return self._best[together]
 
     def _lead(self, atom: int, holding: int) -> int | None:
-        """Return the residuals after the moves of one atom as bits, or None if one is complete."""
         moves = self.by_atom[atom]
         self._work.step(20 * len(moves))
         possible = (move for move in moves if not move.needed & ~holding)
@@ -205,9 +200,9 @@ def _subsets(mask: int) -> Iterator[int]:
 
 
 # Minimisation. Without cycles except self-loops, one backward pass suffices: the classes of all
-# other successors of a state are known. The state joins the class of a successor, or a class with
-# the same edges, or forms a new class. With cycles, classes are split until no letter distinguishes
-# two states of a class. States that read different atoms are compared on the letters over both.
+# other successors of a state are known. The state joins the class of a successor, a class with the
+# same edges, or a new class. With cycles, classes are split until no letter distinguishes two
+# states of a class. States that read different atoms are compared on the letters over both.
 
 _SELF: Final = -1
 """The class of the source of an edge."""
@@ -216,8 +211,7 @@ _SELF: Final = -1
 def minimised(automaton: Automaton, letters: FeasibleLetters, work: Work, *, looping: bool) -> Automaton:
     """Return the minimal automaton over the feasible letters, in breadth-first order.
 
-    `looping` selects the target of letters that a state does not read: the state itself, or
-    `HOPELESS`.
+    A letter that a state does not read keeps the state if `looping`, else leads to `HOPELESS`.
     """
     default = _SELF if looping else HOPELESS
     rows = automaton.rows[:2]  # per class, the row of its first state, with classes as targets
@@ -251,7 +245,7 @@ def minimised(automaton: Automaton, letters: FeasibleLetters, work: Work, *, loo
 
 
 def refined(automaton: Automaton, letters: FeasibleLetters, work: Work) -> Automaton:
-    """Return the minimal automaton in which a letter that a state does not read leads to the start."""
+    """Return the minimal automaton in which letters that a state does not read lead to start."""
     order = [state for state in automaton.in_order() if state not in (DETECTED, HOPELESS)]
     class_of = {DETECTED: DETECTED, HOPELESS: HOPELESS, **dict.fromkeys(order, 2)}
     while True:
@@ -280,15 +274,14 @@ def _same(one: StateRow, other: StateRow, letters: FeasibleLetters, work: Work) 
     if set(one.targets.values()) != set(other.targets.values()):
         return False
     for atoms in letters.over(one.sees | other.sees):
-        asked = one.asks.get(atoms & one.sees, 0) | other.asks.get(atoms & other.sees, 0)
-        work.step(10 << asked.bit_count())
-        if any(one.target(atoms | held) != other.target(atoms | held) for held in _subsets(asked)):
+        guards = one.asks.get(atoms & one.sees, 0) | other.asks.get(atoms & other.sees, 0)
+        work.step(10 << guards.bit_count())
+        if any(one.target(atoms | held) != other.target(atoms | held) for held in _subsets(guards)):
             return False
     return True
 
 
 def _signature(row: StateRow, letters: FeasibleLetters, default: int) -> frozenset[tuple[int, int]]:
-    """Return the successors of the least letter of each atom, apart from the default successor."""
     atoms = union(letters.implying(atom) for atom in bits(row.sees))
     leading = ((atom, row.target((letters.closure(1 << atom) or 0) | letters.guards)) for atom in bits(atoms))
     return frozenset((atom, to) for atom, to in leading if to is not None and to != default)
@@ -302,7 +295,6 @@ def _in_order(start: int, rows: list[StateRow]) -> Automaton:
 
 
 def _from_the_end(automaton: Automaton) -> Iterator[int]:
-    """Yield the reachable states except the first two, each after its successors."""
     begun: set[int] = {DETECTED, HOPELESS}
     todo = [(automaton.start, False)]
     while todo:

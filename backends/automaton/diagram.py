@@ -1,11 +1,10 @@
 """The minimal automaton as a Graphviz graph for readers.
 
-- A label lists its alternatives one per line; continuation lines are indented.
+- A label has a line per alternative; continuation lines are indented.
 - `a, b` is one event that matches both patterns; all guards in brackets hold with it.
 - `else` is an event that is on no other edge of the state.
 - ⊤ is detection; from ⊥ no detection is possible.
-- States keep their numbers from the HOA text. Unreachable states and infeasible letters are not
-  drawn.
+- States keep their numbers from the HOA text, without unreachable states and infeasible letters.
 - Under `projected` the letters are relevant events.
 """
 
@@ -29,15 +28,13 @@ from rvaft.support.bits import bits, mask_of
 from rvaft.support.budget import Work
 
 READABLE: Final = 100
-"""The default maximum of drawn states; larger graphs are not readable."""
+"""Default maximum of drawn states."""
 BEFORE: Final = 100
 """States allowed before minimisation, per state of the limit."""
 _LINES: Final = 10
 """Label lines allowed per state of the limit."""
 _WIDTH: Final = 24
-"""Columns of text in a label."""
 _QUIET: Final = "#8a8a8a"
-"""The grey of edges to ⊥."""
 
 
 def diagram(
@@ -92,7 +89,6 @@ def diagram(
 def _edges(
     row: StateRow, structure: Structure, letters: FeasibleLetters, prop: Property, work: Work
 ) -> dict[int, list[str]]:
-    """Return the lines of the label for each successor of a state."""
     leaving, rest = cubes(row, work), row.targets.get(0)
     if len(leaving) == 1:
         return {target: ["any event"] for target in leaving}
@@ -115,29 +111,30 @@ def _edges(
         return f"{events}<i>{_hanging('[' + '; '.join(conditions) + ']')}</i>" if conditions else events
 
     written = {
-        target: [line(cube) for cube in joined(those, atoms)] for target, those in leaving.items() if target != rest
+        target: [line(cube) for cube in joined(alternatives, atoms)]
+        for target, alternatives in leaving.items()
+        if target != rest
     }
     return written if rest is None else {**written, rest: ["else"]}
 
 
 def _hanging(text: str) -> str:
-    """Return left-aligned lines; continuation lines are indented."""
     first, *rest = (html_lines([line]) for line in wrapped_code(text, _WIDTH))
     return '<br align="left"/>'.join([first, *(f"&#160;&#160;{line}" for line in rest), ""])
 
 
-def joined(those: Iterable[Cube], atoms: int) -> list[Cube]:
+def joined(alternatives: Iterable[Cube], atoms: int) -> list[Cube]:
     """Return equivalent cubes, merging pairs that differ in the sign of one proposition.
 
     >>> joined([Cube(0b11, 0), Cube(0b01, 0b10), Cube(0b10, 0b01)], 0b11)
     [Cube(yes=1, no=2), Cube(yes=2, no=0)]
     """
-    found = dict.fromkeys(those)
+    found = dict.fromkeys(alternatives)
     todo = list(found)
     while todo:
         one = todo.pop()
-        said = one.yes | one.no
-        for proposition in (*bits(said & ~atoms), *bits(said & atoms)) if one in found else ():
+        literals = one.yes | one.no
+        for proposition in (*bits(literals & ~atoms), *bits(literals & atoms)) if one in found else ():
             bit = 1 << proposition
             other, both = Cube(one.yes ^ bit, one.no ^ bit), Cube(one.yes & ~bit, one.no & ~bit)
             if other in found:
@@ -152,8 +149,8 @@ def joined(those: Iterable[Cube], atoms: int) -> list[Cube]:
 def possible(automaton: Automaton, structure: Structure) -> Automaton:
     """Return the automaton without letters that cannot occur and guards that cannot fail.
 
-    A guard holds while one of its variables is unbound, and only events bind variables. A letter in
-    which such a guard fails cannot occur.
+    A guard holds while one of its variables is unbound, and only events bind variables, so a letter
+    in which such a guard fails cannot occur.
     """
     needs = {bit: frozenset(variables(guard)) for guard, bit in structure.guard_bits.items()}
     atoms = (1 << len(structure.patterns)) - 1
@@ -162,8 +159,8 @@ def possible(automaton: Automaton, structure: Structure) -> Automaton:
     def after(state: int, letter: int) -> frozenset[str]:
         return valued[state].union(*(rigid_variables(structure.patterns[atom]) for atom in bits(letter & atoms)))
 
-    def idle(names: frozenset[str], asked: int) -> int:
-        return mask_of(guard for guard in bits(asked) if not needs[guard] <= names)
+    def idle(names: frozenset[str], guards_read: int) -> int:
+        return mask_of(guard for guard in bits(guards_read) if not needs[guard] <= names)
 
     todo = deque(valued)
     while todo:
@@ -178,8 +175,8 @@ def possible(automaton: Automaton, structure: Structure) -> Automaton:
     rows = list(automaton.rows)
     for state in valued.keys() - {DETECTED, HOPELESS}:
         row = rows[state]
-        never = {seen: idle(after(state, seen), asked) for seen, asked in row.asks.items()}
-        asks = {seen: asked & ~never[seen] for seen, asked in row.asks.items()}
+        never = {seen: idle(after(state, seen), guards_read) for seen, guards_read in row.asks.items()}
+        asks = {seen: guards_read & ~never[seen] for seen, guards_read in row.asks.items()}
         rows[state] = StateRow(row.sees, asks, {})
         for letter, target in row.targets.items():
             if not never[letter & row.sees] & ~letter:

@@ -45,7 +45,7 @@ _UNKNOWN: Final = Verdict.UNKNOWN  # a global lookup per event is slow
 RELEVANT: Final = -1
 """The pseudo-number of the propositions for relevant events."""
 LIMIT: Final = 100_000
-"""The maximum number of states after determinisation."""
+"""Maximum number of states after determinisation."""
 
 
 _error: Final = partial(error_at, file="<hoa>")
@@ -53,7 +53,6 @@ _error: Final = partial(error_at, file="<hoa>")
 # The table: the automaton that Spot parsed, determinised.
 
 Edges: TypeAlias = list[list[tuple[Any, int]]]
-"""For each state its edges: label (a BuDDy diagram) and target."""
 
 _PLACE: Final = re.compile(r"^<hoa>:(\d+)\.(\d+)[-.\d]*: (.*)$", re.MULTILINE)
 _STATE: Final = re.compile(
@@ -85,10 +84,9 @@ class HoaTable:
         self.verdicts = [(Verdict.TRUE, Verdict.FALSE, Verdict.UNKNOWN)[some - 1] for some in ends]
         self.seen = cache(self._seen)
         self.next = cache(self._next)
-        self.asked = cache(self._asked)
+        self.dependencies = cache(self._dependencies)
 
     def _accepting_silence(self, spot: Any, automaton: Any) -> list[bool]:
-        """Return per state whether the infinite word without propositions is accepted from it."""
         silence = always = self._buddy.bddtrue
         for variable in self._variables:
             silence &= self._buddy.bdd_nithvar(variable)
@@ -106,12 +104,10 @@ class HoaTable:
         components.determine_unknown_acceptance()
         return [bool(components.is_useful_scc(components.scc_of(state))) for state in range(states)]
 
-    def _asked(self) -> list[int]:
-        """Return per state the propositions, as bits, on which it or a reachable state depends."""
+    def _dependencies(self) -> list[int]:
         return self._ahead([mask_of(self.seen(state)) for state in range(len(self._edges))])
 
     def _ahead(self, own: Sequence[int]) -> list[int]:
-        """Return per state the union of its bit set and those of all reachable states."""
         before: list[list[int]] = [[] for _ in self._edges]
         for state, leaving in enumerate(self._edges):
             for _, to in leaving:
@@ -136,7 +132,6 @@ class HoaTable:
         return tuple(sorted(found))
 
     def _next(self, state: int, letter: tuple[bool, ...]) -> int:
-        """Return the successor for a letter, given as the values of the propositions `seen`."""
         values = self._buddy.bddtrue
         for number, true in zip(self.seen(state), letter, strict=True):
             variable = self._variables[number]
@@ -261,11 +256,10 @@ _EXPECTED: Final = {
 
 
 class HoaProgram:
-    """A parsed HOA text, shared by its monitors.
+    """A parsed HOA text, shared by its monitors; `atoms` as for `Backend.read`.
 
     `events` maps propositions to patterns with their shared variables, `guards` to guards.
-    `relevant` holds the propositions that `alphabet` and `ignore` lines define. `atoms` gives
-    patterns for propositions without a header line.
+    `relevant` holds the propositions that `alphabet` and `ignore` lines define.
     """
 
     def __init__(self, text: str, atoms: Mapping[str, Pattern]) -> None:
@@ -306,13 +300,11 @@ class HoaProgram:
             self.time is None and not self.guards and not any(shared for _, shared in self.events.values())
         )
         """Whether the successor depends on the current event alone."""
-        asked = (*self._patterns.values(), *(line.pattern for line in (*self._alphabet, *self._ignored)))
-        self.of_shape = PatternIndex(asked, self._decided).of
-        """As `holding`, or None if the shape of an event does not determine it."""
+        patterns = (*self._patterns.values(), *(line.pattern for line in (*self._alphabet, *self._ignored)))
+        self.of_shape = PatternIndex(patterns, self._decided).of
         self.move = lru_cache(maxsize=LIMIT)(self._move)
 
     def _decided(self, decided: Decided) -> frozenset[int] | None:
-        """Return `holding` for all events of a shape, or None if the shape does not determine it."""
         first, last = len(self._patterns), len(self._patterns) + len(self._alphabet)
         guards = [line.when for line in (*self._alphabet, *self._ignored)]
         if decided.open or any(place >= first and guards[place - first] is not None for place in decided.fits):
@@ -330,7 +322,6 @@ class HoaProgram:
         return found
 
     def _move(self, state: int, holding: frozenset[int]) -> tuple[Verdict, int]:
-        """Return the verdict and state after an event, if no variables are shared."""
         read = ((number if number in self.events else RELEVANT) in holding for number in self.table.seen(state))
         to = self.table.next(state, tuple(read))
         return self.table.verdicts[to], to
@@ -365,16 +356,15 @@ class HoaProgram:
             (self._alphabet if name == "alphabet:" else self._ignored).append(fit)
 
     def is_relevant(self, event: Json) -> bool:
-        """Return whether an event fits an `alphabet` line and no `ignore` line, for some values of
-        their variables.
+        """Return whether an event fits an `alphabet` line and no `ignore` line, for some variable
+        values.
         """
         return any(line.fits(event) for line in self._alphabet) and not any(line.fits(event) for line in self._ignored)
 
     def _matter(self, state: int) -> frozenset[str]:
-        """Return the variables that the text may still read from a state on."""
-        asked = [*bits(self.table.asked()[state])]
-        shared = [self.events[number][1] for number in asked if number in self.events]
-        guards = [self.guards[number] for number in asked if number in self.guards]
+        propositions = [*bits(self.table.dependencies()[state])]
+        shared = [self.events[number][1] for number in propositions if number in self.events]
+        guards = [self.guards[number] for number in propositions if number in self.guards]
         return frozenset().union(*shared, *map(guard_variables, guards))
 
     def questions(self) -> Iterator[Observed]:
@@ -401,7 +391,7 @@ def program(text: str, atoms: Mapping[str, Pattern] | None) -> HoaProgram:
 
 
 class HoaMonitor(Monitor):
-    """Run one program in slices; raises `TooLarge` beyond their limit."""
+    """Runs one program in slices; raises `TooLarge` beyond their limit."""
 
     def __init__(self, program: HoaProgram) -> None:
         super().__init__()

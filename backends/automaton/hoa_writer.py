@@ -40,8 +40,8 @@ _TOKEN: Final = re.compile(r"State:|@?\w+|[^\s\w]")
 def atom_name(node: str) -> str:
     """Return the proposition name for a node's event: the node name, with other characters escaped.
 
-    An escape is `_x`, the hexadecimal code point and `_`. A `_` before an `x` is escaped too, so
-    that different names stay different. Reserved words have their first character escaped.
+    An escape is `_x`, the hexadecimal code point and `_`. A `_` before an `x` and the first
+    character of a reserved word are escaped too.
 
     >>> atom_name("land"), atom_name("or"), atom_name("lost link")
     ('land', '_x6f_r', 'lost_x20_link')
@@ -68,8 +68,7 @@ class Cube(NamedTuple):
 def cubes(row: StateRow, work: Work) -> dict[int, list[Cube]]:
     """Return per successor of a state its cubes, short and disjoint from those of other successors.
 
-    A cube negates only propositions that distinguish letters with another target. Raises
-    `TooLarge`.
+    A cube negates only propositions that distinguish letters with another target.
     """
     work.step(10 * len(row.targets))
     own: dict[int, int] = {}
@@ -81,14 +80,13 @@ def cubes(row: StateRow, work: Work) -> dict[int, list[Cube]]:
     for letter, target in row.targets.items():
         seen = row.sees | row.asks[letter & row.sees]
         found.setdefault(target, []).append(Cube(letter, elsewhere[target] & seen & ~letter))
-    return {target: _needed(those, work) for target, those in found.items()}
+    return {target: _needed(alternatives, work) for target, alternatives in found.items()}
 
 
-def _needed(those: list[Cube], work: Work) -> list[Cube]:
-    """Return the cubes that no other cube covers, indexed by their first positive proposition."""
+def _needed(alternatives: list[Cube], work: Work) -> list[Cube]:
     ordered: list[Cube] = []
     kept: dict[int, list[Cube]] = {}
-    for one in sorted(dict.fromkeys(those), key=lambda cube: cube.yes.bit_count()):
+    for one in sorted(dict.fromkeys(alternatives), key=lambda cube: cube.yes.bit_count()):
         firsts = (0, *(1 << proposition for proposition in bits(one.yes)))
         near = [kept[first] for first in firsts if first in kept]
         work.step(sum(map(len, near)))
@@ -112,16 +110,16 @@ def write(
     """Return the text of an automaton and its metrics; `relevance` adds self-loops on irrelevant
     events.
 
-    Header aliases express the mutual exclusion of atoms, so that an edge names only the atoms that
+    Header aliases express the mutual exclusion of atoms, so that an edge names only atoms that
     hold.
     """
     order = automaton.in_order()
     number = {state: index for index, state in enumerate(order)}
     edges = {state: cubes(automaton.rows[state], work) for state in order if state not in (DETECTED, HOPELESS)}
-    used = [cube for leaving in edges.values() for those in leaving.values() for cube in those]
+    used = [cube for leaving in edges.values() for alternatives in leaving.values() for cube in alternatives]
     always = ["0"] if relevance is None else ["0", "1"]  # propositions that hold on all these edges
-    said = union(cube.yes | cube.no for cube in used)
-    numbers = {proposition: index for index, proposition in enumerate(bits(said), len(always))}
+    present = union(cube.yes | cube.no for cube in used)
+    numbers = {proposition: index for index, proposition in enumerate(bits(present), len(always))}
     atoms = (1 << len(structure.patterns)) - 1
     rivals: dict[int, int] = {}  # per atom, the incompatible atoms that some cube negates beside it
     for cube in used:
@@ -138,21 +136,23 @@ def write(
         positive = list(bits(cube.yes & atoms))
         aliased = [atom for atom in positive if atom in rivals]
         excluded = cube.no & atoms & ~union(rivals[atom] for atom in aliased)
-        said = [f"@{numbers[atom]}" if atom in rivals else f"{numbers[atom]}" for atom in positive]
+        literals = [f"@{numbers[atom]}" if atom in rivals else f"{numbers[atom]}" for atom in positive]
         guards = [*words(cube.yes & ~atoms), *words(cube.no & ~atoms, "!")]
-        return "&".join([*(() if aliased else always), *said, *words(excluded, "!"), *guards])
+        return "&".join([*(() if aliased else always), *literals, *words(excluded, "!"), *guards])
 
     body: list[str] = []
     length = 0
     for state in order:
         work.size(length)
         body.append(f"State: {number[state]}")
-        written = {target: [label(cube) for cube in those] for target, those in edges.get(state, {}).items()}
+        written = {
+            target: [label(cube) for cube in alternatives] for target, alternatives in edges.get(state, {}).items()
+        }
         if state not in edges:
             written = {state: ["0"]}
         elif relevance is not None:
             written[state] = ["0&!1", *written.get(state, [])]
-        body += [f"[{' | '.join(those)}] {number[target]}" for target, those in written.items()]
+        body += [f"[{' | '.join(alternatives)}] {number[target]}" for target, alternatives in written.items()]
         length += sum(map(len, body[-len(written) :]))
         if state == DETECTED:
             body.append(f"[!0] {len(order)}")
@@ -197,12 +197,11 @@ def _propositions(structure: Structure, numbers: Mapping[int, int], relevance: R
         yield "relevant: 1"
         for word, fits in (("alphabet", relevance.alphabet), ("ignore", relevance.ignored)):
             for pattern, guard in fits:
-                asked = "" if guard is None else f" {_quoted(guard_text(guard))}"
-                yield f"{word}: {_quoted(pattern_text(pattern))}{asked}"
+                condition = "" if guard is None else f" {_quoted(guard_text(guard))}"
+                yield f"{word}: {_quoted(pattern_text(pattern))}{condition}"
 
 
 def _fresh(wanted: str, taken: list[str]) -> str:
-    """Return the name, numbered if it is taken."""
     return next(name for number in count(1) if (name := wanted if number == 1 else f"{wanted}_x_{number}") not in taken)
 
 

@@ -68,7 +68,6 @@ class FeasibleLetters:
         self.implying = cache(self._implying)
 
     def _closure(self, atoms: int) -> int | None:
-        """Return all atoms implied by these atoms, or None if no event satisfies them together."""
         event = least(self._patterns[atom] for atom in bits(atoms))
         near = self._all
         for atom in bits(atoms):
@@ -89,7 +88,7 @@ class FeasibleLetters:
         return found & others
 
     def over(self, some: int) -> Iterator[int]:
-        """Yield the feasible letters restricted to these atoms, the empty letter first if feasible."""
+        """Yield the feasible letters restricted to these atoms, the empty one first if feasible."""
         nothing = (self.closure(0) or 0) & some
         seen = {nothing}
         todo = [nothing]
@@ -107,7 +106,6 @@ class FeasibleLetters:
                     todo.append(closed & some)
 
     def _can_be_relevant(self, letter: int, some: int) -> bool:
-        """Return whether a relevant event makes this letter true, restricted to `some` atoms."""
         if letter not in self._relevant:
             self._relevant[letter] = (set(), self._find_relevant(letter))
         found, more = self._relevant[letter]
@@ -120,11 +118,11 @@ class FeasibleLetters:
         return False
 
     def _find_relevant(self, letter: int) -> Iterator[int]:
-        """Yield the atoms of the least relevant events that satisfy the letter, one per alphabet
+        """Yield the atoms of the least relevant event that satisfies the letter, per alphabet
         entry.
 
-        An atom whose events are all ignored keeps its letters, because its partial matches still
-        count.
+        If all events of an atom are ignored, its partial matches still count, so it keeps its
+        letters.
         """
         own = [self._patterns[atom] for atom in bits(letter)]
         if not self._entries or any(self._is_ignored(least([pattern])) for pattern in own):

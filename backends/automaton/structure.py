@@ -1,7 +1,7 @@
 """The parts and propositions of a property, prepared for the automaton construction.
 
-Nested parts of one kind are flattened: a chain of thousands of gates becomes one sequence. A shared
-node stays one part.
+Nested parts of one kind are flattened, so that a chain of thousands of gates becomes one sequence.
+A shared node stays one part.
 """
 
 from collections import Counter

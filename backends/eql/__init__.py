@@ -2,7 +2,7 @@
 `eql`.
 
 A text has one query per order of the tree's events; a match of any query is a detection. The
-`limit` counts the events of these queries. Only reading needs the package `eql`.
+`limit` counts the events of these queries. Only reading needs the package.
 """
 
 import json
@@ -66,9 +66,7 @@ class EqlBackend(Backend):
     default_limit: ClassVar[int] = 1_000
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
-        """Return the queries; raises `TooLarge` beyond `limit` events, `NotExpressible` for other
-        constructs.
-        """
+        """Return the queries."""
         text, symbols = EqlText(prop, limit).text()
         return SpecificationText(text, Metrics(symbols))
 
@@ -80,8 +78,7 @@ class EqlBackend(Backend):
         """Return a monitor that runs queries in Elasticsearch syntax, separated by `;`, in the
         package `eql`.
 
-        Raises `ToolMissing`, and `LanguageError`, also for queries whose meaning differs between
-        `eql` and Elasticsearch.
+        Queries whose meaning differs between `eql` and Elasticsearch raise `LanguageError`.
         """
         self.require()
         queries = compiled(text)

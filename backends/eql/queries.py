@@ -67,8 +67,8 @@ def _matches(written: Callable[[str], str], flags: int, text: Json, *patterns: s
     return isinstance(text, str) and bool(_pattern(written, flags, patterns).fullmatch(text))
 
 
-def _of_texts(asked: Callable[[str, str], bool], text: Json, other: Json) -> bool:
-    return isinstance(text, str) and isinstance(other, str) and asked(text, other)
+def _of_texts(test: Callable[[str, str], bool], text: Json, other: Json) -> bool:
+    return isinstance(text, str) and isinstance(other, str) and test(text, other)
 
 
 def _in_network(text: Json, *networks: str) -> bool | None:
@@ -80,8 +80,8 @@ def _in_network(text: Json, *networks: str) -> bool | None:
     return any(address in ip_network(one, strict=False) for one in networks)
 
 
-def _unless_missing(asked: Callable[..., Json]) -> Callable[..., Json]:
-    return lambda *given: None if None in given else asked(*given)
+def _unless_missing(function: Callable[..., Json]) -> Callable[..., Json]:
+    return lambda *given: None if None in given else function(*given)
 
 
 _ASKED: Final[Mapping[str, Callable[..., Json]]] = {
@@ -172,9 +172,8 @@ class _Rewriting(Visitor[Token]):
 
 
 def _is_lucenes(regex: str, *, any_case: bool) -> bool:
-    """Return whether Lucene and Python agree on a regular expression.
-
-    Lucene ignores the case flag in brackets.
+    """Return whether Lucene, which ignores the case flag in brackets, and Python agree on an
+    expression.
     """
     signs = re.sub(r"\\[^\w\s]", "'", regex)
     with suppress(re.error):
@@ -183,7 +182,6 @@ def _is_lucenes(regex: str, *, any_case: bool) -> bool:
 
 
 def _text(part: Any) -> str | None:
-    """Return the text of a string literal, or None."""
     token = next(part.scan_values(lambda _: True), "") if part.data == "literal" else ""
     return str(token[3:-3]) if token.startswith('"') else None
 

@@ -1,12 +1,12 @@
 """EQL texts, run by the engine of the package `eql`.
 
-A text has one or more queries in Elasticsearch syntax, separated by `;`. A match of any query is a
-detection. A first line `// time FIELD as FORMAT` names the time of events (default: `@timestamp as
-iso8601`). `maxspan` needs traces in time order; queries with `maxspan` skip events without a time.
+A text has one or more queries in Elasticsearch syntax, separated by `;`. A first line `// time
+FIELD as FORMAT` names the time of events (default: `@timestamp as iso8601`). `maxspan` needs traces
+in time order; queries with `maxspan` skip events without a time.
 
 The engine evaluates the conditions once per event. Sequences then run on events that hold only
 these results. Joins use JSON equality (`true` and 1 differ; null is a value). Elasticsearch does
-not index lists; a text that does so is run; other tests of lists are left open.
+not index lists: a text with an index runs here, and other tests of lists are left open.
 """
 
 import re
@@ -38,7 +38,6 @@ _TRACES: Final = 100
 
 
 def _at(value: Json, path: Sequence[str | int]) -> Json:
-    """Return the value at a path, with `_NULL` for null; None if there is no value."""
     for name in path:
         at_number = isinstance(value, list) and isinstance(name, int) and name < len(value)
         if not (at_number or (isinstance(value, Mapping) and name in value)):
@@ -99,7 +98,6 @@ class Queries:
         return ast.SubqueryBy(ast.EventQuery(kind, self._number(term.query, needed)), [*joined, ast.Field(_TRACE)])
 
     def _number(self, query: Any, more: Sequence[Any]) -> Any:
-        """Return the field that holds the result of a query's condition and `more`."""
         ast, kind = self._module.ast, query.event_type
         within = [] if kind == "any" else [ast.FunctionCall(CATEGORY, [ast.Field(_CATEGORIES), ast.String(kind)])]
         parts = [*within, *more, query.query]
@@ -129,11 +127,11 @@ class Queries:
             moment = None if self._time is None else self._time.read(event)
             try:
                 given = self._module.Event(_EVENT, 0, {**event, _CATEGORIES: _categories(event)})
-                told = {place: answer(given) for place, answer in enumerate(self._answers, 1)}
+                answers = {place: answer(given) for place, answer in enumerate(self._answers, 1)}
                 for kind in self._types:
-                    told[_TRACE] = self._traces
+                    answers[_TRACE] = self._traces
                     for engine in self._engines[: 1 if moment is None else 2]:
-                        engine.stream_event(self._module.Event(kind, moment or 0, told))
+                        engine.stream_event(self._module.Event(kind, moment or 0, answers))
             except Exception as error:  # errors of the engine on unexpected values
                 self._traces = 0
                 raise ToolFailed("eql", reason=f"event {number}: {type(error).__name__}: {error}") from error

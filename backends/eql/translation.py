@@ -1,7 +1,6 @@
-"""Properties to EQL queries.
+"""Properties to EQL queries: a sequence of conditions on single events per order of a scenario.
 
-Each order of events that a scenario allows becomes a sequence of conditions on single events. EQL
-compares values of one type, and does not distinguish a null field from a missing one. A guard
+EQL compares values of one type, and does not distinguish a null field from a missing one. A guard
 becomes a condition that is true exactly when the guard holds, for all types of the fields.
 """
 
@@ -33,12 +32,12 @@ _ESCAPES: Final = str.maketrans({sign: f"\\{letter}" for sign, letter in zip('\\
 _TOKEN: Final = re.compile(r'"(?:[^"\\]|\\.)*"|`[^`]*`|[\w.]+|[^\s\w]')
 _SPANS: Final = {"d": UNITS["d"], "h": UNITS["h"], "m": UNITS["min"], "s": UNITS["s"], "ms": UNITS["ms"]}
 _RUNS: Final = 100
-"""The maximum of `with runs` in Elasticsearch."""
+"""Maximum of `with runs` in Elasticsearch."""
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One event of a sequence: alternative conditions, join keys, and the `maxspan` in nanoseconds."""
+    """One event of a sequence: alternative conditions, join keys, and the `maxspan` in ns."""
 
     conditions: tuple[str, ...]
     keys: tuple[str, ...] = ()
@@ -71,7 +70,7 @@ def query(items: Sequence[Item]) -> str:
 
 
 class EqlText:
-    """One translation. Raises `NotExpressible`, `TooLarge`, and `TreeError` without a feasible
+    """One translation; raises `NotExpressible`, `TooLarge`, and `TreeError` without a feasible
     scenario.
     """
 
@@ -94,7 +93,6 @@ class EqlText:
         return f"{header}\n" + ";\n".join(texts) + "\n", sum(len(_TOKEN.findall(text)) for text in texts)
 
     def _span(self, scenario: Scenario) -> int | None:
-        """Return the shortest window of a scenario; each must cover all its events."""
         found = [part for part in scenario.kept if isinstance(part, Within)]
         for window in found:
             node = window.source.node
@@ -108,12 +106,11 @@ class EqlText:
         return min((window.duration for window in found), default=None)
 
     def _items(self, scenario: Scenario) -> dict[Event, Item] | None:
-        """Return the condition of each event of a scenario, or None if a guard never holds."""
         groups = self._orders.groups
         paths = {event: {} if event in groups else self._paths(event) for event in scenario.events}
         several = "an EQL condition concerns one event"
-        asked = self._orders.asked(scenario, paths, lambda node, _: NotExpressible(several, nodes=[node]))
-        if asked is None:
+        guards = self._orders.assigned_guards(scenario, paths, lambda node, _: NotExpressible(several, nodes=[node]))
+        if guards is None:
             return None
         holders = Counter(chain.from_iterable(paths.values()))
         shared = [variable for variable, count in holders.items() if count > 1]
@@ -123,21 +120,20 @@ class EqlText:
                 raise NotExpressible(f"`by` joins all events of a sequence, and some lack {variable}", nodes=having)
         span = self._span(scenario)
         return {
-            event: Item(self._conditions(event, asked[event]), tuple(paths[event][one] for one in shared), span)
+            event: Item(self._conditions(event, guards[event]), tuple(paths[event][one] for one in shared), span)
             for event in scenario.events
         }
 
     # Conditions on one event.
 
-    def _conditions(self, event: Event, asked: Iterable[Guard]) -> tuple[str, ...]:
+    def _conditions(self, event: Event, guards: Iterable[Guard]) -> tuple[str, ...]:
         if event in self._orders.groups:
             each = chain.from_iterable(self._conditions(*leaf) for leaf in self._orders.groups[event])
             return tuple(dict.fromkeys(one for one in each if one != "false")) or ("false",)
         with naming(event.source.node):
-            return (self._dialect.of(event.pattern, asked),)
+            return (self._dialect.of(event.pattern, guards),)
 
     def _paths(self, event: Event) -> dict[str, str]:
-        """Return the paths of the variables that an event shares with others."""
         if event not in self._seen:
             with naming(event.source.node):
                 found = self._dialect.paths(event.pattern)

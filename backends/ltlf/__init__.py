@@ -48,28 +48,23 @@ class LtlfBackend(Backend):
     default_limit: ClassVar[int] = 200_000
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """Return the formula; raises `TooLarge` beyond `limit` subformulas."""
+        """Return the formula."""
         return SpecificationText(*Translation(prop, semantics, limit).text())
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
-        """Return a monitor for a formula in Spot's LTLf syntax, with or without a header.
-
-        Raises `LanguageError`, and `ToolMissing` without Spot.
-        """
+        """Return a monitor for a formula in Spot's LTLf syntax, with or without a header."""
         return LtlfMonitor(text, atoms or {})
 
     def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:
-        """Return the patterns of the atoms, or None if the formula has times; raises as `read`
-        does.
-        """
+        """Return the patterns of the atoms, or None if the formula has times."""
         return observed(text, atoms or {})
 
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
-        """Return a monitor for a formula without variables by `mona`: ltlf2dfa and MONA build the
+        """Return a monitor for a formula without variables; ltlf2dfa and MONA (`mona`) build its
         automaton.
 
         Raises `LanguageError`, `NotExpressible` (variables), `TooLarge` (too many atoms, or a
-        timeout of MONA), and `ToolMissing` without Spot (the parser), ltlf2dfa or MONA.
+        timeout of MONA), and `ToolMissing` without Spot, ltlf2dfa or MONA.
         """
         if tool not in self.tools:
             return super().read_with(tool, text, atoms=atoms)

@@ -10,7 +10,6 @@ The formula of a part is followed strictly later by `after`:
     otherwise          the general sum over the events that may come next
 
 The sum ranges over sets of residuals (`rvaft.core.residual`), possibly exponentially many.
-Residuals with the same next events are merged.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -30,14 +29,12 @@ class Composer:
     """Translates parts.
 
     `event_of` returns the formula of an EVENT part; `relevant` is the atom of relevant positions
-    (`projected`, `consecutive`); `work` bounds the steps. A formula is true at a position if the
-    part is matched from there on:
+    (`projected`, `consecutive`). A formula is true at a position if the part is matched from there
+    on:
 
-    - `scattered`: by some later events; the formula is *monotone*, true at every earlier position
-      too.
+    - `scattered`: by some later events; the formula is *monotone*, true at every earlier position too.
     - `strict`: by exactly the next events.
-    - `projected`: by exactly the next relevant events; formulas hold at relevant positions, and
-      `_begin` finds the first one.
+    - `projected`: by exactly the next relevant events, from a relevant position.
     - `consecutive`: as `projected`, from any relevant position.
     """
 
@@ -61,8 +58,7 @@ class Composer:
         self._work = work
         self._known: dict[tuple[int, int], int] = {}
         self._free: set[int] = set()
-        """Descendants of a separable part: they are translated separately although they share
-        occurrences.
+        """Descendants of a separable part, translated separately although they share occurrences.
         """
         self._residuals: dict[tuple[int, ...], ResidualSpace] = {}
 
@@ -87,9 +83,6 @@ class Composer:
         return TRUE if formula == TRUE else self._formulas.next(self._begin(formula))
 
     def _steps(self, ways: Iterable[tuple[int, int]]) -> int:
-        """Return the choice of an event at this position (`scattered`: at some position) and its
-        continuation.
-        """
         f = self._formulas
         found = f.disjunction(f.conjunction([event, self._later(after)]) for event, after in ways)
         return f.eventually(found) if self._monotone else found
@@ -197,13 +190,12 @@ class Composer:
     # The general form.
 
     def _sum(self, some: Sequence[int], after: int) -> Call[int]:
-        """Return the general form of some parts in any order; they share no occurrence with other
+        """Return the general form of some parts in any order that share no occurrence with other
         parts.
 
         Each set of residuals has one shared formula G: `after` if a residual is complete, or one of
-        the next events, followed by G of the residuals after it. The residuals after one event part
-        form one set. Merging residuals after equal events would give fewer formulas for some trees,
-        but exponentially many for others.
+        the next events, followed by G of the residuals after it. Merging residuals after equal
+        events would give fewer formulas for some trees, but exponentially many for others.
         """
         key, disjunction = tuple(some), self._formulas.disjunction
         if key not in self._residuals:

@@ -1,8 +1,7 @@
-"""LTLf formulas as a hash-consed graph: equal formulas have the same number.
+"""LTLf formulas as a hash-consed graph: equal formulas have the same number, their row index.
 
-A number is a row index; operands have smaller numbers than their formulas. Every traversal is
-therefore a loop without recursion. The core operators are constants, atoms, `!`, `&`, `|`, the
-strong next `X[!]`, `F` and `U`.
+Operands have smaller numbers than their formulas, so every traversal is a loop without recursion.
+The core operators are constants, atoms, `!`, `&`, `|`, the strong next `X[!]`, `F` and `U`.
 """
 
 from collections.abc import Hashable, Iterable
@@ -105,7 +104,7 @@ class Formulas:
         return self.eventually(right) if left == TRUE else self._make(Connective.UNTIL, (left, right))
 
     def atoms(self, formula: int, *, now: bool = False) -> list[str]:
-        """Return the names of the atoms of a formula; `now`: only those that the current position
+        """Return the names of the atoms of a formula; `now`: those that the current position
         decides.
         """
         rows = (self.rows[number] for number in self.reachable(formula, now=now))
@@ -126,8 +125,7 @@ class Formulas:
     def size(self, root: int) -> int:
         """Return the number of distinct subformulas, the formula included.
 
-        `&` and `|` are flat and unordered: `a & (b & c)` counts four, and `b & c` is not one of
-        them.
+        `&` and `|` are flat and unordered: `a & (b & c)` counts four.
         """
         reachable = self.reachable(root)
         last = {operand: formula for formula in reachable for operand in self.rows[formula].operands}

@@ -1,8 +1,8 @@
 """A second monitor for formulas: `ltlf2dfa` writes a MONA program, and MONA builds the automaton.
 
-Only the parser and the translation of ltlf2dfa are used. Its `to_dfa` writes all programs to one
-file in the installed package, which fails with parallel processes or a read-only installation, and
-it ignores a missing MONA. Spot's parser and the atoms are shared with the other monitor.
+Spot's parser and the atoms are shared with the other monitor. `to_dfa` of ltlf2dfa is not used: it
+writes all programs to one file in the installed package, which fails with parallel processes or a
+read-only installation, and it ignores a missing MONA.
 """
 
 import re
@@ -28,9 +28,9 @@ from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
 
 ATOMS: Final = 8
-"""The maximum number of atoms: in the worst case there is a transition per set of atoms."""
+"""Maximum number of atoms: there may be a transition per set of atoms."""
 OPERATORS: Final = 2_000
-"""The maximum number of operators after expanding shared subformulas: ltlf2dfa is recursive."""
+"""Maximum number of operators after expanding shared subformulas: ltlf2dfa is recursive."""
 SECONDS: Final = 20
 MEMORY: Final = 1 << 30
 """Bytes, if the system can bound them; some small formulas exhaust the memory."""
@@ -72,7 +72,6 @@ def _program(formulas: Formulas, root: int, symbols: Mapping[str, str]) -> str:
 
 
 def _output(program: str) -> str:
-    """Return the output of MONA; raises `ToolMissing`, `ToolFailed`, and `TooLarge` on a timeout."""
     mona = shutil.which("mona")
     if mona is None:
         remedy = "install the program mona (Debian and Ubuntu: `apt install mona`), and see that it is on the PATH"
@@ -129,9 +128,7 @@ class _MonaAutomaton:
         accepts = frozenset(map(int, head[3].split()))
         graph = nx.DiGraph((state, target) for state, found in self.edges.items() for _, target in found)
         self.verdicts: dict[int, Verdict] = {}
-        """Per state after the first event: ⊤ if it and all reachable states accept, ⊥ if none
-        accepts.
-        """
+        """Per state: ⊤ if it and all reachable states accept, ⊥ if none accepts."""
         for state in self.edges:
             ends = {reached in accepts for reached in (state, *nx.descendants(graph, state))}
             self.verdicts[state] = (
@@ -141,7 +138,6 @@ class _MonaAutomaton:
 
 @lru_cache(maxsize=32)
 def _made(text: str, given: tuple[tuple[str, Pattern], ...]) -> tuple[_MonaAutomaton, Mapping[str, Atom], Header]:
-    """Return the automaton, the atoms by their names in it, and the header."""
     formulas = Formulas()
     header, root = formula_of(text, formulas)
     names = sorted(formulas.atoms(root))
@@ -176,7 +172,7 @@ class MonaMonitor(Monitor):
         event, nothing = self._header.stamped(event), dict[str, Json]()
         word = ["1" if self._atoms[name].holds(event, nothing, nothing) else "0" for name in self._automaton.names]
         for cube, to in self._automaton.edges[self._at]:
-            if all(asked in ("X", bit) for asked, bit in zip(cube, word, strict=True)):
+            if all(wanted in ("X", bit) for wanted, bit in zip(cube, word, strict=True)):
                 self._at = to
                 break
         return self._automaton.verdicts[self._at]

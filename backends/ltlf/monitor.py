@@ -1,9 +1,9 @@
 """A monitor for formulas: one slice per reachable partial assignment of the variables.
 
 At an event, a slice stays (atoms with unbound variables are false), or binds the values that make
-one more atom true. The letter is the set of atoms that are then true. The verdict is ⊤ if the
-formula holds in some slice on every continuation, and ⊥ if it cannot hold in any slice. Slices in
-which it cannot hold are dropped.
+one more atom true. The letter is the set of true atoms. The verdict is ⊤ if the formula holds in
+some slice on every continuation. A slice in which it cannot hold is dropped; the verdict is ⊥ when
+none is left.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
@@ -36,14 +36,12 @@ class Atom:
     """The smallest extension of a binding that makes the atom true at an event, or None."""
 
     def holds(self, event: Json, binding: Binding, before: Binding) -> bool:
-        """Return whether the atom is true at an event; `before` is the binding without the event's
-        values.
-        """
+        """Return whether the atom is true at an event; `before` is the binding before the event."""
         return self.binds <= binding.keys() and fits(partial(self.extended, event), binding, before)
 
 
 def atoms_of(header: Header, names: Iterable[str], given: Mapping[str, Pattern]) -> dict[str, Atom]:
-    """Return the atoms of these names: from the header, from `given`, or as the event of that name."""
+    """Return the named atoms: from the header, from `given`, or as the event of that name."""
     return {
         name: _relevance(header.relevant.get(name, ()), header.ignored.get(name, ()))
         if name in header.relevant or name in header.ignored
@@ -58,25 +56,23 @@ def _observation(header: Header, name: str, given: Mapping[str, Pattern]) -> Obs
 
 
 def _event_atom(observation: Observation) -> Atom:
-    """Return the atom of a pattern under guards; a guard with an unbound variable counts as true."""
     pattern = observation.observed
     binds = frozenset(patterns.rigid_variables(pattern))
 
-    asked = [(guard, frozenset(guards.variables(guard))) for guard in observation.guards]
+    conditions = [(guard, frozenset(guards.variables(guard))) for guard in observation.guards]
 
     def extended(event: Json, binding: Binding) -> Binding | None:
         found = patterns.match(pattern, event, binding)
         if found is None:
             return None
         bound = patterns.rigid(found)
-        failed = any(names <= bound.keys() and not guards.holds(guard, bound) for guard, names in asked)
+        failed = any(names <= bound.keys() and not guards.holds(guard, bound) for guard, names in conditions)
         return None if failed else bound
 
-    return Atom(pattern, binds, binds.union(*(names for _, names in asked)), extended)
+    return Atom(pattern, binds, binds.union(*(names for _, names in conditions)), extended)
 
 
 def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) -> Atom:
-    """Return the atom of events that fit a relevant and no ignored observation, for some values."""
 
     def fitting(observations: Sequence[Observation]) -> PatternIndex[list[Reader]]:
         readers = [reader(number, Letter(one.pattern, one.when)) for number, one in enumerate(observations)]
@@ -94,7 +90,6 @@ def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) 
 
 @lru_cache(maxsize=8)
 def _formula(text: str) -> tuple[Header, Formulas, int]:
-    """Return the header, the formulas and the root formula of a text."""
     formulas = Formulas()
     header, root = formula_of(text, formulas)
     return header, formulas, root
@@ -104,8 +99,7 @@ def observed(text: str, given: Mapping[str, Pattern]) -> tuple[Observed, ...] | 
     """Return the patterns and guards of the atoms and of relevance, or None if the formula has
     times.
 
-    `given` has the patterns of atoms that the text does not define. Raises `LanguageError`,
-    `ToolMissing`.
+    `given` has the patterns of atoms that the text does not define.
     """
     header, formulas, root = _formula(text)
     return tuple(dict.fromkeys(_questions(header, formulas, root, given))) if header.time is None else None
@@ -125,7 +119,7 @@ def _questions(header: Header, formulas: Formulas, root: int, given: Mapping[str
 
 @lru_cache(maxsize=32)
 class _LtlfProgram:
-    """The formula of a text, its atoms and a cache of residuals; shared by monitors of one text."""
+    """The formula of a text, its atoms and a cache of residuals, for all monitors of the text."""
 
     def __init__(self, text: str, given: tuple[tuple[str, Pattern], ...]) -> None:
         header, formulas, root = _formula(text)
@@ -158,25 +152,25 @@ class LtlfMonitor(Monitor):
 
         def extensions(residual: int, binding: Binding) -> Iterator[Binding]:
             if not residuals.variables(residual) <= binding.keys():
-                asked = residuals.now(residual) & candidates
-                residuals.ask(len(asked))
-                for name in sorted(asked):
+                atoms_now = residuals.now(residual) & candidates
+                residuals.ask(len(atoms_now))
+                for name in sorted(atoms_now):
                     if not atoms[name].binds <= binding.keys():
                         extended = atoms[name].extended(event, binding)
                         if extended is not None:
                             yield extended
 
         def step(residual: int, binding: Binding, before: Binding) -> tuple[Verdict, int]:
-            asked = residuals.now(residual) & candidates
-            residuals.ask(len(asked))
-            letter = frozenset([name for name in asked if atoms[name].holds(event, binding, before)])
+            atoms_now = residuals.now(residual) & candidates
+            residuals.ask(len(atoms_now))
+            letter = frozenset([name for name in atoms_now if atoms[name].holds(event, binding, before)])
             accepted, rest = residuals.step(residual, letter)
             if accepted and residuals.is_valid(rest):
                 return Verdict.TRUE, rest
             return Verdict.UNKNOWN if accepted or residuals.is_satisfiable(rest) else Verdict.FALSE, rest
 
-        # Keep all slices: a guard counts as true while a variable is unbound, so a slice with more
-        # bindings may violate less.
+        # Keep all slices: a guard counts as true while a variable is unbound, so more bindings may
+        # violate less.
         slices = advance(self._slices, extensions, step, matter=residuals.variables, keep_all=True)
         self._slices = slices or {}
         return Verdict.TRUE if slices is None else Verdict.UNKNOWN if slices else Verdict.FALSE

@@ -1,6 +1,6 @@
 """The parts of a property simplified for LTLf, with rival events and settled guards.
 
-Sets of parts and of events are bit sets, which scale to thousands of nodes.
+Bit sets of parts and of events scale to thousands of nodes.
 """
 
 from collections import defaultdict
@@ -50,15 +50,12 @@ def simplified(form: NumberedParts, *, monotone: bool) -> tuple[NumberedPart, ..
 
 
 class _Simplifier:
-    """Builds simplified parts bottom-up."""
-
     def __init__(self, monotone: bool) -> None:
         self._monotone = monotone
         self.parts: list[NumberedPart] = []
         self.several: set[int] = set()
-        """Parts with several users: they are not merged into a user."""
+        """Parts with several users."""
         self._always: list[int] = []
-        """Per part, the shared parts that all its scenarios contain, itself included."""
 
     def add(self, part: NumberedPart, *, shared: bool) -> int:
         found = in_at_least(len(part.parts) - part.need + 1, [self._always[inner] for inner in part.parts])
@@ -134,8 +131,8 @@ class Anatomy:
     """Simplified parts with the facts that the translation needs.
 
     - `events`: the events of a part.
-    - `rivals`: other events that one trace event may match together with an event of the part.
-      Variables and guards are ignored, so non-rivals are certain.
+    - `rivals`: other events that one trace event may match together with an event of the part; variables
+      and guards are ignored, so non-rivals are certain.
     - `unit`: the EVENT parts, if every scenario of the part has exactly one event.
     - `tangled`: whether parts below share occurrences.
     """
@@ -181,17 +178,15 @@ class Anatomy:
         only).
 
         A shared part is then written once per use, and different events may match the uses. This is
-        correct if matches can be moved: a match from one position is possible from every earlier
-        one. The latest match then serves all uses with the same continuation, and the earliest one
-        all uses with the same start. Each of the three conditions has a counterexample without it.
-        For example, `and (sand x s) (sand s y)` would accept s y x s.
+        correct if a match from one position is possible from every earlier one: the latest match
+        then serves all uses with the same continuation, and the earliest one all uses with the same
+        start. Each condition is necessary: `and (sand x s) (sand s y)` would accept s y x s.
         """
         kept = self.below(root)
         unordered = (part for part in kept if self.parts[part].op in (PartKind.ALL, PartKind.AT_LEAST))
         return all(map(self.rivals_apart, unordered)) and self._uses_agree(kept) and self._always_feasible(root)
 
     def _uses_agree(self, kept: Sequence[int]) -> bool:
-        """Return whether the uses of each part have the same successor, or the same predecessor."""
         contexts: dict[int, tuple[Context, Context]] = {kept[-1]: ((), ())}
         for number in reversed(kept):
             before, after = contexts[number]
@@ -220,9 +215,8 @@ GuardsOf: TypeAlias = Mapping[Event, tuple[Guard, ...]]
 def settled(form: NumberedParts, *, monotone: bool, work: Work) -> Iterator[tuple[NumberedParts, GuardsOf]]:
     """Yield divisions of the scenarios in which the guards of each event are fixed.
 
-    A guard counts in every scenario with its condition, and is conjoined to each event that binds
-    one of its variables. If only some scenarios with such an event contain the guard, the deciding
-    choices are split.
+    A guard is conjoined to each event that binds one of its variables. If only some scenarios with
+    such an event contain the guard, the deciding choices are split.
     """
     if not form.guards:
         yield form, {}
@@ -240,7 +234,6 @@ def _placed(form: NumberedParts) -> GuardsOf | int:
     below = form.below()
     kept = list(below)
     always: dict[int, int] = {}
-    """Per part, itself and the descendants in all its scenarios."""
     for number in kept:
         part = form.parts[number]
         missable = len(part.parts) - part.need + 1
@@ -248,7 +241,7 @@ def _placed(form: NumberedParts) -> GuardsOf | int:
     above: dict[int, int] = {kept[-1]: 0}
     """Per part, itself and its dominators."""
     certain: dict[int, int] = {}
-    """Per part, the parts known to be in every scenario that contains it."""
+    """Per part, parts that are in every scenario with it."""
     for number in reversed(kept):
         certain[number] = always[number] | certain.get(_lowest(above[number]), 0)
         above[number] |= 1 << number

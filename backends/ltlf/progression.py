@@ -1,10 +1,10 @@
 """Progression of formulas in canonical form, and satisfiability of the residuals.
 
 A residual is a Boolean function. Its variables stand for "the rest is not empty and satisfies g",
-numbered as g. One event yields two results: whether the formula holds if the trace ends here, and
-the residual if it continues. After Bacchus and Kabanza, Using temporal logics to express search
-control knowledge for planning (Artificial Intelligence, 2000), with the strong next and the end of
-the trace.
+numbered as g. One event yields whether the formula holds if the trace ends here, and the residual
+if it continues. After Bacchus and Kabanza, Using temporal logics to express search control
+knowledge for planning (Artificial Intelligence, 2000), with the strong next and the end of the
+trace.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -18,11 +18,11 @@ from rvaft.support.budget import Call, run
 NODE_LIMIT: Final = 2_000_000
 SEARCH_LIMIT: Final = 1_000_000
 STEPS: Final = 3_000_000
-"""The maximum of elementary steps per event, and for reading the formula."""
+"""Maximum number of elementary steps per event, and for reading the formula."""
 _ATOM: Final = 5
-"""The cost of evaluating one atom on an event."""
+"""Cost of evaluating one atom on an event, in steps."""
 STEPS_KEPT: Final = 200_000
-"""The size of the cache of steps, for all residuals together."""
+"""Size of the cache of progressions, for all residuals together."""
 
 BOTTOM: Final = 0
 TOP: Final = 1
@@ -31,16 +31,13 @@ _CONSTANT: Final = -1
 
 
 class Steps:
-    """The elementary steps left for this event, about a microsecond each.
-
-    `take` raises `TooLarge` when they are used up.
-    """
+    """The elementary steps left for this event, about a microsecond each."""
 
     def __init__(self) -> None:
         self.left = STEPS
 
     def take(self, steps: int) -> None:
-        """Take some steps."""
+        """Subtract some steps; raises `TooLarge` when none are left."""
         self.left -= steps
         if self.left < 0:
             remedy = "run the tree by the engine or another backend, or put fewer events into one window"
@@ -48,17 +45,15 @@ class Steps:
 
 
 class _Diagrams:
-    """Reduced ordered binary decision diagrams (BDDs).
+    """Reduced ordered binary decision diagrams (BDDs), with the largest variable on top.
 
-    Loops replace recursion, for thousands of variables. The largest variable is on top. Nodes are
-    never freed. After Bryant, Graph-Based Algorithms for Boolean Function Manipulation (IEEE
-    Transactions on Computers, 1986).
+    Loops replace recursion, for thousands of variables. Nodes are never freed. After Bryant,
+    Graph-Based Algorithms for Boolean Function Manipulation (IEEE Transactions on Computers, 1986).
     """
 
     def __init__(self, steps: Steps) -> None:
         self._steps = steps
         self.nodes = [(_CONSTANT, BOTTOM, BOTTOM), (_CONSTANT, TOP, TOP)]
-        """Variable, low and high branch."""
         self._index: dict[tuple[int, int, int], int] = {}
         self._choices: dict[tuple[int, int, int], int] = {}
         self.support = cache(lambda f: sorted({self.nodes[node][0] for node in self._below(f)}, reverse=True))
@@ -74,7 +69,7 @@ class _Diagrams:
         return self.choice(f, g, TOP) == TOP
 
     def joined(self, op: Connective, parts: Iterable[int]) -> int:
-        """Return the junction of functions, the lowest first, so that each step works near the top."""
+        """Return the junction of functions, lowest first, so that each step works near the top."""
         found = TOP if op is Connective.AND else BOTTOM
         for part in sorted(set(parts), key=lambda f: self.nodes[f][0]):
             found = self.choice(part, found, BOTTOM) if op is Connective.AND else self.choice(part, TOP, found)
@@ -92,7 +87,6 @@ class _Diagrams:
         return found
 
     def choice(self, f: int, g: int, h: int) -> int:
-        """Return if-then-else of f, g and h."""
         nodes, known, steps = self.nodes, self._choices, self._steps
         todo: list[tuple[int, int, int, int]] = [(f, g, h, _CONSTANT)]
         done: list[int] = []
@@ -140,9 +134,7 @@ class _Diagrams:
 
 
 class Progression(NamedTuple):
-    """Whether the formula holds if the trace ends after this event, and the residual if it
-    continues.
-    """
+    """Whether the formula holds if the trace ends after this event, and the residual otherwise."""
 
     accepted: bool
     residual: int
@@ -176,11 +168,8 @@ class Residuals:
         self.is_satisfiable = self._continuations.satisfied
         """Whether a non-empty continuation satisfies a residual."""
         self._bare: list[bool] = []
-        """Per formula: whether an atom occurs below `!`, `&` and `|` only."""
         self._monotone: list[bool] = []
-        """Per formula: whether it consists of `F`, `&` and `|`; it then holds wherever it holds
-        later.
-        """
+        """Per formula: whether it consists of `F`, `&` and `|`: if true later, it is true now."""
         self._variables: list[frozenset[str]] = []
         for op, operands, name in formulas.rows:
             bare = op in (Connective.NOT, *JUNCTIONS) and any(self._bare[operand] for operand in operands)
@@ -280,8 +269,7 @@ class Residuals:
         trace.
 
         This holds for g = p & X[!] h with monotone h: if g holds later, h holds there later, hence
-        at the beginning. Keeping `F g` beside h would also be correct, but the residuals of long
-        sequences would grow with each repetition.
+        at the beginning. Without it, the residuals of long sequences grow with each repetition.
         """
         row = self._formulas.rows[formula]
         operands = row.operands if row.op is Connective.AND else (formula,)
@@ -304,8 +292,8 @@ _Clause: TypeAlias = list[list[_Item]]
 class _Continuations:
     """A lazy search for a continuation that satisfies a residual, without an automaton.
 
-    The search runs over sets of obligations, tries the nearest fulfilment first, and caches
-    results. All letters count, including infeasible ones.
+    The search runs over sets of obligations and tries the nearest fulfilment first. All letters
+    count, including infeasible ones.
     """
 
     def __init__(self, formulas: Formulas, diagrams: _Diagrams, steps: Steps) -> None:
@@ -340,8 +328,8 @@ class _Continuations:
         return False
 
     def _cubes(self, residual: int) -> Iterator[_Obligations]:
-        """Yield alternative sets of obligations. For a variable in which the function is monotone,
-        one sign suffices.
+        """Yield alternative sets of obligations; a variable in which the function is monotone has
+        one sign.
         """
         path: list[int] = []
         todo: list[tuple[int, int, tuple[int, ...]]] = [(residual, 0, ())]
@@ -375,7 +363,6 @@ class _Continuations:
                     yield found
 
     def _settled(self, clauses: list[_Clause], taken: set[_Item]) -> list[_Clause] | None:
-        """Propagate forced items; return the open clauses, or None on a contradiction."""
         changed = True
         while changed:
             changed, todo, clauses = False, clauses[::-1], []

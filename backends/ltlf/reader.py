@@ -130,7 +130,6 @@ def split(text: str) -> tuple[Header, int]:
 
 
 def _observation(text: str, start: int, stop: int) -> Observation:
-    """Return the pattern, time variable and guards, split at keywords outside strings and brackets."""
     words: list[tuple[str, int, int]] = []
     depth = 0
     for token in _STRING_OR_WORD.finditer(text, start, stop):

@@ -38,7 +38,6 @@ class Translation:
         self._formulas = Formulas(limit)
         self._atoms: dict[Observation, int] = {}
         self._rank: dict[str, int] = {}
-        """For each atom, the position of its event in the tree."""
         self._place = {event: place for place, event in enumerate(prop.events)}
         nodes = Counter(event.source.node for event in prop.events)
         self._counted = {node for node, count in nodes.items() if count > 1}
@@ -69,7 +68,6 @@ class Translation:
         anatomy = Anatomy(simplified(form, monotone=monotone))
 
         def event_of(part: int) -> int:
-            """Return the atom of an event under guards, named after the first node with that event."""
             event = anatomy.parts[part].event
             pattern, time = untimed(event.pattern)
             observation = Observation(pattern, guards.get(event, ()), time)
@@ -109,9 +107,6 @@ class Translation:
         return candidate
 
     def _written(self, root: int) -> str:
-        """Return the formula as text; subformulas with several uses become definitions in the
-        header.
-        """
         rows = self._formulas.rows
         reachable = self._formulas.reachable(root)
         uses = Counter(operand for formula in reachable for operand in rows[formula].operands)

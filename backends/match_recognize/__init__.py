@@ -52,7 +52,5 @@ class MatchRecognizeBackend(Backend):
     default_limit: ClassVar[int] = 2_000
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """Return the queries; raises `NotExpressible` for calculations that doubles distort, and
-        `TooLarge`.
-        """
+        """Return the queries; raises `NotExpressible` for calculations that doubles distort."""
         return SpecificationText(*RowPatternQueries(prop, semantics, limit).text())

@@ -1,7 +1,7 @@
 """Guards over several events as SQL conditions: TRUE exactly when the guard holds, else FALSE or
 NULL.
 
-Expressions over one event are columns. SQL evaluates comparisons and sums of several columns.
+Expressions over one event are columns.
 """
 
 from collections.abc import Callable
@@ -29,7 +29,7 @@ Column: TypeAlias = Callable[[str, Guard], str | None]
 NEVER: Final = "FALSE"
 ALWAYS: Final = "TRUE"
 LENGTH: Final = 20_000
-"""The maximum number of characters of a condition."""
+"""Maximum number of characters of a condition."""
 _ASPECTS: Final = {Sort.NUMBER: "number", Sort.TIME: "time", Sort.TEXT: "string", Sort.TRUTH: "truth"}
 _CALLED: Final = {Operator.MIN: "LEAST", Operator.MAX: "GREATEST", Operator.ABS: "ABS"}
 
@@ -55,7 +55,6 @@ def written(condition: TruthCondition, column: Column) -> str:
                 return f"{value(term, 'text')} IS NOT NULL AND {value(term, _ASPECTS[sort])} IS NULL"
 
     def value(term: Guard, aspect: str) -> str:
-        """Return an aspect of a term, or NULL."""
         if isinstance(term, Literal):
             return _literal(constant(term, aspect))
         if (alone := column(aspect, term)) is not None:

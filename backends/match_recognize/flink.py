@@ -1,9 +1,9 @@
 """First detections of texts in Apache Flink, with many texts and traces per job.
 
 The leading comment of a text defines columns of the table `events` (`backends.event_columns`): a
-BOOLEAN per pattern, and its values. Every row has `trace` (the number of the trace), `pos` (the
-number of the event, from 1) and `ts`, a time attribute that increases with `pos` and is not the
-time of the event.
+BOOLEAN per pattern, and its values. Every row also has `trace` (the number of the trace), `pos`
+(the number of the event, from 1) and `ts`, a time attribute that increases with `pos` and is not
+the time of the event.
 """
 
 import json
@@ -19,7 +19,6 @@ from rvaft.errors import ToolFailed, installed
 from rvaft.model.values import Json
 
 _TYPES: Final = {"text": "STRING", "number": "DOUBLE", "string": "STRING", "time": "BIGINT", "truth": "BOOLEAN"}
-"""The SQL type of each aspect."""
 _TABLE: Final = """CREATE TEMPORARY TABLE events_{number} (trace BIGINT, pos BIGINT, {columns}
 ts AS TO_TIMESTAMP_LTZ(pos, 3), WATERMARK FOR ts AS ts - INTERVAL '99' DAY)
 WITH ('connector' = 'filesystem', 'path' = '{path}', 'format' = 'json')"""
@@ -62,31 +61,31 @@ def _session() -> Any:
     return environment
 
 
-def first_detections(asked: Sequence[tuple[str, Sequence[Sequence[Json]]]]) -> list[list[int | None]]:
+def first_detections(jobs: Sequence[tuple[str, Sequence[Sequence[Json]]]]) -> list[list[int | None]]:
     """Return for each text and trace the number of the first detecting event, from 1, or None.
 
     Raises `LanguageError` for a text without a header, `OverflowError` for inexact numbers,
     `ToolMissing` without PyFlink, and `ToolFailed` for errors of Flink.
     """
-    headers = [RowHeader.read(text) for text, _ in asked]
+    headers = [RowHeader.read(text) for text, _ in jobs]
     table, environment = tables(), cast(Any, None)
-    found: list[list[int | None]] = [[None] * len(traces) for _, traces in asked]
+    found: list[list[int | None]] = [[None] * len(traces) for _, traces in jobs]
     with tempfile.TemporaryDirectory(prefix="rvaft-") as folder:
         try:
             environment = _session()
-            for text, trace, position in _detections(table, environment, Path(folder), headers, asked):
+            for text, trace, position in _detections(table, environment, Path(folder), headers, jobs):
                 known = found[text][trace]
                 found[text][trace] = position if known is None else min(known, position)
         except OverflowError:
             raise
         except Exception as error:  # Java errors, passed on by Python
-            said = _CAUSE.findall(str(error)) or [f"{type(error).__name__}: {error}"]
-            why = " ".join(said[-1].split())[:_LENGTH]
+            causes = _CAUSE.findall(str(error)) or [f"{type(error).__name__}: {error}"]
+            why = " ".join(causes[-1].split())[:_LENGTH]
             raise ToolFailed("Apache Flink", reason=why if environment else f"it needs {_JAVA} ({why})") from error
         finally:
             if environment:
                 environment.execute_sql("DROP TEMPORARY VIEW IF EXISTS events")
-                for number in range(len(asked)):
+                for number in range(len(jobs)):
                     environment.execute_sql(f"DROP TEMPORARY TABLE IF EXISTS events_{number}")
     return found
 
@@ -96,11 +95,10 @@ def _detections(
     environment: Any,
     folder: Path,
     headers: Sequence[RowHeader],
-    asked: Sequence[tuple[str, Sequence[Sequence[Json]]]],
+    jobs: Sequence[tuple[str, Sequence[Sequence[Json]]]],
 ) -> Iterator[tuple[int, int, int]]:
-    """Yield the numbers of text, trace and event for each result row."""
     whole, queries = None, 0
-    for number, (header, (text, traces)) in enumerate(zip(headers, asked, strict=True)):
+    for number, (header, (text, traces)) in enumerate(zip(headers, jobs, strict=True)):
         path = folder / f"{number}.json"
         with path.open("w", encoding="ascii") as file:
             for trace, events in enumerate(traces):

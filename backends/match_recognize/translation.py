@@ -1,7 +1,4 @@
-"""Properties to MATCH_RECOGNIZE queries, one per order of a scenario's events.
-
-Each query is a row pattern with a condition per event.
-"""
+"""Properties to MATCH_RECOGNIZE queries, one row pattern per order of a scenario's events."""
 
 import re
 from collections import Counter
@@ -30,10 +27,8 @@ _RESERVED: Final = {"trace", "pos", "ts", "is_relevant", "is_ignored"}
 
 
 class RowPatternQueries:
-    """One translation.
-
-    Raises `NotExpressible`, `TooLarge` beyond `limit` events of all orders, `TreeError` without a
-    feasible scenario.
+    """One translation; raises `NotExpressible`, `TooLarge`, and `TreeError` without a feasible
+    scenario.
     """
 
     def __init__(self, prop: Property, semantics: Semantics, limit: int) -> None:
@@ -69,9 +64,6 @@ class RowPatternQueries:
         return start + " AND NOT ".join(self._header.fitting)
 
     def _words(self, scenario: Scenario) -> Iterator[tuple[Sequence[str], list[str]]]:
-        """Yield the orders of a scenario's events as pattern columns, with the condition of each
-        event.
-        """
         shared = dict[tuple[str, Guard], TruthCondition]()
         bound = {event: frozenset(rigid_variables(event.pattern)) for event in scenario.events}
         conditions = TruthConditions(
@@ -79,10 +71,10 @@ class RowPatternQueries:
         )
 
         def several(node: str, guard: Guard) -> None:
-            with self._saying(node):
+            with self._naming(node):
                 shared[node, guard] = conditions.of(guard)
 
-        own = self._orders.asked(scenario, bound, several)
+        own = self._orders.assigned_guards(scenario, bound, several)
         if own is None:
             return
         letters = {name: (self._fitting(name, own[name]), (*shared,)) for name in bound}
@@ -90,12 +82,12 @@ class RowPatternQueries:
         uses = Counter(chain(*bound.values()))
         for word in self._orders.words(scenario, letters):
             columns = [column for column, _ in word]
-            asked = self._conditions(columns, variables_of, shared, sorted(name for name in uses if uses[name] > 1))
-            if asked is not None:
-                yield columns, asked
+            per_event = self._conditions(columns, variables_of, shared, sorted(name for name in uses if uses[name] > 1))
+            if per_event is not None:
+                yield columns, per_event
 
     @contextmanager
-    def _saying(self, node: str) -> Iterator[None]:
+    def _naming(self, node: str) -> Iterator[None]:
         try:
             yield
         except Unsayable as error:
@@ -109,14 +101,13 @@ class RowPatternQueries:
         shared: Mapping[tuple[str, Guard], TruthCondition],
         tied: Sequence[str],
     ) -> list[str] | None:
-        """Return the condition of each event of an order, or None if they are contradictory."""
         found = [[f"e{number}.{name}"] for number, name in enumerate(columns, 1)]
         for variable in tied:
             first, *others = (number for number, name in enumerate(columns) if variable in variables_of[name])
             for number in others:
                 cells = [self._cell(columns, at, "text", Variable(variable)) for at in (first, number)]
                 found[number].append(f"{cells[1]} = {cells[0]}")
-        for (node, _), asked in shared.items():
+        for (node, _), test in shared.items():
             last = 0
 
             def column(aspect: str, part: Guard) -> str | None:
@@ -128,15 +119,14 @@ class RowPatternQueries:
                 last = max(last, at)
                 return self._cell(columns, at, aspect, part)
 
-            with self._saying(node):
-                condition = written(asked, column)
+            with self._naming(node):
+                condition = written(test, column)
             if condition == NEVER:
                 return None
             found[last] += [condition] if condition != ALWAYS else []
         return [" AND ".join(several) for several in found]
 
     def _cell(self, columns: Sequence[str], at: int, aspect: str, part: Guard) -> str:
-        """Return the column for an aspect of an expression over one event."""
         base, value = columns[at], ValueColumn(aspect, part)
         known = self._header.values.setdefault(base, {})
         name = next((name for name, one in known.items() if one == value), None)
@@ -147,7 +137,6 @@ class RowPatternQueries:
         return f"e{at + 1}.{name}"
 
     def _fitting(self, event: Event, own: Sequence[Guard]) -> str:
-        """Return the column that holds whether a row matches an event and its guards."""
         node = event.source.node
         fitting = FittingEvent(event.pattern, tuple(dict.fromkeys(own)))
         if fitting not in self._columns:

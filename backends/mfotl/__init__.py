@@ -2,8 +2,8 @@
 VeriMon.
 
 A leading comment defines the predicates as event columns (`backends.event_columns`). The last
-argument of a predicate is the position of the event in the trace. The tools read the predicate
-types from a separate file, see `signature`. The `limit` counts atoms and comparisons.
+argument of a predicate is the position of the event. The tools read the predicate types from a
+separate file (`signature`). The `limit` counts atoms and comparisons.
 """
 
 from typing import ClassVar
@@ -21,8 +21,7 @@ __all__ = ["MfotlBackend"]
 
 
 class MfotlBackend(Backend):
-    """A closed formula of past MFOTL, true from the first detection on: every tree under
-    `scattered`.
+    """A closed formula of past MFOTL, true from the detection on: every tree under `scattered`.
 
     A cross-check runs it with `rvaft cross-check --monpoly PATH`; there is no reader.
 
@@ -51,9 +50,7 @@ class MfotlBackend(Backend):
     default_limit: ClassVar[int] = 5_000
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
-        """Return the formula; raises `NotExpressible` for calculations that doubles distort, and
-        `TooLarge`.
-        """
+        """Return the formula; raises `NotExpressible` for calculations that doubles distort."""
         return SpecificationText(*MfotlFormula(prop, limit).text())
 
     @staticmethod

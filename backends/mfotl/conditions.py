@@ -1,7 +1,6 @@
 """Guards over several events as disjunctions of conjunctions of MonPoly comparisons.
 
-Comparisons use bound arguments only. Expressions over one event that MonPoly evaluates differently
-become arguments.
+Expressions over one event that MonPoly evaluates differently become arguments.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -28,7 +27,7 @@ Ways: TypeAlias = tuple[tuple[str, ...], ...]
 """A disjunction of conjunctions."""
 
 MOST: Final = 500
-"""The maximum number of conjunctions per guard."""
+"""Maximum number of conjunctions per guard."""
 _LEFT_TO_COLUMNS: Final = FUNCTIONS - {Operator.MIN, Operator.MAX} | {Operator.MUL, Operator.DIV}
 _ASPECTS: Final = {Sort.NUMBER: "number", Sort.TIME: "time", Sort.TEXT: "string"}
 _KINDS: Final = {Sort.NUMBER: "n", Sort.TIME: "n", Sort.TEXT: "s", Sort.TRUTH: "o"}
@@ -52,14 +51,14 @@ def either(*several: Ways) -> Ways:
 class Conditions:
     """The guards of a scenario.
 
-    `times` are the variables of times. `column` returns the argument of a column, which is then in
-    `asked`. `bound` holds the variables of each event.
+    `times` are the variables of times, `bound` the variables of each event. `column` returns the
+    argument of a column, and `columns` collects the columns used.
     """
 
     def __init__(
         self, times: frozenset[str], bound: Collection[frozenset[str]], column: Callable[[Column], str]
     ) -> None:
-        self.asked: set[Column] = set()
+        self.columns: set[Column] = set()
         self._bound, self._column = bound, column
         self._conditions = TruthConditions(times, self._is_argument)
 
@@ -144,11 +143,10 @@ class Conditions:
     def _written(self, term: Guard, aspect: str) -> str:
         if isinstance(term, Literal):
             return argument(aspect, constant(term, aspect))
-        self.asked.add((term, aspect))
+        self.columns.add((term, aspect))
         return self._column((term, aspect))
 
     def _defined(self, *terms: Guard) -> tuple[str, ...]:
-        """Return the conditions that calculated terms have a value."""
         return tuple(f'NOT ({self._written(one, "kind")} = "")' for one in terms if isinstance(one, Operation))
 
     def _is(self, term: Guard, sort: Sort) -> str:
@@ -160,6 +158,5 @@ def _operands(guard: Guard, operator: Operator) -> tuple[Guard, ...]:
 
 
 def _first(texts: Sequence[str], number: int, before: str, after: str) -> list[str]:
-    """Return the conditions that one number is the first extreme among several."""
     pairs = ((before if other < number else after, text) for other, text in enumerate(texts) if other != number)
     return [f"{texts[number]} {sign} {text}" for sign, text in pairs]

@@ -1,8 +1,7 @@
 """First detections in MonPoly and VeriMon: the signature of a text, and the facts of events.
 
-The leading comment of a text defines predicates as event columns (`backends.event_columns`). The
-arguments of a predicate are its columns and the position of the event in the trace. A null column
-becomes `""` or 0.
+The arguments of a predicate are its columns and the position of the event. A null column becomes
+`""` or 0.
 """
 
 import json
@@ -25,14 +24,14 @@ Column: TypeAlias = tuple[Guard, str]
 """A variable or an expression over one event, and an aspect of it."""
 
 _TYPES: Final = {"text": "string", "kind": "string", "number": "float", "string": "string", "time": "int"}
-"""The type of each aspect in a signature."""
+"""Type of each aspect in a signature."""
 _NULLS: Final = {"string": '""', "float": "0.0", "int": "0"}
 _FOUND: Final = re.compile(r"^@\S+ \(time point (\d+)\):", re.MULTILINE)
 _REFUSED: Final = re.compile(r"not monitorable|fail|error|exception|invalid", re.IGNORECASE)
 
 
 class MfotlHeader(EventColumns):
-    """The predicates of a text by name, in the order of their lines."""
+    """The predicates of a text by name, in order."""
 
     comment: ClassVar[tuple[str, str]] = ("(*", "*)")
 
@@ -45,10 +44,7 @@ class MfotlHeader(EventColumns):
         return "".join(lines)
 
     def facts(self, event: Json, position: int) -> Iterator[str]:
-        """Yield the facts of an event at a position.
-
-        Raises `OverflowError` for inexact numbers.
-        """
+        """Yield the facts of an event at a position; raises `OverflowError` for inexact numbers."""
         for name, cells in self.cells(event).items():
             if cells is not None:
                 aspects = (one.aspect for one in self.values.get(name, {}).values())
@@ -99,9 +95,9 @@ def first_detections(
             names[2].write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
             ran = _run(program, *options, *(["-verified"] if verified else []), timeout=timeout)
             at = _FOUND.search(ran.stdout)
-            said = " ".join(f"{ran.stderr} {ran.stdout if at is None else ''}".split())
-            if ran.returncode or (at is None and _REFUSED.search(said)):
-                raise ToolFailed("MonPoly", reason=said[:300] or f"exit status {ran.returncode}")
+            complaint = " ".join(f"{ran.stderr} {ran.stdout if at is None else ''}".split())
+            if ran.returncode or (at is None and _REFUSED.search(complaint)):
+                raise ToolFailed("MonPoly", reason=complaint[:300] or f"exit status {ran.returncode}")
             found.append(None if at is None else int(at[1]) + 1)
     return found
 

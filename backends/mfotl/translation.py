@@ -41,10 +41,8 @@ _RESERVED: Final = [
 
 
 class MfotlFormula:
-    """One translation.
-
-    Raises `NotExpressible`, `TooLarge` beyond `limit` atoms and comparisons, `TreeError` without a
-    feasible scenario.
+    """One translation; raises `NotExpressible`, `TooLarge`, and `TreeError` without a feasible
+    scenario.
     """
 
     def __init__(self, prop: Property, limit: int) -> None:
@@ -79,14 +77,16 @@ class MfotlFormula:
                 return NotExpressible(reason, nodes=[node])
             return None
 
-        own = self._orders.asked(scenario, bound, several)
+        own = self._orders.assigned_guards(scenario, bound, several)
         if own is None:
             return
         uses = Counter(chain(*bound.values()))
         tied = {(Variable(name), "text") for name in uses if uses[name] > 1 and name not in self._times}
         places = {name: f"i{number}" for number, name in enumerate(events, 1)}
-        asked = sorted(tied | conditions.asked, key=self._column)
-        columns = {name: tuple(one for one in asked if bound[name].issuperset(variables(one[0]))) for name in events}
+        arguments = sorted(tied | conditions.columns, key=self._column)
+        columns = {
+            name: tuple(one for one in arguments if bound[name].issuperset(variables(one[0]))) for name in events
+        }
         atoms = [self._atom(name, tuple(own[name]), columns[name], places[name]) for name in events]
         orders: list[list[str]] = []
         for name in events:
@@ -101,10 +101,9 @@ class MfotlFormula:
             self._size += len(events) + sum(map(len, orders)) + len(way)
             if self._size > self._limit:
                 raise TooLarge("atoms and comparisons of the formula", limit=self._limit)
-            yield _conjunction(atoms, orders, way, [*map(self._column, asked), *places.values()])
+            yield _conjunction(atoms, orders, way, [*map(self._column, arguments), *places.values()])
 
     def _atom(self, event: Event, guards: tuple[Guard, ...], columns: tuple[Column, ...], place: str) -> str:
-        """Return the atom of an event at a position, which binds these arguments."""
         known = FittingEvent(event.pattern, guards), columns
         if known not in self._predicates:
             self._predicates[known] = name = self._fresh(event.source.node)
@@ -113,7 +112,6 @@ class MfotlFormula:
         return f"(ONCE {self._predicates[known]}({', '.join([*map(self._column, columns), place])}))"
 
     def _column(self, column: Column) -> str:
-        """Return the name of an argument; positions have names `i1`, `i2` and so on."""
         term, aspect = column
         if term not in self._names:
             about = term.name if isinstance(term, Variable) else "value"
@@ -129,7 +127,6 @@ class MfotlFormula:
 
 
 def _free(name: str, taken: Collection[str]) -> str:
-    """Return the name, numbered if it is taken."""
     return next(one for one in chain([name], (f"{name}_{number}" for number in count(2))) if one not in taken)
 
 

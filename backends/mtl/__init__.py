@@ -1,5 +1,4 @@
-"""The `mtl` backend: past-time formulas for Reelay over discrete time, true from the first
-detection on.
+"""The `mtl` backend: past-time formulas for Reelay over discrete time, true from the detection on.
 
 A comment defines the propositions. The `limit` counts events of all orders. Only reading needs the
 package `reelay`.
@@ -64,11 +63,9 @@ class MtlBackend(MtlCapabilities):
     modules: ClassVar[tuple[str, ...]] = ("reelay",)
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
-        """Return the formula; raises `TooLarge` beyond `limit` events, `NotExpressible` for too
-        long chains.
-        """
+        """Return the formula; raises `NotExpressible` for too long chains."""
         chains = translation(prop, limit)
-        header = "".join(f"{name} := {asked}\n" for name, asked in chains.propositions.items())
+        header = "".join(f"{name} := {definition}\n" for name, definition in chains.propositions.items())
         formula = chains.reelay()
         return SpecificationText(f"/* rvaft\n{header}*/\n{formula}\n", Metrics(symbols(formula)))
 
@@ -76,8 +73,7 @@ class MtlBackend(MtlCapabilities):
         """Return a monitor that runs Reelay; `atoms` defines propositions that the text does not
         define.
 
-        Other propositions match the event of their name. Raises `LanguageError`, `TooLarge`,
-        `ToolMissing`.
+        Other propositions match the event of their name.
         """
         self.require()
         return DetectionMonitor(compiled(text, tuple((atoms or {}).items())).first_detections)

@@ -1,11 +1,7 @@
 """Past MTL for R2U2: a file for its compiler C2PO, in which all operators have bounds.
 
-Propositions are Boolean inputs, defined in a comment; each event is a row of inputs. The formula
-holds at each event that completes a match, first at the detection. The text uses `true S` for `O`:
-C2PO 4.1 reserves memory proportional to the bound of `O`, but two slots for `S`.
-
-A cross-check needs a checkout of R2U2. It runs the compiler once per text and the monitor once per
-trace.
+Propositions are Boolean inputs, defined in a comment; each event is a row of inputs. The text uses
+`true S` for `O`: C2PO 4.1 reserves memory proportional to the bound of `O`, but two slots for `S`.
 """
 
 import re
@@ -26,8 +22,7 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 
 HORIZON: Final = 2**30 - 1
-"""The bound of operators, in events: the largest to which R2U2 4.1 can add any event number in 31
-bits.
+"""Bound of operators in events: the largest that R2U2 4.1 can add to any event number in 31 bits.
 """
 _SMALL: Final = "if the text exceeds the bounds of the monitor, build it with larger ones (`c2po.py --write-bounds`)"
 _COMPILER: Final = Path("compiler", "c2po.py")
@@ -36,8 +31,7 @@ _VERDICT: Final = re.compile(r"^0:(\d+),([TF])", re.MULTILINE)
 
 
 class MtlR2u2Backend(MtlCapabilities):
-    """The formulas of `mtl` for R2U2; not faithful, because they cover only the first 1,073,741,824
-    events.
+    """The formulas of `mtl` for R2U2, faithful only for the first 1,073,741,824 events.
 
     >>> from rvaft import loads
     >>> print(MtlR2u2Backend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text, end="")
@@ -58,11 +52,11 @@ class MtlR2u2Backend(MtlCapabilities):
     readable: ClassVar[bool] = False
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """Return the file for C2PO; raises `NotExpressible` and `TooLarge` as `mtl` does."""
+        """Return the file for C2PO."""
         mtl = MtlBackend()
         chains = translation(prop, limit)
         formula = chains.c2po(HORIZON)
-        header = "".join(f"-- {name} := {asked}\n" for name, asked in chains.propositions.items())
+        header = "".join(f"-- {name} := {definition}\n" for name, definition in chains.propositions.items())
         text = (
             "-- rvaft: the first time that the formula holds is the detection; "
             f"it misses what comes after {HORIZON + 1} events\n{header}"
@@ -83,7 +77,7 @@ def first_detections(
     after `timeout` seconds for one run.
     """
     found = list[int | None]()
-    asked = definitions(f"/* rvaft\n{''.join(_DEFINITION.findall(text))}*/")
+    propositions = definitions(f"/* rvaft\n{''.join(_DEFINITION.findall(text))}*/")
     compilers = (folder / _COMPILER for folder in program.resolve().parents)
     compiler = next((one for one in compilers if one.is_file()), None)
     if compiler is None:
@@ -93,16 +87,16 @@ def first_detections(
         names = ("formula.c2po", "signals.map", "formula.bin", "trace.csv")
         formula, signals, binary, rows = (Path(folder) / name for name in names)
         formula.write_text(text, encoding="utf-8")
-        signals.write_text("".join(f"{name}:{number}\n" for number, name in enumerate(asked)), encoding="utf-8")
+        signals.write_text("".join(f"{name}:{number}\n" for number, name in enumerate(propositions)), encoding="utf-8")
         _output(timeout, "C2PO", sys.executable, compiler, "--spec", formula, "--map", signals, "-o", binary)
         for trace in traces:
-            told = (",".join(str(int(one.fits(event))) for one in asked.values()) for event in trace)
-            rows.write_text("".join(f"{row}\n" for row in (f"# {','.join(asked)}", *told)), encoding="utf-8")
-            said = _VERDICT.findall(_output(timeout, "R2U2", program.resolve(), binary, rows)) if trace else []
-            ends = [0, *(int(number) + 1 for number, _ in said)]
+            values = (",".join(str(int(one.fits(event))) for one in propositions.values()) for event in trace)
+            rows.write_text("".join(f"{row}\n" for row in (f"# {','.join(propositions)}", *values)), encoding="utf-8")
+            verdicts = _VERDICT.findall(_output(timeout, "R2U2", program.resolve(), binary, rows)) if trace else []
+            ends = [0, *(int(number) + 1 for number, _ in verdicts)]
             if ends[-1] < len(trace):
                 raise ToolFailed("R2U2", reason=f"it gives no verdict from event {ends[-1] + 1} on; {_SMALL}")
-            found.append(next((end + 1 for end, (_, truth) in zip(ends, said, strict=False) if truth == "T"), None))
+            found.append(next((end + 1 for end, (_, truth) in zip(ends, verdicts, strict=False) if truth == "T"), None))
     return found
 
 
@@ -114,6 +108,6 @@ def _output(timeout: float | None, tool: str, *command: str | Path) -> str:
     except OSError as error:
         raise ToolMissing(tool, remedy=f"give the path of the program ({error.strerror}: {command[0]})") from error
     if ran.returncode:
-        said = " ".join(f"{ran.stderr} {ran.stdout}".split())
-        raise ToolFailed(tool, reason=said[:300] or f"exit status {ran.returncode}; {_SMALL}")
+        complaint = " ".join(f"{ran.stderr} {ran.stdout}".split())
+        raise ToolFailed(tool, reason=complaint[:300] or f"exit status {ran.returncode}; {_SMALL}")
     return ran.stdout

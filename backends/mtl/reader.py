@@ -4,9 +4,8 @@
     NAME := PATTERN when GUARD when GUARD
     */
 
-Reelay ends the whole process on malformed or too deep formulas. The formula is therefore parsed
-here, and Reelay receives the parsed formula. Propositions are evaluated here per event and passed
-as Booleans.
+Reelay ends the whole process on malformed or too deep formulas, so it receives formulas that are
+parsed here. Propositions are evaluated here per event and passed as Booleans.
 """
 
 import re
@@ -111,8 +110,8 @@ class MtlProgram:
     def _first(self, trace: Sequence[Json]) -> int | None:
         self._monitor.update({"go": False, **dict.fromkeys(map(_called, self._atoms), False)})
         for number, event in enumerate(trace, 1):
-            told = {_called(name): atom.fits(event) for name, atom in self._atoms.items()}
-            if self._monitor.update({"go": True, **told})["value"]:
+            values = {_called(name): atom.fits(event) for name, atom in self._atoms.items()}
+            if self._monitor.update({"go": True, **values})["value"]:
                 return number
         return None
 
@@ -126,7 +125,7 @@ def _reelay() -> tuple[Any, Any]:
 
 @lru_cache(maxsize=128)
 def _monitor(formula: str) -> tuple[Any, Lock]:
-    """Return the monitor of a formula and its lock. Reelay's own constructor parses formulas twice."""
+    """Return the monitor of a formula and its lock; Reelay's own constructor parses twice."""
     extension, options = _reelay()
     return extension.discrete_monitor.make(formula, options), Lock()
 

@@ -1,4 +1,4 @@
-"""Properties to past MTL: a disjunction of event orders, each a chain of strictly earlier events."""
+"""Properties to past MTL: a disjunction of event orders, each a chain of earlier events."""
 
 import re
 from collections.abc import Sequence
@@ -35,13 +35,12 @@ class Chains:
         return self._formula("once({})", "{{{}: true}}", " or ", "{} and pre(once({}))")
 
     def c2po(self, horizon: int) -> str:
-        """Return the formula for C2PO: the last event now, the others strictly before it, within
+        """Return the formula for C2PO: as for Reelay, but with the last event now, and within
         `horizon`.
         """
         return self._formula("{}", "{}", " || ", f"{{}} && (true S[1,{horizon}] ({{}}))")
 
     def _formula(self, whole: str, atom: str, either: str, then: str) -> str:
-        """Return the words as a formula, from templates for a chain, an atom, a choice and a step."""
         formulas: list[str] = []
         for word in self.words:
             before = ""
@@ -62,17 +61,17 @@ def translation(prop: Property, limit: int) -> Chains:
     """Return the event orders of a property; if there are none, a proposition that never holds."""
     orders = Orders(prop, limit=limit)
 
-    def question(event: Event, asked: Sequence[Guard]) -> str:
-        text = pattern_text(event.pattern) + "".join(f" when {guard_text(guard)}" for guard in dict.fromkeys(asked))
+    def question(event: Event, guards: Sequence[Guard]) -> str:
+        text = pattern_text(event.pattern) + "".join(f" when {guard_text(guard)}" for guard in dict.fromkeys(guards))
         return _STRING.sub(lambda found: found[0].replace("*/", "*\\u002f"), text)
 
     def letters(scenario: Scenario) -> dict[Event, tuple[str, ...]] | None:
         bound = {event: {*patterns.rigid_variables(event.pattern)} for event in scenario.events}
         several = "a proposition is about one event, and a guard compares several"
-        asked = orders.asked(scenario, bound, lambda node, _: NotExpressible(several, nodes=[node]))
-        if asked is None:
+        guards = orders.assigned_guards(scenario, bound, lambda node, _: NotExpressible(several, nodes=[node]))
+        if guards is None:
             return None
-        leaves = {event: orders.groups.get(event, ((event, asked[event]),)) for event in scenario.events}
+        leaves = {event: orders.groups.get(event, ((event, guards[event]),)) for event in scenario.events}
         return {event: tuple(dict.fromkeys(question(*leaf) for leaf in some)) for event, some in leaves.items()}
 
     some = ((one, found) for one in orders.scenarios() if (found := letters(one)) is not None)

@@ -1,6 +1,4 @@
-"""The `rml` backend: specifications in the Runtime Monitoring Language for the published compiler
-and monitor.
-"""
+"""The `rml` backend: the Runtime Monitoring Language of the published compiler and monitor."""
 
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Final
@@ -47,7 +45,7 @@ HIGHLIGHTING: Final = Highlighting(
 }}
 """,
 )
-"""RML for the LaTeX package `listings`, in styles that do not need colour."""
+"""RML for the LaTeX package `listings`, without colours."""
 
 
 _UNTIMED: Final = "RML cannot convert strings and decimals to times"
@@ -73,11 +71,10 @@ class RmlCapabilities(Backend):
 class RmlBackend(RmlCapabilities):
     """Attack-fault trees in the Runtime Monitoring Language (RML).
 
-    Trees without variables and conditions on time are expressible under every semantics, with an
-    exception: RML cannot order or search strings. `projected` and `consecutive` are therefore
-    refused if relevance depends on that, through a guard of `ignore` or of a node outside the
-    branch. Under `strict` and `projected`, trees with variables are expressible too, apart from
-    such guards.
+    Trees without variables and conditions on time are expressible under every semantics; under
+    `strict` and `projected`, trees with variables are too, apart from guards that order or search
+    strings. `projected` and `consecutive` are also refused if relevance depends on such a guard, of
+    `ignore` or of a node outside the branch.
 
     `limit` counts scenarios and alternatives of equations; each allows ten symbols of text and
     fifty steps of search.
@@ -90,7 +87,7 @@ class RmlBackend(RmlCapabilities):
     json_alone: ClassVar[bool] = True  # `not matches` accepts any other value
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """Return the text in RML; raises `NotExpressible` and `TooLarge`."""
+        """Return the text in RML."""
         text, symbols, equations = translate(prop, semantics, limit=limit)
         return SpecificationText(text, Metrics(symbols=symbols, states=equations))
 
@@ -106,9 +103,7 @@ class RmlBackend(RmlCapabilities):
         *,
         atoms: Mapping[str, Pattern] | None = None,  # noqa: ARG002
     ) -> tuple[Observed, ...] | None:
-        """Return patterns and guards of the event types of a text, or None if they are not
-        expressible so.
-        """
+        """Return patterns and guards of a text's event types, or None if they have no such form."""
         return observed(text)
 
     def masked(self, text: str, trace: Sequence[Json]) -> tuple[str, ...]:

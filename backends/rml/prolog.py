@@ -1,12 +1,11 @@
 """The Prolog form of RML texts, as the module that RML monitors load; there is no reader.
 
-`match/2` defines the event types, `trace_expression/2` the equations. The writer uses only the
-syntax and shares nothing with the reader's rules. Source: output of the published compiler.
+`match/2` defines the event types, `trace_expression/2` the equations, as in the output of the
+published compiler.
 
-One difference: compiler output calls `deep_subdict(Event, Pattern)` of the monitor. ROSMonitoring's
-copy of the monitor swaps the arguments, again in nested patterns, so that a text for one monitor
-fails in the other. The text here therefore includes its own `fits/2`, with the meaning of the
-published `deep_subdict`.
+One difference: compiler output calls the monitor's `deep_subdict(Event, Pattern)`. ROSMonitoring's
+monitor swaps the arguments, again in nested patterns, so a text for one monitor fails in the other.
+The text here therefore includes its own `fits/2`, with the meaning of the published `deep_subdict`.
 """
 
 from collections.abc import Iterable, Iterator
@@ -32,7 +31,6 @@ fields_fit([], _).
 fields_fit([Name-Pattern|Fields], Value) :-
     get_dict(Name, Value, Inner), fits(Inner, Pattern), fields_fit(Fields, Value).
 """
-"""The beginning of every text."""
 _DATA: Final = {"==": "=:=", "!=": "=\\=", "<=": "=<", "&&": ",", "||": ";"}
 _JOINS: Final = {"and": "/\\", "or": "\\/", "shuffle": "|"}
 
@@ -100,7 +98,7 @@ def _expression(part: s.Expression, inside: list[str]) -> str:
             raise AssertionError(part.operator)
 
 
-# Event types, data and words; `variable` is a template for variables.
+# Event types, data and literals; `variable` is a template for variables.
 
 
 def _use(use: s.TypeUse, variable: str) -> str:
@@ -113,7 +111,7 @@ def _type(name: str, arguments: Iterable[str]) -> str:
 
 
 def _patterns(value: s.Parameter, variable: str) -> list[str]:
-    """Return a pattern without `|` per alternative; the first field varies slowest."""
+    """Return one pattern per combination of `|` alternatives; the first field varies slowest."""
 
     def choices(part: s.Part, inside: list[list[str]]) -> list[str]:
         match part:
@@ -174,8 +172,8 @@ def _quoted(text: str, quote: str) -> str:
 class RmlPrologBackend(RmlCapabilities):
     """The output of the published RML compiler for the text of `rml`, without running the compiler.
 
-    The published monitor and ROSMonitoring's RML oracle load it. The monitor of a specification
-    runs the RML text that it was written from.
+    The published monitor and ROSMonitoring's RML oracle load it. `read` runs the RML text that it
+    was written from.
     """
 
     name: ClassVar[str] = "rml-prolog"
@@ -194,6 +192,6 @@ class RmlPrologBackend(RmlCapabilities):
     readable: ClassVar[bool] = False
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """Return the Prolog module; raises `NotExpressible` and `TooLarge`."""
+        """Return the Prolog module."""
         made = RmlBackend().write(prop, semantics, limit)
         return SpecificationText(prolog(made.text), made.metrics, lambda _: RmlBackend().read(made.text))

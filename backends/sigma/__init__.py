@@ -30,7 +30,7 @@ _UNTYPED: Final = "Sigma has no types and no null, and confuses the constant wit
 class SigmaBackend(Backend):
     """Sigma correlations under `scattered`: sequences of events, or unordered gates.
 
-    One event must not match two unordered nodes.
+    With windows inside the tree, one event must not match two unordered nodes.
 
     >>> from rvaft import loads
     >>> made = SigmaBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED)
@@ -69,9 +69,7 @@ class SigmaBackend(Backend):
     default_limit: ClassVar[int] = 100
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
-        """Return the correlation with its rules; raises `TooLarge` beyond `limit` rules,
-        `NotExpressible`, and `ToolMissing` without PyYAML.
-        """
+        """Return the correlation with its rules; raises `ToolMissing` without PyYAML."""
         text, symbols = SigmaRules(prop, limit).text()
         return SpecificationText(text, Metrics(symbols))
 
@@ -80,9 +78,6 @@ class SigmaBackend(Backend):
         return "".join(f"{json.dumps(event, ensure_ascii=False)}\n" for event in stamped(tree, trace, "timestamp"))
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
-        """Return a monitor for any rules, which pySigma compiles to SQLite queries.
-
-        Raises `LanguageError` and `ToolMissing`.
-        """
+        """Return a monitor for any rules, compiled by pySigma."""
         self.require()
         return SigmaMonitor(text)

@@ -1,5 +1,4 @@
-"""A monitor for correlations: pySigma compiles rules to queries, and SQLite runs them on a table of
-events.
+"""A monitor for correlations: pySigma compiles rules to queries for SQLite.
 
 A trace is left open if Sigma would confuse values: null with a missing field, or group values that
 differ only in type, case, or beyond 15 digits. It is also left open if times do not increase.
@@ -21,7 +20,7 @@ from rvaft.monitors import DetectionMonitor
 _LAST: Final = 2**32
 _REMEDY: Final = "pip install '.[sigma]' in a checkout of rvaft"
 _TIME: Final = "rvaft_time"
-_TOLD: Final = ("action", "correlation", "detection", "filter", "id", "logsource", "name", "rvaft", "title")
+_RELEVANT: Final = ("action", "correlation", "detection", "filter", "id", "logsource", "name", "rvaft", "title")
 """The relevant keys of a document, without author, date and purpose."""
 
 
@@ -35,8 +34,6 @@ class SigmaMonitor(DetectionMonitor):
 
 @lru_cache(maxsize=64)
 class _SigmaProgram:
-    """The queries of a text with a cache of results; shared by monitors of one text."""
-
     def __init__(self, text: str) -> None:
         self.known = lru_cache(5_000)(self.first)
         yaml = installed("yaml", "PyYAML", _REMEDY)
@@ -44,9 +41,9 @@ class _SigmaProgram:
         sqlite = installed("sigma.backends.sqlite", "pysigma-backend-sqlite", _REMEDY)
         try:
             loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-            documents = _told(yaml.load_all(text, Loader=loader))
-            said = next((one["rvaft"] for one in documents if "rvaft" in one), None)
-            self._time: EventTime | None = None if said is None else parse_time(str(said))
+            documents = _relevant_parts(yaml.load_all(text, Loader=loader))
+            time = next((one["rvaft"] for one in documents if "rvaft" in one), None)
+            self._time: EventTime | None = None if time is None else parse_time(str(time))
             rules = sigma.SigmaCollection.from_dicts(documents)
             backend = sqlite.sqliteBackend(
                 timestamp_field=_TIME, timestamp_seconds_expression="{field}", collate_nocase=True
@@ -105,10 +102,7 @@ class _SigmaProgram:
         return ""
 
     def first(self, written: str) -> int | None:
-        """Return the number of the first event at which the correlation holds, or None.
-
-        Raises `TraceError` if the trace is left open.
-        """
+        """Return the number of the first event at which the correlation holds, or None."""
         trace = json.loads(written)
         if why := self.left_open(trace):
             raise TraceError(f"Sigma has no verdict for this trace: {why}", line=None)
@@ -127,13 +121,13 @@ class _SigmaProgram:
         return next((number for number, time in enumerate(times, 1) if time >= end), None)
 
 
-def _told(documents: Iterable[Any]) -> list[Any]:
-    """Return the relevant parts of documents; a single rule gets a correlation that counts to one."""
+def _relevant_parts(documents: Iterable[Any]) -> list[Any]:
+    """Return the relevant parts of documents; a single rule gets a correlation that counts to 1."""
     found = list[Any]()
     for one in documents:
         if not isinstance(one, dict | None):
             raise TypeError(f"a rule must be a YAML mapping, not {type(one).__name__}")
-        found += [{key: one[key] for key in _TOLD if key in one}] if one else []
+        found += [{key: one[key] for key in _RELEVANT if key in one}] if one else []
     match found:
         case [{"detection": _} as rule]:
             name = str(rule.get("name", "rule"))

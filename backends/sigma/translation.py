@@ -2,9 +2,9 @@
 
 A correlation knows only the time of its last event, and requires rules, not distinct events: one
 event can satisfy two unordered rules. In `temporal_ordered` each event is later than the previous
-one. Sequences therefore become chains of single events, combined by and/or; each event is taken as
-early as possible. Events that may coincide are tried in every order. Sigma is untyped, so constants
-that it confuses with other values are refused.
+one. Sequences therefore become chains of single events, combined by and/or. Events that may
+coincide are tried in every order. Sigma is untyped, so constants that it confuses with other values
+are refused.
 """
 
 import re
@@ -45,7 +45,7 @@ class Junction(NamedTuple):
 
 
 class SigmaRules:
-    """One translation of a property. `limit` counts rules and correlations."""
+    """One translation of a property; `limit` counts rules and correlations."""
 
     def __init__(self, prop: Property, limit: int) -> None:
         self._prop, self._limit = prop, limit
@@ -82,7 +82,6 @@ class SigmaRules:
     # Correlations.
 
     def _correlation(self, nest: Nest) -> dict[str, Any]:
-        """Return a correlation that holds once a nest is matched within its window."""
         within, nest = nest.within, replace(nest, within=None)
         if mixed := self._mixed(nest):
             nest = self._in_every_order(mixed, _MIXED)
@@ -121,7 +120,6 @@ class SigmaRules:
         return self._of("temporal_ordered", names, within)
 
     def _of(self, kind: str, names: list[str], within: int | None, **further: Any) -> dict[str, Any]:
-        """Return a correlation of rules and correlations, grouped by the values of variables."""
         if within is not None and (within < _SECOND or within % _SECOND or within > _DAYS * 86_400 * _SECOND):
             self._refuse("a timespan has whole seconds, at least one", (one.source.node for one in self._windows))
         bound = {name: self._bound[name] for name in names if name in self._bound}
@@ -144,7 +142,6 @@ class SigmaRules:
         return self._names[key]
 
     def _grouped(self) -> dict[str, str]:
-        """Return the shared variables with their field, or an alias if the fields differ."""
         fields = {event: dict(_places(event.pattern, ())) for event in self._prop.events}
         names = list(dict.fromkeys(chain.from_iterable(fields.values())))
         shared = sorted(name for name in names if sum(name in one for one in fields.values()) > 1)
@@ -172,7 +169,6 @@ class SigmaRules:
         return Junction(need, [self._after(before, one) for one in nest.parts])
 
     def _condition(self, formula: Chain | Junction, names: dict[str, None]) -> str:
-        """Return the condition of a formula, and add the names of its rules to `names`."""
         if not isinstance(formula, Junction):
             name = self._rule(formula[0], 0) if len(formula) == 1 else self._child(self._sequence(formula, None))
             names[name] = None
@@ -192,18 +188,16 @@ class SigmaRules:
         return next(filter(None, map(self._mixed, nest.parts)), [])
 
     def _in_every_order(self, nodes: Iterable[str], reason: str) -> Nest:
-        """Return the tree as a choice of all event orders, or refuse it if it has windows."""
+        """Return the tree as a choice of all event orders, or refuse it if a part has a window."""
         if any(window is not self._prop.root for window in self._windows):
             self._refuse(reason, nodes)
         return in_every_order(self._without_window(), limit=10 * self._limit)
 
     def _without_window(self) -> Property:
-        """Return the property without its outermost window."""
         root = self._prop.root
         return self._prop.with_root(root.parts[0] if isinstance(root, Within) else root)
 
     def _is_step(self, nest: Nest) -> bool:
-        """Return whether one rule expresses the nest: an event, or a choice of events."""
         several = nest.op is PartKind.ONE and not self._groups and all(one.op is PartKind.EVENT for one in nest.parts)
         return nest.within is None and (nest.op is PartKind.EVENT or several)
 
@@ -220,12 +214,11 @@ class SigmaRules:
         return self._names.setdefault(key, word)
 
     def _key(self, step: Nest) -> object:
-        """Return a key that is equal for equal steps."""
         return step if step.within is not None else tuple(event.pattern for event in step.events())
 
     def _rule(self, step: Nest, number: int) -> str:
-        """Return the name of the rule for a step and number, or of the correlation for a nest with
-        a window.
+        """Return the name of the rule for a step and number, or of the correlation for a windowed
+        nest.
         """
         if step.within is not None:
             return self._child(self._correlation(step))

@@ -1,7 +1,6 @@
 """The `sql` backend: a query on a table of events, whose rows are detections.
 
 A comment describes the table, the rows and the declared time. The `limit` counts joined events.
-Python's SQLite runs it; `sql-duckdb` and `sql-postgres` are other dialects.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,8 +24,8 @@ __all__ = ["SqlBackend", "SqlDuckdbBackend", "SqlPostgresBackend"]
 
 
 class SqlBackend(Backend):
-    """SQL for SQLite: every tree under every semantics, including late events; reports detections
-    only.
+    """SQL for SQLite: every tree under every semantics, including late events; it reports
+    detections only.
 
     >>> from rvaft import loads
     >>> specification = SqlBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED)
@@ -52,27 +51,27 @@ class SqlBackend(Backend):
     default_limit: ClassVar[int] = 2_000
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
-        """Return the query; raises `TooLarge` beyond `limit` joined events, and `NotExpressible`
-        for constants that tables cannot hold.
+        """Return the query; raises `NotExpressible` for constants that tables cannot hold, and
+        `TooLarge`.
         """
         return SpecificationText(*SqlQuery(prop, semantics, DIALECTS[self.dialect], limit).text())
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
-        """Return a monitor for any query; raises `LanguageError`."""
-        asked = query(text, self.dialect)
-        return DetectionMonitor(asked.first_detections, asked.left_open)
+        """Return a monitor for any query."""
+        compiled = query(text, self.dialect)
+        return DetectionMonitor(compiled.first_detections, compiled.left_open)
 
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
-        """Return a monitor that runs a query in `duckdb`; raises `LanguageError` and `ToolMissing`."""
+        """Return a monitor that runs a query in `duckdb`."""
         if tool not in self.tools:
             return super().read_with(tool, text, atoms=atoms)
-        asked = query(text, tool)
-        return DetectionMonitor(asked.first_detections, asked.left_open)
+        compiled = query(text, tool)
+        return DetectionMonitor(compiled.first_detections, compiled.left_open)
 
     def matches(self, text: str, traces: Sequence[Sequence[Json]]) -> Sequence[frozenset[Match]] | None:
         """Return all matches per trace, or None if the rows of the query are not all matches."""
-        asked = query(text, self.dialect)
-        return asked.matches(traces) if asked.every else None
+        compiled = query(text, self.dialect)
+        return compiled.matches(traces) if compiled.every else None
 
     @classmethod
     def dialect_backend(cls, dialect: str) -> str:

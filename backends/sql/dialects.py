@@ -1,8 +1,8 @@
 """The SQL dialects as templates.
 
-A value is at a path of an event. It has a type and facets: a 64-bit integer, another number, a
-string, a Boolean; a facet is NULL for other types. Conversions that would silently change a number
-are avoided: a result beyond 64 bits is a runtime error.
+A value at a path of an event has a type and facets: a 64-bit integer, another number, a string, a
+Boolean; a facet is NULL for other types. Conversions that would silently change a number are
+avoided: a result beyond 64 bits is a runtime error.
 """
 
 import re
@@ -15,9 +15,7 @@ from typing import Final, TypeAlias
 from rvaft.errors import NotExpressible
 
 Path = tuple[str | int, ...]
-"""The path to a value: field names and list indices."""
 Form: TypeAlias = Callable[..., str]
-"""A function of expressions to an expression."""
 
 _PLAIN: Final = re.compile(r'[^"\\\x00-\x1f]*')
 _HALF: Final = re.compile("[\0\ud800-\udfff]")
@@ -31,15 +29,13 @@ def _capitals() -> tuple[str, str]:
 
 
 def quoted(text: str, character: str = "chr") -> str:
-    """Return a string literal on one line; raises `NotExpressible` for characters that tables
-    cannot hold.
-    """
+    """Return a string literal on one line; raises `NotExpressible` for characters that SQL lacks."""
     if _HALF.search(text):
         reason = f"{text!a} has a character that SQL strings cannot hold"
         raise NotExpressible(reason)
     parts = enumerate(_CONTROL.split(text))
-    said = [f"{character}({ord(part)})" if odd % 2 else "'" + part.replace("'", "''") + "'" for odd, part in parts]
-    kept = [part for part in said if part != "''"] or ["''"]
+    literals = [f"{character}({ord(part)})" if odd % 2 else "'" + part.replace("'", "''") + "'" for odd, part in parts]
+    kept = [part for part in literals if part != "''"] or ["''"]
     return kept[0] if len(kept) == 1 else f"({' || '.join(kept)})"
 
 
@@ -73,13 +69,13 @@ class Dialect:
     checked: Form
     """An integer result; an error beyond 64 bits."""
     finite: Form
-    """A number, or NULL if it is not finite; PostgreSQL raises an error instead."""
+    """A number, or NULL if it is not finite (in PostgreSQL, an error)."""
     integral: Form
     """A double as an integer; NULL if it has a fraction, an error beyond 64 bits."""
     fractional: Form
     """A double; NULL if it is integral."""
     part: str
-    """The column name of a part, from type, depth of the comparison and number of the part."""
+    """Column name of a part, from type, depth of the comparison and number of the part."""
     with_parts: Callable[[int, "Parts", str], str]
     """A condition over named parts, evaluated lazily; a part may use earlier ones."""
     compare: Form
@@ -87,7 +83,7 @@ class Dialect:
     least_of: str
     greatest: str
     numbers: Mapping[str, str]
-    """The number that a string denotes, if it has that kind."""
+    """Number that a string denotes, if it has that kind."""
     ordered: Form
     """A comparison of strings by code points."""
     startswith: Form
@@ -97,7 +93,7 @@ class Dialect:
     signs: Mapping[str, str]
     """Replacements for characters of a glob."""
     lowered: str
-    """A string, the capitals, and their lower-case characters: lower case per character."""
+    """Lower case per character, from a string, the capitals, and their lower-case forms."""
 
     def text(self, value: str) -> str:
         """Return a string literal."""
@@ -117,8 +113,8 @@ class Dialect:
 
     def facet(self, kind: str, event: str, path: Path) -> str:
         """Return a facet of a value."""
-        said = self.facets.get(kind, "{0}").format(self.value("raw", event, path))
-        return f"CASE WHEN {self.is_a(kind, event, path)} THEN {said} END"
+        converted = self.facets.get(kind, "{0}").format(self.value("raw", event, path))
+        return f"CASE WHEN {self.is_a(kind, event, path)} THEN {converted} END"
 
     def is_text(self, value: str, event: str, path: Path) -> str:
         """Return the test that a value is this string."""
@@ -140,8 +136,8 @@ class Dialect:
     def least(self, word: str, values: Sequence[str]) -> str:
         """Return the least or greatest integer, NULL if one is NULL."""
         nulls = " OR ".join(f"{value} IS NULL" for value in values)
-        said = f"{self.least_of if word == 'least' else self.greatest}({', '.join(values)})"
-        return values[0] if len(values) == 1 else f"CASE WHEN {nulls} THEN NULL ELSE {said} END"
+        extreme = f"{self.least_of if word == 'least' else self.greatest}({', '.join(values)})"
+        return values[0] if len(values) == 1 else f"CASE WHEN {nulls} THEN NULL ELSE {extreme} END"
 
     def read_number(self, text: str, kind: str) -> str:
         """Return the number that a string denotes, if it has that kind."""
@@ -187,11 +183,10 @@ Parts: TypeAlias = Sequence[Mapping[str, str]]
 
 
 def _subquery(depth: int, parts: Parts, truth: str) -> str:
-    """Return the condition with each part as a table over the previous ones."""
     tables, before = list[str](), ""
     for number, columns in enumerate(parts, 1):
-        said = ", ".join(f"{expression} AS {kind}_{depth}_{number}" for kind, expression in columns.items())
-        start = f"SELECT *, {said} FROM {before}" if before else f"SELECT {said}"
+        terms = ", ".join(f"{expression} AS {kind}_{depth}_{number}" for kind, expression in columns.items())
+        start = f"SELECT *, {terms} FROM {before}" if before else f"SELECT {terms}"
         before = f"term_{depth}_{number}"
         tables.append(f"{before} AS MATERIALIZED ({start})")
     return f"(WITH {', '.join(tables)} SELECT {truth} FROM {before})"
@@ -201,9 +196,9 @@ def _lambdas(depth: int, parts: Parts, truth: str) -> str:
     """Return the condition with parts in a structure; DuckDB would run a subquery per event."""
     found = ""
     for number, columns in enumerate(parts, 1):
-        said = ", ".join(f"{kind}_{number} := {expression}" for kind, expression in columns.items())
-        added = f"lambda term_{depth}: struct_insert(term_{depth}, {said})"
-        found = f"list_transform({found}, {added})" if found else f"[struct_pack({said})]"
+        terms = ", ".join(f"{kind}_{number} := {expression}" for kind, expression in columns.items())
+        added = f"lambda term_{depth}: struct_insert(term_{depth}, {terms})"
+        found = f"list_transform({found}, {added})" if found else f"[struct_pack({terms})]"
     return f"list_transform({found}, lambda term_{depth}: {truth})[1]"
 
 
@@ -373,4 +368,3 @@ _POSTGRES: Final = replace(
 )
 
 DIALECTS: Final = {one.name: one for one in (_SQLITE, _DUCKDB, _POSTGRES)}
-"""The dialects by name."""

@@ -1,8 +1,7 @@
 """Guards as SQL conditions, with NULL for undefined.
 
-Guards evaluate `and` and `or` from the left, so they become CASE. A value is a `SqlTerm`, with an
-expression per possible type; its type is known at runtime. Before arithmetic, a double with an
-integral value becomes an integer. Calculated parts of a comparison are named and evaluated once.
+Guards evaluate `and` and `or` from the left, so they become CASE. Before arithmetic, a double with
+an integral value becomes an integer. Calculated parts of a comparison are named and evaluated once.
 """
 
 import re
@@ -18,14 +17,12 @@ from rvaft.model.patterns import Literal, Variable
 _NULL: Final = "NULL"
 _SIGNS: Final = {Operator.EQ: "=", Operator.NE: "<>", Operator.NEGATE: "-"}
 FACETS: Final = ("whole", "real", "text", "truth", "null", "key")
-"""The facets of a variable."""
 _EXACT: Final = 2**53
 _FROM_TERMS: Final = COMPARISONS | {Operator.IN, Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS}
 """Operators that yield Booleans from other types."""
 _SIMPLE: Final = re.compile(r"[\w.]+|\(-[\w.]+\)")
-"""A name or number, which needs no further name."""
 MAX_NAMED: Final = 100
-"""The maximum number of named parts in a comparison."""
+"""Maximum number of named parts in a comparison."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +60,6 @@ class Guards:
     def __init__(self, dialect: Dialect) -> None:
         self.dialect = dialect
         self._named: list[list[dict[str, str]]] = []
-        """The named parts of the comparisons under construction."""
 
     def variable(self, event: str, path: Path) -> SqlTerm:
         """Return the term for a path of an event."""
@@ -85,11 +81,11 @@ class Guards:
                 if isinstance(value, int) and abs(value) >= 2**63:
                     reason = f"{value} is an integer of more than 64 bits"
                     raise NotExpressible(reason)
-                said = self.dialect.number(value)
+                number = self.dialect.number(value)
                 known = value if abs(value) < _EXACT else None
                 if isinstance(value, int):
-                    return SqlTerm(whole=said, total=True, constant=known)
-                return SqlTerm(real=said, total=True, constant=known)
+                    return SqlTerm(whole=number, total=True, constant=known)
+                return SqlTerm(real=number, total=True, constant=known)
             case str():
                 return SqlTerm(text=self.dialect.text(value), total=True)
             case _:
@@ -121,9 +117,13 @@ class Guards:
                 return self._applied(operator, [self.term(operand, binding) for operand in operands])
 
     def _once(self, term: SqlTerm) -> SqlTerm:
-        """Return the term with names for long expressions, if the dialect supports them."""
+        """Return the term with names for long expressions, where a comparison can name them."""
         kinds = {"whole": term.whole, "real": term.real, "text": term.text}
-        long = {kind: said for kind, said in kinds.items() if said is not None and not _SIMPLE.fullmatch(said)}
+        long = {
+            kind: expression
+            for kind, expression in kinds.items()
+            if expression is not None and not _SIMPLE.fullmatch(expression)
+        }
         if not (long and self._named and (term.real or term.text)):
             return term
         named = self._named[-1]
@@ -165,9 +165,15 @@ class Guards:
             case Operator.IN:
                 return SqlTerm(truth=f"({' OR '.join(self.equal(first, one) for one in terms[1:])})")
             case Operator.STARTSWITH | Operator.ENDSWITH | Operator.CONTAINS:
-                asked = {"startswith": dialect.startswith, "endswith": dialect.endswith, "contains": dialect.contains}
+                templates = {
+                    "startswith": dialect.startswith,
+                    "endswith": dialect.endswith,
+                    "contains": dialect.contains,
+                }
                 some = first.text is not None and terms[1].text is not None
-                return SqlTerm(truth=f"({asked[operator](first.text or '', terms[1].text or '')})" if some else None)
+                return SqlTerm(
+                    truth=f"({templates[operator](first.text or '', terms[1].text or '')})" if some else None
+                )
             case Operator.LOWER:
                 return SqlTerm(text=first.text and dialect.lower(first.text))
             case Operator.NUMBER:
@@ -293,5 +299,4 @@ class Guards:
 
 
 def _first(one: str | None, other: str | None) -> str | None:
-    """Return the expression that is not NULL."""
     return f"coalesce({one}, {other})" if one and other else one or other

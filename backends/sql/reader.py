@@ -1,8 +1,8 @@
 """A reader for SQL: traces become rows of the table `events`, and result rows are detections.
 
 The column `detected` of a query is the number of the event that completes a match. A query with a
-column `trace` runs once for many traces, otherwise once per trace. The header of a text written by
-rvaft defines the time of events.
+column `trace` runs once for many traces, otherwise once per trace. The header of a text defines the
+time of events.
 """
 
 import atexit
@@ -31,9 +31,8 @@ _LARGEST: Final = 2**62
 _ONE_AT_A_TIME: Final = Lock()
 """Queries share a table."""
 BITS: Final = 64
-"""Bits of integer columns."""
 KEPT: Final = 2_000
-"""The size of a query's cache: a monitor runs it for each prefix of a trace."""
+"""Size of a query's cache: a monitor runs it for each prefix of a trace."""
 
 
 class SqliteTable:
@@ -133,10 +132,7 @@ class Query:
     def _ask(
         self, traces: Iterable[tuple[int, Sequence[Json]]], select: str = "", group: str = ""
     ) -> tuple[list[str], list[tuple[Any, ...]]]:
-        """Return columns and rows of the query, or of a selection from it, on numbered traces.
-
-        The default selection is the first detections.
-        """
+        """Return columns and rows of a selection from the query (default: first detections)."""
         program, trace = _running(self._program, os.getpid()), "trace" if self.many else "0 AS trace"
         select, group = (select, group) if select else (f"SELECT {trace}, min(detected)", "GROUP BY 1")
         with _ONE_AT_A_TIME:
@@ -144,7 +140,6 @@ class Query:
             return program.ask(f"{select} FROM (\n{self.body}\n) AS found {group}")
 
     def _rows(self, traces: Sequence[Sequence[Json]], select: str = "") -> Iterator[tuple[int, Any]]:
-        """Yield the number of the trace and a value for each row."""
         numbered = [*enumerate(traces)]
         try:
             if self.many:
@@ -183,7 +178,7 @@ class Query:
         return [*map(frozenset, found)]
 
     def left_open(self, trace: Sequence[Json]) -> str:
-        """Return why a table cannot hold a trace or the query overflows on it, or an empty string."""
+        """Return why a table cannot hold a trace or the query overflows on it, or an empty text."""
         try:
             _ = [*self._loaded(0, trace)]
         except TraceError as error:

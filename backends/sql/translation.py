@@ -4,10 +4,10 @@ A scenario is a join, an occurrence an alias, precedence `<`, distinctness `<>`,
 condition. Under `strict` and `projected`, relevant events are numbered, and a match has the first
 numbers. Under `consecutive`, each event is joined with all possible starts of its match.
 
-Under `scattered` the query returns every match, with two exceptions: only order relates the events,
-or a leaf has many counted events. It then finds the least position of each event after its
-predecessors, per value of shared variables and start of a window. Only events that a guard compares
-or that match each other's node are tried individually.
+Under `scattered` the query returns every match, unless only order relates the events or a leaf has
+many counted events. It then finds the least position of each event after its predecessors, per
+value of shared variables and start of a window. Only events that a guard compares or that match
+each other's node are tried individually.
 """
 
 import json
@@ -38,12 +38,12 @@ _TOKEN: Final = re.compile(r"'(?:[^']|'')*'|[\w.]+|->>|[<>]=?|<>|\|\||\S")
 _LENGTH: Final = 400
 """Characters of text per joined event of the limit."""
 TABLES: Final = 60
-"""The maximum number of events of a scenario: SQLite joins 64 tables."""
+"""Maximum number of events of a scenario: SQLite joins 64 tables."""
 
 
 @dataclass(frozen=True)
 class QueriedScenario:
-    """A scenario: the predecessors of each event, in topological order, and guards with variables."""
+    """The predecessors of each event in topological order, and guards with variables."""
 
     branch: int
     before: Mapping[Event, frozenset[Event]]
@@ -77,9 +77,9 @@ class QueriedScenario:
         """
         found: list[tuple[Guard, Event | None]] = []
         for guard in self.guards:
-            asked = {name: self.binders.get(name, []) for name in variables(guard)}
-            every = {name: None for names in asked.values() for name in names}
-            own = (name for name in every if all(name in names for names in asked.values()))
+            binders = {name: self.binders.get(name, []) for name in variables(guard)}
+            every = {name: None for names in binders.values() for name in names}
+            own = (name for name in every if all(name in names for names in binders.values()))
             home = (name for name in own if all(name == other or name in self.before[other] for other in every))
             found.append((guard, next(home, None)))
         return found
@@ -126,13 +126,12 @@ class QueriedScenario:
 
     @property
     def counts(self) -> bool:
-        """Whether three or more events have one pattern, so that listing all matches is infeasible."""
+        """Whether three or more events have one pattern: all matches are then too many."""
         patterns = (untimed(event.pattern)[0] for event in self.before if event not in self.tried)
         return any(number > 2 for number in Counter(patterns).values())
 
 
 def _scenarios(prop: Property, limit: int, *, minimal: bool) -> tuple[QueriedScenario, ...]:
-    """Return the scenarios of a property; raises `TooLarge` beyond `limit` joined events."""
     found, joined = list[QueriedScenario](), 0
     for scenario in scenarios(prop, minimal=minimal, limit=limit):
         joined += max(len(scenario.events), 1)
@@ -160,17 +159,14 @@ def _branch(prop: Property, kept: Kept) -> int:
 
 @dataclass(frozen=True)
 class QueriedRow:
-    """The table of an occurrence, and its columns that other tables share, by shared name."""
+    """The table of an occurrence, and the columns that it shares, by shared name."""
 
     table: str
     shared: Mapping[str, str]
 
 
 class SqlQuery:
-    """One translation.
-
-    Raises `TooLarge` beyond `limit` joined events, `TreeError` without a feasible scenario.
-    """
+    """One translation; raises `TooLarge`, and `TreeError` without a feasible scenario."""
 
     def __init__(self, prop: Property, semantics: Semantics, dialect: Dialect, limit: int) -> None:
         self.prop, self.semantics, self.dialect, self.limit = prop, semantics, dialect, limit
@@ -249,15 +245,14 @@ class SqlQuery:
         return self._table(f"SELECT trace, pos, event, time{late}, {place} FROM {source}{where}", "place_")
 
     def _leaf(self, one: QueriedScenario, name: Event, places: str, wanted: Set[str]) -> str:
-        """Return the table of candidate rows for an event, with these columns of its variables."""
         pattern = name.pattern
         where = [self._condition(pattern, [guard for guard, home in one.homes if home == name])]
         columns = ["trace", "pos"]
         paths = _paths(pattern)
         for variable, path in ((name, paths[name]) for name in rigid_variables(pattern) if name not in one.times):
             facets = {**self.guards.facets("event", path), "json": self.dialect.value("json", "event", path)}
-            named = ((f"{self._column(variable)}_{kind}", said) for kind, said in facets.items())
-            columns += [f"{said} AS {column}" for column, said in named if column in wanted]
+            named = ((f"{self._column(variable)}_{kind}", expression) for kind, expression in facets.items())
+            columns += [f"{expression} AS {column}" for column, expression in named if column in wanted]
         if self.timed:
             columns.append("time")
         if self.late is not None:
@@ -275,7 +270,7 @@ class SqlQuery:
         return f"v{self.variables.index(variable) + 1}"
 
     def _condition(self, pattern: Pattern, guards: Iterable[Guard]) -> str:
-        dialect, asked, places = self.dialect, list[str](), dict[str, Path]()
+        dialect, conditions, places = self.dialect, list[str](), dict[str, Path]()
         todo: list[tuple[Path, Pattern]] = [((), pattern)]
         while todo:
             path, part = todo.pop()
@@ -283,26 +278,28 @@ class SqlQuery:
                 case Variable(name) if path == (TIME,):
                     places[name] = path
                 case Literal() | ListPattern() if not path:  # an event is an object
-                    asked.append("false")
+                    conditions.append("false")
                 case Literal(str() as value):
-                    asked.append(dialect.is_text(value, "event", path))
+                    conditions.append(dialect.is_text(value, "event", path))
                 case Literal(value):
-                    asked.append(self.guards.equal(self._term(path), self.guards.literal(value)))
+                    conditions.append(self.guards.equal(self._term(path), self.guards.literal(value)))
                 case Variable() | Anything():
                     if path:
-                        asked.append(f"{dialect.kind('event', path)} IS NOT NULL")
+                        conditions.append(f"{dialect.kind('event', path)} IS NOT NULL")
                     if isinstance(part, Variable) and (first := places.setdefault(part.name, path)) != path:
-                        asked.append(f"{dialect.key('event', first)} = {dialect.key('event', path)}")
+                        conditions.append(f"{dialect.key('event', first)} = {dialect.key('event', path)}")
                 case ObjectPattern(fields):
-                    asked += [dialect.is_a("object", "event", path)] if path else []
+                    conditions += [dialect.is_a("object", "event", path)] if path else []
                     todo += reversed([((*path, name), inner) for name, inner in fields])
                 case ListPattern(items):
                     length = dialect.value("length", "event", path)
-                    asked.append(f"{dialect.is_a('list', 'event', path)} AND {length} = {len(items)}")
+                    conditions.append(f"{dialect.is_a('list', 'event', path)} AND {length} = {len(items)}")
                     todo += reversed([((*path, place), item) for place, item in enumerate(items)])
         for guard in guards:
-            asked.append(self.guards.condition(guard, {name: self._term(places[name]) for name in variables(guard)}))
-        return " AND ".join(dict.fromkeys(asked)) or "true"
+            conditions.append(
+                self.guards.condition(guard, {name: self._term(places[name]) for name in variables(guard)})
+            )
+        return " AND ".join(dict.fromkeys(conditions)) or "true"
 
     def _term(self, path: Path) -> SqlTerm:
         return SqlTerm(whole="time") if path == (TIME,) else self.guards.variable("event", path)
@@ -338,8 +335,8 @@ class SqlQuery:
             if home is None and not (guard in windows and windows[guard][0] - one.tried)
         ]
         values = self._object((name, f"{column}_json") for name, column in first_of.items())
-        asked = re.findall(r"(e\d+)\.(v\d+_[a-z]+)", " ".join([*where, values]))
-        wanted = {row: frozenset(column for other, column in asked if other == row) for row in alias.values()}
+        references = re.findall(r"(e\d+)\.(v\d+_[a-z]+)", " ".join([*where, values]))
+        wanted = {row: frozenset(column for other, column in references if other == row) for row in alias.values()}
         tables = {name: self._leaf(one, name, places, wanted[row]) for name, row in alias.items()}
         rows = {name: QueriedRow(table, {}) for name, table in tables.items()}
         if self.first:
@@ -371,11 +368,11 @@ class SqlQuery:
         distinct = "DISTINCT " if self.first and not one.loose else ""
         return f"SELECT {distinct}{what}\nFROM {', '.join(sources)}" + (f"\nWHERE {condition}" if condition else "")
 
-    def _numbers(self, said: Sequence[str]) -> str:
-        if len(said) == 1:
-            return said[0]
+    def _numbers(self, numbers: Sequence[str]) -> str:
+        if len(numbers) == 1:
+            return numbers[0]
         comma = f" || {self.dialect.text(', ')} || "
-        return f"{self.dialect.text('[')} || {comma.join(said)} || {self.dialect.text(']')}"
+        return f"{self.dialect.text('[')} || {comma.join(numbers)} || {self.dialect.text(']')}"
 
     def _order(self, one: QueriedScenario, alias: Mapping[Event, str]) -> Iterator[str]:
         first, *others = alias.values()
@@ -405,7 +402,7 @@ class SqlQuery:
         alias: Mapping[Event, str],
         wanted: Mapping[str, Set[str]],
     ) -> dict[Event, QueriedRow]:
-        """Return for each occurrence its rows: all if tried individually, else those at the least
+        """Return the rows of each occurrence: all if tried individually, else those at the least
         positions.
         """
         keys = {name: [key for key in sorted(wanted[row]) if key.endswith("_key")] for name, row in alias.items()}
@@ -428,7 +425,7 @@ class SqlQuery:
                     where += [f"{start.table}.trace = n.trace", *self._same(shared, start.table, start)]
                 if name in members:
                     where.append(f"n.time - {shared[column]} BETWEEN 0 AND {self.guards.literal(length).whole}")
-            columns = "".join(f", {said} AS {column}" for column, said in shared.items())
+            columns = "".join(f", {expression} AS {column}" for column, expression in shared.items())
             groups = ", ".join(["n.trace", *shared.values()])
             condition = f" WHERE {' AND '.join(dict.fromkeys(where))}" if where else ""
             query = (
@@ -441,9 +438,6 @@ class SqlQuery:
     def _start(
         self, column: str, members: Sequence[Event], tables: Mapping[Event, str], keys: Mapping[Event, Sequence[str]]
     ) -> QueriedRow:
-        """Return the possible starts of a window: the times of its events, with their common
-        values.
-        """
         every = [key for key in keys[members[0]] if all(key in keys[name] for name in members)]
         columns = ", ".join(["trace", *every, "time AS start"])
         selects = dict.fromkeys(f"SELECT {columns} FROM {tables[name]}" for name in members)
@@ -453,9 +447,8 @@ class SqlQuery:
 
     @staticmethod
     def _same(known: dict[str, str], row: str, has: QueriedRow) -> list[str]:
-        """Return equalities with known shared columns; other columns become known."""
-        said = {column: f"{row}.{own}" for column, own in has.shared.items()}
-        return [f"{one} = {known[column]}" for column, one in said.items() if known.setdefault(column, one) != one]
+        columns = {column: f"{row}.{own}" for column, own in has.shared.items()}
+        return [f"{one} = {known[column]}" for column, one in columns.items() if known.setdefault(column, one) != one]
 
     def _shared(
         self, one: QueriedScenario, alias: Mapping[Event, str], rows: Mapping[Event, QueriedRow]
@@ -468,11 +461,11 @@ class SqlQuery:
                 yield f"{alias[name]}.time - {known[column]} BETWEEN 0 AND {self.guards.literal(length).whole}"
 
     def _object(self, items: Iterable[tuple[str, str]]) -> str:
-        said = [
+        fields = [
             f"{self.dialect.text(('{' if not number else ', ') + json.dumps(name) + ': ')} || {value}"
             for number, (name, value) in enumerate(items)
         ]
-        return f"{' || '.join(said)} || '}}'" if said else "'{}'"
+        return f"{' || '.join(fields)} || '}}'" if fields else "'{}'"
 
 
 def _paths(pattern: Pattern) -> dict[str, Path]:

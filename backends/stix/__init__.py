@@ -88,19 +88,16 @@ class StixBackend(Backend):
         return StixBackend(StixHeader.mapped(mapping))
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
-        """Return the pattern.
-
-        Raises `TooLarge` beyond `limit` observation expressions, and `OptionError` if the mapping
-        lacks a type or a field.
-        """
+        """Return the pattern; raises `OptionError` if the mapping lacks a type or a field."""
         windows = any(isinstance(part, Within) for part in prop.parts)
         header = replace(self._header, time=prop.time if windows else None)
         text, symbols = StixPattern(prop, header, limit).text()
         return SpecificationText(text, Metrics(symbols))
 
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:
-        """Return a bundle of observed data; raises as `translate` does, and `TraceError` if times
-        do not increase.
+        """Return a bundle of observed data.
+
+        Raises as `translate` does, and `TraceError` if times do not increase.
         """
         header = StixHeader.of(self.translate(tree, Semantics.SCATTERED).text)
         objects = [*chain.from_iterable(header.observations(trace))]
@@ -108,8 +105,7 @@ class StixBackend(Backend):
         return f"{json.dumps(bundle, ensure_ascii=False, indent=1)}\n"
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
-        """Return a monitor for any pattern, run by stix2-matcher; raises `LanguageError` and
-        `ToolMissing`.
+        """Return a monitor for any pattern.
 
         Events are 1 s apart, unless the header of the pattern defines their times, which must
         increase.

@@ -1,7 +1,7 @@
 """Events as observed data: property names, times, and the header of a pattern.
 
 STIX reserves `type`, `id` and names that end in `_ref`, `_refs`, `_hex` or `_bin`. A field with
-such a name, or such a name with underscores, gets one more underscore.
+such a name, also followed by underscores, gets one more underscore.
 """
 
 import json
@@ -43,7 +43,7 @@ def property_of(name: str) -> str:
 class StixHeader:
     """The header of a pattern: the time of events, and the field of each object path.
 
-    `types` maps event types and fields to object paths; it is set only for a user mapping.
+    `types` maps event types and fields to object paths, for a user mapping only.
     """
 
     time: EventTime | None = None
@@ -79,25 +79,24 @@ class StixHeader:
         return self.types[kind][way]
 
     def __str__(self) -> str:
-        said: dict[str, Any] = {} if self.time is None else {"time": time_text(self.time)}
-        said |= {"objects": self.objects} if self.objects else {}
-        text = json.dumps(said, separators=(",", ":")).replace("/", r"\u002f")
-        return f"/* rvaft {text} */ " if said else ""
+        content: dict[str, Any] = {} if self.time is None else {"time": time_text(self.time)}
+        content |= {"objects": self.objects} if self.objects else {}
+        text = json.dumps(content, separators=(",", ":")).replace("/", r"\u002f")
+        return f"/* rvaft {text} */ " if content else ""
 
     @classmethod
     def of(cls, text: str) -> "StixHeader":
         """Return the header of a text, if any; raises `LanguageError`."""
         found = _HEADER.match(text)
         try:
-            said = json.loads(found[1]) if found else {}
-            objects = {_checked(path): tuple(map(str, way)) for path, way in said.get("objects", {}).items()}
-            return cls(parse_time(said["time"]) if "time" in said else None, objects)
+            content = json.loads(found[1]) if found else {}
+            objects = {_checked(path): tuple(map(str, way)) for path, way in content.get("objects", {}).items()}
+            return cls(parse_time(content["time"]) if "time" in content else None, objects)
         except (ValueError, AttributeError, TypeError) as error:
             reason = error.message if isinstance(error, LanguageError) else str(error)
             raise LanguageError(f"invalid header comment: {reason}", file="<stix>") from None
 
     def _times(self, trace: Sequence[Json]) -> list[int]:
-        """Return the event times in microseconds, up to the first that does not increase."""
         found = [-1]
         for number, event in enumerate(trace):
             time = number * 1_000_000_000 if self.time is None else self.time.read(event)

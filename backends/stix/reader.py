@@ -1,4 +1,4 @@
-"""A monitor for patterns: events become observed data, and stix2-matcher matches them."""
+"""A monitor for patterns: stix2-matcher matches events as observed data."""
 
 import json
 import re
@@ -16,7 +16,7 @@ from rvaft.monitors import DetectionMonitor
 
 _WHERE: Final = re.compile(r"(\d+):(\d+): (.*)", re.DOTALL)
 _MATCHES: Final = 500
-"""The number of matches examined before the trace is shortened."""
+"""Number of matches examined before the trace is shortened."""
 
 
 class StixMonitor(DetectionMonitor):
@@ -33,8 +33,6 @@ class StixMonitor(DetectionMonitor):
 
 @lru_cache(maxsize=32)
 class _StixProgram:
-    """A compiled pattern with a cache of results; shared by monitors of one text."""
-
     def __init__(self, text: str) -> None:
         self.header = StixHeader.of(text)
         self.known = lru_cache(5_000)(self.first)
@@ -66,10 +64,7 @@ class _StixProgram:
         return [1 + max(one for one in match if one is not None) for match in some]
 
     def first(self, written: str) -> int | None:
-        """Return the number of the first event at which the pattern matches, or None.
-
-        Raises `TraceError` if the trace is left open.
-        """
+        """Return the number of the first event at which the pattern matches, or None."""
         observed, found = self.header.observations(json.loads(written)), None
         try:
             while observed and (ends := self._matches(observed)):

@@ -18,15 +18,14 @@ from rvaft.model.patterns import Literal, ObjectPattern
 _SECOND: Final = 1_000_000_000
 _LONGEST: Final = 1_000 * 366 * 86_400 * _SECOND
 _EXACT: Final = 1_000_000_000 * _SECOND
-"""The longest window with fractional seconds that the matcher does not round."""
+"""Longest window with fractional seconds that the matcher does not round."""
 _NEVER: Final = f"[{EVENT}:type != '{EVENT}']"
-"""A pattern that no events match."""
 _TOKEN: Final = re.compile(r"'(?:[^'\\]|\\.)*'|[\w.:-]+|\S", re.DOTALL)
 _SIGNS: Final = {PartKind.ALL: " AND ", PartKind.SEQUENCE: " FOLLOWEDBY ", PartKind.ONE: " OR "}
 
 
 class StixPattern:
-    """One translation of a property. `limit` counts observation expressions."""
+    """One translation of a property; `limit` counts observation expressions."""
 
     def __init__(self, prop: Property, header: StixHeader, limit: int) -> None:
         self._prop, self._header = prop, header
@@ -56,7 +55,6 @@ class StixPattern:
         self._refuse(f"a pattern cannot compare two observations, and {what}", nodes)
 
     def _written(self, nest: Nest, *, inside: bool = False) -> str:
-        """Return a nest as a pattern, or as an operand; equal observations are counted."""
         if nest == NEVER:
             return _NEVER
         if nest.op is PartKind.EVENT:

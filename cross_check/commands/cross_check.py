@@ -35,9 +35,8 @@ _FORMATS: Final[dict[str, Callable[[Iterable[Result], str], str]]] = {
     "markdown": reports.markdown_text,
 }
 _SHOWN: Final = 20
-"""The maximum number of disagreements printed with traces."""
 SMALL_TEXT: Final = 5_000
-"""The limit of translations in a random campaign."""
+"""Limit of translations in a random campaign."""
 
 
 @contextmanager
@@ -51,16 +50,13 @@ def progress(total: int) -> Iterator[Callable[[], None]]:
 
 @dataclass(slots=True)
 class Reports:
-    """Collects results and prints disagreements; `every` lists all results, else only counts are
-    printed.
-    """
+    """Collects results and prints disagreements; `every` prints all results instead of counts."""
 
     files: dict[str, str]
     every: bool
     failures: Failures = field(default_factory=Failures)
     results: list[Result] = field(default_factory=list)
     parts: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """For each tree, by title, its constructs that not every language has."""
 
     def compare(
         self, running: Generator[tuple[Task, list[Result]], None, None], count: int, *, bogus: str | None, stop: bool
@@ -258,8 +254,10 @@ def cross_check_command(
     running = run(tasks, jobs=jobs, together=1 if trees else every)
     collected.compare(running, count * every, bogus=given["save_bogus"], stop=given["stop_on_error"])
     fails = (Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT, Status.VACUOUS)
-    asked = {status for status in fails if given[f"fail_on_{status.name.lower()}"]}
-    return FAILED if failures.met else exit_status(collected.results, failing=asked, vacuous=random is not None)
+    failing_statuses = {status for status in fails if given[f"fail_on_{status.name.lower()}"]}
+    return (
+        FAILED if failures.met else exit_status(collected.results, failing=failing_statuses, vacuous=random is not None)
+    )
 
 
 def _entry(path: str, branch: int | None, kind: Kind | None) -> Entry:

@@ -21,11 +21,10 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.support.files import deliver, error_context, write_whole
 
 DEFAULT_NUMBER: Final = 5
-"""The number of traces for a folder; standard output takes one."""
+"""Number of traces for a folder; standard output takes one."""
 RANDOM_LENGTH: Final = 10
-"""The default maximum length of a random trace."""
+"""Default maximum length of a random trace."""
 _REDRAWS: Final = 20
-"""The number of attempts to draw a new trace; some trees have only one."""
 
 
 class LogForm(StrEnum):

@@ -16,7 +16,6 @@ from rvaft.model.verdict import Semantics, Verdict
 _EXACT: Final = 2**53
 _CARELESS: Final = 0.3
 _WAYS: Final = 12
-"""The number of attempts to find another time, or another spelling of a time."""
 
 
 class Disturbance(StrEnum):
@@ -64,9 +63,7 @@ def disturbed(random: Random, trace: list[Json], tree: RVAFT, values: Sequence[J
 def disturbed_by(
     kind: Disturbance, random: Random, trace: list[Json], tree: RVAFT, values: Sequence[Json] = ()
 ) -> list[Json] | None:
-    """Return the trace after one edit, different from the original, or None if the edit is
-    impossible.
-    """
+    """Return the trace after one edit, different from the original; None if that is impossible."""
     index = random.randrange(len(trace)) if trace else 0
     match kind:
         case Disturbance.EXTRA | Disturbance.NOISE:
@@ -120,7 +117,6 @@ def disturbed_by(
 def _another_time(
     kind: Disturbance, random: Random, trace: list[Json], tree: RVAFT, times: Sequence[int | None]
 ) -> list[Json] | None:
-    """Return the trace with a changed time or spelling of one event; later events may shift along."""
     assert tree.time is not None
     index = random.choice([index for index, time in enumerate(times) if time is not None])
     own = times[index] or 0
@@ -173,7 +169,6 @@ def _bound(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:
 
 
 def _edited(random: Random, trace: list[Json], instead: Callable[[Path, Json], Sequence[Json]]) -> list[Json] | None:
-    """Return the trace with a replaced value at one place, or None."""
     edits = [(path, new) for path, old in _inside(trace) if (new := instead(path, old))]
     if not edits:
         return None
@@ -190,7 +185,6 @@ def _look_alikes(value: Json) -> list[Json]:
 
 
 def _other_number(_: Path, value: Json) -> list[Json]:
-    """Return 1.0 for 1, and 1 for 1.0."""
     if not is_number(value) or abs(value) >= _EXACT or value != int(value):
         return []
     return [float(value) if isinstance(value, int) else int(value)]
@@ -200,8 +194,7 @@ def with_constant(random: Random, trace: list[Json], constants: Sequence[Json]) 
     """Return the trace with a guard's constant, or a value next to it, at one value of its kind; or
     None.
 
-    The rest is unchanged, so that one condition is met or broken while others hold. Sometimes a
-    value becomes a similar one.
+    The rest is unchanged, so that one condition is met or broken while others hold.
     """
     scalars = _scalars(trace)
     alike = [(path, twin) for path, value in scalars for twin in _look_alikes(value)]
@@ -218,9 +211,6 @@ def with_constant(random: Random, trace: list[Json], constants: Sequence[Json]) 
 def _exchanged(
     random: Random, trace: list[Json], path: Path, old: Json, values: Sequence[Json], *, everywhere: bool
 ) -> list[Json] | None:
-    """Return the trace with another value of the same kind at a place, or wherever the old value
-    occurs.
-    """
     others = [value for value in values if _kind(value) is _kind(old) and not equal(value, old)]
     if not others:
         return None
@@ -241,9 +231,6 @@ def _kind(value: Json) -> type:
 
 
 def _inside(trace: list[Json]) -> list[tuple[Path, Json]]:
-    """Return all values inside the events with their places, in order, without the events
-    themselves.
-    """
     return [(path, value) for path, value in places(trace) if len(path) > 1]
 
 

@@ -68,7 +68,6 @@ def trees_with_guided_traces(draw: st.DrawFn, shape: Shape = ANY) -> tuple[RVAFT
 
 
 def _found(make: Callable[[Random], T]) -> st.SearchStrategy[T]:
-    """Return what `make` creates; examples without a trace are rejected."""
 
     def made(random: Random) -> T:
         try:

@@ -1,8 +1,8 @@
 """Event times for generated traces: formats, schedules that satisfy a scenario, and bounds.
 
-Conditions on time are difference bounds (`time[a] - time[b] <= c`). Open choices, such as the last
-event of a part, are random. Instants that satisfy all bounds are found by Bellman-Ford relaxation,
-and then moved within their slack.
+Conditions on time are difference bounds (`time[a] - time[b] <= c`). Bellman-Ford relaxation finds
+instants that satisfy all bounds; they are then moved within their slack. Open choices, such as the
+last event of a part, are random.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -38,13 +38,12 @@ from rvaft.model.values import Json
 SECOND: Final = UNITS["s"]
 MICROSECOND: Final = UNITS["us"]
 TODAY: Final = 1_760_000_000 * SECOND
-"""The start of believable logs."""
 _STEPS: Final = 9
 _UNDEFINED: Final = 0.06
-"""The probability of an unreadable time, if the time does not matter."""
+"""Probability of an unreadable time, if the time does not matter."""
 _FIRST, _LAST = -20_000_000_000 * SECOND, 200_000_000_000 * SECOND  # years of four digits
 _PAIRS: Final = 30
-"""The maximum number of window events that are compared in pairs; beyond it, times increase."""
+"""Maximum number of window events that are compared in pairs; beyond it, times increase."""
 
 Bound: TypeAlias = tuple[int, int, int]
 """Two events by number, and the maximum of their difference in nanoseconds."""
@@ -75,8 +74,8 @@ def without_time(event: Json, field: Sequence[str]) -> Json:
 
 
 def standing(pattern: Pattern, field: Sequence[str]) -> Pattern | None:
-    """Return the part of a pattern at the time field, or None; the pattern itself if it is not an
-    object.
+    """Return the part of a pattern at the time field, or None; a pattern that is no object stands
+    itself.
     """
     if not field or not isinstance(pattern, ObjectPattern):
         return pattern
@@ -152,7 +151,6 @@ _UNREADABLE_TIMES: Final[Mapping[TimeFormat, Sequence[Json]]] = {
         *(1, "1"),
     ),
 }
-"""Unreadable times."""
 
 
 # Conditions of a scenario.
@@ -184,25 +182,23 @@ class Schedule:
         timed = [part for part in kept if isinstance(part, Condition) and time_points(part.guard)]
         self._guards = [guard for part in timed for guard in conjuncts(part.guard) if time_points(guard)]
         self._windows = [part for part in kept if isinstance(part, Within)]
-        asking: list[Part] = [*timed, *self._windows]
-        self.asking = [*map(node_of, asking)] or [*order]
-        """The nodes with a condition on time, or all nodes."""
-        asked = {name for node in tree.top_down() for name in variables(node.when)}
+        timed_parts: list[Part] = [*timed, *self._windows]
+        self.constrained = [*map(node_of, timed_parts)] or [*order]
+        guarded = {name for node in tree.top_down() for name in variables(node.when)}
         stands = [standing(tree.pattern(name) or Anything(), tree.time.field) for name in order]
         self.free = [part is None or isinstance(part, Anything) for part in stands]
-        """Whether the pattern of each event leaves the time open."""
         self._following: dict[str, list[int]] = {}
         """Variables that follow the time, with their events."""
         self._fixed: dict[int, int | None] = {}
         for number, part in enumerate(stands):
-            if isinstance(part, Variable) and (part.name not in asked or part.name not in binding):
+            if isinstance(part, Variable) and (part.name not in guarded or part.name not in binding):
                 self._following.setdefault(part.name, []).append(number)
             elif not self.free[number]:
                 value = binding[part.name] if isinstance(part, Variable) else getattr(part, "value", None)
                 self._fixed[number] = tree.time.read(with_time({}, tree.time.field, value))
 
     def times(self) -> list[int | None] | None:
-        """Return a time per event, or None if the conditions are not met; irrelevant times may be
+        """Return a time per event, or None if the conditions are not met; irrelevant ones may be
         undefined.
         """
         bounds = [*self._bounds()]
@@ -235,7 +231,6 @@ class Schedule:
         return found
 
     def _bounds(self) -> Iterator[Bound]:
-        """Yield bounds that imply all conditions on time alone; choices are random."""
         for guard in self._guards:
             yield from self._demanded(guard, truth=True)
         for window in self._windows:
@@ -262,7 +257,6 @@ class Schedule:
         return [number for number, name in enumerate(self.order) if name in names]
 
     def _demanded(self, guard: Guard, *, truth: bool) -> Iterator[Bound]:
-        """Yield bounds that make a guard true or false; other conditions are left to chance."""
         match guard:
             case Operation(Operator.NOT, (inner,)):
                 yield from self._demanded(inner, truth=not truth)
@@ -271,10 +265,10 @@ class Schedule:
                 for operand in some:
                     yield from self._demanded(operand, truth=truth)
             case Operation(operator, operands) if negated := OPERATORS[operator].negated:
-                asked = operator if truth else negated
-                if asked is Operator.NE and time_points(guard):
-                    asked = self.random.choice((Operator.LT, Operator.GT))
-                for bound in point_bounds(Operation(asked, operands)):
+                comparison = operator if truth else negated
+                if comparison is Operator.NE and time_points(guard):
+                    comparison = self.random.choice((Operator.LT, Operator.GT))
+                for bound in point_bounds(Operation(comparison, operands)):
                     yield from self._at_most(*bound)
             case _:
                 pass
@@ -330,7 +324,7 @@ class Schedule:
 
 
 def _lowered(times: list[int], bounds: Sequence[Bound]) -> list[int] | None:
-    """Return the times lowered until they satisfy all bounds; the last one represents 0 and stays."""
+    """Return the times lowered until they satisfy all bounds; the last one stands for 0."""
     for _ in times:
         changed = False
         for a, b, most in bounds:
@@ -365,8 +359,9 @@ def timed(random: Random, tree: RVAFT, event: Json, instant: int | None, *, plai
 
 
 def walked(random: Random, tree: RVAFT, trace: Iterable[Json], *, plain: bool = False) -> list[Json]:
-    """Return the events with times at critical distances; some decrease and, unless `plain`, some
-    are missing.
+    """Return the events with times at critical distances.
+
+    Some times decrease and, unless `plain`, some are missing.
     """
     if tree.time is None:
         return [*trace]
@@ -400,9 +395,9 @@ def in_order(tree: RVAFT, trace: Iterable[Json]) -> list[Json]:
 
 
 def apart(tree: RVAFT, trace: Sequence[Json]) -> list[Json] | None:
-    """Return the events with equal times separated by a microsecond, or None.
+    """Return the events with equal times separated by a microsecond.
 
-    None: an event has no time in whole microseconds, or times decrease.
+    None if times decrease or are not whole microseconds.
     """
     if tree.time is None:
         return [*trace]

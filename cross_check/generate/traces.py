@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 
 def random_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
-    """Return an event: mostly one that matches a pattern, sometimes two, disturbed, or irrelevant."""
+    """Return an event: mostly one that matches a pattern, else two, disturbed, or irrelevant."""
     patterns = [entry.pattern for entry in tree.alphabet]
     dice = random.random()
     if dice < 0.05:
@@ -109,18 +109,13 @@ def is_ignored(tree: RVAFT, event: Json) -> bool:
 # cycle of the precedence. Without bans, every feasible scenario can be drawn.
 
 Ban: TypeAlias = str | Edge
-"""A node or tree edge that drawn scenarios must not contain."""
 
 _MORE_THAN_NEEDED: Final = 0.3
-"""The probability that a choice of at least K keeps more than K children."""
+"""Probability that a choice of at least K keeps more than K children."""
 _TRIED: Final = 20
-"""The number of bans tried to find one that leaves a scenario."""
 _SCHEDULES: Final = 6
-"""The number of draws of times for a scenario."""
 _ENDS: Final = 8
-"""The number of draws of last events under `pand`."""
 _REMEMBERED: Final = 10_000
-"""The maximum number of points in cached precedences."""
 
 
 @dataclass
@@ -172,8 +167,7 @@ class Scenarios:
     def order(self, random: Random, kept: Kept) -> list[str]:
         """Return the node of each event in a random order; raises `Cyclic` if there is none.
 
-        Every order that respects the precedence can occur. A leaf with `times N` occurs N times.
-        The last event of a part under `pand` is drawn.
+        Every order that respects the precedence can occur.
         """
         ordered = [part for part in kept if isinstance(part, EndInOrder)]
         for _ in range(_ENDS):
@@ -254,7 +248,6 @@ def _drawn_order(random: Random, graph: "nx.DiGraph") -> list[Event | Times]:
 
 
 def _end_in_order(random: Random, kept: Kept, ordered: Part, graph: "nx.DiGraph") -> None:
-    """Draw the last event of each part in an order of ends, and add it to the precedence."""
     before: Part | None = None
     for inner in kept[ordered]:
         events = [part for part in reachable(inner, kept.__getitem__) if isinstance(part, Event | Times)]
@@ -270,12 +263,10 @@ def _end_in_order(random: Random, kept: Kept, ordered: Part, graph: "nx.DiGraph"
 # Traces guided by a scenario.
 
 _NOISE: Final = 3
-"""The maximum number of noise events in a trace."""
 _COUNTED: Final = 1_000
-"""The maximum `times` of a leaf: the monitor's memory grows with it."""
+"""Maximum `times` of a leaf: the monitor's memory grows with it."""
 _BUILDS: Final = 40
-"""The number of attempts to build an event that is not ignored; after a quarter, all values are
-used.
+"""Number of attempts to build an event that is not ignored; after a quarter, all values are used.
 """
 
 
@@ -284,8 +275,8 @@ class Manner:
     """The style of generated events (probabilities), and the effort.
 
     A `believable` trace has increasing times and typical values per field; otherwise free values
-    are those that affect the tree, of all types. An `overlapping` event has also the fields of
-    another runtime event. `longest` bounds the events of a trace, `attempts` the scenarios drawn.
+    are those that affect the tree. An `overlapping` event has also the fields of another runtime
+    event. `longest` bounds the events of a trace, `attempts` the scenarios drawn.
     """
 
     believable: bool = False
@@ -317,10 +308,9 @@ class NoTraceFound(RvaftError, LookupError):
 def detecting(
     random: Random, tree: RVAFT, semantics: Semantics = Semantics.PROJECTED, manner: Manner = WILD
 ) -> list[Json]:
-    """Return a trace with ⊤ at its last event and not before.
+    """Return a trace with ⊤ at its last event and not before, for a valid tree.
 
-    The tree must be valid. Raises `NoTraceFound`, and `TooLarge` for leaves counted too often or as
-    the monitor does.
+    Raises `NoTraceFound`, and `TooLarge` for leaves counted too often or as the monitor does.
     """
     if max((node.times for node in tree.top_down()), default=1) > _COUNTED:
         raise TooLarge("times of a counted leaf in example traces", limit=_COUNTED)
@@ -330,7 +320,7 @@ def detecting(
         for position, event in enumerate(trace, 1):
             if monitor.step(event) is Verdict.TRUE:
                 return trace[:position]
-    # The trace contains a match by construction. Skipping it would hide a fault from the
+    # The trace contains a match by construction; skipping it would hide a fault from the
     # cross-check.
     raise AssertionError(f"the monitor does not detect {tree.root} under {semantics} in {trace}")
 
@@ -376,8 +366,6 @@ def guided(
 
 
 class _Making:
-    """Builds events for scenarios of one tree under one semantics."""
-
     def __init__(self, random: Random, tree: RVAFT, prop: Property, semantics: Semantics, manner: Manner) -> None:
         self.random = random
         self.tree = tree
@@ -393,7 +381,6 @@ class _Making:
         events: dict[str, Json] = {}
 
         def passes(name: str, binding: Binding) -> bool:
-            """Return whether an event of the occurrence is not ignored; stores the event."""
             for build in range(_BUILDS):
                 event = self._event(patterns[name], binding, self.values if build < _BUILDS // 4 else self.others)
                 if not is_ignored(self.tree, event):
@@ -416,7 +403,6 @@ class _Making:
         return [events[name] if name in events else self._event(patterns[name], binding, self.values) for name in order]
 
     def _timed(self, schedule: Schedule) -> list[Json]:
-        """Return the events at times that satisfy all conditions; raises `Unmet`."""
         tree, plain = self.tree, self.look is not None
         for _ in range(_SCHEDULES):
             if (times := schedule.times()) is None:
@@ -429,7 +415,7 @@ class _Making:
             right = tree.time is None or [*map(tree.time.read, events)] == times
             if right and (self.semantics is Semantics.STRICT or not any(is_ignored(tree, event) for event in events)):
                 return events
-        raise Unmet([Demand(name, (), lambda _: False, Literal(value=False)) for name in schedule.asking])
+        raise Unmet([Demand(name, (), lambda _: False, Literal(value=False)) for name in schedule.constrained])
 
     def _binding(self, demands: list[Demand], patterns: list[Pattern]) -> dict[str, Json]:
         names = list(dict.fromkeys(name for pattern in patterns for name in rigid_variables(pattern)))
@@ -476,13 +462,12 @@ class _Making:
 
 
 def _objection(nodes: Sequence[str], refusing: Sequence[Demand]) -> str:
-    """Return why a scenario has no events: the failed demands of these nodes."""
-    asked = {(demand.node, demand.guard is not None) for demand in refusing}
-    guarded, dropped = ([name for name in nodes if (name, guards) in asked] for guards in (True, False))
-    said = []
+    failed = {(demand.node, demand.guard is not None) for demand in refusing}
+    guarded, dropped = ([name for name in nodes if (name, guards) in failed] for guards in (True, False))
+    reasons = []
     if guarded:
         whose = f"the guards of {listing(guarded)} do" if len(guarded) > 1 else f"the guard of {guarded[0]} does"
-        said.append(f"{whose} not hold with any value that was tried")
+        reasons.append(f"{whose} not hold with any value that was tried")
     if dropped:
-        said.append(f"`ignore` takes the events of {listing(dropped)} with any value that was tried")
-    return "; ".join(said)
+        reasons.append(f"`ignore` takes the events of {listing(dropped)} with any value that was tried")
+    return "; ".join(reasons)

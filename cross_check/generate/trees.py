@@ -1,9 +1,8 @@
-"""Random trees, reproducible from a seed.
+"""Random valid trees, reproducible from a seed.
 
 They cover all gates, shared nodes, events on gates, overlapping patterns, both causalities,
 variables, guards with values of wrong types, `ignore`, kinds and topics. Some also get times,
-windows, conditions on time, counted leaves, `pand`, functions, and a semantics. Every tree is
-valid.
+windows, conditions on time, counted leaves, `pand`, functions, and a semantics.
 """
 
 from collections.abc import Sequence
@@ -85,8 +84,6 @@ def random_tree(random: Random, shape: Shape = Shape(), *, attempts: int = 200) 
 
 
 class _Growth:
-    """One attempt to build a tree."""
-
     def __init__(self, random: Random, shape: Shape, guards: float) -> None:
         self.random = random
         self.shape = shape
@@ -96,9 +93,7 @@ class _Growth:
         self.waiting: list[str] = []
 
     def tree(self) -> RVAFT:
-        """Return a tree grown from the root; a child is new or, with `sharing`, a node that is not
-        yet grown.
-        """
+        """Return a tree grown from the root; with `sharing`, gates may share children."""
         size = self.random.randint(2, self.shape.max_nodes)
         self.count = 1
         self.waiting = ["n0"]
@@ -113,7 +108,6 @@ class _Growth:
         return RVAFT("n0", self.nodes, events, ignores=ignores, topics=self._topics(), causality=causality)
 
     def _topics(self) -> list[Topic]:
-        """Return some topics, drawn separately so that later draws do not depend on them."""
         apart = _apart(self.random)
         return apart.sample(TOPICS, apart.randint(1, len(TOPICS))) if apart.random() < self.shape.topics else []
 
@@ -189,18 +183,16 @@ class _Growth:
 _DURATIONS: Final = (0, 1, 1_000_000, 1_000_000_000, 2_000_000_000, 5_000_000_000, 90_000_000_000)
 _FIELDS: Final = (("t",), ("t",), ("header", "stamp"), ("x",), ("@timestamp",))
 _SIMPLER: Final = 6
-"""The number of attempts to add constructs, fewer constructs each time."""
+"""Number of attempts to add constructs, fewer constructs each time."""
 
 
 def _apart(random: Random) -> Random:
-    """Return a generator in the same state as this one, which is unchanged."""
     apart = Random()  # noqa: S311 (no secret)
     apart.setstate(random.getstate())
     return apart
 
 
 def _in_practice(random: Random, tree: RVAFT, shape: Shape) -> RVAFT:
-    """Return the tree with times, windows, counted leaves, `pand` and functions, if it stays valid."""
     apart = _apart(random)
     for attempt in range(_SIMPLER):
         with suppress(TreeError):
@@ -253,7 +245,6 @@ class _Additions:
         return replace(node, **changes)
 
     def _condition(self) -> Guard:
-        """Return a comparison of two time points, mostly of nodes with events."""
         r, nodes = self.random, self.old.nodes
         left, right = (
             TimePoint.of(r.choice(("at", "at", "start", "end") if nodes[name].has_event else ("start", "end")), name)

@@ -27,7 +27,6 @@ from rvaft.model.values import Json, is_number
 
 T = TypeVar("T")
 Path: TypeAlias = tuple[str | int, ...]
-"""The field names and list indices of a value."""
 
 COMMON: Final[tuple[Json, ...]] = (
     *(0, 1, 1.0, 2, 3, 1.5, -1, "a", "b", "", True, False, None),
@@ -52,7 +51,6 @@ def interesting_values(tree: RVAFT) -> tuple[Json, ...]:
 
 
 def _texts_for(part: Operation) -> Iterator[Json]:
-    """Yield strings for which a string function is true or nearly true."""
     for text in (one.value for operand in part.operands for one in guard_walk(operand) if isinstance(one, Literal)):
         match part.operator, text:
             case Operator.STARTSWITH | Operator.ENDSWITH | Operator.CONTAINS, str():
@@ -76,7 +74,7 @@ def operations(guard: Guard | None) -> Iterator[Operation]:
 
 
 def built(pattern: Pattern, binding: Binding, free: Callable[[str], Json]) -> Json:
-    """Return a value that matches the pattern under a binding; `free` supplies the rest by field."""
+    """Return a value that matches the pattern under a binding; `free` gives the rest by field."""
     chosen = dict(binding)
 
     def build(part: Pattern, field: str) -> Json:
@@ -162,7 +160,7 @@ class EventFields:
 
     def __init__(self, tree: RVAFT) -> None:
         self.of: dict[str, str] = {}
-        """The field of each variable."""
+        """Field of each variable."""
         self.literals: dict[str, list[Json]] = defaultdict(list)
         for field, leaf in (pair for entry in tree.alphabet for pair in leaves(entry.pattern)):
             if isinstance(leaf, Literal):
@@ -190,7 +188,7 @@ class EventFields:
 # Values that satisfy demands: guards of a scenario, and events that are not ignored.
 
 TRIES: Final = 200
-"""The number of values tried for connected variables; 20 more per variable."""
+"""Number of values tried for connected variables; 20 more per variable."""
 _ANY_ORDER: Final = 0.3
 
 
@@ -248,8 +246,7 @@ class ValueSearch:
         found: dict[str, Json] = {}
         place = {name: index for index, name in enumerate(graph)}
         for component in nx.connected_components(graph):
-            # Mostly in binding order, so that times increase; another start may succeed where this
-            # fails.
+            # Mostly in binding order, so that times increase; another start may succeed instead.
             start = min(component, key=place.__getitem__)
             if self.near and self.random.random() < _ANY_ORDER:
                 start = self.random.choice(sorted(component))
@@ -294,7 +291,6 @@ class ValueSearch:
         return binding
 
     def _candidates(self, name: str, binding: Binding) -> Iterator[Json]:
-        """Yield candidates for a variable: promising ones in random order, then all others."""
         guards = [demand.guard for demand in self._touching[name] if demand.guard is not None]
         known = [bound for guard in guards for bound in bounds(guard, name, binding)]
         close = [value for bound in known for value in around(bound)]
@@ -306,9 +302,8 @@ class ValueSearch:
         yield from self.random.sample(self.others, len(self.others))
 
 
-# Typical log values: increasing times, and values suggested by field names.
-# A field holds times if its name says so, or if guards use differences of its values. Open times
-# are filled in last, between those of neighbouring events.
+# Typical log values: increasing times, and values suggested by field names. A field holds times if
+# its name says so, or if guards use differences of its values. Open times are filled in last.
 
 TIMES: Final = frozenset(
     {"t", "time", "times", "timestamp", "ts", "clock", "date", "datetime", "stamp", "when", "at_time", "epoch"}
@@ -325,7 +320,7 @@ NAMES: Final[Mapping[str, Sequence[str]]] = {
 }
 LOGGED: Final = ("heartbeat", "status", "log")
 STEPS: Final = 9
-"""The maximum number of seconds between events with open times."""
+"""Maximum number of seconds between events with open times."""
 LATER: Final = object()
 """A placeholder for a time that is filled in when the trace is complete."""
 

@@ -3,7 +3,7 @@
 Completeness: the patterns that an event matches are those that their least event matches
 (`unification`), and all such sets are enumerated (`closed_sets`). Equalities in guards become
 patterns. For each set, values are chosen that show every combination of truth values of the guards
-(`regions`). The answers of a letter are always those of its event.
+(`regions`).
 """
 
 import math
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import chain, combinations, islice
 from typing import Final, TypeAlias
 
-from cross_check.letters.regions import Asked, Choices, Guarded, plain
+from cross_check.letters.regions import Choices, Guarded, GuardFacts, plain
 from cross_check.letters.unification import ROOT, Demands, Fresh, closed_sets
 from rvaft.backend import Observed
 from rvaft.errors import TooLarge
@@ -38,7 +38,7 @@ _SAMPLED: Final = 256
 
 @dataclass(frozen=True, slots=True)
 class Letters:
-    """Events, starting with `{}`: whatever it matches, every event matches.
+    """Events, starting with `{}`, whose matching patterns match every event.
 
     `gap` is empty if every event has the answers of one of these; otherwise it is the reason why
     this is unknown. `twins` holds for each event the index of an earlier event with the same
@@ -69,24 +69,23 @@ def letters(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
 
 
 def with_twins(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
-    """Return the letters without joins, each followed by a twin in which every replaceable value
-    differs.
+    """Return the letters without joins, each followed by a twin with other values where possible.
 
     A class contains the values with equal truth in every guard; literals of patterns are
     singletons. Participants that use only these questions cannot distinguish traces in which the
-    values of a class are permuted. If after every trace two values of a class lead to one state,
-    all values of the class lead to it.
+    values of a class are permuted. If two values of a class always lead to one state, all its
+    values do.
     """
     questions = tuple(dict.fromkeys(observed))
     if not any(map(ties, questions)):
         return letters(questions, limit=limit)
     own = tuple(dict.fromkeys(map(Observed.untied, questions)))
     guards = [question.when for question in own if question.when is not None]
-    if any(len(guard_variables(guard)) > 1 or Asked(guard).calculated for guard in guards):
+    if any(len(guard_variables(guard)) > 1 or GuardFacts(guard).calculated for guard in guards):
         return Letters(({},), VARIABLES)
     found, gap = _complete(own, limit)
     literals = [part.value for one in own for part in walk(one.pattern) if isinstance(part, Literal)]
-    constants = [one.value for guard in guards for some in Asked(guard).constants.values() for one in some]
+    constants = [one.value for guard in guards for some in GuardFacts(guard).constants.values() for one in some]
 
     def truths(value: Json) -> list[bool]:
         return [holds(guard, dict.fromkeys(guard_variables(guard), value)) for guard in guards]
@@ -133,7 +132,7 @@ def _complete(questions: Iterable[Observed], limit: int) -> tuple[tuple[Json, ..
             continue
         kept.append(question)
         if question.when is not None and names:
-            guarded.append(Guarded(question.pattern, question.when, Asked(question.when)))
+            guarded.append(Guarded(question.pattern, question.when, GuardFacts(question.when)))
             patterns.update(dict.fromkeys(guarded[-1].refined()))
         elif question.when is None or holds(question.when, {}):
             patterns[plain(question.pattern)] = None
@@ -147,7 +146,7 @@ def _complete(questions: Iterable[Observed], limit: int) -> tuple[tuple[Json, ..
             found.setdefault(closed if choices is None else answers(kept, event), event)
             if len(found) > limit:
                 raise TooLarge("letters, the combinations of answers that an event can give", limit=limit)
-    return tuple(found.values()), next((one.asked.gap for one in guarded if one.asked.gap), gap)
+    return tuple(found.values()), next((one.facts.gap for one in guarded if one.facts.gap), gap)
 
 
 def _near(value: Json) -> Iterator[Json]:
@@ -178,11 +177,11 @@ def _exchanged(event: Json, by: dict[object, Json]) -> Json:
 def _samples(questions: Sequence[Observed]) -> Iterator[Json]:
     """Yield events that match one or two questions with shared variables; incomplete.
 
-    Each round uses other values: constants of guards with their neighbours, and some more.
+    Each round uses other values.
     """
     tried: list[Scalar] = [1, 2, "a"]
     for guard in (question.when for question in questions if question.when is not None):
-        for constant in (one.value for constants in Asked(guard).constants.values() for one in constants):
+        for constant in (one.value for constants in GuardFacts(guard).constants.values() for one in constants):
             tried.append(constant)
             if isinstance(constant, (int, float)) and is_number(constant):
                 tried += [constant - 1, constant + 1]

@@ -29,11 +29,10 @@ from rvaft.model.guards import (
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, substitute
 from rvaft.model.values import Json, Scalar, is_number, key
 
-# The constants at which a guard's truth value can change, and the values that it compares.
-# Between neighbouring constants, a comparison of a variable with a constant is invariant, for
-# numbers and strings. If the variable occurs in arithmetic (`X / 2 < 1`), every step is monotone,
-# including rounding and overflow. Bisection then finds the changes, once among integers and once
-# among doubles.
+# The constants at which a guard's truth value can change, and the values that it compares. Between
+# neighbouring constants, a comparison of a variable with a constant is invariant. If the variable
+# occurs in arithmetic (`X / 2 < 1`), every step is monotone, including rounding and overflow.
+# Bisection then finds the changes, once among integers and once among doubles.
 
 SEVERAL: Final = "a guard has arithmetic over several values"
 BEYOND: Final = "a guard has an operation without known bounds"
@@ -41,7 +40,7 @@ BEYOND: Final = "a guard has an operation without known bounds"
 _MODERATE: Final = 2**64
 _EXACT: Final = 2**53
 _SMALL: Final = 4
-"""The largest integer whose products are monotone without bounds."""
+"""Largest integer whose products are monotone without bounds."""
 _BITS: Final = 64
 _DOUBLE_BITS: Final = 1024 + _BITS
 """All integers from two to this power on are equivalent, apart from the bits that steps with
@@ -49,7 +48,7 @@ moderate constants can remove.
 """
 
 
-class Asked:
+class GuardFacts:
     """The constants and comparisons of a guard; `gap` is the reason if they are incomplete."""
 
     def __init__(self, guard: Guard) -> None:
@@ -130,7 +129,6 @@ class Asked:
 
 
 def _behind(text: str) -> Iterator[str]:
-    """Yield the first string after all strings with this prefix, if any."""
     rest = text.rstrip(chr(sys.maxunicode))
     if rest:
         yield rest[:-1] + chr(ord(rest[-1]) + 1)
@@ -146,7 +144,6 @@ def _examples(guard: Guard) -> Iterator[str]:
 
 
 def _folded(guard: Guard) -> Guard | None:
-    """Return a constant operand as its value, or None if it is undefined."""
     if isinstance(guard, Operation) and not variables(guard):
         constant = value(guard, {})
         return None if constant is UNDEFINED else Literal(constant)
@@ -156,9 +153,9 @@ def _folded(guard: Guard) -> Guard | None:
 def _is_monotone(guard: Guard, limit: Scalar) -> bool:
     """Return whether the guard is a chain of steps on one variable, each with a moderate constant.
 
-    Integers are exact, other numbers are rounded. A sum with an integer is monotone if the integer
-    is at most 2**53. A product with an integer is monotone if its results are less than 2**54;
-    beyond, it does not matter if `limit` is at most 2**53.
+    A sum with an integer is monotone if the integer is at most 2**53. A product with an integer is
+    monotone if its results are less than 2**54; beyond, it does not matter if `limit` is at most
+    2**53.
     """
     reach = abs(limit) if isinstance(limit, (int, float)) else 0
     while isinstance(guard, Operation):
@@ -252,7 +249,6 @@ def regions(
 
 
 def _taken(values: Iterator[Json], many: int, avoided: set[Hashable]) -> tuple[Json, ...]:
-    """Return this many distinct values; avoided ones only if there are too few others."""
     free: dict[Hashable, Json] = {}
     spare: dict[Hashable, Json] = {}
     for one in values:
@@ -263,7 +259,6 @@ def _taken(values: Iterator[Json], many: int, avoided: set[Hashable]) -> tuple[J
 
 
 def _integers(low: Number | None, high: Number | None) -> Iterator[int]:
-    """Return the integers strictly between two numbers (None: no bound)."""
     if low is None:
         return count() if high is None else count(math.ceil(high) - 1, -1)
     first = math.floor(low) + 1
@@ -291,7 +286,6 @@ def _at_most(number: Number) -> float:
 
 
 def _strings(low: str | None, high: str | None) -> Iterator[str]:
-    """Yield the strings strictly between two strings (None: no bound), readable ones first."""
     if low is None:
         yield ""
     low = low or ""
@@ -303,22 +297,22 @@ def _strings(low: str | None, high: str | None) -> Iterator[str]:
         yield low + "\0" * number
 
 
-# Values for guard variables: one choice per possible combination of truth values.
-# The places are those of a closed set that includes the equalities in guards (`refined`). Two
-# compared values are therefore equal exactly if they share a place, and the value of a free place
-# is no constant of its guards. The remaining choice is the region between constants and, for
-# compared values, their order. A different value from each region for every place shows every case.
-# Places without a common guard are independent; they get different values, so that no choice
-# equates places of different classes. If a region has too few values for that and a pattern
-# requires equality, all choices are tried together.
+# Values for guard variables: one choice per possible combination of truth values. The places are
+# those of a closed set that includes the equalities in guards (`refined`). Two compared values are
+# therefore equal exactly if they share a place, and the value of a free place is no constant of its
+# guards. A different value from each region for every place then shows every case. Places without a
+# common guard get different values, so that no choice equates places of different classes. If a
+# region has too few values for that and a pattern requires equality, all choices are tried
+# together.
 
 TRIED: Final = 200_000
-"""The maximum number of tried choices."""
+"""Maximum number of tried choices."""
 
 
 def plain(pattern: Pattern) -> Pattern:
-    """Return the pattern with unconstrained variables as `_`, and numbered others, so that
-    equivalent patterns are equal.
+    """Return the pattern in a form that is equal for equivalent patterns.
+
+    Unconstrained variables become `_`, others are numbered.
     """
     uses = [part.name for _, part in _parts(pattern, Variable)]
     by: dict[str, Pattern] = {name: Anything() for name in uses}
@@ -333,15 +327,15 @@ class Guarded:
 
     pattern: Pattern
     guard: Guard
-    asked: Asked
+    facts: GuardFacts
 
     def refined(self) -> Iterator[Pattern]:
         """Yield the pattern, and its variants for each equality in the guard."""
         yield plain(self.pattern)
-        for name, constants in self.asked.constants.items():
+        for name, constants in self.facts.constants.items():
             for constant in constants:
                 yield plain(substitute(self.pattern, {name: constant}))
-        for one, other in sorted(self.asked.pairs):
+        for one, other in sorted(self.facts.pairs):
             yield plain(substitute(self.pattern, {other: Variable(one)}))
 
 
@@ -366,7 +360,7 @@ class Choices:
         self._guarded = [(one, patterns.index(plain(one.pattern))) for one in guarded]
         self._patterns = patterns
         self._fresh = fresh
-        self._calculated = any(one.asked.calculated for one in guarded)
+        self._calculated = any(one.facts.calculated for one in guarded)
         self._many = sum(len(variables(one.guard)) for one in guarded)
         self._tried = 0
         added = {pattern for one in guarded for pattern in one.refined()} - {plain(one.pattern) for one in guarded}
@@ -377,12 +371,11 @@ class Choices:
         self._regions = [tuple(fresh.opaque(number) for number in range(self._many))]
         self._points: tuple[Scalar, ...] = ()
         # a non-finite number does not equal itself; only it makes `V != 1` undefined
-        self._undefined = [math.nan] if any(one.asked.equated for one in guarded) else []
-        if any(one.asked.ordered for one in guarded):  # otherwise guards only test equality
-            constants = [one.value for about in guarded for some in about.asked.constants.values() for one in some]
-            if any(one.asked.pairs for one in guarded):
-                # a variable may be compared with a literal of another pattern at the same or a
-                # linked path
+        self._undefined = [math.nan] if any(one.facts.equated for one in guarded) else []
+        if any(one.facts.ordered for one in guarded):  # otherwise guards only test equality
+            constants = [one.value for about in guarded for some in about.facts.constants.values() for one in some]
+            if any(one.facts.pairs for one in guarded):
+                # a variable may meet a literal of another pattern at the same or a linked path
                 paths = {path for one in guarded for path, _ in _parts(one.pattern, Variable)}
                 constants += [one for path, one in literals if linked or path in paths]
             self._points = tuple({key(one): one for one in constants}.values())
@@ -391,7 +384,7 @@ class Choices:
         self._crowded = linked and any(len(region) < self._many for region in self._regions)
 
     def events(self, closed: int, event: Json) -> Iterator[Json]:
-        """Yield the events of a closed set; `event` is its least event."""
+        """Yield the events of a closed set with the least event `event`."""
         here = [one for one, at in self._guarded if closed >> at & 1]
         if not here:
             yield event
@@ -432,9 +425,7 @@ class Choices:
             yield self._shown(within, known, {place: some for place, some in values.items() if some})
 
     def _shown(self, placed: Sequence[Placed], known: Choice, values: Mapping[Place, Sequence[Json]]) -> list[Choice]:
-        """Return a choice per combination of truth values and equalities, including those with
-        literals.
-        """
+        """Return a choice per combination of truth values and equalities, also with literals."""
         self._tried += prod(map(len, values.values()))
         if self._tried > TRIED:
             raise TooLarge("values to try for the variables of guards", limit=TRIED)
@@ -453,7 +444,6 @@ class Choices:
         return list(found.values())
 
     def _forms(self, place: Place, demands: Demands, taken: Collection[Place]) -> list[Json]:
-        """Return an object or list, defined and undefined."""
         if demands.literal(place) is not None:
             return []
         carrier = demands.carrier(place, taken) if self._undefined else None

@@ -124,9 +124,8 @@ class Demands:
         return True
 
     def carrier(self, place: Place, taken: Collection[Place]) -> Place | None:
-        """Return a place inside an object or list for a non-finite number, or None.
-
-        It is an object, or a free place that is not `taken`.
+        """Return an object, or a free place that is not `taken`, inside a place for a non-finite
+        number.
         """
         todo = [self.place(place)]
         while todo:
@@ -176,10 +175,10 @@ class Demands:
         return built
 
 
-# Closed sets: the sets of patterns that one event can match, each with its least event.
-# A set is closed if it contains every pattern that its least event matches. Ganter's algorithm
-# (close by one) enumerates them without repetition: a set grows by patterns of increasing number,
-# and a step that adds an earlier pattern is skipped.
+# Closed sets: the sets of patterns that one event can match, each with its least event. A set is
+# closed if it contains every pattern that its least event matches. Ganter's algorithm (close by
+# one) enumerates them without repetition: a set grows by patterns of increasing number, and a step
+# that adds an earlier pattern is skipped.
 
 
 def closed_sets(patterns: Sequence[Pattern], fresh: Fresh, *, limit: int) -> Iterator[tuple[int, Json]]:
@@ -188,9 +187,6 @@ def closed_sets(patterns: Sequence[Pattern], fresh: Fresh, *, limit: int) -> Ite
     """
 
     def closure(generators: tuple[int, ...], possible: int) -> tuple[int, Json] | None:
-        """Return the possible patterns that the generators' least event matches, and the event, or
-        None.
-        """
         demands = Demands(fresh)
         values = None
         if all(demands.demand(patterns[index]) is not None for index in generators):
@@ -219,11 +215,11 @@ def closed_sets(patterns: Sequence[Pattern], fresh: Fresh, *, limit: int) -> Ite
 
 
 def _rivals(patterns: Sequence[Pattern]) -> list[int]:
-    """Return for each pattern those with another literal in a common field: no event matches both."""
+    """Return for each pattern those with another literal in a field: no event matches both."""
     fields = (pattern.fields if isinstance(pattern, ObjectPattern) else () for pattern in patterns)
     literals = [[field for field in some if isinstance(field[1], Literal)] for some in fields]
-    those: dict[object, int] = defaultdict(int)
+    having: dict[object, int] = defaultdict(int)
     for index, some in enumerate(literals):
         for what in chain(some, dict(some)):  # a literal in a field, and the field alone
-            those[what] |= 1 << index
-    return [union(those[name] & ~those[name, literal] for name, literal in some) for some in literals]
+            having[what] |= 1 << index
+    return [union(having[name] & ~having[name, literal] for name, literal in some) for some in literals]

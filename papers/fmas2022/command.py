@@ -17,8 +17,8 @@ def ended(name: str, run: Callable[[], int | None]) -> int:
     except Stopped as stopped:
         return stopped.status
     except RvaftError as error:
-        said = str(error)
+        message = str(error)
     except OSError as error:
-        said = f"{error.filename}: {error.strerror}"
-    sys.stderr.write(f"{name}: error: {said}\n")
+        message = f"{error.filename}: {error.strerror}"
+    sys.stderr.write(f"{name}: error: {message}\n")
     return FAILED

@@ -54,7 +54,7 @@ class Page:
 
 
 def findings(chosen: Iterable[Finding] = FINDINGS) -> Page:
-    """Run all commands in a temporary folder, and return the page; raises `ToolFailed`, `OSError`."""
+    """Run all commands in a temporary folder; return the page. Raises `ToolFailed`, `OSError`."""
     with TemporaryDirectory(prefix="rvaft-") as folder:
         sections = [_section(finding, Path(folder)) for finding in chosen]
     states = [(title, state) for title, state, _ in sections]
@@ -63,7 +63,6 @@ def findings(chosen: Iterable[Finding] = FINDINGS) -> Page:
 
 
 def _summary(states: Sequence[State]) -> str:
-    """Return the number of findings in each state, and the unconfirmed ones."""
     words = []
     for state in State:
         numbers = [str(number) for number, one in enumerate(states, 1) if one is state]
@@ -75,7 +74,7 @@ def _summary(states: Sequence[State]) -> str:
 def _section(finding: Finding, scratch: Path) -> tuple[str, State, str]:
     shell = _Shell(scratch)
     body, state = "\n".join(shell.blocks(finding.steps)), shell.state
-    title = finding.asked or finding.title if state is State.PARTLY else finding.title
+    title = finding.question or finding.title if state is State.PARTLY else finding.title
     seen = f"\n\n{finding.seen}" if finding.seen and state is State.CONFIRMED else ""
     return title, state, f"{_NOTES[state]}{finding.text}{seen}\n\n{body}"
 

@@ -36,14 +36,14 @@ class Step:
 class Finding:
     """A claim with explanation and commands.
 
-    If some commands cannot run, `asked` replaces the title, and `seen`, the description of their
+    If some commands cannot run, `question` replaces the title, and `seen`, the description of their
     result, is left out.
     """
 
     title: str
     text: str
     steps: tuple[Step, ...]
-    asked: str = ""
+    question: str = ""
     seen: str = ""
 
 
@@ -107,7 +107,7 @@ FINDINGS: Final = (
             ),
             Step(_COMPILE.format("$OUT/listing.rml", "$OUT/listing.pl"), needs=COMPILER),
         ),
-        asked="Whether the published compiler takes the Listing as printed",
+        question="Whether the published compiler takes the Listing as printed",
         seen="The compiler stops at the first variable, writes nothing, and ends with exit status 0. The text that "
         "`make paper` writes compiles.",
     ),
@@ -247,7 +247,7 @@ FINDINGS: Final = (
             Step(_RUN.format("$OUT/faithful.pl", "$OUT/decimal.jsonl"), _ACCEPTED, MONITOR),
             Step(_RUN.format("$OUT/faithful.pl", f"{_TRACES}/table3_row3.jsonl"), _REJECTED, MONITOR),
         ),
-        asked="Whether the published monitor takes a goal 1.0 after a command to waypoint 1 for an attack",
+        question="Whether the published monitor takes a goal 1.0 after a command to waypoint 1 for an attack",
         seen="The published monitor distinguishes 1 from 1.0 and reports an attack for the trace with 1.0.",
     ),
     Finding(
@@ -255,6 +255,6 @@ FINDINGS: Final = (
         "The reference, the engine and the texts of all faithful backends give a verdict after every event of the "
         "completed traces. The verdicts of the engine are the cells of the generated tables.",
         (Step("python -m papers.fmas2022.verdict_table | grep agree", " agree"),),
-        asked="Whether all participants agree on the cells of Tables 2 and 3",
+        question="Whether all participants agree on the cells of Tables 2 and 3",
     ),
 )

@@ -1,4 +1,4 @@
-"""φ₁ to φ₄ and φ of section 4.2 as LaTeX, and φ, the Listing of section 4.3, in RML that compiles."""
+"""φ₁ to φ₄ and φ of section 4.2 as LaTeX, and the Listing of section 4.3 as RML."""
 
 from typing import Final
 
@@ -23,6 +23,6 @@ def listing_rml(tree: RVAFT) -> str:
 
 
 def listing_tex(tree: RVAFT) -> str:
-    """Return the specification as LaTeX, with its language definition for the package `listings`."""
+    """Return the specification as LaTeX, with its definition for the package `listings`."""
     made = listing(listing_rml(tree), backend("rml").highlighting)
     return tex.captioned(made, caption=_CAPTION, label="lst:phi")

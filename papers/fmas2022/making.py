@@ -102,13 +102,13 @@ def _pictures(folder: Folder) -> str:
         measured = overhead(folder.path)
     except ToolMissing as error:
         folder.not_run.append(f"overhead: {error}")
-        said = f"not run: {error}\n"
+        statement = f"not run: {error}\n"
     else:
         folder.files.extend(measured.files)
-        said = measured.statement
+        statement = measured.statement
     return (
         "\n## What monitoring costs a mission\n\nMeasured on this machine by `python -m "
-        f"papers.fmas2022.overhead`.\n\n{said}"
+        f"papers.fmas2022.overhead`.\n\n{statement}"
     )
 
 

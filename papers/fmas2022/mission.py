@@ -1,7 +1,7 @@
 """A simulated remote inspection mission: the messages on the rover's topics.
 
 Messages have the fields of the published log of the case study
-(rafaelcaue/rvaft-remote-inspection). Two fields are named as in Tables 2 and 3 of the paper: a
+(rafaelcaue/rvaft-remote-inspection), with two exceptions from Tables 2 and 3 of the paper: a
 command has a `waypoint`, and `goal` is the waypoint sent to the planner, with its pose in
 `target_pose`. Results of the planner are added, because the tree uses them.
 
@@ -35,7 +35,6 @@ SPEED: Final = 0.5
 PERIOD: Final = 1.0
 """Seconds between two readings of the radiation sensor."""
 _LATENCY: Final = 0.002
-"""Seconds from a reading to its message."""
 _SIDE: Final = 20.0
 """Metres of the square hall; the entrance is in the middle of its southern wall."""
 _BACKGROUND: Final = range(4, 11)
@@ -65,7 +64,7 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """A mission of at least two waypoints (else `OptionError`); equal missions have equal events."""
+    """A mission of at least two waypoints (else `OptionError`); equal ones have equal events."""
 
     waypoints: int
     mode: Mode = Mode.NOMINAL
@@ -231,11 +230,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1, help="another one is another mission (default 1)")
     options = parser.parse_args(arguments)
 
-    def told() -> None:
+    def write_messages() -> None:
         for event in Mission(options.waypoints, options.mode, options.seed).events():
             sys.stdout.write(f"{json.dumps(event)}\n")
 
-    return ended("mission", told)
+    return ended("mission", write_messages)
 
 
 if __name__ == "__main__":

@@ -46,17 +46,17 @@ def overhead(folder: Path, *, quick: bool = False) -> Overhead:
     watched = rvaft.load(PRUNED)
     measured = tuple(run for mode in Mode for run in runs(watched, sizes, times, mode=mode))
     found = cells(measured)
-    said = statement(found)
+    overview = statement(found)
     texts = {
         "overhead_runs.csv": runs_csv(measured),
         "overhead.csv": cells_csv(found),
         "overhead.tex": nominal_tex(found),
         "overhead_detected.tex": detected_tex(found),
-        "overhead.md": said,
+        "overhead.md": overview,
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8", newline="\n")
-    return Overhead((*(folder / name for name in texts), *draw(found, folder)), said, found)
+    return Overhead((*(folder / name for name in texts), *draw(found, folder)), overview, found)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

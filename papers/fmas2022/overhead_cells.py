@@ -66,7 +66,7 @@ def cells(runs: Iterable[Run]) -> tuple[Cell, ...]:
 
 
 def _place(run: Run) -> tuple[int, int, int]:
-    """Return mode, number of waypoints and setup as sort key; the setup without monitors is first."""
+    """Return mode, number of waypoints and setup as sort key; no monitors come first."""
     return list(Mode).index(run.mode), run.waypoints, SETUPS.index(run.setup)
 
 

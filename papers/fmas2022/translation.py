@@ -150,7 +150,7 @@ class PaperTypes:
         main = self.declare(wish, parameters, f"matches {self._pattern(pattern, node)}{condition}")
         return f"({_AND.join([main, *beside])})" if beside else main
 
-    def asked(self, wish: str, pattern: Pattern, when: Guard | None, node: str, what: str) -> str:
+    def event_type(self, wish: str, pattern: Pattern, when: Guard | None, node: str, what: str) -> str:
         """Return an event for a filter, for any values."""
         term = self.event(wish, pattern, [] if when is None else [when], node)
         if term.startswith("("):
@@ -380,12 +380,12 @@ def _is_loose(term: str) -> bool:
 
 def _filtered(tree: RVAFT, types: PaperTypes, main: str) -> str:
     refused = "a guard that a filter cannot check"
-    parents = [types.asked(f"seen_{e.node}", e.pattern, e.when, e.node, refused) for e in tree.alphabet]
+    parents = [types.event_type(f"seen_{e.node}", e.pattern, e.when, e.node, refused) for e in tree.alphabet]
     relevant = types.declare("relevant", [], f"matches {' | '.join(dict.fromkeys(parents))}")
     main = f"{relevant} >> ({main})"
     refused = "an `ignore` whose guard a filter cannot check"
     for ignore in tree.ignores:
-        call = types.asked("ignored", tree.instantiate(ignore.on), ignore.when, "ignore", refused)
+        call = types.event_type("ignored", tree.instantiate(ignore.on), ignore.when, "ignore", refused)
         main = f"{types.declare('kept', [], f'not matches {call}')} >> ({main})"
     return main
 

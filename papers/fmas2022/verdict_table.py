@@ -15,12 +15,16 @@ import rvaft
 from cross_check.participants import Absent, Outside, Participant
 from papers.fmas2022.command import ended
 from papers.fmas2022.places import PRUNED
-from papers.fmas2022.verdicts import absent, enlist, listed, present, said, symbols
+from papers.fmas2022.verdicts import absent, enlist, listed, present, symbols, verdicts_after
 from rvaft.model.values import Json
 
 
 def _cell(participant: Participant | Outside | Absent, events: list[Json]) -> str:
-    return f"({participant.status})" if isinstance(participant, Absent) else symbols(said(participant, events) or ())
+    return (
+        f"({participant.status})"
+        if isinstance(participant, Absent)
+        else symbols(verdicts_after(participant, events) or ())
+    )
 
 
 def printed() -> int:

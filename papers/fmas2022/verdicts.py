@@ -61,9 +61,9 @@ def monitors(tree: RVAFT) -> Monitors:
 
 
 def enlist(tree: RVAFT) -> Enlisted:
-    """Return the participants with all verdicts for the tree and its branches, under `projected`."""
-    telling = tuple(name for name in faithful_backends() if Verdict.FALSE in backend(name).verdicts)
-    roster = Roster(telling)
+    """Return the participants with full verdicts for tree and branches, under `projected`."""
+    full_verdicts = tuple(name for name in faithful_backends() if Verdict.FALSE in backend(name).verdicts)
+    roster = Roster(full_verdicts)
     return {
         sign: {name: make() for name, make in roster.candidates(tree, Job("tree", Semantics.PROJECTED, branch=branch))}
         for sign, branch in monitors(tree).items()
@@ -106,7 +106,7 @@ def traces(enlisted: Enlisted, folder: Path) -> Iterator[Trace]:
             yield Trace(table, number, tuple(events), _agreed(enlisted, events), as_printed)
 
 
-def said(one: Participant | Outside | Absent, events: Sequence[Json]) -> tuple[Verdict, ...] | None:
+def verdicts_after(one: Participant | Outside | Absent, events: Sequence[Json]) -> tuple[Verdict, ...] | None:
     """Return the verdicts of a participant after every event, or None if it cannot run."""
     return tuple(one.start().run(events)) if isinstance(one, Participant) else None
 
@@ -119,7 +119,7 @@ def symbols(verdicts: Sequence[Verdict]) -> str:
 def _agreed(enlisted: Enlisted, events: Sequence[Json]) -> Verdicts:
     found: dict[str, tuple[Verdict, ...]] = {}
     for sign, everybody in enlisted.items():
-        words = {name: word for name, one in everybody.items() if (word := said(one, events)) is not None}
+        words = {name: word for name, one in everybody.items() if (word := verdicts_after(one, events)) is not None}
         found[sign] = words[ENGINE]
         for name, word in words.items():
             if word != words[ENGINE]:

@@ -1,1 +1,1 @@
-"""Comparison of specification languages by size and speed on the same trees, for `rvaft compare`."""
+"""Comparison of specification languages by size and speed on the same trees."""

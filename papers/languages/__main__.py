@@ -31,7 +31,7 @@ GROUPS: Final = (
 """Languages measured with common options."""
 LANGUAGES: Final = tuple(name for names, *_ in GROUPS for name in names.split(","))
 TIMEOUT: Final = 60
-"""Seconds per tree and language: many times the slowest, so that slow machines get the same sizes."""
+"""Seconds per tree and language: many times the slowest, so that slow machines get equal sizes."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -16,9 +16,7 @@ SCATTERED_ALONE: Final = ("eql", "mfotl", "mtl", "mtl-r2u2", "sigma", "stix")
 """Languages that cannot forbid events between those of a match."""
 
 Formula = Callable[[int, int], int]
-"""A size of a gate over n children that needs k of them; OR has k = 1, other gates except VOT k =
-n.
-"""
+"""A size of a gate over n children that needs k; OR has k = 1, gates except VOT k = n."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +34,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """The sizes of gates in a language, under some semantics and for n and k that satisfy `where`."""
+    """The sizes of gates in a language, under some semantics and for n and k with `where`."""
 
     language: str
     gates: Sequence[Gate]
@@ -67,9 +65,7 @@ def sized(title: str, *claims: Claim) -> Finding:
 
 
 def filtered(claim: Claim) -> tuple[Claim, Claim]:
-    """Return the claim under `strict`, and under `projected`, which adds the four symbols of
-    `relevant >> (…)`.
-    """
+    """Return the claim under `strict` and `projected`, which adds 4 symbols: `relevant >> (…)`."""
     symbols = claim.sizes["symbols"]
     more: Formula = lambda n, k: symbols(n, k) + 4  # noqa: E731
     return claim, replace(claim, semantics=(PROJECTED,), sizes={**claim.sizes, "symbols": more})
@@ -81,9 +77,7 @@ def _gate(row: Measurement) -> tuple[int, int]:
 
 
 def subsets(n: int, k: int) -> int:
-    """Return the number of sets of fewer than k of n children: the states before VOT k/n is
-    detected.
-    """
+    """Return the number of sets of fewer than k of n children: the states before the detection."""
     return sum(comb(n, size) for size in range(k))
 
 
@@ -98,16 +92,16 @@ def larger(n: int, k: int, size: Callable[[int], int]) -> int:
 
 
 def unrolled(n: int, k: int) -> int:
-    """Return the symbols of the paper's VOT k/n: an equation per set of fewer than k children, with
-    an option per remaining child.
+    """Return the symbols of the paper's VOT k/n.
+
+    It has an equation per set of fewer than k children, with an option per remaining child.
     """
     inner = sum(comb(n, size) * (5 * (n - size) + 2) for size in range(k - 1))
     return inner + comb(n, k - 1) * (4 * (n - k + 1) + 2) + 5
 
 
 def chains(n: int, k: int, chain: Callable[[int], int], *, other: int, more: int = 0, joint: int = 0) -> int:
-    """Return the symbols of a chain per order of k - 1 children, with a choice of the others at the
-    first event.
+    """Return the symbols of a chain per order of k - 1 children, with a choice of the others first.
 
     `other` counts per alternative, `more` per choice, `joint` between chains.
     """

@@ -63,9 +63,7 @@ _DOOMED: Final = 4  # one of this many walks leads to ⊥
 _TRIES: Final = 16  # the number of events tried
 _FOREIGN: Final = "none of the tree's"
 _OTHERS: Final = ("top or all rows some; all and a b; rows sand c d e; some 2of3 f g h;", "top sand a b c;")
-"""Warm-up trees, different from measured ones; the second is for languages that cannot express the
-first.
-"""
+"""Warm-up trees, different from measured ones; the second is for less expressive languages."""
 _SCALARS: Final = (str, int, float, bool, type(None))
 
 
@@ -83,7 +81,7 @@ class Subject:
 
     @cached_property
     def digest(self) -> str:
-        """The first digits of a hash of the tree's canonical text, which identify the tree."""
+        """First digits of a hash of the tree's canonical text."""
         return hashlib.sha256(dumps(self.tree).encode(errors="surrogateescape")).hexdigest()[:12]
 
 
@@ -97,8 +95,9 @@ class Cell:
 
 
 def gate_subjects(gates: Iterable[Gate] = Gate, max_arity: int = MAX_ARITY) -> Iterator[Subject]:
-    """Yield each gate over 1 to `max_arity` leaves with disjoint default events; VOT with every
-    threshold.
+    """Yield each gate over 1 to `max_arity` leaves with distinct default events.
+
+    VOT has every threshold.
 
     >>> [subject.name for subject in gate_subjects(map(Gate, ["and", "vot"]), 2)]
     ['and 1', 'and 2', 'vot 1/1', 'vot 1/2', 'vot 2/2']
@@ -214,8 +213,9 @@ class Measurement(msgspec.Struct, frozen=True):
         return (self.tree, self.digest, self.semantics, self.language, self.limit, self.seed, self.version)
 
     def serves(self, wanted: "Measurement") -> bool:
-        """Return whether this record can replace another with the same key: it is complete, and not
-        limited by less time or memory.
+        """Return whether this record can replace another with the same key.
+
+        It must be complete, and not limited by less time or memory.
         """
         if self.key != wanted.key or self.ended is None or self.broken:
             return False
@@ -360,16 +360,16 @@ def _isolated(work: Callable[[], object], seconds: float, clock: float, settings
     `_Unmeasurable`.
     """
     context = multiprocessing.get_context("fork")
-    heard, said = context.Pipe(duplex=False)
-    process = context.Process(target=_work, args=(work, said, seconds, clock, settings), daemon=True)
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=_work, args=(work, sender, seconds, clock, settings), daemon=True)
     # SIGTERM during a fork would leave the other process running, or cause warnings.
     open_signals = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
     process.start()
     try:
         signal.pthread_sigmask(signal.SIG_SETMASK, open_signals)
-        said.close()  # the end of the process closes the pipe
-        with heard:
-            result, used = heard.recv()
+        sender.close()  # the end of the process closes the pipe
+        with receiver:
+            result, used = receiver.recv()
     except EOFError:
         process.join()
         code = process.exitcode or 0
@@ -386,7 +386,7 @@ def _isolated(work: Callable[[], object], seconds: float, clock: float, settings
     return result, used
 
 
-def _work(work: Callable[[], object], said: Connection, seconds: float, clock: float, settings: Settings) -> None:
+def _work(work: Callable[[], object], sender: Connection, seconds: float, clock: float, settings: Settings) -> None:
     """Run the work within limits of CPU time, wall time and memory, and send its result."""
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.setitimer(signal.ITIMER_PROF, seconds)
@@ -407,7 +407,7 @@ def _work(work: Callable[[], object], said: Connection, seconds: float, clock: f
         result = _Unmeasurable(Outcome(Status.of(known)), reason(known))
     if process_time() > seconds:  # the system checks its timer only at intervals
         signal.raise_signal(signal.SIGPROF)
-    said.send((result, process_time()))
+    sender.send((result, process_time()))
 
 
 def _warm_up(language: str, semantics: Semantics) -> None:
@@ -429,7 +429,7 @@ def _warm_up(language: str, semantics: Semantics) -> None:
 
 @cache
 def _other_text(language: str, semantics: Semantics) -> str:
-    """Return the text of the first warm-up tree that the language can express, or an empty string."""
+    """Return the text of the first expressible warm-up tree, or an empty string."""
     for tree in map(loads, _OTHERS):
         with suppress(RvaftError):
             return backend(language).translate(tree, semantics).text
@@ -469,14 +469,14 @@ def _ran(cell: Cell, text: str, trodden: Sequence["Walk"]) -> Run:
     reader = backend(cell.language).read(text)
     reading, seconds, events, differing = thread_time() - start, 0.0, 0, 0
     if isinstance(reader, DetectionMonitor):
-        asked = [walk for walk in trodden if not reader.left_open(walk.events)]
+        decidable = [walk for walk in trodden if not reader.left_open(walk.events)]
         with no_collection():
             start = thread_time()
-            found = reader.first_detections([walk.events for walk in asked])
+            found = reader.first_detections([walk.events for walk in decidable])
             seconds = thread_time() - start
-        events = sum(len(walk.events) for walk in asked)
-        differing = sum(number != walk.detection for number, walk in zip(found, asked, strict=True))
-        return Run(reading, seconds, events, len(asked), differing, whole=True)
+        events = sum(len(walk.events) for walk in decidable)
+        differing = sum(number != walk.detection for number, walk in zip(found, decidable, strict=True))
+        return Run(reading, seconds, events, len(decidable), differing, whole=True)
     for walk in trodden:
         monitor, got = reader.fork(), []
         with no_collection():

@@ -35,7 +35,7 @@ TREES: Final = (
 SHORT: Final = (2, 3, 4, 6, 8)
 """The numbers of children in the short table; VOT with half of them."""
 FEW: Final = 5
-"""The number of children in the tables of sizes and times: the most within every language's limit."""
+"""Number of children in the tables of sizes and times: the most within all limits."""
 
 _HEAD: Final = """\
 # Evaluation: {languages} specification languages
@@ -166,7 +166,7 @@ def expressible(rows: Sequence[Measurement]) -> tuple[list[list[str]], list[str]
     cells = {(Path(row.tree).stem, row.semantics, row.language): row for row in rows if row.gate is None}
     reasons: dict[str, int] = {}
 
-    def said(row: Measurement) -> str:
+    def cell_text(row: Measurement) -> str:
         if row.result is Outcome.NOT_EXPRESSIBLE:
             return str(reasons.setdefault(row.reason, len(reasons) + 1))
         return "yes" if _is_said(row) else "other verdicts" if row.differing else str(row.ended)
@@ -174,7 +174,7 @@ def expressible(rows: Sequence[Measurement]) -> tuple[list[list[str]], list[str]
     found = [["tree", *names]]
     for tree in TREES:
         title = (FOLDER / "trees" / f"{tree}.rvaft").read_text(encoding="utf-8").splitlines()[0].strip("/ .")
-        found.append([title, *(said(cells[tree, Semantics.SCATTERED, name]) for name in names)])
+        found.append([title, *(cell_text(cells[tree, Semantics.SCATTERED, name]) for name in names)])
     for semantics in Semantics:
         can = (sum(_is_said(cells[tree, semantics, name]) for tree in TREES) for name in names)
         found.append([f"{semantics}, of {len(TREES)}", *map(str, can)])
@@ -237,8 +237,8 @@ def expressible_tex(cells: Sequence[Sequence[str]], reasons: Sequence[str]) -> s
     r"""Return the table of expressiveness for LaTeX, as an `\input`, with the reasons below it."""
     heading, *others = ([escaped(cell) for cell in line] for line in cells)
     turned = " & ".join(rf"\rotatebox{{90}}{{{name}}}" for name in heading[1:])
-    told = ("emitted", "detections only", "all")
-    rotated = ([rf"\rotatebox{{90}}{{{cell}}}" if cell in told else cell for cell in line] for line in others)
+    rotated_cells = ("emitted", "detections only", "all")
+    rotated = ([rf"\rotatebox{{90}}{{{cell}}}" if cell in rotated_cells else cell for cell in line] for line in others)
     lines = [" & ".join(line) + r" \\" for line in rotated]
     below = " ".join(f"({number}) {escaped(reason.replace('`', ''))}." for number, reason in enumerate(reasons, 1))
     return "\n".join(
@@ -275,8 +275,8 @@ def expressible_tex(cells: Sequence[Sequence[str]], reasons: Sequence[str]) -> s
 def _finding(finding: Finding, rows: Sequence[Measurement]) -> str:
     cells = finding.cells(rows)
     against = [row for row in cells if not finding.holds(row)]
-    said = f"{len(cells):,} cells" if not against else f"NOT CONFIRMED: {len(against)} of {len(cells)} cells differ"
-    return f"- {finding.title} ({said})\n"
+    outcome = f"{len(cells):,} cells" if not against else f"NOT CONFIRMED: {len(against)} of {len(cells)} cells differ"
+    return f"- {finding.title} ({outcome})\n"
 
 
 def _large(rows: Sequence[Measurement]) -> Iterator[str]:

@@ -109,8 +109,8 @@ class Plot(NamedTuple):
 
 
 def figures(rows: Sequence[Measurement]) -> Iterator[Plot]:
-    """Yield per measure a figure of the gates per semantics, and one of all other trees, if they
-    have values.
+    """Yield per measure a figure of the gates per semantics, and one of the other trees, if not
+    empty.
     """
     gates = {
         semantics: list(_gates([row for row in rows if row.gate is not None and row.semantics is semantics]))

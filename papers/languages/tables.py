@@ -93,8 +93,8 @@ def headline(rows: Sequence[Measurement]) -> str:
     """Return the number of measurements per outcome; texts with other verdicts are not `ok`."""
     counts = Counter(_OTHER if row.differing else row.ended for row in rows)
     words = [Outcome.OK, _OTHER, *(outcome for outcome in Outcome if outcome is not Outcome.OK)]
-    said = ", ".join(f"{counts[word]} {word}" for word in words if counts[word])
-    return f"{len(rows)} measurement{'' if len(rows) == 1 else 's'}: {said or 'none'}"
+    counted = ", ".join(f"{counts[word]} {word}" for word in words if counts[word])
+    return f"{len(rows)} measurement{'' if len(rows) == 1 else 's'}: {counted or 'none'}"
 
 
 class Width(StrEnum):
@@ -178,8 +178,8 @@ def latex_text(rows: Sequence[Measurement], width: Width = Width.PAGE) -> str:
 
 def unable(rows: Iterable[Measurement]) -> dict[str, str]:
     """Return the languages that can express none of these trees, each with a reason."""
-    said = {row.language for row in rows if row.result is not Outcome.NOT_EXPRESSIBLE}
-    return {row.language: row.reason for row in rows if row.language not in said}
+    able = {row.language for row in rows if row.result is not Outcome.NOT_EXPRESSIBLE}
+    return {row.language: row.reason for row in rows if row.language not in able}
 
 
 def _remarks(rows: Sequence[Measurement], shown: Sequence[str], mute: Mapping[str, str]) -> Iterator[str]:

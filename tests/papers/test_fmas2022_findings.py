@@ -69,7 +69,7 @@ STATES = [
 
 @pytest.mark.parametrize(("step", "state"), STATES)
 def test_what_hangs_on_a_command_that_was_not_run_is_not_asserted(step: Step, state: State) -> None:
-    made = findings([Finding("It is so", "A text.", (step,), asked="Whether it is so", seen="It was seen.")])
+    made = findings([Finding("It is so", "A text.", (step,), question="Whether it is so", seen="It was seen.")])
     title = "Whether it is so" if state is State.PARTLY else "It is so"
     assert made.states == [(title, state)]
     said = {State.PARTLY: "**Not run in full**", State.UNCONFIRMED: "**Not confirmed**", State.CONFIRMED: "A text."}

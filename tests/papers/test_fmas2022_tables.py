@@ -150,13 +150,13 @@ def test_notes_have_letters_in_order_and_an_equal_note_keeps_its_own() -> None:
 def test_a_participant_that_says_something_else_is_no_footnote(
     enlisted: Enlisted, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = verdicts.said
+    real = verdicts.verdicts_after
 
     def lying(one: Any, events: Sequence[Any]) -> Any:
         found = real(one, events)
         return found if found is None or one.name != "rml" else (*found[:-1], Verdict.TRUE)
 
-    monkeypatch.setattr(verdicts, "said", lying)
+    monkeypatch.setattr(verdicts, "verdicts_after", lying)
     with pytest.raises(Disagreement, match=r"engine says .*, rml says .*⊤"):
         list(traces(enlisted, TRACES))
 

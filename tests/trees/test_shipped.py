@@ -5,7 +5,7 @@ from itertools import product
 import pytest
 
 from cross_check.comparison import Roster
-from cross_check.participants import Absent, Participant, tells_detections_only
+from cross_check.participants import Absent, Participant, reports_detections_only
 from cross_check.results import Job
 from rvaft import NotExpressible, Semantics, ToolMissing, Verdict, all_backends
 from rvaft.backend import backend
@@ -41,11 +41,11 @@ def test_the_engine_and_every_text_give_the_stored_verdicts(name: str, semantics
             assert isinstance(made, Participant)
             told = [one for one in traces if made.left_open is None or not made.left_open(traces[one])]
             told = (
-                told[::6] if tells_detections_only(made) else told
+                told[::6] if reports_detections_only(made) else told
             )  # their programs look at whole traces, and take long
             for trace, verdicts in zip(told, made.answers([traces[one] for one in told]), strict=True):
                 said, stored = "".join(verdict.symbol for verdict in verdicts), expected[trace][semantics][column]
-                wanted = stored.replace("⊥", "?") if tells_detections_only(made) else stored
+                wanted = stored.replace("⊥", "?") if reports_detections_only(made) else stored
                 assert said == wanted, f"{participant} on {trace}, {column}"
 
 

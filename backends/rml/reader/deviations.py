@@ -1,12 +1,12 @@
 """Deviations of the published RML compiler and monitor from this reader.
 
-Comparisons with the published tools leave out the pairs of text and trace that a row concerns; no
-other pair may differ. The predicates are conservative: they may include pairs that agree, but miss
-none that differ. Row numbers are names only.
+Comparisons with the published tools leave out the pairs of text and trace that a row concerns. The
+predicates are conservative: they may include pairs that agree, but miss none that differ. Row
+numbers are identifiers only.
 
-Not in the table, because nothing can be compared: the compiler refuses field names that are blank
-or not ASCII, and integers beyond 32 bits. The monitor does not terminate on event types derived
-from themselves, nor on recursive equations that are repeated `{0}` times or lack generic arguments.
+The table omits what cannot be compared. The compiler refuses field names that are blank or not
+ASCII, and integers beyond 32 bits. The monitor does not terminate on event types derived from
+themselves, nor on recursive equations that are repeated `{0}` times or lack generic arguments.
 """
 
 from collections.abc import Iterable
@@ -24,7 +24,7 @@ _SPECIAL: Final = frozenset(("^", "sin", "cos", "tan", "abs", "min", "max"))
 
 
 class Deviation(NamedTuple):
-    """A deviation: behaviour of the published tools, and of this reader."""
+    """The behaviour of the published tools, and of this reader."""
 
     number: int
     title: str
@@ -134,7 +134,6 @@ def _fields(events: list[Json]) -> list[tuple[str, Json]]:
 
 
 def _calculated(parts: Iterable[s.Part]) -> tuple[list[s.Data], list[s.Data]]:
-    """Return the conditions of `if`, and the arguments of equations."""
     expressions = [part for part in parts if isinstance(part, s.Expression)]
     conditions = [part.data[0] for part in expressions if part.operator == "if"]
     return conditions, [a for part in expressions if part.operator == "call" for a in part.data[1]]
@@ -153,7 +152,7 @@ def _bindable(parts: list[s.Part], fields: list[tuple[str, Json]], whole: bool, 
 
 
 def _kind(part: s.Data, operands: list[str]) -> str:
-    """Return `truth` for connectives of comparisons, `number` for arithmetic, else an empty string."""
+    """Return `truth` for connectives of comparisons, `number` for arithmetic, else nothing."""
     match part:
         case s.Constant(value):
             return "number" if is_number(value) else ""
@@ -181,7 +180,6 @@ def _leaves_unbound(program: s.RmlProgram) -> bool:
 
     @cache
     def bound(declaration: s.Declaration) -> frozenset[str]:
-        """Return the names that are bound after any match of the pattern or the parents."""
         ways = [frozenset[str]() if declaration.negated else taken(one) for one in declaration.alternatives]
         return frozenset.intersection(*ways)
 
@@ -193,9 +191,6 @@ def _leaves_unbound(program: s.RmlProgram) -> bool:
         return frozenset.intersection(*ways) if ways else frozenset()
 
     def bound_by(part: s.Part, below: list[frozenset[str]]) -> frozenset[str]:
-        """Return the names that every alternative of a pattern binds; names in `|` may stay
-        unbound.
-        """
         if isinstance(part, s.Name):
             return frozenset([part.name])
         return frozenset() if isinstance(part, s.Either) else frozenset[str]().union(*below)

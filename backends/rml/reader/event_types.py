@@ -1,7 +1,7 @@
 """Matching of events with event types, and the patterns that all event types of a text use.
 
 Declarations of one name are alternatives, in order. `|` in a pattern stands for several patterns;
-the first field varies slowest. `any` and `none` are predefined; a declaration of `any` adds to it.
+the first field varies slowest.
 """
 
 import math
@@ -24,9 +24,9 @@ from rvaft.model.values import Json, equal, is_number
 Number: TypeAlias = int | float
 Bound: TypeAlias = Mapping[str, Json]
 
-# Values of data expressions: exact numbers, or `None` for wrong types and unbound variables.
-# Integers are exact, other numbers are IEEE doubles, and strings compare by code points, as in
-# trees. The published monitor uses Prolog's real constraints instead (see `deviations`).
+# Values of data expressions; `None` for wrong types and unbound variables. Integers are exact,
+# other numbers are IEEE doubles, and strings compare by code points, as in trees. The published
+# monitor uses Prolog's real constraints instead (see `deviations`).
 
 _MAX_BITS: Final = 100_000
 
@@ -101,7 +101,6 @@ class Mark(Enum):
     UNBOUND = auto()
     """A variable of an event type that the match does not bind."""
     UNEVALUATED = auto()
-    """An argument that is not evaluated."""
 
 
 UNBOUND: Final = Mark.UNBOUND
@@ -122,7 +121,6 @@ class EventTypes:
                 return
 
     def _ways(self, use: s.TypeUse, event: Json, bound: Bound) -> Iterator[Bound]:
-        """Yield the matches of a use as bindings of the surrounding variables."""
         for declaration in self._declared.get(s.signature(use), ()):
             inner: dict[str, Json] = {}
             pairs = list(zip(declaration.parameters, use.parameters, strict=True))
@@ -160,7 +158,7 @@ def _given(given: s.Parameter, bound: Bound) -> Json:
 
 
 def _matching(pattern: s.Value, event: Json, bound: Bound) -> Iterator[Bound]:
-    """Yield the matches of a pattern with a value, with an explicit stack."""
+    """Yield the matches of a pattern with a value, with an explicit stack for any nesting."""
     stack: list[tuple[Any, Bound]] = [((pattern, event, None), bound)]
     while stack:
         todo, bound = stack.pop()
@@ -196,13 +194,14 @@ def _matching(pattern: s.Value, event: Json, bound: Bound) -> Iterator[Bound]:
 
 
 # The patterns with guards that an RML text uses.
-# Every use of an event type that is reachable from `Main` is unfolded into *ways* to match. A way
-# has one alternative of each declaration, with arguments and derived types filled in, and the
-# guards. The reader depends on nothing else of an event. `not` contributes what it negates.
-# Variables of expressions are shared between events and keep their names; variables of declarations
-# are local and begin with `_`.
-# The result is None if a use has no such form: open lists, functions in guards, or a value that
-# must equal a part of the event and match a pattern.
+#
+# Every use of an event type that is reachable from `Main` is unfolded into *ways* to match: one
+# alternative of each declaration, with arguments and derived types filled in, and the guards. `not`
+# contributes what it negates. Variables of expressions are shared between events and keep their
+# names; variables of declarations are local and begin with `_`.
+#
+# The result is None for open lists, functions in guards, or a value that must equal a part of the
+# event and match a pattern.
 
 _CHOICES: Final = 10_000
 _NESTING: Final = 100
@@ -211,7 +210,6 @@ _ALWAYS: Final = Observed(p.ObjectPattern(()))
 _NOTHING: Final = p.Literal(None)
 """A guard operand without value: operations on null are undefined."""
 _Value: TypeAlias = p.Pattern | Mark
-"""The value of a name; `Mark.UNEVALUATED` equals nothing."""
 _Scope: TypeAlias = Mapping[str, _Value]
 
 
@@ -221,7 +219,7 @@ class _Unknown(Exception):
 
 @dataclass(frozen=True, slots=True)
 class _Way:
-    """A way to match: a pattern (None after `not`), the values of names, and the guards."""
+    """A way to match; the pattern is None after `not`."""
 
     pattern: p.Pattern | None
     scope: _Scope
@@ -251,15 +249,12 @@ def observed(text: str) -> tuple[Observed, ...] | None:
 
 
 class _Questions:
-    """The patterns and guards of one program."""
-
     def __init__(self, program: s.RmlProgram) -> None:
         self._fresh = count(1)
         self.found: list[Observed] = []
         self._declared = program.declared
 
     def ask(self, ways: Iterator[_Way]) -> None:
-        """Add the patterns; local variables are numbered from 1, so that equal patterns are merged."""
         for way in ways:
             if way.pattern is None:
                 continue
@@ -272,7 +267,6 @@ class _Questions:
                 raise _Unknown
 
     def ways(self, use: s.TypeUse, scope: _Scope) -> Iterator[_Way]:
-        """Yield the ways to match a use; their scope is the surrounding one."""
         for declaration in self._declared.get(s.signature(use), ()):
             inner = _inward(declaration, use, scope)
             if inner is None:
@@ -295,8 +289,8 @@ class _Questions:
                 yield from filter(None, (self._way(pattern, inner) for pattern in _choices(one)))
 
     def _way(self, pattern: p.Pattern, inner: _Scope) -> _Way | None:
-        """Return a pattern with its scope, or None if it never matches; unknown names become local
-        variables.
+        """Return a pattern with its scope, or None if it never matches; it makes unknown names
+        local.
         """
         if any(inner.get(name) is Mark.UNEVALUATED for name in p.variables(pattern)):
             return None
@@ -334,7 +328,6 @@ class _Questions:
 
 
 def _inward(declaration: s.Declaration, use: s.TypeUse, scope: _Scope) -> _Scope | None:
-    """Return the values of parameters, or None if one parameter has two values."""
     inner: dict[str, _Value] = {}
     for name, given in zip(declaration.parameters, use.parameters, strict=True):
         known = _given(given, scope)
@@ -349,7 +342,6 @@ def _inward(declaration: s.Declaration, use: s.TypeUse, scope: _Scope) -> _Scope
 
 
 def _equal(value: _Value, wanted: _Value) -> Mapping[str, p.Pattern] | None:
-    """Return the substitution that makes two values equal, or None if there is none."""
     for one, other in ((value, wanted), (wanted, value)):
         if isinstance(one, p.Variable) and one.local and isinstance(other, p.Literal | p.Variable):
             return {} if one == other else {one.name: other}
@@ -361,7 +353,7 @@ def _equal(value: _Value, wanted: _Value) -> Mapping[str, p.Pattern] | None:
 
 
 def _fits(value: _Value, wanted: p.Pattern, whole: p.Pattern | None) -> Mapping[str, p.Pattern]:
-    """Return the substitution that makes a value match a pattern, if its variable occurs only once."""
+    """Return the substitution that makes a value match a pattern; its variable must occur once."""
     uses = 0 if whole is None else sum(part == value for part in p.walk(whole))
     if isinstance(value, p.Variable) and value.local and uses == 1:
         return {value.name: wanted}
@@ -369,7 +361,6 @@ def _fits(value: _Value, wanted: p.Pattern, whole: p.Pattern | None) -> Mapping[
 
 
 def _choices(value: s.Value) -> Iterator[p.Pattern]:
-    """Return the patterns of a pattern with `|`; their number is checked first."""
 
     def size(part: s.Part, below: list[tuple[int, int]]) -> tuple[int, int]:
         sizes, depths = zip(*below, strict=True) if below else ((), (-1,))
@@ -401,8 +392,8 @@ def _choices(value: s.Value) -> Iterator[p.Pattern]:
 
 
 # RML compares only two numbers or two strings, but `==` of guards compares all values. `x == y`
-# therefore becomes `x <= y and x >= y`, and `x != y` becomes `x < y or x > y`. These are undefined
-# when RML's comparisons have no value.
+# therefore becomes `x <= y and x >= y`, and `x != y` becomes `x < y or x > y`: undefined exactly
+# where RML's comparisons are.
 
 _NUMBERS: Final = frozenset({Operator.ABS, Operator.MIN, Operator.MAX})
 """Functions that trees also have."""
@@ -418,7 +409,7 @@ _PAIRS: Final = {
 
 
 def _condition(data: s.Data, scope: _Scope, depth: int = 0) -> Guard:
-    """Return an RML `with` as an equivalent guard; unbound names, objects and lists have no value."""
+    """Return an RML `with` as a guard; unbound names, objects and lists have no value."""
     if depth > g.MAX_DEPTH:
         raise _Unknown
     match data:

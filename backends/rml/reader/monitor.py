@@ -1,8 +1,9 @@
 """A monitor for RML texts by the published transition rules, with left preference.
 
-A rule requests the ways of its parts (with `first`, one suffices), and returns the ways of the
-whole, best first. Only a conjunction uses second ways, to find common bindings. Other operators
-commit to the first way of a part; the last alternative passes all its ways on.
+A *way* is the next term with the bindings of the step. A rule requests the ways of its parts and
+returns the ways of the whole, best first; with `first`, one suffices. Only a conjunction uses
+second ways, to find common bindings. Other operators commit to the first way of a part; the last
+alternative passes all its ways on.
 
 An event may match without binding a variable (`not` types, `|` in patterns). The variable is then
 *open*: no block binds it, and the next event type with it as an argument binds all its occurrences.
@@ -23,11 +24,10 @@ from rvaft.monitors import Monitor
 from rvaft.support.budget import Call, run
 
 DEPTH_LIMIT: Final = 50_000
-"""The maximum number of nested terms while equations are unfolded."""
+"""Maximum nesting of terms while equations are unfolded."""
 _REMEMBERED: Final = 1024
 Bindings: TypeAlias = dict[str, Json]
 Way: TypeAlias = tuple[RmlTerm, Bindings]
-"""The next term, and the bindings of the step."""
 _NOTHING: Final[Bindings] = {}
 
 
@@ -89,26 +89,26 @@ class Transitions:
 
     def step(self, term: RmlTerm, event: Json) -> RmlTerm | None:
         """Return the term after the event, or None if no rule applies; raises `TooLarge`."""
-        asked = term, mark(event)
+        key = term, mark(event)
         try:
-            return self._taken[asked]
+            return self._taken[key]
         except KeyError:
             pass
         after = None
-        for term_after, bound in run(_RmlStep(self, event, asked[1]).ways(term, True))[:1]:
+        for term_after, bound in run(_RmlStep(self, event, key[1]).ways(term, True))[:1]:
             after = self.terms.canonical(self.terms.opened(term_after, bound))
         if len(self._taken) >= _REMEMBERED:
             self._taken.clear()
-        self._taken[asked] = after
+        self._taken[key] = after
         return after
 
     def matches(self, term: RmlTerm, event: Json, known: Hashable, *, first: bool) -> list[Bindings]:
-        """Return the bindings of the matches of an event with the type of a term.
+        """Return the bindings of each match of an event with a term's event type.
 
         `known` identifies the event; `first` restricts the result to one match.
         """
-        asked = term, known, first
-        if asked not in self._matched:
+        key = term, known, first
+        if key not in self._matched:
             found: list[Bindings] = []
             for bound in self.types.matches(term.data, event):
                 if not any(all(_agree(bound[name], other[name]) for name in bound) for other in found):
@@ -117,8 +117,8 @@ class Transitions:
                     break
             if len(self._matched) >= _REMEMBERED:
                 self._matched.clear()
-            self._matched[asked] = found
-        return self._matched[asked]
+            self._matched[key] = found
+        return self._matched[key]
 
     def may_halt(self, term: RmlTerm) -> bool:
         """Return whether a trace may end here (cached); raises `TooLarge` for endless unfolding."""
@@ -160,8 +160,6 @@ def _check_depth(depth: int) -> None:
 
 
 class _RmlStep:
-    """The step for one event."""
-
     def __init__(self, transitions: Transitions, event: Json, known: Hashable) -> None:
         self.terms = transitions.terms
         self.transitions = transitions
@@ -235,9 +233,7 @@ class _RmlStep:
                 raise AssertionError(operator)
 
     def _both(self, term: RmlTerm, first: bool) -> Call[list[Way]]:
-        """Combine the ways of all parts depth-first; `chosen` holds one term per part before the
-        current one.
-        """
+        """Combine the ways of all parts depth-first; `chosen` holds the terms of earlier parts."""
         parts, chosen, bound, found = term.parts, list[RmlTerm](), [_NOTHING], list[Way]()
         left = [iter((yield self.ways(parts[0], False)))]
         while left:
@@ -298,7 +294,7 @@ def _agree(left: Json, right: Json) -> bool:
 
 
 def _merged(left: Bindings, right: Bindings) -> Bindings | None:
-    """Return the union of bindings, or None on a conflict; a variable that one side left unbound
+    """Return the union of bindings, or None on a conflict; an unbound variable of one side
     conflicts.
     """
     if not left or not right:

@@ -18,7 +18,7 @@ _SIGNS: Final = {
     "any_of": "||", "all_of": "&&", "ne": "!=", "eq": "==", "ge": ">=", "gt": ">", "le": "<=", "lt": "<",
     "sub": "-", "add": "+", "div": "/", "mul": "*", "neg": "neg", "pow": "^",
 }  # fmt: skip
-"""Operators of data, by rule names of the grammar."""
+"""Operators, by rule names of the grammar."""
 _WORDS: Final = {
     "SEMICOLON": "';'",
     "LOWER": "a name in lower case",
@@ -59,7 +59,6 @@ def _declaration(use: s.TypeUse, no: Token | None, found: Any, guard: s.Data | N
 
 
 def _argument(given: s.Parameter) -> s.Parameter:
-    """Return an argument of an event type; a signed number is a constant, other operators stay."""
     match given:
         case s.Apply("neg", (s.Constant(int() | float() as value),)) if not isinstance(value, bool):
             return s.Constant(-value)
@@ -87,7 +86,7 @@ def _distinct(named: Iterable[tuple[str, s.Position, Any]], message: str) -> dic
 
 
 class _RmlSyntax(Transformer[Token, Any]):
-    """Transforms grammar rules to `syntax`; other rules become operators on their parts."""
+    """Maps grammar rules to `syntax`; other rules become operators on their parts."""
 
     def __default__(self, rule: str, parts: list[Any], _meta: Any) -> Any:
         match str(rule), parts:
@@ -153,7 +152,7 @@ class _RmlSyntax(Transformer[Token, Any]):
 def parse(text: str) -> s.RmlProgram:
     """Return the specification (cached).
 
-    Raises `LanguageError` with line and column for texts that are malformed or cannot run, and
+    Raises `LanguageError` with line and column for malformed texts and those that cannot run, and
     `TooLarge`.
 
     >>> list(parse("a matches {e: 'a'}; Main = a all;").equations)
@@ -204,7 +203,6 @@ class _LookAhead:
 
 
 def _are_parameters(tokens: list[Token]) -> bool:
-    """Return whether the tokens between two parentheses form parameters of an event type."""
     if all(token.type in _LITERALS if index % 2 == 0 else token.type == "COMMA" for index, token in enumerate(tokens)):
         return len(tokens) % 2 == 1
     for start in ("parameters", "choices"):

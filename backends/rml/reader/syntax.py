@@ -1,4 +1,4 @@
-"""RML specifications as immutable values, traversals of them, and static checks.
+"""RML specifications as immutable values, their traversal, and static checks.
 
 Sequences, unions, shuffles and conjunctions are flat. Nested values are not compared or hashed, and
 traversals do not recurse, so that depth is unlimited.
@@ -14,7 +14,7 @@ from rvaft.errors import LanguageError, TooLarge
 from rvaft.model.values import Json
 
 DERIVATION_LIMIT: Final = 100
-"""The maximum length of a chain of derived event types."""
+"""Maximum length of a chain of derived event types."""
 Position: TypeAlias = tuple[int, int]
 """A line and a column."""
 
@@ -92,9 +92,7 @@ class TypeUse:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Declaration:
-    """`name(parameters) [not] matches … [with guard];`: the alternatives are patterns or event
-    types.
-    """
+    """`name(parameters) [not] matches alternatives [with guard];`, of patterns or event types."""
 
     name: str
     parameters: tuple[str, ...]
@@ -119,13 +117,13 @@ EVERYWHERE: Final = (
 class Expression:
     """An operator, its parts, and data that depends on the operator.
 
-    - `empty`, `all`, `cat`, `and`, `or`, `shuffle`, `star`, `plus`, `optional`, `closure`: no data
     - `event`: a `TypeUse`
     - `times`: the number
     - `filter`: a `TypeUse`; the parts are inside and outside
     - `block`: the variable
     - `if`: the condition; the parts are yes and no
     - `call`: the name of an equation and its arguments
+    - `empty`, `all`, `cat`, `and`, `or`, `shuffle`, `star`, `plus`, `optional`, `closure`: no data
 
     The data of `if` and `call` ends with an environment, which is empty here.
     """
@@ -162,7 +160,7 @@ class RmlProgram:
         return found
 
     def reachable(self, names: Iterable[str] = ("Main",)) -> Iterator[Equation]:
-        """Yield the equations reachable from some equations, themselves included."""
+        """Yield the given equations and all equations reachable from them."""
         seen = dict.fromkeys(names)
         waiting = list(seen)
         while waiting:
@@ -222,7 +220,7 @@ def walk(*roots: Part) -> Iterator[Part]:
 
 
 def expressions(root: Expression) -> Iterator[Expression]:
-    """Return the expressions in an expression, children first, in order."""
+    """Return all nested expressions, children first, in order."""
     return reversed([part for part in walk(root) if isinstance(part, Expression)])
 
 
@@ -259,12 +257,12 @@ def fold(
 
 
 def refusal(message: str, place: Position = (1, 1)) -> LanguageError:
-    """Return the error for a text that is not RML, or that cannot run."""
+    """Return the error for a malformed text, or one that cannot run."""
     return LanguageError(message, file="<rml>", line=place[0], column=place[1])
 
 
 def check(program: RmlProgram) -> None:
-    """Raise `LanguageError` for undefined or non-contractive equations and for cyclic types, and
+    """Raise `LanguageError` for undefined or non-contractive equations and cyclic types, and
     `TooLarge`.
     """
     if "Main" not in program.equations:

@@ -15,7 +15,7 @@ from backends.rml.reader.syntax import Constant, Data, Expression, Name, RmlProg
 from rvaft.model.values import Json
 
 Values: TypeAlias = Mapping[str, Json | Name]
-"""Values of variables: a value, or another variable for an open one."""
+"""Values of variables; an open variable has another variable as its value."""
 Environment: TypeAlias = tuple[tuple[str, Json], ...]
 _FLAT: Final = ("and", "or", "shuffle")
 
@@ -50,7 +50,7 @@ def is_open(name: str) -> bool:
 
 
 def _free_variables(program: RmlProgram) -> Mapping[str, frozenset[str]]:
-    """Return for each equation its free variables and those of the equations that it refers to.
+    """Return the free variables of each equation, with those of the equations that it refers to.
 
     Scope is dynamic: an equation uses the variables of the place where it is unfolded.
     """
@@ -85,7 +85,7 @@ def _free_variables(program: RmlProgram) -> Mapping[str, frozenset[str]]:
 
 @dataclass(slots=True, eq=False, weakref_slot=True, repr=False)
 class RmlTerm:
-    """An `Expression` whose calls and conditions hold variable values; `free` are its free
+    """An expression whose calls and conditions hold values of variables; `free` are its free
     variables.
     """
 
@@ -165,7 +165,6 @@ class TermTable:
         return self.substituted(self.body(name), {**values, **given})
 
     def _filled(self, part: Expression | RmlTerm, below: list[RmlTerm], values: Values) -> RmlTerm:
-        """Return a term with new parts, and values for the variables in its data."""
 
         def known(environment: Environment) -> Values:
             return {**values, **{n: values.get(v.name, v) if isinstance(v, Name) else v for n, v in environment}}
@@ -247,8 +246,8 @@ class TermTable:
         return self.substituted(term, values) if values else term
 
     def canonical(self, term: RmlTerm) -> RmlTerm:
-        """Return the term with open variables numbered by first occurrence, so that equal states
-        are equal terms.
+        """Return the term with open variables numbered by occurrence, so that equal states are
+        equal terms.
         """
         order: dict[str, None] = {}
         seen: set[RmlTerm] = set()

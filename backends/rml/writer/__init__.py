@@ -1,4 +1,4 @@
-"""Properties to RML texts: by composition if that is safe, else by determinisation into equations."""
+"""Properties to RML texts: by composition if that is safe, else by determinisation."""
 
 from contextlib import suppress
 from typing import Final, TypeAlias
@@ -18,13 +18,12 @@ from rvaft.support.bits import bits
 SMALL: Final = 120
 """A tree with a VOT is determinised if it has at most this many alternatives.
 
-The published monitors then report `true` at the completing event. With optional children beside a
-count they report it one event later. The user's limit does not affect this choice.
+The published monitors then report `true` at the completing event; with optional children beside a
+count, one event later. The user's limit does not affect this choice.
 """
 SYMBOLS: Final = 10
-"""Symbols of the text per alternative of the limit, which bounds the time to read the text."""
+"""Symbols of the text per alternative of the limit, which bounds the reading time."""
 RmlProperty: TypeAlias = tuple[Written, list[tuple[str, Written]]]
-"""The main expression, and its equations."""
 
 
 def translate(prop: Property, semantics: Semantics, *, limit: int) -> tuple[str, int, int]:
@@ -73,9 +72,7 @@ def _determinised(letters: RmlLetters, semantics: Semantics, limit: int) -> RmlP
 
 
 def _relevant(letters: RmlLetters) -> str:
-    """Return the name of the event type of relevant events; it is declared among those of the
-    letters.
-    """
+    """Declare the event type of relevant events, and return its name."""
     whole, types = letters.tree, letters.types
     entries: list[tuple[str, Call, Guard | None]] = []
     for name in whole.occurrences:
@@ -86,7 +83,6 @@ def _relevant(letters: RmlLetters) -> str:
     overlaps = Overlaps(patterns)
 
     def is_covered(i: int) -> bool:
-        """Return whether another entry without a guard covers this one."""
         return any(
             entries[j][2] is None
             and implies(patterns[i], patterns[j])

@@ -22,8 +22,8 @@ both:
 - `scattered`: `or`: each scenario of its parts has one event. `and`: no events of two children
   overlap. VOT: as `or` for K = 1, as `and` for K = n, else excluded.
 
-If K children complete the match (*decided*), `strict` and `projected` have exactly K. RML commits
-to the left operand that can take an event; under these conditions no other operand could.
+If K children complete the match (*decided*), `strict` and `projected` require exactly K. RML
+commits to the left operand that can take an event; under these conditions no other operand could.
 """
 
 from collections.abc import Sequence
@@ -46,13 +46,12 @@ from rvaft.support.budget import Call, run
 
 @dataclass(slots=True)
 class _Facts:
-    """Facts about a part; sets of occurrences are bit sets. Overlapping sets are stored, because
-    iterating over bits is slow.
+    """Facts about a part: bit sets of occurrences, and of the occurrences that overlap them
+    (`near`).
     """
 
     part: NumberedPart
     children: Sequence["_Facts"] = ()
-    """The parts with events, in temporal order if there is one."""
     events: int = 0
     first: int = 0
     marks: int = 0
@@ -60,11 +59,8 @@ class _Facts:
     near_first: int = 0
     near_marks: int = 0
     follow: int = 0
-    """The events that may come right after the part."""
     single: bool = False
-    """Whether each scenario of the part has exactly one event."""
     last: bool = False
-    """Whether the part ends the match: nothing may come after or beside it."""
 
     @property
     def node(self) -> str:
@@ -84,10 +80,7 @@ class _Facts:
 
 
 class Composition:
-    """Terms for the parts of a plain tree.
-
-    `possible` is true for plain trees; `equations` holds the named terms.
-    """
+    """Terms for the parts of a plain tree (if `possible`); `equations` holds the named terms."""
 
     def __init__(self, letters: RmlLetters, semantics: Semantics) -> None:
         self._prop, self._letters = letters.prop, letters
@@ -104,7 +97,6 @@ class Composition:
         self._scattered = semantics is Semantics.SCATTERED
         self._parts: list[_Facts] = []
         self._own: list[RmlLetter] = []
-        """The letter of each event."""
         self.possible = self._has_letters() and self._fits()
         self._types: list[str] = []
 
@@ -114,7 +106,6 @@ class Composition:
         return any(self._joined(facts) is PartKind.AT_LEAST for facts in self._parts)
 
     def _joined(self, facts: _Facts) -> PartKind:
-        """Return the operator for the children; SEQUENCE for at most one child."""
         part, count = facts.part, len(facts.children)
         if count < 2:
             return PartKind.SEQUENCE
@@ -147,9 +138,6 @@ class Composition:
         return True
 
     def _fits(self) -> bool:
-        """Return whether each part can become its operator; computes facts bottom-up, then
-        top-down.
-        """
         overlaps = Overlaps([letter.call.pattern(self._prop.tree) for letter in self._own])
         position = {event: index for index, event in enumerate(self._prop.events)}
         for part in self._form.parts:
@@ -234,7 +222,6 @@ class Composition:
         return named(self.equations[-1][0])
 
     def _shallow(self, term: Written) -> Written:
-        """Return the expression, or the name of an equation for it if it is deep or long."""
         return self._called(term) if term.is_large else term
 
     def _contiguous(self) -> Written:
@@ -261,8 +248,8 @@ class Composition:
                 whole = then(*parts)
                 if whole.operator != THEN:
                     return whole
-                # A shuffle behind a name needs a name, because `a (b | c)` parses as an event type
-                # with a pattern.
+                # A shuffle behind a name needs a name: `a (b | c)` parses as an event type with a
+                # pattern.
                 first, *others = whole.parts
                 return then(first, *(self._called(part) if part.operator == SHUFFLE else part for part in others))
             case never:
@@ -271,7 +258,7 @@ class Composition:
     def _enough(self, facts: _Facts) -> Written:
         """Return the term that counts at least K parts; exactly K if that ends the match.
 
-        For single events it counts any event, otherwise one mark of each part.
+        It counts any event if each part has one, otherwise one mark of each part.
         """
         least = then(*[ANY] * facts.part.need)
         if facts.decided:
@@ -283,7 +270,7 @@ class Composition:
         return around(enough, ">>", self._letters.types.union(marks, f"{facts.node}_counted"))
 
     def _awaited(self, facts: _Facts, after: Written) -> Call[Written]:
-        """Return the term for the events of a part with gaps, then the rest."""
+        """Return the term for a part with gaps between its events, then the rest."""
         match facts.part.op if facts.part.op is PartKind.EVENT else self._joined(facts):
             case PartKind.ONE | PartKind.EVENT:  # any number of other events, one of these, then the rest
                 wanted = [self._types[index] for index in bits(facts.events)]

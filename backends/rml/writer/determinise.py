@@ -3,10 +3,9 @@ r"""Determinisation: subset construction over the partial matches of all feasibl
 A partial match has matched occurrences, a register per remembered variable, and its scenarios. A
 state is a set of partial matches. One event may satisfy several letters. Each state lists its
 alternatives with larger letter sets first: `\/` takes the first that fits, so no negation is
-needed. Detecting alternatives come first. If no alternative fits, the monitor reports ⊥ at that
-event; under `scattered` the state stays. Under `consecutive`, every state includes the empty
-partial match, and the first state follows. Bit i of a bit set is the i-th occurrence, scenario or
-letter.
+needed. Detecting alternatives come first. If no alternative fits, the monitor reports ⊥; under
+`scattered` the state stays. Under `consecutive`, every state includes the empty partial match, and
+the first state follows. Bit i of a bit set is the i-th occurrence, scenario or letter.
 """
 
 from collections import Counter, defaultdict
@@ -30,7 +29,7 @@ from rvaft.support.bits import bits, mask_of, union
 WORK: Final = 50
 """Scenario nodes per scenario of the limit, and steps of partial matches per alternative."""
 
-# Scenarios. Under `scattered` a VOT keeps exactly K children, because events may be skipped.
+# Scenarios. `scattered` skips events, so a VOT keeps exactly K children.
 
 
 class BitScenario(NamedTuple):
@@ -44,8 +43,8 @@ class BitScenario(NamedTuple):
 def feasible_scenarios(prop: Property, semantics: Semantics, *, limit: int) -> list[BitScenario]:
     """Return the distinct feasible scenarios.
 
-    Raises `TooLarge` beyond `limit`, and `TreeError` if there is none or one has no occurrence or
-    an unbound guard.
+    Raises `TooLarge` beyond `limit`, and `TreeError` if there is none, one has no occurrence, or
+    one has an unbound guard.
     """
     index, root = {event: position for position, event in enumerate(prop.events)}, prop.tree.root
     found: dict[BitScenario, None] = {}
@@ -85,16 +84,16 @@ def combinations(
 ) -> Iterator[Combination]:
     """Yield each detecting letter alone, then all closed sets of the others, larger ones first.
 
-    A set is closed under implication of calls and guards. `counted` is called for each set before
-    it is examined, and may raise.
+    A set is closed under implication of calls and guards. `counted` is called before each set is
+    examined, and may raise.
     """
     calls = list(dict.fromkeys(letter.call for letter in letters))
-    asked = [call.pattern(tree) for call in calls]
-    overlaps = Overlaps(asked)
+    call_patterns = [call.pattern(tree) for call in calls]
+    overlaps = Overlaps(call_patterns)
     near = [overlaps.compatible(i) for i in range(len(calls))]
     implied = [
-        mask_of(j for j in bits(near[i]) if i == j or implies(pattern, asked[j], bound))
-        for i, pattern in enumerate(asked)
+        mask_of(j for j in bits(near[i]) if i == j or implies(pattern, call_patterns[j], bound))
+        for i, pattern in enumerate(call_patterns)
     ]
     number = {call: position for position, call in enumerate(calls)}
     call_of = [number[letter.call] for letter in letters]
@@ -143,7 +142,6 @@ def combinations(
 
 
 def _unimplied(guards: Mapping[int, int], calls: list[Call], implied: list[int]) -> list[int]:
-    """Return the calls with guards that no other call implies, unless they bind more registers."""
 
     def spares(one: int, other: int) -> bool:
         covers = implied[one] >> other & 1 and not guards[other] & ~guards[one]
@@ -161,9 +159,7 @@ def _unimplied(guards: Mapping[int, int], calls: list[Call], implied: list[int])
 ACCEPT: Final = -1
 STAY: Final = -2
 Partial: TypeAlias = tuple[int, tuple[tuple[str, str], ...]]
-"""The matched occurrences, and the register of each remembered variable, by name."""
 Partials: TypeAlias = Mapping[Partial, int]
-"""Partial matches with the scenarios that they belong to."""
 
 
 class MatchState(NamedTuple):
@@ -174,9 +170,7 @@ class MatchState(NamedTuple):
 
 
 class RmlAlternative(NamedTuple):
-    """A transition on an event that satisfies all letters; `fits` holds all letters that the event
-    then satisfies.
-    """
+    """A transition on an event that satisfies `letters`, and therefore all letters of `fits`."""
 
     letters: tuple[RmlLetter, ...]
     fits: int
@@ -187,9 +181,8 @@ class Determinised:
     """The alternatives of each state; state 0 is the first.
 
     Raises `TooLarge` beyond `limit` alternatives, rejected ones included. In RML a variable is
-    bound once. A register (`registers`, in order of need) is named after its first variable. It
-    gets a number if that name is already bound on the way to the state, or if one event could bind
-    it twice.
+    bound once. A register is named after its first variable, with a number if that name is already
+    bound on the way to the state, or if one event could bind it twice.
     """
 
     def __init__(self, found: list[BitScenario], letters: RmlLetters, semantics: Semantics, *, limit: int) -> None:
@@ -215,7 +208,7 @@ class Determinised:
         guarded = (
             part for part in reversed(letters.prop.parts) if isinstance(part, Condition) and part in self._guarded
         )
-        self._speaks = {condition: frozenset(variables(condition.guard)) for condition in guarded}
+        self._condition_names = {condition: frozenset(variables(condition.guard)) for condition in guarded}
         self._start: Partials = {(0, ()): (1 << len(found)) - 1}
         start = MatchState(frozenset(self._start.items()))
         self._number = {start: 0}
@@ -249,7 +242,6 @@ class Determinised:
             yield RmlAlternative((), 0, STAY if self._scattered else 0)
 
     def _count(self) -> None:
-        """Count an alternative of any state."""
         self._size += 1
         if self._size > self._limit:
             raise TooLarge("alternatives of the RML equations", limit=self._limit)
@@ -262,8 +254,7 @@ class Determinised:
     def _merged(self, state: MatchState, moves: Iterable[Partials]) -> frozenset[tuple[Partial, int]]:
         """Return the partial matches after the moves.
 
-        Under `scattered`, a partial match that another one of the same scenario includes is
-        dropped.
+        `scattered` drops a partial match that another one of the same scenario includes.
         """
         merged: dict[Partial, int] = defaultdict(int, state.partials if self._scattered else ())
         merged.update(self._start if self.cyclic else {})
@@ -273,8 +264,8 @@ class Determinised:
         if not self._scattered:
             return frozenset(merged.items())
         found: dict[Partial, int] = {}
-        for partial, those in sorted(merged.items(), key=lambda item: (-item[0][0].bit_count(), item[0])):
-            left = those
+        for partial, mask in sorted(merged.items(), key=lambda item: (-item[0][0].bit_count(), item[0])):
+            left = mask
             self._spend(len(found) // 10)  # much cheaper than a step of a match
             for (larger, _), others in found.items():
                 if not partial[0] & ~larger:
@@ -286,23 +277,20 @@ class Determinised:
         return frozenset(found.items())
 
     def _moves(self, state: MatchState) -> tuple[dict[RmlLetter, dict[Partial, int]], set[RmlLetter]]:
-        """Return the letters that advance partial matches with their results, and the detecting
-        letters.
-        """
         self._spend(len(state.partials) * len(self._ready))
         candidates = [
             (done, dict(environment), index, mask & ways)
             for (done, environment), mask in sorted(state.partials)
             for index, before in self._ready.items()
             if not done >> index & 1
-            if mask & (ways := union(those for earlier, those in before if not earlier & ~done))
+            if mask & (ways := union(members for earlier, members in before if not earlier & ~done))
         ]
         chosen = self._chosen(((index, known.keys()) for _, known, index, _ in candidates), state.bound)
         moves: dict[RmlLetter, dict[Partial, int]] = {}
         detecting: set[RmlLetter] = set()
         for done, known, index, mask in candidates:
             registers = dict(known)
-            for where, name in self._letters.asked(index):
+            for where, name in self._letters.remembered_parameters(index):
                 if name not in registers:
                     registers[name] = chosen[where]
             after = done | 1 << index
@@ -316,19 +304,16 @@ class Determinised:
         return moves, detecting
 
     def _chosen(self, waiting: Iterable[tuple[int, Set[str]]], bound: Set[str]) -> dict[Where, str]:
-        """Return a register for each parameter that may bind a remembered variable of an
-        occurrence.
-        """
         here: dict[Where, list[tuple[str, int]]] = {}
         for index, known in waiting:
-            for where, name in self._letters.asked(index):
+            for where, name in self._letters.remembered_parameters(index):
                 if name not in known:
                     here.setdefault(where, []).append((name, index))
         chosen: dict[Where, str] = {}
         takers: dict[str, list[int]] = defaultdict(list)
         loose = self._letters.loose
-        for where, asking in here.items():
-            names, occurrences = zip(*asking, strict=True)
+        for where, candidates in here.items():
+            names, occurrences = zip(*candidates, strict=True)
             wanted = next(register for name, register in self._wanted.items() if name in names)
             chosen[where] = next(
                 register
@@ -342,14 +327,14 @@ class Determinised:
 
     def _split(self, done: int, after: int, mask: int) -> list[tuple[int, tuple[Condition, ...]]]:
         parts: list[tuple[int, tuple[Condition, ...]]] = [(mask, ())]
-        for condition, spoken in self._speaks.items():
-            if spoken <= self._bound(after) and not spoken <= self._bound(done):
+        for condition, names in self._condition_names.items():
+            if names <= self._bound(after) and not names <= self._bound(done):
                 having = self._guarded[condition]
                 parts = [
-                    (these, asked)
+                    (members, required)
                     for part, guards in parts
-                    for these, asked in ((part & having, (*guards, condition)), (part & ~having, guards))
-                    if these
+                    for members, required in ((part & having, (*guards, condition)), (part & ~having, guards))
+                    if members
                 ]
         return parts
 
@@ -361,7 +346,7 @@ class Determinised:
     def _remembered(self, done: int, registers: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
         if not registers:
             return ()
-        later = {name for names in self._speaks.values() if not names <= self._bound(done) for name in names}
+        later = {name for names in self._condition_names.values() if not names <= self._bound(done) for name in names}
         later.update(name for i in self._ready if not done >> i & 1 for name in self._letters.variables[i])
         return tuple(sorted((name, register) for name, register in registers.items() if name in later))
 
@@ -369,11 +354,10 @@ class Determinised:
 # Merging of states with the same future, and removal of redundant alternatives.
 
 StateClass: TypeAlias = tuple[tuple[tuple[RmlLetter, ...], int], ...]
-"""Alternatives as letters with the next class, `ACCEPT` or `STAY`."""
 
 
 def minimised(states: list[list[RmlAlternative]]) -> list[StateClass]:
-    """Return the classes of an acyclic automaton, targets first; the first state's class is last."""
+    """Return the classes of an acyclic automaton, targets first; that of state 0 is last."""
     number: dict[StateClass, int] = {}
     of_state: dict[int, int] = {}
     agenda = [(0, False)]
@@ -392,8 +376,8 @@ def minimised(states: list[list[RmlAlternative]]) -> list[StateClass]:
 
 
 def refined(states: list[list[RmlAlternative]]) -> list[StateClass]:
-    """Return the classes of an automaton with cycles by partition refinement; the first state's
-    class is last.
+    """Return the classes of an automaton with cycles by partition refinement; that of state 0 is
+    last.
     """
     class_of = dict.fromkeys(range(len(states)), 0)
     while True:
@@ -412,16 +396,14 @@ def refined(states: list[list[RmlAlternative]]) -> list[StateClass]:
 
 
 def _without_idle(own: list[RmlAlternative], class_of: Mapping[int, int]) -> StateClass:
-    """Return the alternatives by class, without those that the next fitting alternative makes
-    redundant.
-    """
+    """Return the alternatives by class, without those that the next fitting one makes redundant."""
     kept: list[RmlAlternative] = []
-    for one in reversed(own):
-        target = class_of.get(one.target, one.target)
-        following = next((other for other in kept if not other.fits & ~one.fits), None)
+    for alternative in reversed(own):
+        target = class_of.get(alternative.target, alternative.target)
+        following = next((other for other in kept if not other.fits & ~alternative.fits), None)
         if following is None or following.target != target:
-            kept.insert(0, one._replace(target=target))
-    return tuple((one.letters, one.target) for one in kept)
+            kept.insert(0, alternative._replace(target=target))
+    return tuple((alternative.letters, alternative.target) for alternative in kept)
 
 
 def equations(

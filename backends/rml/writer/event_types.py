@@ -4,9 +4,9 @@ Each event type of the tree is declared once. An occurrence uses that type or a 
 it. A derived type that binds has numeric comparisons in its `with`. Other conditions become
 separate types that bind nothing and are joined by `/\`, because a negated type never binds.
 
-A guard is three-valued; a condition states when a guard is true, undefined being neither. A
-condition consists of `and` and `or` over numeric comparisons, which fail on other values; over
-*equalities* of a variable with a literal or variable; and of `not` before either kind of `==`.
+A guard is three-valued; a condition states when a guard is true. A condition consists of `and` and
+`or` over numeric comparisons, which fail on other values; over *equalities* of a variable with a
+literal or variable; and of `not` before either kind of `==`.
 """
 
 from collections import Counter
@@ -42,11 +42,10 @@ NEVER: Final = Operation(Operator.OR, ())
 NUMERIC: Final = CALCULATING
 """Operators that RML calculates; its `min` and `max` take two numbers."""
 TEXTS: Final = FUNCTIONS - NUMERIC
-"""Operators without an RML counterpart."""
 
 
 class Inexpressible(Exception):
-    """A guard that no RML event type can check; the text is the reason."""
+    """A guard that no RML event type can check; the message is the reason."""
 
 
 def _without(operator: Operator) -> Inexpressible:
@@ -54,7 +53,6 @@ def _without(operator: Operator) -> Inexpressible:
 
 
 def _is_equality(condition: Guard) -> TypeGuard[Operation]:
-    """Return whether the condition equates a variable with a literal or another variable."""
     return isinstance(condition, Operation) and (
         condition.operator is Operator.EQ and isinstance(condition.operands[0], Variable)
     )
@@ -71,9 +69,7 @@ def _is_numeric(condition: Guard) -> bool:
 
 
 def when_true(guard: Guard, wanted: bool = True) -> Guard:
-    """Return the condition that the guard is true (or, if not `wanted`, false); raises
-    `Inexpressible`.
-    """
+    """Return the condition that the guard equals `wanted`; raises `Inexpressible`."""
     if not variables(guard):
         return ALWAYS if value(guard, {}) is wanted else NEVER
     match guard:
@@ -134,8 +130,8 @@ def _equality(left: Guard, right: Guard, *, positive: bool) -> Guard:
 
 
 def _is(side: Guard, truth: bool, positive: bool) -> Guard:
-    """Return the condition that the side equals the Boolean (not `positive`: is defined and
-    differs).
+    """Return the condition that the side equals `truth`; if not `positive`, that it is defined and
+    differs.
     """
     match side:
         case Variable():
@@ -168,7 +164,6 @@ def _defined(arithmetic: Guard) -> Guard:
 
 
 def _constant(guard: Guard) -> Guard | None:
-    """Return a constant expression as a literal, or None if it is undefined."""
     if variables(guard):
         return guard
     constant = value(guard, {})
@@ -206,7 +201,6 @@ def _some(parts: Iterable[Guard]) -> Guard:
 
 
 def _data(guard: Guard, names: dict[str, str]) -> str:
-    """Return a numeric condition as a data expression, with parentheses around inner operations."""
     match guard:
         case Literal(constant):
             return in_arithmetic(constant)  # type: ignore[arg-type]
@@ -231,15 +225,13 @@ def _data(guard: Guard, names: dict[str, str]) -> str:
 
 
 def is_register(argument: Argument) -> TypeGuard[Variable]:
-    """Return whether an argument of a call is a variable of the RML text."""
+    """Return whether an argument is a variable of the RML text."""
     return isinstance(argument, Variable) and "#" not in argument.name
 
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """An event type applied to arguments; `event` is None for the default event of the node
-    `default`.
-    """
+    """An event type with arguments; if `event` is None, the default event of node `default`."""
 
     event: str | None
     arguments: tuple[Argument, ...] = ()
@@ -265,7 +257,7 @@ class RmlTypes:
         self.lines: list[str] = []
         self._names = RmlNames()
         self._bases: dict[tuple[str | None, str], tuple[str, list[Literal]]] = {}
-        """The declared event types, each with the literals that patterns cannot hold, as its last
+        """The declared event types, with the literals that patterns cannot hold as their last
         arguments.
         """
         self._declared: dict[tuple[object, ...], str] = {}
@@ -273,24 +265,22 @@ class RmlTypes:
     def observed(self, call: Call, conditions: Sequence[tuple[Guard, str]], node: str) -> list[str]:
         """Return the applied types that together match a call under conditions; the first one
         binds.
-
-        Types are named after `node` and the nodes of the conditions.
         """
         folded = [condition for condition, _ in conditions if _is_numeric(condition)]
         names = dict.fromkeys(name for condition, name in conditions if _is_numeric(condition) and name != node)
         binding = self._binding(call, folded, "_".join([node, *names]))
         others = [(c, name if name != node else f"{node}_when") for c, name in conditions if not _is_numeric(c)]
-        return [binding, *(self._asked(call, condition, name) for condition, name in others)]
+        return [binding, *(self._satisfying(call, condition, name) for condition, name in others)]
 
     def checked(self, call: Call, condition: Guard, hint: str) -> list[str]:
-        """Return types that bind nothing; each matches events of a call that satisfy the condition."""
+        """Return types that match events of a call that satisfy the condition, and bind nothing."""
         if condition == ALWAYS:
             parents, extra = self._parents(call, *self._scope(call, ()), ())
             return [self._declare((), parents, extra, hint)] if extra else parents
         if _is_numeric(condition) or _is_equality(condition):
-            return [self._asked(call, condition, hint)]
+            return [self._satisfying(call, condition, hint)]
         other = self.neither(self.checked(call, ALWAYS, hint), f"not_{hint}")
-        return [self.neither([other, self._refused(call, condition, hint, f"not_{hint}")], hint)]
+        return [self.neither([other, self._violating(call, condition, hint, f"not_{hint}")], hint)]
 
     def union(self, parents: Iterable[str], hint: str) -> str:
         """Return a type that matches what any parent matches."""
@@ -303,9 +293,6 @@ class RmlTypes:
     # Derived types.
 
     def _scope(self, call: Call, registers: Iterable[str]) -> tuple[dict[str, str], RmlNames]:
-        """Return the names of registers and places in one declaration, after the event type's
-        parameters.
-        """
         local, names = RmlNames(), dict[str, str]()
         parameters = self.tree.events[call.event].parameters if call.event is not None else ()
         for argument, parameter in zip(call.arguments, parameters, strict=True):
@@ -325,9 +312,7 @@ class RmlTypes:
     def _derived(
         self, call: Call, condition: Guard, conditions: Iterable[Guard], hint: str, binding: Sequence[str] = ()
     ) -> str:
-        """Return an applied type with numeric conditions in its `with`, which binds some registers
-        of the call.
-        """
+        """Return a type with numeric conditions in its `with`; it binds the registers `binding`."""
         outside = _outside(call, condition)
         registers = tuple(dict.fromkeys((*binding, *outside)))
         names, local = self._scope(call, outside)
@@ -335,35 +320,31 @@ class RmlTypes:
         more += [_data(one, names) for one in conditions]
         return applied(self._declare([names[r] for r in registers], parents, more, hint), registers)
 
-    def _asked(self, call: Call, condition: Guard, hint: str) -> str:
-        """Return a type that matches events of the call that satisfy the condition; it binds
-        nothing.
-        """
+    def _satisfying(self, call: Call, condition: Guard, hint: str) -> str:
         registers = _outside(call, condition)
         match condition:
             case Operation(Operator.NOT, (inner,)):
-                return self._refused(call, inner, hint, hint)
+                return self._violating(call, inner, hint, hint)
             case _ if _is_equality(condition):
                 return self._equal(call, condition, hint)
             case Operation(Operator.OR, parts) if not _is_numeric(condition):
-                types = [self._asked(call, part, hint) for part in parts]
+                types = [self._satisfying(call, part, hint) for part in parts]
                 return applied(self._declare(registers, types, (), hint), registers)
             case Operation(Operator.AND, parts) if not _is_numeric(condition):
-                types = [self._refused(call, part, hint, f"not_{hint}") for part in parts]
+                types = [self._violating(call, part, hint, f"not_{hint}") for part in parts]
                 return applied(self._declare(registers, types, (), hint, negated=True), registers)
             case _:
                 return self._derived(call, condition, [condition], hint)
 
-    def _refused(self, call: Call, condition: Guard, hint: str, negation: str) -> str:
-        """Return a type that matches events of the call for which the condition fails."""
+    def _violating(self, call: Call, condition: Guard, hint: str, negation: str) -> str:
         match condition:
             case Operation(Operator.NOT, (inner,)):
-                return self._asked(call, inner, hint)
+                return self._satisfying(call, inner, hint)
             case _ if _is_equality(condition):
                 return self._equal(call, condition, hint, negated=True)
             case _:
-                registers, asked = _outside(call, condition), self._asked(call, condition, hint)
-                return applied(self._declare(registers, [asked], (), negation, negated=True), registers)
+                registers, satisfied = _outside(call, condition), self._satisfying(call, condition, hint)
+                return applied(self._declare(registers, [satisfied], (), negation, negated=True), registers)
 
     def _equal(self, call: Call, equality: Operation, hint: str, *, negated: bool = False) -> str:
         left, right = equality.operands
@@ -393,9 +374,10 @@ class RmlTypes:
         *,
         negated: bool = False,
     ) -> str:
-        """Return a derived type; a negated type with a `with` is derived from the positive one.
+        """Return a derived type.
 
-        `not … with` has another meaning.
+        A negated type with a `with` is derived from the positive one, because `not … with` negates
+        only the parents.
         """
         if negated and conditions:
             parents, conditions = [applied(self._declare(parameters, parents, conditions, hint), parameters)], ()
@@ -415,8 +397,7 @@ class RmlTypes:
     def _parents(
         self, call: Call, names: dict[str, str], local: RmlNames, used: Collection[str]
     ) -> tuple[list[str], list[str]]:
-        """Return the base type applied to arguments, per spelling of literals, and comparisons of
-        large integers.
+        """Return the base type per spelling of literals, and comparisons of large integers.
 
         A variable that occurs once and is not `used` is written `_`.
         """
@@ -485,5 +466,4 @@ def _spelled(literal: Literal) -> tuple[str, ...]:
 
 
 def _outside(call: Call, condition: Guard) -> list[str]:
-    """Return the registers of a condition that the call does not mention."""
     return [name for name in variables(condition) if is_register(Variable(name)) and name not in call.registers]

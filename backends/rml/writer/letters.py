@@ -20,11 +20,10 @@ from rvaft.model.nodes import Argument, On
 from rvaft.model.patterns import Anything, Pattern, Variable, substitute, variables
 
 Where: TypeAlias = tuple[str, int]
-"""An event type and a parameter position."""
 
 
 def closed(on: On, when: Guard | None) -> tuple[Call, Guard | None]:
-    """Return a call for any values of its variables, with the guard if it uses no other variables."""
+    """Return a call for any values of its variables, with a guard that uses only these."""
     used = set(guard_variables(when))
     if when is None or not used <= set(on.variables):
         return Call(on.event, _template(on, set())), None
@@ -52,23 +51,19 @@ def _template(on: On | None, used: Set[str], remembered: Set[str] = frozenset())
 
 
 class RmlLetter(NamedTuple):
-    """The condition of an occurrence on one event: a call and guards."""
+    """The condition of an occurrence on one event."""
 
     call: Call
     guards: frozenset[Guard] = frozenset()
 
 
 class RmlLetters:
-    """The letters of a property's events, by position in `prop.events`.
-
-    A letter is named after the first node that needs it.
-    """
+    """The letters of a property's events, by position in `prop.events`."""
 
     def __init__(self, prop: Property, types: RmlTypes) -> None:
         self.prop, self.tree = prop, prop.tree
         self.types = types
         self.nodes = tuple(event.source.node for event in prop.events)
-        """The node of each event."""
         self._ons = [prop.tree.nodes[name].on for name in self.nodes]
         self.variables = [frozenset(on.variables if on else ()) for on in self._ons]
         having: dict[str, set[int]] = {}
@@ -90,7 +85,7 @@ class RmlLetters:
         self._guards: dict[Guard, tuple[str, tuple[Guard, ...]]] = {}
         self._texts: dict[RmlLetter, tuple[str, ...]] = {}
 
-    def asked(self, index: int) -> list[tuple[Where, str]]:
+    def remembered_parameters(self, index: int) -> list[tuple[Where, str]]:
         """Return the remembered variables of an occurrence with their parameter positions."""
         on = self._ons[index]
         return [((on.event, i), a.name) for i, a in enumerate(self._templates[index]) if on and is_register(a)]
@@ -123,10 +118,10 @@ class RmlLetters:
             guard = renamed(condition.guard, {**_places(on), **registers})
             if guard not in self._guards:
                 self._guards[guard] = (node, conjuncts(self.condition(guard, node)))
-            asked = self._guards[guard][1]
-            if NEVER in asked:
+            required = self._guards[guard][1]
+            if NEVER in required:
                 return None
-            instances.update((guard,) if asked else ())
+            instances.update((guard,) if required else ())
         return RmlLetter(call, frozenset(instances))
 
     def texts(self, letter: RmlLetter) -> tuple[str, ...]:

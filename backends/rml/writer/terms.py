@@ -1,8 +1,7 @@
-"""Names, literals and expressions of RML texts.
+"""Names, literals and expressions of RML texts; independent of the reader.
 
-Event types and variables start with a lower-case ASCII letter, equations with an upper-case one;
-some words are reserved. The renaming of tree names is injective. The reader does not use this
-module.
+Event types and variables start with a lower-case ASCII letter, equations with an upper-case one.
+The renaming of tree names is injective.
 
 Numbers are equal by value, but the published monitor distinguishes 1 from 1.0; an integer literal
 is therefore written in both spellings. Its patterns allow neither signs nor exponents, nor integers
@@ -21,11 +20,10 @@ KEYWORDS: Final = frozenset(["not", "matches", "with", "empty", "all", "let", "v
 FUNCTIONS: Final = frozenset(["abs", "sin", "cos", "tan", "min", "max"])
 VALUES: Final = frozenset(["true", "false", "null"])
 TYPES: Final = frozenset(["any", "none"])
-"""Event types that the compiler predefines; redeclaring one adds alternatives."""
+"""Predefined event types; redeclaring one adds alternatives."""
 RESERVED: Final = KEYWORDS | FUNCTIONS | VALUES | TYPES
-"""Words that are not allowed as names."""
 LARGEST: Final = 2**31 - 1
-"""The largest integer that the compiler reads."""
+"""Largest integer that the compiler reads."""
 _ESCAPES: Final = str.maketrans({"\\": "\\\\", "'": "\\'", "\n": "\\n", "\t": "\\t", "\r": "\\r"})
 _CHUNK: Final = 10**9
 
@@ -71,7 +69,7 @@ def quoted(text: str) -> str:
 
 
 def spellings(value: Scalar) -> tuple[str, ...] | None:
-    """Return the spellings that match exactly the values equal to a literal; None for large
+    """Return the literals that together match exactly the values equal to `value`; None for large
     integers.
 
     Negative numbers are allowed as arguments only.
@@ -111,7 +109,7 @@ def _decimal(value: float) -> str:
     return text if "." in text else f"{text}.0"
 
 
-# Expressions, built bottom-up; a deep expression (`depth`) must go into its own equation.
+# Expressions, built bottom-up; a deep expression (`depth`) needs its own equation.
 
 MAX_DEPTH: Final = 24
 MAX_PARTS: Final = 60
@@ -121,9 +119,8 @@ _TOKEN: Final = re.compile(r"'(?:[^'\\]|\\.)*'|[0-9]+\.[0-9]+|\w+|>>|\\/|/\\|\S"
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """An expression.
-
-    `operator` joins the parts, or is a postfix sign, `>>` or `let`; it is empty for a name.
+    """An expression; `operator` joins the parts, or is a postfix sign, `>>` or `let`; empty for a
+    name.
     """
 
     operator: str

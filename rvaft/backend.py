@@ -242,9 +242,11 @@ class Backend(ABC):
         except NotExpressible as refusal:
             if refusal.backend:
                 raise
-            raise NotExpressible(
-                refusal.reason, backend=self.name, semantics=semantics, nodes=refusal.nodes
-            ) from refusal.__cause__
+            named = NotExpressible(refusal.reason, backend=self.name, semantics=semantics, nodes=refusal.nodes)
+            if semantics not in self.semantics:
+                known = [each.value for each in Semantics if each in self.semantics]
+                named.add_note(f"{self.name} supports --semantics {' and '.join(known)}")
+            raise named from refusal.__cause__
 
     @abstractmethod
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:

@@ -121,7 +121,10 @@ def no_root(draft: Draft) -> Iterator[RuleReport]:
                 yield RuleReport(toplevel.place, f"the root {toplevel.value} is not declared{guess}", (toplevel.value,))
     elif len(roots := draft.parentless()) > 1:
         names = tuple(node.name for node in roots)
-        message = f"{listing(names)} have no parent; declare the root with `toplevel NAME;`"
+        children = [child.value for child in draft.undeclared()][:_GUESSES]
+        guesses = ((name, did_you_mean(name, children)) for name in names[:_GUESSES])
+        guess = next((f"; {name}: {guess.removeprefix('; ')}" for name, guess in guesses if guess), "")
+        message = f"{listing(names)} have no parent; declare the root with `toplevel NAME;`{guess}"
         yield RuleReport(roots[1].place, message, names)
 
 

@@ -56,7 +56,7 @@ _GROUPS: Final[dict[str, dict[str, str]]] = {
         "emit": "Write a specification of a tree in another language.",
         "backends": "List the specification languages.",
     },
-    "Check": {"cross-check": "Compare the specifications of trees on traces."},
+    "Check translations": {"cross-check": "Compare the specifications of trees on traces."},
     "Papers": {"compare": "Compare specification languages: sizes and speeds."},
 }
 """The commands by the headings of `rvaft --help`, with their summaries: the help imports no

@@ -77,10 +77,12 @@ def _remember(context: click.Context, parameter: click.Parameter, value: bool) -
 
 
 def reading_options(function: F) -> F:
-    """Add `--strict-galileo` and `--confine-imports`."""
+    """Add `--strict-galileo` and `--confine-imports` as the last options of the help."""
     for name, text in reversed(_READING.items()):
         option = f"--{name.replace('_', '-')}"
         function = click.option(option, name, is_flag=True, expose_value=False, callback=_remember, help=text)(function)
+    params: list[click.Parameter] = vars(function)["__click_params__"]  # click lists the last one first
+    params[:] = params[-len(_READING) :] + params[: -len(_READING)]
     return function
 
 

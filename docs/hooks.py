@@ -59,6 +59,7 @@ def on_page_markdown(markdown: str, *, page: Page, files: Files, **_: object) ->
     """Change the links of a page that lead out of the folder `docs`."""
     name = page.file.src_uri
     source = next((source for source, copy in COPIED.items() if copy == name), f"docs/{name}")
+    markdown = markdown.replace("```sh\n$ ", "```console\n$ ")  # the lexer tells commands from their output
     return _BARS.sub(_code, linked(markdown, source, name, set(files.src_uris)))
 
 
@@ -115,6 +116,7 @@ def capabilities() -> str:
     header, *rows = table({name: one.capabilities() for name, one in found.items()})
     lines = [f"| {' | '.join(map(commands.cell, row))} |" for row in (header, ["---"] * len(header), *rows)]
     return (
+        "---\nhide: [toc]\n---\n\n"
         "# Capabilities\n\nWhat each backend lists, as `rvaft backends --capabilities` prints it. A tree that needs "
         "something\nelse is refused with the reason. A backend may refuse a combination of things that it lists.\n\n"
         + "\n".join(lines)

@@ -1,5 +1,4 @@
 // The playground: rvaft in Pyodide, from files beside this script.
-import { loadPyodide } from "./playground/pyodide.mjs";
 
 const TREE = `time time as s;
 break_in sand scan login copy  within 1 h  label "Data stolen";
@@ -50,6 +49,7 @@ const at = (name) => document.getElementById(`pg-${name}`);
 
 async function start() {
   const base = new URL("./playground/", import.meta.url).href;
+  const { loadPyodide } = await import("./playground/pyodide.mjs");
   const pyodide = await loadPyodide({ indexURL: base });
   const wheels = await (await fetch(`${base}wheels.json`)).json();
   for (const name of wheels) {

@@ -38,9 +38,9 @@ demo: $(RUNTIME)
 	@$(BIN)/rvaft emit $(TREE) --to rml
 	@echo; echo "# 4. A log. cat $(LOG)"
 	@cat $(LOG)
-	@echo; echo "# 5. What happened in it, on the path through the tree. rvaft monitor $(TREE) $(LOG) --explain"
+	@echo; echo "# 5. What happened in it, drawn in the tree. rvaft monitor $(TREE) $(LOG) --explain"
 	@$(BIN)/rvaft monitor $(TREE) $(LOG) --explain; test $$? -eq 1
-	@echo; echo "# That was attack branch 3. README.md goes on from here; source $(BIN)/activate puts rvaft on your path."
+	@echo; echo "# Branch 3, an attack, is detected. Next: source $(BIN)/activate puts rvaft on your path; go on in README.md."
 
 paper: $(STAMP)
 	@echo "Computing tables, figures and measurements into out/; one or two minutes"

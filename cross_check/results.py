@@ -196,7 +196,7 @@ def exit_status(results: Iterable[Result], *, failing: Collection[Status] = (), 
 
 
 class ComparisonTotals:
-    """Counts over all results; `unable` are those without a comparison.
+    """Counts over all results; `unable`: the results without a comparison.
 
     Verdicts of vacuous comparisons do not count.
     """

@@ -28,7 +28,7 @@ def answer(text, log, semantics, language):
         for number, line in enumerate(filter(str.strip, log.splitlines()), 1):
             event = json.loads(line)
             if not isinstance(event, dict):
-                raise ValueError(f"line {number} is no JSON object")
+                raise ValueError(f"line {number} is not a JSON object")
             rows.append(f"{monitor.step(event).symbol}  {line}")
     except (ValueError, RvaftError) as error:
         rows.append(f"error: {error}")

@@ -112,8 +112,8 @@ class CheckpointError(RvaftError, ValueError):
 class TraceError(RvaftError, ValueError):
     """A trace is malformed; `line` counts from 1, and is None if the error has no line.
 
-    >>> print(TraceError("no JSON object", file="log.jsonl", line=7))
-    log.jsonl:7: no JSON object
+    >>> print(TraceError("not a JSON object", file="log.jsonl", line=7))
+    log.jsonl:7: not a JSON object
     """
 
     def __init__(self, message: str, *, file: str = "<trace>", line: int | None = 1) -> None:

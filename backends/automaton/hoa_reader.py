@@ -148,7 +148,7 @@ def _tools() -> tuple[Any, Any]:
             installed(name, "Spot", remedy) for name in ("spot", "buddy")
         )  # buddy becomes importable with Spot
     if not hasattr(spot, "automaton_stream_parser"):
-        raise ToolMissing("Spot (the module named spot is another one)", remedy=remedy)
+        raise ToolMissing("Spot (the module named spot is another program)", remedy=remedy)
     return spot, buddy
 
 

@@ -3,7 +3,7 @@ Elasticsearch.
 
 Elasticsearch is case-sensitive unless an operator ignores case, which concerns ASCII letters only.
 `?` is a wildcard. A test of a missing field is neither true nor false. A missing field is no key of
-`by`, unless written `?field`. Queries that the engine cannot run so are refused.
+`by`, unless written `?field`. Other queries are refused.
 """
 
 import operator

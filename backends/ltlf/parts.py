@@ -108,7 +108,7 @@ class _Simplifier:
     def _opened(self, numbers: Sequence[int], op: PartKind) -> list[int]:
         """Return the numbers with parts of the same kind replaced by their children.
 
-        A choice with other users stays.
+        A choice that another part uses stays.
         """
         found: list[int] = []
         todo = list(reversed(numbers))

@@ -153,7 +153,7 @@ def _swapped(random: Random, trace: list[Json]) -> list[Json] | None:
 
 
 def _bound(random: Random, trace: list[Json], tree: RVAFT) -> list[Json] | None:
-    """Return an edit at a bound: constants compared with a field, its numbers, and sums of both."""
+    """Return the trace with a number near a bound: a constant, a number of the trace, or their sum."""
     fields = EventFields(tree)
 
     def near(path: Path, old: Json) -> list[Json]:

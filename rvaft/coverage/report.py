@@ -5,8 +5,8 @@ Schema, version 1 (fields are only ever added)::
 {"format": "rvaft-coverage", "version": 1, "semantics": "projected", "logs": 3, "branches":
 [{"branch": 1, "kinds": ["fault"], "needed": 5, "reached": 3, "detected": 0, "log": NAME | null,
 "event": NUMBER | null, "waits_for": [{"node": NAME, "event": TEXT}]}], "infeasible": [NUMBER],
-"unseen": [{"node": NAME, "event": TEXT}], "oversights": [{"reason": TEXT, "about": GUARD or
-DURATION or "", "count": NUMBER, "first": TEXT, "example": TEXT}], "totals": {"branches": 4,
+"unseen": [{"node": NAME, "event": TEXT}], "data_warnings": [{"reason": TEXT, "about": GUARD
+or DURATION or "", "count": NUMBER, "first": TEXT, "example": TEXT}], "totals": {"branches": 4,
 "exercised": 1, "nodes": 7, "seen": 5}}
 """
 
@@ -42,7 +42,7 @@ def json_text(report: CoverageReport) -> str:
         "branches": branches,
         "infeasible": list(report.infeasible),
         "unseen": [asdict(event) for event in report.unseen],
-        "oversights": [asdict(warning) for warning in report.data_warnings],
+        "data_warnings": [asdict(warning) for warning in report.data_warnings],
         "totals": totals,
     }
     return json.dumps(value, indent=2) + "\n"

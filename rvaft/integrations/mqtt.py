@@ -2,7 +2,7 @@
 
 An event is a JSON object with `topic`, and with `time`, its arrival in nanoseconds, as in ROS
 recordings. Lost messages are reported in place: after a lost connection, when the buffer is full,
-and for payloads that are no JSON objects. Retained messages are reported and ignored.
+and for payloads that are not JSON objects. Retained messages are reported and ignored.
 """
 
 import os
@@ -80,7 +80,7 @@ class Address(NamedTuple):
             raise OptionError(_HOW)
         if not _FILTER.fullmatch(topic) or len(topic.encode()) > 0xFFFF:
             why = "+ must be a whole level, # must be the last level"
-            raise OptionError(f"{topic[:80]!r} is no topic filter of MQTT: {why}")
+            raise OptionError(f"{topic[:80]!r} is not an MQTT topic filter: {why}")
         for name, value in options.items():
             known = {"qos": _QOS, "version": _VERSIONS}.get(name)
             if known is None or value not in known:

@@ -112,7 +112,7 @@ def monitor(
     A detection has the `key` as JSON, the number of the `event` within its key, its `time`,
     `branch` and `kinds`. `detection` is its number (with `repeat`), and `record` the JSON object
     that `rvaft monitor` passes to commands. Rows with a `warning` and no record report events
-    without the key, lines that are no JSON objects, undefined guards, late events, and failed
+    without the key, lines that are not JSON objects, undefined guards, late events, and failed
     monitors.
 
     A stream keeps the state of a key in Spark's state store. A query that is restarted from its
@@ -325,7 +325,7 @@ def _without_key(options: _Options, texts: Iterable[tuple[int, str]]) -> Iterato
             refused = refused or str(error)
     if lacking:
         names = " or ".join(options.key)
-        yield _warning(None, f"{counted(lacking)} without the field {names}, given to no monitor")
+        yield _warning(None, f"{counted(lacking)} without the field {names}, not monitored")
     if refusals:
         yield _warning(None, f"{counted(refusals)} rejected (first: {refused})")
 

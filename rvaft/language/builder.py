@@ -275,7 +275,7 @@ class Build(Transformer[Token, Any]):
         parameters = tuple([word.value for word in words])
         for word in term.words:
             if word not in parameters:
-                raise Slip(f"{shown(word)} is no parameter of {shown(name)}; write text in quotes", word)
+                raise Slip(f"{shown(word)} is not a parameter of {shown(name)}; write text in quotes", word)
 
         return lambda page: page.draft.events.append(EventType(name.value, parameters, term.value, page.place(name)))
 

@@ -149,7 +149,7 @@ def _field_names(kind: type) -> Sequence[str]:
     if (fields_of_message := getattr(kind, "get_fields_and_field_types", None)) is not None:
         return tuple(fields_of_message())
     if not is_dataclass(kind):
-        raise OptionError(f"{kind.__name__} is no message of ROS")
+        raise OptionError(f"{kind.__name__} is not a ROS message")
     names = [one.name for one in fields(kind) if "ClassVar" not in str(one.type)]  # class variables are constants
     return tuple(name[:-1] if iskeyword(name[:-1]) else name for name in names)
 

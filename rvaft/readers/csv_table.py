@@ -43,7 +43,7 @@ class CsvReader(LogReader):
         if not head.strip():
             raise log.error_at("there is no header, which names the fields of the rows", 1 + before)
         if head.lstrip()[0] in "{[<":
-            raise log.error_at("this is no header of a table but JSON or XML: name its format with --input", 1 + before)
+            raise log.error_at("the first line is JSON or XML, not a header: name the format with --input", 1 + before)
         bare = _QUOTED.sub("", head)
         usual = "\t" if suffix(Path(log.name)) == ".tsv" else ","
         delimiter = declared[1] if declared else next((one for one in (usual, ",", *_DELIMITERS) if one in bare), usual)
@@ -111,4 +111,4 @@ class CsvReader(LogReader):
         log.require(header)
         for name in self.options.types:
             if name not in header:
-                raise log.error_at(f"the header has no field {name}, of which a type is given", line)
+                raise log.error_at(f"the header has no field {name}, but a type is given for it", line)

@@ -48,7 +48,7 @@ class XesReader(LogReader):
                 if moment == "start":
                     if above not in _HOLDERS.get(name, (above or "log",)) or len(path) > MAX_DEPTH:
                         reason = "is nested too deeply" if len(path) > MAX_DEPTH else f"stands in {above or 'no log'}"
-                        raise log.error_at(f"this is no XES: {name} {reason}", number + 1)
+                        raise log.error_at(f"not XES: {name} {reason}", number + 1)
                     case, begun = ({}, False) if name == "trace" else (case, begun)
                     path.append(element)
                     continue
@@ -79,7 +79,7 @@ class XesReader(LogReader):
         except TraceError:
             raise
         except (ET.ParseError, LookupError, ValueError) as error:  # LookupError: an unknown encoding
-            raise log.error_at(f"this is no XML, or damaged: {error}", None) from error
+            raise log.error_at(f"not XML, or damaged: {error}", None) from error
 
 
 class _XmlStream:
@@ -124,7 +124,7 @@ def _attributes(elements: Iterable[ET.Element]) -> dict[str, Json]:
             values = next((one for one in element if _local(one) == "values"), element)
             found[key] = [_attributes([one]) for one in values]
         elif kind not in _TYPES:
-            raise ValueError(f"the attribute {key} is of no type of XES ({kind})")
+            raise ValueError(f"the attribute {key} has a type that XES does not define ({kind})")
         elif text is None:
             raise ValueError(f"the attribute {key} has no value")
         else:

@@ -65,7 +65,7 @@ class JsonReader(LogReader):
         path = self.options.records if self.options.records is not None else DEFAULT_PATH
         yield from self._inside(window, log, [path], first=True)
         if window.next():
-            raise window.wrong("there is something behind the end of the document")
+            raise window.wrong("there is data after the end of the document")
 
     def _inside(
         self, window: "_Window", log: Log, path: Sequence[str], *, first: bool
@@ -79,7 +79,7 @@ class JsonReader(LogReader):
         else:
             kind = "an array" if not path else "an array or an object" if first else "an object"
             hint = "" if first else ": say where the events are with --records PATH"
-            raise window.wrong(f"there should be {kind} here{hint}" if begin else "the document ends too early")
+            raise window.wrong(f"expected {kind} here{hint}" if begin else "the document ends too early")
 
     def _member(self, window: "_Window", log: Log, path: Sequence[str]) -> Iterator[tuple[int, dict[str, Json]]]:
         """Yield the events in the member at `path`; keys may contain dots."""
@@ -98,7 +98,7 @@ class JsonReader(LogReader):
                 yield from self._inside(window, log, left, first=False)
         if not found:
             hint = "say where the events are with --records PATH"
-            raise log.error_at(f"the document has nothing at {'.'.join(path)}: {hint}", None)
+            raise log.error_at(f"the document has no value at {'.'.join(path)}: {hint}", None)
 
     def _items(self, window: "_Window", log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
         for number in window.parts("[", "]"):

@@ -59,7 +59,7 @@ class ParquetReader(LogReader):
                     number += batch.num_rows
         except (pyarrow.ArrowException, OSError) as error:
             reason = str(error).strip().partition("\n")[0].removesuffix(".")
-            raise log.error_at(f"this is no Parquet, or damaged: {reason}", number + 1 if number else None) from error
+            raise log.error_at(f"not Parquet, or damaged: {reason}", number + 1 if number else None) from error
 
 
 def _events(batch: _Batch, log: Log, before: int) -> list[dict[str, Json] | None]:
@@ -130,7 +130,7 @@ def _values(column: _Column) -> list[Json]:
         return [None if one is None else _text(one) for one in column.to_pylist()]
     found: list[Json] = column.to_pylist()
     if not all(value is None or isinstance(value, (bool, int, float, str)) for value in found[:1]):
-        raise ValueError(f"values of the type {kind} are no JSON")
+        raise ValueError(f"values of the type {kind} cannot be written as JSON")
     return found
 
 

@@ -60,7 +60,7 @@ class SyslogReader(LineReader):
         """Return the event on a line."""
         found = _RFC5424.fullmatch(line) or _RFC3164.fullmatch(line)
         if found is None:
-            raise ValueError("no line of syslog")
+            raise ValueError("not a syslog line")
         groups = {name: text for name, text in found.groupdict().items() if text is not None}
         event: dict[str, Json] = {}
         new = "data" in groups
@@ -72,13 +72,13 @@ class SyslogReader(LineReader):
         if "priority" in groups:
             facility, severity = divmod(int(groups["priority"]), len(_SEVERITIES))
             if facility >= len(_FACILITIES):
-                raise ValueError("no priority of syslog")
+                raise ValueError("not a syslog priority")
             event |= {"severity": _SEVERITIES[severity], "facility": _FACILITIES[facility]}
         if groups.get("data", "-") != "-":
             elements = list(_ELEMENT.finditer(groups["data"]))
             event["data"] = {element[1]: _parameters(element[2]) for element in elements}
             if len(event["data"]) < len(elements):
-                raise ValueError("no structured data of syslog: an element is repeated")
+                raise ValueError("invalid structured data: an element is repeated")
         return event
 
 
@@ -103,7 +103,7 @@ def _latest(month: int, day: int, last: date) -> date:
         with suppress(ValueError):
             if (found := date(year, month, day)) <= last:
                 return found
-    raise ValueError("there is no such day")
+    raise ValueError("the date does not exist")
 
 
 class RegexReader(LineReader):
@@ -127,12 +127,12 @@ class RegexReader(LineReader):
             self._search = re.compile(options.pattern).search
             groups = re.compile(options.pattern).groupindex
         except (re.error, OverflowError, RecursionError) as error:
-            raise OptionError(f"the pattern is no regular expression: {error}") from error
+            raise OptionError(f"the pattern is not a regular expression: {error}") from error
         if not groups:
             raise OptionError("the pattern has no named groups, which are the fields: write (?P<user>...)")
         for name in options.types:
             if name not in groups:
-                raise OptionError(f"the pattern has no group {name}, of which a type is given")
+                raise OptionError(f"the pattern has no group {name}, but a type is given for it")
         self._searched = self._before = ""
         self._converters = {
             name: by_content if (kind := options.types.get(name)) is None else kind.value_of for name in groups

@@ -90,7 +90,7 @@ class _DataPickler(pickle.Pickler):
     def reducer_override(self, obj: object) -> Any:
         kind = obj if isinstance(obj, type) else type(obj)
         if _ADMITTED.get((kind.__module__, kind.__qualname__)) is not kind:
-            raise pickle.PicklingError(f"{kind.__module__}.{kind.__qualname__} has no place in a checkpoint")
+            raise pickle.PicklingError(f"{kind.__module__}.{kind.__qualname__} is not allowed in a checkpoint")
         return NotImplemented
 
 
@@ -98,7 +98,7 @@ class _DataUnpickler(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> type:
         found = _ADMITTED.get((module, name))
         if found is None:
-            raise pickle.UnpicklingError(f"{module}.{name} has no place in a checkpoint")
+            raise pickle.UnpicklingError(f"{module}.{name} is not allowed in a checkpoint")
         return found
 
 

@@ -34,7 +34,7 @@ class Field:
         """Parse a dotted path; raises `OptionError`."""
         path = tuple(text.split("."))
         if not all(path):
-            raise OptionError(f"{text!r} is no field: write a name, or names with dots between")
+            raise OptionError(f"{text!r} is not a field: write a name, or names with dots between")
         return cls(text, path)
 
     def of(self, event: Json) -> tuple[Json] | None:
@@ -142,4 +142,4 @@ class KeyedTraces:
         """The warning about events without the key, if any."""
         if self.lacking:
             lacking = f"{counted(self.lacking)} without the field {' or '.join(one.text for one in self.key.fields)}"
-            yield f"{lacking}, given to no monitor (first: event {self.first_lacking})"
+            yield f"{lacking}, not monitored (first: event {self.first_lacking})"

@@ -25,7 +25,7 @@ def in_processes(
     A few items per process are read in advance. `jobs` processes are forked before the first
     result; items and results are pickled.
     """
-    # Slow to import, and seldom needed.
+    # Slow to import, and rarely needed.
     import multiprocessing  # noqa: PLC0415
     from concurrent.futures import Future, ProcessPoolExecutor  # noqa: PLC0415
     from concurrent.futures.process import BrokenProcessPool  # noqa: PLC0415

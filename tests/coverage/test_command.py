@@ -55,7 +55,7 @@ def test_what_was_detected_and_what_was_waited_for() -> None:
         "logs": 2,
         "infeasible": [],
         "unseen": [{"node": name, "event": name} for name in ("kx", "c", "d", "f")],
-        "oversights": [],
+        "data_warnings": [],
         "totals": {"branches": 3, "exercised": 1, "nodes": 8, "seen": 4},
     }
     waits = {"waits_for": [{"node": "kx", "event": "kx"}]}

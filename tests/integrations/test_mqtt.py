@@ -139,7 +139,7 @@ WRONG = [
         (url, "mqtt://HOST[:PORT]/TOPIC")
         for url in ("mqtt://h", "mqtt:///x", "mqtt://h:99999/x", "mqtt://u:sec/ret@h/x")
     ),
-    *((f"mqtt://h/{topic}", "no topic filter") for topic in ("a#", "#/a", "a+", "+a/b")),
+    *((f"mqtt://h/{topic}", "not an MQTT topic filter") for topic in ("a#", "#/a", "a+", "+a/b")),
     *((f"mqtt://h/x?{asked}", "qos=0, 1 or 2") for asked in ("qos=3", "retain=1", "version=4")),
     ("mqts://bob:secret@h/x", "unknown URL scheme mqts://; known: mqtt://"),
     ("mqtt://h/x mqtt://h/y", "name one TRACE"),

@@ -130,7 +130,7 @@ def test_a_table_has_the_detections_of_the_command(
     assert of_rows(rows) == expected
     assert sum(expected.values()) >= 15
     warnings = [row.warning for row in rows if row.warning is not None]
-    assert "21 events without the field user, given to no monitor" in warnings
+    assert "21 events without the field user, not monitored" in warnings
     assert any(line.startswith("1 event rejected (first: not JSON") for line in warnings)
 
 
@@ -147,7 +147,7 @@ def test_rows_are_events_and_a_number_is_their_order(session: Any) -> None:
         {"node": "a", "occurrence": 1, "event": 1},
         {"node": "b", "occurrence": 1, "event": 2},
     ]
-    assert lacking.warning == "1 event without the field host, given to no monitor"
+    assert lacking.warning == "1 event without the field host, not monitored"
 
 
 def test_what_is_not_counted_is_told(session: Any) -> None:

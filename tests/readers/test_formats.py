@@ -202,7 +202,7 @@ def test_a_log_of_lines_goes_on_from_a_checkpoint(syslog_tree: Path, tmp_path: P
     again = run(*check)
     assert again.exit_code == 1
     assert "verdict true after 3 events" in again.stdout
-    assert f"{log}:4: no line of syslog (1 line left out)" in again.stderr
+    assert f"{log}:4: not a syslog line (1 line left out)" in again.stderr
     failed(
         run(*check, "--input", "regex", "--pattern", "(?P<a>.)"), "this is a checkpoint of a run with --input syslog"
     )
@@ -217,7 +217,7 @@ def test_a_log_of_lines_is_followed(syslog_tree: Path, tmp_path: Path) -> None:
         with log.open("a", encoding="utf-8") as stream:
             stream.write(f"noise\nnoise\n{LINES[2]}")
         assert json.loads(running.stdout.readline())["verdict"] == "true"
-        told = f"rvaft: warning: {log}:3: no line of syslog"
+        told = f"rvaft: warning: {log}:3: not a syslog line"
         assert running.stderr.readline() == f"{told}; skipped, as are later ones like it\n"
         running.send_signal(signal.SIGINT)
         assert running.stderr.read() == f"{told} (2 lines left out)\n"
@@ -322,7 +322,7 @@ def test_what_is_wrong_in_parquet(tmp_path: Path) -> None:
     table = pa.table({"event": ["a", "b", "c"] * 1000})
     parquet.write_table(table, log, write_page_checksum=True, compression="none", use_dictionary=False)
     log.write_bytes(log.read_bytes().replace(b"\x01\0\0\0c", b"\x01\0\0\0x", 1))
-    failed(run("monitor", SAND, log), f"{log}: this is no Parquet, or damaged: ", "CRC")
+    failed(run("monitor", SAND, log), f"{log}: not Parquet, or damaged: ", "CRC")
     for form, usual in (("parquet", ".parquet"), ("bag", ".bag")):
         failed(run("monitor", SAND, tmp_path, "--input", form), f"for example '{tmp_path}/*{usual}'")
 
@@ -474,7 +474,7 @@ def test_a_library_that_is_not_there(library: str, log: str, extra: str, monkeyp
 
 def test_what_python_is_told(tmp_path: Path) -> None:
     log = written(tmp_path / "l.syslog", "".join(("x\n", *LINES)))
-    with pytest.warns(UserWarning, match="1: no line of syslog"):
+    with pytest.warns(UserWarning, match="1: not a syslog line"):
         assert len(list(rvaft.read_log(log))) == 3
     with pytest.raises(rvaft.OptionError, match="types: 'int' is not a valid FieldType; known: number, text, bool"):
         rvaft.read_log(log, "csv", types={"a": "int"})

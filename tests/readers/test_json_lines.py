@@ -99,7 +99,7 @@ def test_a_number_that_is_not_finite_is_undefined_where_the_tree_reads(
     )
     with pytest.raises(TraceError) if words or field else nullcontext():
         assert events(text, reads, strict=True) == [expected]
-    with pytest.raises(ValueError, match=r"no JSON number|range of a double") if words or huge else nullcontext():
+    with pytest.raises(ValueError, match=r"not a JSON number|range of a double") if words or huge else nullcontext():
         decode(text, reads=reads, strict=True, passed_on=True)
 
 

@@ -55,7 +55,7 @@ def test_fields_and_keys() -> None:
     assert stamp.place({"header.stamp": 1, "header": {"stamp": 9}}) == 1
     assert stamp.place({"header": 0}) is stamp.place({"header": {"stamp": True}}) is None
     for text in ("", ".", "a.", ".a", "a..b"):
-        with pytest.raises(OptionError, match="is no field"):
+        with pytest.raises(OptionError, match="is not a field"):
             Field.parse(text)
 
 
@@ -484,7 +484,7 @@ def test_events_without_the_key_and_too_many_keys() -> None:
     log = [{"robot": {"id": None}, "x": 1}, {"robot": {"id": 1}}, {}, {"robot": {"id": 1}, "x": 1}]
     list(run.read(log, "log"))
     assert [watch.key for watch in run.watches] == [(None, 1), (1, 1)]
-    assert list(run.warnings) == ["2 events without the field robot.id or x, given to no monitor (first: event 2)"]
+    assert list(run.warnings) == ["2 events without the field robot.id or x, not monitored (first: event 2)"]
     with pytest.raises(TooLarge, match=r"different values of robot.id and x") as raised:
         list(run.read([{"robot": {"id": 1}, "x": 2}], "log"))
     assert raised.value.limit == 2

@@ -16,7 +16,7 @@ from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits
 
 SMALL: Final = 120
-"""A tree with a VOT is determinised if it has at most this many alternatives.
+"""A tree with a VOT is determinised if it has at most so many scenarios and alternatives.
 
 The published monitors then report `true` at the completing event; with optional children beside a
 count, one event later. The user's limit does not affect this choice.

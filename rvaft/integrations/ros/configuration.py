@@ -159,16 +159,17 @@ def _topics(tree: RVAFT, semantics: Semantics) -> tuple[Topic, ...]:
         if not isinstance(topic, Literal) or not isinstance(topic.value, str):
             pattern_needs = 'its pattern needs a text in the field topic, as in { topic: "/name" }'
             remedy = "give it an event type with `on`" if node.on is None else pattern_needs
-            raise NoConfiguration(f"{at(node)}: {event(node)} comes over no topic: {remedy}")
+            raise NoConfiguration(f"{at(node)}: {event(node)} has no topic: {remedy}")
         if wrong := wrong_name(topic.value):
-            raise NoConfiguration(f"{at(node)}: {wrong}; mend the field topic of {event(node)}")
+            raise NoConfiguration(f"{at(node)}: {wrong}; correct the field topic of {event(node)}")
         first.setdefault(topic.value, node)
     spelled: dict[str, str] = {}
     for name, node in first.items():
         other = spelled.setdefault(absolute(name), name)
         if other != name:
             raise NoConfiguration(
-                f"{at(node)}: the topics {other} and {name} are one in ROS: spell it the same way in all patterns"
+                f"{at(node)}: the topics {other} and {name} are the same topic in ROS: "
+                "spell it the same way in all patterns"
             )
     missing = [name for name in first if absolute(name) not in tree.topics]
     if missing:
@@ -186,7 +187,7 @@ def _topics(tree: RVAFT, semantics: Semantics) -> tuple[Topic, ...]:
         if same.type != one.type:
             raise NoConfiguration(
                 f"{one.place}: the message types {same.type} of {same.name} and {one.type} of {one.name} would both be "
-                f"{word} in one monitor of ROSMonitoring, which takes the one for the other: rename one message"
+                f"{word} in one monitor of ROSMonitoring, which confuses them: rename one message"
             )
     return wanted
 

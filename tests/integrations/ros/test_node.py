@@ -114,7 +114,7 @@ def test_the_values_of_a_message_are_json() -> None:
         "sole": {"x": 1.5},
     }
     assert rvaft.message_event(of("Empty"), "/scan", 7) == {"topic": "/scan", "time": 7}
-    with pytest.raises(rvaft.OptionError, match="dict is no message of ROS"):
+    with pytest.raises(rvaft.OptionError, match="dict is not a ROS message"):
         rvaft.message_event({"data": 1}, "/scan", 7)
 
 

@@ -116,6 +116,8 @@ class EventColumns:
     def read(cls, text: str) -> Self:
         """Return the header of a text; raises `LanguageError` without one."""
         opening, closing = cls.comment
+        remarks = rf"(?:{re.escape(opening)}(?! rvaft\n).*?{re.escape(closing)}\s*)*"
+        text = re.sub(rf"\A{remarks}", "", text, flags=re.DOTALL)
         first, _, rest = text.partition("\n")
         lines, end, _ = rest.partition(closing)
         if first.strip() != f"{opening} rvaft" or not end:

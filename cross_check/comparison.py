@@ -13,6 +13,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Final, TypeAlias, TypeVar
 
+from cross_check.generate.conforming import conforming
 from cross_check.generate.times import in_order
 from cross_check.judges import FLINK, MONPOLY, R2U2, VERIMON, flink_of, monpoly_of, r2u2_of
 from cross_check.letters import TIMES, VARIABLES
@@ -43,7 +44,9 @@ from rvaft.api import narrowed
 from rvaft.backend import Match
 from rvaft.core.branches import restrict
 from rvaft.errors import TooLarge
-from rvaft.model.nodes import Kind
+from rvaft.model.assumptions import first_violation
+from rvaft.model.expressions import assumptions_text
+from rvaft.model.nodes import Assumption, Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Semantics, Verdict
@@ -152,6 +155,7 @@ def cross_check(
 @dataclass(slots=True)
 class _Row:
     name: str
+    tree: RVAFT
     patience: float | None
     participant: Participant | None = None
     outside: Outside | None = None
@@ -206,8 +210,17 @@ class _Row:
         return one is not None and reports_detections_only(one)
 
     def leaves_open(self, trace: Trace) -> str:
+        if self.assumes and (broken := first_violation(self.tree, trace, self.assumes)) is not None:
+            return f"it breaks the assumption '{broken.assumption}'"
         left_open = None if self.participant is None else self.participant.left_open
         return "" if left_open is None else left_open(trace)
+
+    @property
+    def assumes(self) -> frozenset[Assumption]:
+        """The assumptions that its text relies on."""
+        source = self.participant or self.outside
+        known = None if source is None else source.specification
+        return frozenset() if known is None else known.assumes
 
     def judge(self, judged: Sequence[tuple[Trace, Answer]], answers: Sequence[Answer]) -> None:
         for (trace, wanted), answer in zip(judged, answers, strict=True):
@@ -258,6 +271,9 @@ class _Row:
         with suppress(Exception, Expired), within(self.patience):
             while self.difference is not None and position < len(trace := self.difference[0]):
                 fewer = trace[:position] + trace[position + 1 :]
+                if self.leaves_open(fewer):
+                    position += 1
+                    continue
                 self.compare(fewer, baseline.verdicts_of(fewer), self.verdicts_of(fewer))
                 position += len(self.difference[0]) == len(trace)
 
@@ -275,7 +291,7 @@ class Comparison:
         """Return the results; `candidates` are named before their creation, which may time out."""
         for name, enlist in candidates:
             started = perf_counter()
-            row = _Row(name, self.effort.seconds)
+            row = _Row(name, self.tree, self.effort.seconds)
             match row.attempt(enlist, self.effort.seconds):
                 case Absent(error):
                     row.fail(error)
@@ -329,8 +345,11 @@ class Comparison:
             except TooLarge as error:
                 gaps = [f"no letters: {reason(error)}"] * len(present)
         for row, gap in zip(present, gaps, strict=True):
+            if row.assumes:
+                row.why = f"assumes {assumptions_text(row.assumes, self.tree.time)}"
             if row.detections_only:
-                row.why = DETECTIONS_ONLY
+                row.why = "; ".join(filter(None, (DETECTIONS_ONLY, row.why)))
+            if row.why:
                 continue
             if self.effort.states and row.participant is not None and row.participant.timed:
                 row.why = TIMES
@@ -408,13 +427,18 @@ class Comparison:
         """
         kept = [one for one in every if not row.leaves_open(one[0])]
         if len(kept) < len(every):
-            others = [in_order(self.tree, trace) for trace, _ in every if row.leaves_open(trace)]
+            others = [self._mended(row, trace) for trace, _ in every if row.leaves_open(trace)]
             whys = [why for trace in others if (why := row.leaves_open(trace))]
             row.masks.update(dict.fromkeys(whys))
             row.masked += len(whys)
             others = [trace for trace in others if not row.leaves_open(trace)]
             kept += zip(others, baseline.answers(others) or (), strict=False)
         return kept
+
+    def _mended(self, row: _Row, trace: Trace) -> Trace:
+        """Return the trace with the assumptions kept and, if necessary, increasing times."""
+        kept = conforming(self.tree, trace, row.assumes) if row.assumes else trace
+        return in_order(self.tree, kept) if row.leaves_open(kept) else kept
 
     def _matches(self, judged: Iterable[tuple[Trace, Answer]]) -> list[tuple[Trace, frozenset[Match]]]:
         found: dict[str, tuple[Trace, frozenset[Match]]] = {}

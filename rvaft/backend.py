@@ -23,7 +23,9 @@ from rvaft.core.passes import Pass, decide_constants, property_of
 from rvaft.core.property import Event, Part, Property
 from rvaft.errors import NotExpressible, OptionError, RvaftError, ToolFailed, ToolMissing
 from rvaft.model import guards, patterns
+from rvaft.model.expressions import assumptions_text
 from rvaft.model.guards import Guard, Operator
+from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -76,6 +78,8 @@ class Specification:
     language: str
     metrics: Metrics
     reader: Callable[[str], Monitor] | None = field(default=None, repr=False, compare=False)
+    assumes: frozenset[Assumption] = frozenset()
+    """The assumptions that the text relies on."""
 
     def monitor(self) -> Monitor:
         """Return a new monitor that runs `text`; raises `OptionError` if the language is only
@@ -188,6 +192,14 @@ class Backend(ABC):
     """The kinds of values, besides strings, that a text can require of an event."""
     ties: ClassVar[Ties] = Ties.NONE
     """The supported variables over several events."""
+    needs: ClassVar[Mapping[Capability, frozenset[Assumption]]] = {}
+    """Further supported capabilities, each with the assumptions that it needs."""
+    relies: ClassVar[frozenset[Assumption]] = frozenset()
+    """Assumptions that make texts simpler where a tree states them."""
+    remark: ClassVar[str] = ""
+    """A comment of the language with `{}` for its text; empty if texts have no comments."""
+    remark_line: ClassVar[int] = 0
+    """The number of lines before a remark."""
     reasons: ClassVar[Mapping[Capability, str]] = {}
     """Specific reasons for missing capabilities; `Semantics` stands for all missing semantics."""
     default_limit: ClassVar[int]
@@ -206,7 +218,15 @@ class Backend(ABC):
     def capabilities(cls) -> Capabilities:
         """Return the capabilities as data."""
         return Capabilities(
-            cls.says, cls.operators, cls.features, cls.values, cls.ties, cls.semantics, cls.passes, cls.reasons
+            cls.says,
+            cls.operators,
+            cls.features,
+            cls.values,
+            cls.ties,
+            cls.semantics,
+            cls.passes,
+            cls.reasons,
+            cls.needs,
         )
 
     @final
@@ -220,14 +240,28 @@ class Backend(ABC):
             reason = f"`write` returned {type(written).__name__}, not a SpecificationText"
             raise ToolFailed(f"the backend {self.name}", reason=reason)
         metrics = replace(written.metrics, seconds=perf_counter() - start)
-        return Specification(written.text, self.language, metrics, written.reader or self.read)
+        text = self._remarked(written.text, prop.assumes, tree) if prop.assumes else written.text
+        return Specification(text, self.language, metrics, written.reader or self.read, prop.assumes)
+
+    def _remarked(self, text: str, assumes: frozenset[Assumption], tree: RVAFT) -> str:
+        """Return the text with a comment that lists the assumptions."""
+        lines = text.splitlines(keepends=True) if self.remark else [text]
+        remark = self.remark.format(f"assumes {assumptions_text(assumes, tree.time)}") if self.remark else ""
+        return "".join([*lines[: self.remark_line], remark, *lines[self.remark_line :]])
 
     @final
     def prepared(self, tree: RVAFT, semantics: Semantics) -> Property:
-        """Return the property of a tree after the passes; raises `NotExpressible`, `TooLarge`."""
+        """Return the property of a tree after the passes, with the assumptions that a text relies on.
+
+        Under `assume order` no event is late, so a language that cannot drop late events gets the
+        property without them. Raises `NotExpressible` and `TooLarge`.
+        """
         with self._refusing(semantics):
             prop = decide_constants(property_of(tree))
-            check(prop, semantics, self.capabilities())
+            assumes = check(prop, semantics, self.capabilities()) | (self.relies & tree.assumes)
+            if prop.time is not None and prop.time.late is not None and Feature.LATE not in self.features:
+                prop, assumes = replace(prop, time=replace(prop.time, late=None)), assumes | {Assumption.ORDER}
+            prop = replace(prop, assumes=assumes)
             for each in self.passes:
                 prop = each(prop)
             if self.passes:

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias, assert_never
 
 from rvaft.core.passes import Pass
 from rvaft.core.property import (
@@ -29,6 +29,7 @@ from rvaft.core.scenarios import resolutions
 from rvaft.errors import NotExpressible
 from rvaft.model import patterns
 from rvaft.model.guards import Duration, Guard, Operation, Operator, conjuncts, holds, time_points, variables, walk
+from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import ListPattern, Literal, ObjectPattern, Pattern
 from rvaft.model.verdict import Semantics
 
@@ -113,6 +114,8 @@ class Capabilities:
     semantics: frozenset[Semantics]
     passes: tuple[Pass, ...] = ()
     reasons: Mapping[Capability, str] = field(default_factory=dict)
+    needs: Mapping[Capability, frozenset[Assumption]] = field(default_factory=dict)
+    """Further capabilities, each with the assumptions without which it is refused."""
 
     @property
     def constructs(self) -> frozenset[type[Part]]:
@@ -126,8 +129,6 @@ class Capabilities:
         match lacking:
             case Operator():
                 return f"the language has no operator `{lacking.value}`"
-            case Feature.LATE:
-                return "the language cannot drop late events (`late`): lateness depends on earlier events"
             case Feature() | Value():
                 return f"the language has no {lacking.value}"
             case Ties():
@@ -136,6 +137,19 @@ class Capabilities:
                 return "the language does not support this semantics"
             case _:
                 return f"the language has no {described(lacking)}"
+
+    def unassumed(self, lacking: Capability, missing: Iterable[Assumption]) -> str:
+        """Return the refusal of a capability without the assumptions that it needs."""
+        wanted = f"`assume {', '.join(one for one in Assumption if one in missing)};`"
+        match lacking:
+            case Operator():
+                return f"`{lacking.value}` needs {wanted}"
+            case Feature() | Value() | Ties():
+                return f"{lacking.value} need {wanted}"
+            case type():
+                return f"{described(lacking)} need {wanted}"
+            case _:
+                assert_never(lacking)
 
 
 def described(part: type) -> str:
@@ -147,29 +161,38 @@ def described(part: type) -> str:
     return _CONSTRUCTS[part]
 
 
-def check(prop: Property, semantics: Semantics, capabilities: Capabilities, *, written: bool = False) -> None:
-    """Raise `NotExpressible`, with nodes, for the first missing capability.
+def check(
+    prop: Property, semantics: Semantics, capabilities: Capabilities, *, written: bool = False
+) -> frozenset[Assumption]:
+    """Return the assumptions that the constructs of a property need.
 
-    With `written` the passes have run, and the parts that they remove are refused.
+    Raises `NotExpressible`, with nodes, for the first missing capability or assumption. With
+    `written` the passes have run, and the parts that they remove are refused.
     """
     if semantics not in capabilities.semantics:
         raise NotExpressible(capabilities.reason(Semantics))
     constructs = capabilities.says if written else capabilities.constructs
     listed = constructs.union(capabilities.operators, capabilities.features, capabilities.values)
     lacking: dict[Capability, dict[str, None]] = {}
+    assumed = set[Assumption]()
     for need, node in _needs(prop, semantics):
-        if need not in listed:
+        if need in listed:
+            continue
+        if need in capabilities.needs and capabilities.needs[need] <= prop.tree.assumes:
+            assumed |= capabilities.needs[need]
+        else:
             lacking.setdefault(need, {})[node] = None
     for need, nodes in lacking.items():
-        raise NotExpressible(capabilities.reason(need), nodes=[node for node in nodes if node])
+        missing = capabilities.needs.get(need, frozenset()) - prop.tree.assumes
+        reason = capabilities.unassumed(need, missing) if missing else capabilities.reason(need)
+        raise NotExpressible(reason, nodes=[node for node in nodes if node])
     if capabilities.ties is Ties.NONE and (tie := _tied(prop, semantics)) is not None:
         raise NotExpressible(f"{capabilities.reason(tie.lacking)}: {tie.by}", nodes=tie.nodes)
+    return frozenset(assumed)
 
 
 def _needs(prop: Property, semantics: Semantics) -> Iterator[tuple[Capability, str]]:
     """Yield the needed capabilities with their nodes ("" for statements of the tree)."""
-    if prop.time is not None and prop.time.late is not None:
-        yield Feature.LATE, ""
     guarded = list[str]()
     for part in reversed(prop.parts):
         node = part.source.node if part.source is not None else ""

@@ -42,6 +42,8 @@ class AutomatonBackend(Backend):
     name: ClassVar[str] = "automaton"
     language: ClassVar[str] = "hoa"
     suffix: ClassVar[str] = ".hoa"
+    remark: ClassVar[str] = "/* {} */\n"
+    remark_line: ClassVar[int] = 1
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)

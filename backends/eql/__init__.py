@@ -42,6 +42,7 @@ class EqlBackend(Backend):
     name: ClassVar[str] = "eql"
     language: ClassVar[str] = "eql"
     suffix: ClassVar[str] = ".eql"
+    remark: ClassVar[str] = "// {}\n"
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
     json_alone: ClassVar[bool] = True
     extra: ClassVar[str] = "eql"

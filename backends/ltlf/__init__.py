@@ -37,6 +37,7 @@ class LtlfBackend(Backend):
     name: ClassVar[str] = "ltlf"
     language: ClassVar[str] = "ltlf"
     suffix: ClassVar[str] = ".ltlf"
+    remark: ClassVar[str] = "/* {} */\n"
     tools: ClassVar[tuple[str, ...]] = ("mona",)
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}

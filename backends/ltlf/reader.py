@@ -31,7 +31,7 @@ from rvaft.model.guards import Guard, Operation, Operator
 from rvaft.model.patterns import Anything, ObjectPattern, Pattern
 from rvaft.model.values import Json
 
-_OPENING: Final = re.compile(r"\s*/\* rvaft(?!\w)")
+_OPENING: Final = re.compile(r"(?:\s*/\*(?! rvaft(?!\w)).*?\*/)*\s*/\* rvaft(?!\w)", re.DOTALL)
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"')
 _CONTENT: Final = re.compile(r"[^\n]*\S")
 _LINE: Final = re.compile(r"\s*(?:(?:(atom|relevant|ignored)\s+)?([a-z_][a-z0-9_]*)\s*:=\s*(.*\S)|(time\s.*\S))")

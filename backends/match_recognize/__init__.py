@@ -38,6 +38,7 @@ class MatchRecognizeBackend(Backend):
     name: ClassVar[str] = "match-recognize"
     language: ClassVar[str] = "match-recognize"
     suffix: ClassVar[str] = ".match.sql"
+    remark: ClassVar[str] = "/* {} */\n"
     readable: ClassVar[bool] = False
     json_alone: ClassVar[bool] = True
     extra: ClassVar[str] = "flink"

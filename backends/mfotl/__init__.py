@@ -37,6 +37,7 @@ class MfotlBackend(Backend):
     name: ClassVar[str] = "mfotl"
     language: ClassVar[str] = "mfotl"
     suffix: ClassVar[str] = ".mfotl"
+    remark: ClassVar[str] = "(* {} *)\n"
     readable: ClassVar[bool] = False
     json_alone: ClassVar[bool] = True
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})

@@ -59,6 +59,7 @@ class MtlBackend(MtlCapabilities):
     name: ClassVar[str] = "mtl"
     language: ClassVar[str] = "mtl"
     suffix: ClassVar[str] = ".mtl"
+    remark: ClassVar[str] = "/* {} */\n"
     extra: ClassVar[str] = "mtl"
     modules: ClassVar[tuple[str, ...]] = ("reelay",)
 

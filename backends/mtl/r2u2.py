@@ -47,6 +47,7 @@ class MtlR2u2Backend(MtlCapabilities):
     name: ClassVar[str] = "mtl-r2u2"
     language: ClassVar[str] = "c2po"
     suffix: ClassVar[str] = ".c2po"
+    remark: ClassVar[str] = "-- {}\n"
     faithful: ClassVar[bool] = False
     form_of: ClassVar[str] = MtlBackend.name
     readable: ClassVar[bool] = False

@@ -29,7 +29,7 @@ from rvaft.model.values import Json
 _DEEPEST: Final = 1_000
 _FILE: Final = "<mtl>"
 _GO: Final = "{go: true}"
-_HEADER: Final = re.compile(r"\s*/\* rvaft\n(.*?)\*/", re.DOTALL)
+_HEADER: Final = re.compile(r"(?:\s*/\*(?! rvaft\n).*?\*/)*\s*/\* rvaft\n(.*?)\*/", re.DOTALL)
 _LINE: Final = re.compile(r"(\w+) := (.*\S)")
 _WHEN: Final = re.compile(r'"(?:[^"\\]|\\.)*"|(?<!\w)(when)(?!\w)')
 _GRAMMAR: Final = r"""

@@ -83,6 +83,7 @@ class RmlBackend(RmlCapabilities):
     name: ClassVar[str] = "rml"
     language: ClassVar[str] = "rml"
     suffix: ClassVar[str] = ".rml"
+    remark: ClassVar[str] = "// {}\n"
     highlighting: ClassVar[Highlighting] = HIGHLIGHTING
     json_alone: ClassVar[bool] = True  # `not matches` accepts any other value
 

@@ -179,6 +179,7 @@ class RmlPrologBackend(RmlCapabilities):
     name: ClassVar[str] = "rml-prolog"
     language: ClassVar[str] = "rml-prolog"
     suffix: ClassVar[str] = ".pl"
+    remark: ClassVar[str] = "% {}\n"
     highlighting: ClassVar[Highlighting] = Highlighting(
         "RMLProlog",
         # terms without spaces may be very long

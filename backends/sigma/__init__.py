@@ -48,6 +48,7 @@ class SigmaBackend(Backend):
     name: ClassVar[str] = "sigma"
     language: ClassVar[str] = "sigma"
     suffix: ClassVar[str] = ".yml"
+    remark: ClassVar[str] = "# {}\n"
     also: ClassVar[tuple[str, ...]] = (".yaml",)
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
     json_alone: ClassVar[bool] = True

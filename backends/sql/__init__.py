@@ -36,6 +36,8 @@ class SqlBackend(Backend):
     name: ClassVar[str] = "sql"
     language: ClassVar[str] = "sql"
     suffix: ClassVar[str] = ".sql"
+    remark: ClassVar[str] = "-- {}\n"
+    remark_line: ClassVar[int] = 1
     dialect: ClassVar[str] = "sqlite"
     tools: ClassVar[tuple[str, ...]] = ("duckdb",)
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})

@@ -50,6 +50,7 @@ class StixBackend(Backend):
     name: ClassVar[str] = "stix"
     language: ClassVar[str] = "stix"
     suffix: ClassVar[str] = ".stix"
+    remark: ClassVar[str] = "/* {} */ "
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
     json_alone: ClassVar[bool] = True
     extra: ClassVar[str] = "stix"

@@ -25,7 +25,7 @@ Way: TypeAlias = tuple[str, ...]
 
 _MEANT: Final = re.compile(r"(type|id|.*(_refs?|_hex|_bin))_*", re.DOTALL)
 _PATH: Final = re.compile(r"[a-z][a-z0-9-]*:[a-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
-_HEADER: Final = re.compile(r"\s*/\*\s*rvaft\b(.*?)\*/", re.DOTALL)
+_HEADER: Final = re.compile(r"(?:\s*/\*(?!\s*rvaft\b).*?\*/)*\s*/\*\s*rvaft\b(.*?)\*/", re.DOTALL)
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _LAST: Final = 6_000 * 365 * 86_400 * 1_000_000
 

@@ -14,6 +14,7 @@ from dataclasses import field as dataclass_field
 from functools import cached_property
 from typing import Final, Generic, NamedTuple, TypeAlias, TypeVar
 
+from rvaft.model.assumptions import fields_read
 from rvaft.model.guards import OPERATORS, ORDERINGS, Guard, Operation, Predicate, predicate, renamed
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match, rigid
@@ -281,8 +282,8 @@ class Reads:
 
 
 class TreeReads:
-    """The fields that a monitor reads: those of runtime events, `ignore`, `time` and the paths
-    `also`.
+    """The fields that a monitor reads: those of runtime events, `ignore`, `time`, assumptions and
+    the paths `also`.
     """
 
     def __init__(self, tree: RVAFT, also: Iterable[tuple[str, ...]] = ()) -> None:
@@ -292,7 +293,7 @@ class TreeReads:
         )
         self.discriminators = Discriminators(self.patterns)
         self._always: list[Pattern] = [ObjectPattern(((name, Anything()),)) for name in self.discriminators.fields]
-        for path in (*also, *([tree.time.field] if tree.time else [])):
+        for path in dict.fromkeys((*also, *([tree.time.field] if tree.time else []), *fields_read(tree))):
             at: Pattern = Variable("_")
             for name in reversed(path):
                 at = ObjectPattern(((name, at),))

@@ -12,7 +12,7 @@ from weakref import WeakValueDictionary
 
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Guard, time_points
-from rvaft.model.nodes import Kind, Relevant
+from rvaft.model.nodes import Assumption, Kind, Relevant
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT, sorted_topologically
 
@@ -207,6 +207,8 @@ class Property:
     kind: Kind | None = None
     requested: RVAFT | None = None
     """The tree as given, with its restriction to a branch or kind."""
+    assumes: frozenset[Assumption] = frozenset()
+    """The assumptions that a text may rely on."""
     resolved: bool = False
     """Whether a pass has made all choices, so that each alternative belongs to one branch."""
 

@@ -28,7 +28,7 @@ from rvaft.model.guards import (
     TimePoint,
     time_points,
 )
-from rvaft.model.nodes import Causality, EventType, Ignore, Kind, On, Place
+from rvaft.model.nodes import Assumption, Causality, EventType, Ignore, Kind, On, Place, ValueType
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.values import Scalar, has_surrogate, is_number
 from rvaft.model.verdict import Semantics
@@ -241,6 +241,25 @@ class Build(Transformer[Token, Any]):
             raise Slip(f"unknown semantics {shown(word)}: known are {', '.join(Semantics)}", word)
         return lambda page: page.draft.semantics.append(page.located(start, Semantics(word)))
 
+    def assumption(self, items: Items) -> tuple[Token, int | None]:
+        word, length = items
+        if word not in tuple(Assumption):
+            raise Slip(f"unknown assumption {shown(word)}: known are {', '.join(Assumption)}", word)
+        if (length is not None) is not (word == Assumption.ORDER):
+            mend = "it takes no duration" if length is not None else "it needs a duration, as in order 5 min"
+            raise Slip(f"the assumption {word}: {mend}", word)
+        return word, None if length is None else self.duration([length]).value.value
+
+    def assume(self, items: Items) -> Statement:
+        def add(page: Page) -> None:
+            for word, lateness in items[1::2]:
+                if lateness is None:
+                    page.draft.assumes.append(page.said(word, Assumption(word)))
+                else:
+                    page.draft.orders.append(page.said(word, lateness))
+
+        return add
+
     def moment(self, items: Items) -> tuple[Token, EventTime]:
         start, path, _, word = items
         if word not in tuple(TimeFormat):
@@ -268,16 +287,24 @@ class Build(Transformer[Token, Any]):
             raise Slip("the guard of an `ignore` applies to one event and cannot use time points of nodes", token)
         return lambda page: page.draft.ignores.append(Ignore(on, when, page.place(name)))
 
+    def parameter(self, items: Items) -> tuple[Token, ValueType]:
+        word, _, type_ = items
+        if type_ is not None and type_ not in tuple(ValueType):
+            raise Slip(f"unknown type {shown(type_)}: known are {', '.join(ValueType)}", type_)
+        return word, ValueType.ANY if type_ is None else ValueType(type_)
+
     def event(self, items: Items) -> Statement:
-        name, words, term = items[1], items[3] or [], items[6]
+        name, declared, term = items[1], items[3] or [], items[6]
+        words = [word for word, _ in declared]
         for index, word in enumerate(words):
             _check_parameter(word, words[:index])
         parameters = tuple([word.value for word in words])
+        types = tuple([type_ for _, type_ in declared])
         for word in term.words:
             if word not in parameters:
                 raise Slip(f"{shown(word)} is not a parameter of {shown(name)}; write text in quotes", word)
 
-        return lambda page: page.draft.events.append(EventType(name.value, parameters, term.value, page.place(name)))
+        return lambda page: page.draft.events.append(EventType(name.value, parameters, term.value, page.place(name), types))
 
     def topic(self, items: Items) -> Statement:
         words = [self.name(items[1:2]), self.name(items[3:4]), *(items[5] or [])]

@@ -13,7 +13,7 @@ from typing import Final, Generic, NamedTuple, TypeVar, assert_never
 from rvaft.errors import TreeError
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Guard
-from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Place, Topic, absolute
+from rvaft.model.nodes import Assumption, Causality, EventType, Gate, Ignore, Kind, Node, On, Place, Topic, absolute
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 
@@ -192,6 +192,8 @@ class Draft:
     causalities: list[Located[Causality]] = field(default_factory=list)
     semantics: list[Located[Semantics]] = field(default_factory=list)
     times: list[Located[EventTime]] = field(default_factory=list)
+    assumes: list[Located[Assumption]] = field(default_factory=list)
+    orders: list[Located[int]] = field(default_factory=list)
     parameters: list[Located[str]] = field(default_factory=list)
     prunes: list[Located[str]] = field(default_factory=list)
     broken_prunes: list[BrokenPrune] = field(default_factory=list)
@@ -217,6 +219,12 @@ class Draft:
         names = {toplevel.value for toplevel in self.toplevels} or {node.name for node in self.parentless()}
         return names.pop() if len(names) == 1 else None
 
+    @property
+    def time(self) -> EventTime | None:
+        """The time of events, with the lateness of `assume order` if that states it."""
+        time, order = _first(self.times), _first(self.orders)
+        return time if time is None or order is None else replace(time, late=order)
+
     @no_collections()
     def build(self) -> RVAFT:
         """Return the tree; raises `TreeError` if the draft is no tree."""
@@ -238,13 +246,15 @@ class Draft:
             ignores=self.ignores,
             topics=topics.values(),
             causality=_first(self.causalities) or Causality.TOP_DOWN,
-            time=_first(self.times),
+            time=self.time,
             semantics=_first(self.semantics),
+            assumes=[said.value for said in self.assumes],
         )
 
     def settings(self) -> dict[str, Sequence[Located[object]]]:
         """Return the settings that a tree may have once, by their keywords."""
-        return {"causality": self.causalities, "semantics": self.semantics, "time": self.times}
+        orders = [*(Said(one.late, place) for one, place in self.times if one.late is not None), *self.orders]
+        return {"causality": self.causalities, "semantics": self.semantics, "time": self.times, "assume order": orders}
 
     def carry_out_prunes(self) -> None:
         """Remove the pruned nodes and those reachable only through them; record `broken_prunes`."""

@@ -1,11 +1,13 @@
 """A tree as canonical text, which the parser reads back as an equal tree."""
 
 from collections.abc import Iterable, Iterator
+from itertools import repeat
 from typing import Final
 
 from rvaft.errors import expect
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import (
+    assumptions_text,
     guard_text,
     name_text,
     on_text,
@@ -16,7 +18,7 @@ from rvaft.model.expressions import (
     word_text,
 )
 from rvaft.model.guards import Guard
-from rvaft.model.nodes import Causality, Node, Topic
+from rvaft.model.nodes import Causality, EventType, Node, Topic, ValueType
 from rvaft.model.tree import RVAFT
 
 _WIDEST: Final = 40
@@ -26,10 +28,10 @@ _WIDEST: Final = 40
 def dumps(tree: RVAFT) -> str:
     """Return the canonical text of a tree; `loads(dumps(tree)) == tree`.
 
-    The order is causality, semantics, time, event types, topics, ignores, toplevel, nodes (parents
-    before children, then unreachable ones). A child without a statement stays undeclared; a
-    restriction is lost. Raises `LanguageError` for an unpaired surrogate, and beyond 100 levels of
-    nesting.
+    The order is causality, semantics, time, assumptions, event types, topics, ignores, toplevel,
+    nodes (parents before children, then unreachable ones). A child without a statement stays
+    undeclared; a restriction is lost. Raises `LanguageError` for an unpaired surrogate, and beyond
+    100 levels of nesting.
 
     >>> import rvaft
     >>> print(dumps(rvaft.loads("top   and a b;")), end="")
@@ -40,7 +42,7 @@ def dumps(tree: RVAFT) -> str:
     blocks = [
         [*_settings(tree)],
         _aligned(
-            [f"event {word_text(event.name)}({', '.join(event.parameters)})", f"= {pattern_text(event.pattern)}"]
+            [f"event {word_text(event.name)}({_parameters(event)})", f"= {pattern_text(event.pattern)}"]
             for event in tree.events.values()
         ),
         _aligned(_topic_cells(topic) for topic in tree.topics.values()),
@@ -56,8 +58,14 @@ def _settings(tree: RVAFT) -> Iterator[str]:
     if tree.semantics is not None:
         yield f"semantics {tree.semantics};"
     if tree.time is not None:
-        late = "" if tree.time.late is None else f" late {duration_text(tree.time.late)}"
-        yield f"{time_text(tree.time)}{late};"
+        yield f"{time_text(tree.time)};"
+    if tree.assumes:
+        yield f"assume {assumptions_text(tree.assumes, tree.time)};"
+
+
+def _parameters(event: EventType) -> str:
+    typed = zip(event.parameters, event.types or repeat(ValueType.ANY), strict=False)
+    return ", ".join(name if type_ is ValueType.ANY else f"{name}: {type_}" for name, type_ in typed)
 
 
 def _stated(tree: RVAFT) -> Iterator[Node]:

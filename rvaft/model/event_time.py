@@ -93,6 +93,10 @@ class EventTime:
         """
         return _READERS[self.format](at(event, self.field))
 
+    def reads(self, value: Json) -> bool:
+        """Whether a value of the time field can be read."""
+        return _READERS[self.format](value) is not None
+
     def is_late(self, event: Json, latest: int | None) -> tuple[bool, int | None]:
         """Return whether an event is late, and the new maximum time.
 

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -19,7 +19,7 @@ from rvaft.model.guards import (
     Operator,
     TimePoint,
 )
-from rvaft.model.nodes import Argument, Gate, Node, On
+from rvaft.model.nodes import Argument, Assumption, Gate, Node, On
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.values import Scalar, has_surrogate
 
@@ -70,6 +70,18 @@ def word_text(word: str) -> str:
 def time_text(time: EventTime) -> str:
     """Return a `time` statement without `late` and semicolon."""
     return f"time {'.'.join(map(name_text, time.field))} as {time.format}"
+
+
+def assumptions_text(assumptions: Collection[Assumption], time: EventTime | None) -> str:
+    """Return assumptions as an `assume` statement lists them.
+
+    >>> assumptions_text({Assumption.CASE, Assumption.TYPES}, None)
+    'types, case'
+    """
+    late = "" if time is None or time.late is None else f" {duration_text(time.late)}"
+    return ", ".join(
+        f"{one}{late}" if one is Assumption.ORDER else one.value for one in Assumption if one in assumptions
+    )
 
 
 def literal_text(value: Scalar) -> str:

@@ -65,6 +65,27 @@ class Kind(StrEnum):
     ATTACK = "attack"
 
 
+class ValueType(StrEnum):
+    """The declared type of a parameter (semantics, section 1.4)."""
+
+    TEXT = "text"
+    INTEGER = "integer"
+    NUMBER = "number"
+    BOOLEAN = "boolean"
+    TIME = "time"
+    ANY = "any"
+
+
+class Assumption(StrEnum):
+    """A property of logs that a tree states and translations rely on (semantics, section 1.4)."""
+
+    TYPES = "types"
+    PRESENT = "present"
+    CASE = "case"
+    EXACT = "exact"
+    ORDER = "order"
+
+
 class Place(NamedTuple):
     """A position in a text; line and column start at 1."""
 
@@ -80,15 +101,30 @@ class Place(NamedTuple):
 class EventType:
     """`event NAME(parameters) = pattern;`, where the parameters are variables of the pattern.
 
+    `types` are the declared types of the parameters; it is empty if none is declared.
+
     >>> import rvaft
-    >>> rvaft.loads("event at(place) = { at: place }; top on at(Place);").events["at"].parameters
-    ('place',)
+    >>> event = rvaft.loads("event at(place: text) = { at: place }; top on at(Place);").events["at"]
+    >>> event.parameters, event.type_of("place").value
+    (('place',), 'text')
     """
 
     name: str
     parameters: tuple[str, ...]
     pattern: Pattern
     place: Place = field(default=Place(), compare=False)
+    types: tuple[ValueType, ...] = ()
+
+    def __post_init__(self) -> None:
+        if all(one is ValueType.ANY for one in self.types):
+            object.__setattr__(self, "types", ())
+        elif len(self.types) != len(self.parameters):
+            count = f"{len(self.types)} types for {len(self.parameters)} parameters"
+            raise TreeError(f"event {self.name} has {count}", rule="event-arity")
+
+    def type_of(self, parameter: str) -> ValueType:
+        """Return the declared type of a parameter, or ANY."""
+        return self.types[self.parameters.index(parameter)] if self.types else ValueType.ANY
 
 
 Argument: TypeAlias = Literal | Variable | Anything

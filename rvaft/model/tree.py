@@ -14,7 +14,7 @@ from rvaft.errors import TreeError
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import time_points
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import Causality, EventType, Ignore, Kind, Node, On, Relevant, Topic, by_name
+from rvaft.model.nodes import Assumption, Causality, EventType, Ignore, Kind, Node, On, Relevant, Topic, by_name
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Variable, substitute, walk
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.verdict import Semantics
@@ -39,7 +39,8 @@ class RVAFT:
 
     `nodes` has the order of declaration. A restricted tree has its origin in `part_of` and keeps
     the `alphabet` of the whole tree. `topics` are the ROS topics by absolute name; `time` and
-    `semantics` may be None. Trees with equal content are equal regardless of order and positions.
+    `semantics` may be None. `assumes` are the stated assumptions; ORDER is among them if `time` has
+    a lateness. Trees with equal content are equal regardless of order and positions.
 
     Raises `TreeError` for an unknown root or child, a cycle, a duplicate child, a threshold out of
     range, an unknown event type, a wrong number of arguments, an unused parameter, a duplicate or
@@ -65,6 +66,7 @@ class RVAFT:
         causality: Causality = Causality.TOP_DOWN,
         time: EventTime | None = None,
         semantics: Semantics | None = None,
+        assumes: Iterable[Assumption] = (),
         part_of: "Whole | None" = None,
     ) -> None:
         self.root = root
@@ -75,6 +77,8 @@ class RVAFT:
         self.causality = causality
         self.time = time
         self.semantics = semantics
+        order = {Assumption.ORDER} if time is not None and time.late is not None else set()
+        self.assumes = (frozenset(map(Assumption, assumes)) - {Assumption.ORDER}) | order
         self.part_of = part_of
         for event in self.events.values():
             used = pattern_variables(event.pattern)
@@ -209,7 +213,7 @@ class RVAFT:
     @cached_property
     def _identity(self) -> tuple[object, ...]:
         unordered = (frozenset(stated.values()) for stated in (self.nodes, self.events, self.topics))
-        return (self.root, *unordered, self.ignores, self.causality, self.time, self.semantics, self.part_of)
+        return (self.root, *unordered, self.ignores, self.causality, self.time, self.semantics, self.assumes, self.part_of)
 
     def __eq__(self, other: object) -> bool:
         return self is other or (isinstance(other, RVAFT) and self._identity == other._identity)
@@ -287,7 +291,8 @@ def knots(children: Mapping[T, Iterable[T]]) -> list[set[T]]:
 
 
 def _stated(tree: RVAFT) -> dict[str, Any]:
-    kept = {name: getattr(tree, name) for name in ("root", "ignores", "causality", "time", "semantics", "part_of")}
+    names = ("root", "ignores", "causality", "time", "semantics", "assumes", "part_of")
+    kept = {name: getattr(tree, name) for name in names}
     return {**kept, **{name: tuple(getattr(tree, name).values()) for name in ("nodes", "events", "topics")}}
 
 

@@ -15,7 +15,7 @@ from rvaft.core.scenario_space import ScenarioSpace
 from rvaft.errors import RvaftError, TreeError
 from rvaft.language.draft import Draft
 from rvaft.model.tree import RVAFT
-from rvaft.rules import scenarios, structure, times
+from rvaft.rules import scenarios, structure, times, types
 from rvaft.rules.rule import Finding, Rule, Severity
 from rvaft.support.budget import DEFAULT_LIMIT, Undecided
 
@@ -29,6 +29,7 @@ DRAFT_RULES: Final = (
     Rule("times", Severity.ERROR, structure.times),
     Rule("within", Severity.ERROR, structure.within),
     Rule("unbound-time", Severity.ERROR, structure.unknown_time),
+    Rule("no-time", Severity.ERROR, structure.no_time),
     Rule("no-root", Severity.ERROR, structure.no_root),
     Rule("cycle", Severity.ERROR, structure.cycle),
     Rule("prune", Severity.ERROR, structure.prune),
@@ -57,6 +58,8 @@ TREE_RULES: Final = (
     Rule("shared-under-order", Severity.WARNING, scenarios.shared_under_order),
     Rule("contradictory-guards", Severity.WARNING, scenarios.contradictory_guards),
     Rule("contradictory-guards", Severity.WARNING, times.contradictory_times),
+    Rule("type-mismatch", Severity.WARNING, types.type_mismatch),
+    Rule("unused-type", Severity.WARNING, types.unused_type),
     Rule("too-many-events", Severity.WARNING, times.too_many_events),
     Rule("unstated-semantics", Severity.WARNING, times.unstated_semantics),
     Rule("undeclared", Severity.WARNING, structure.undeclared),

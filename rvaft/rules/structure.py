@@ -8,7 +8,7 @@ from rvaft.language.draft import UNMENTIONED, Draft, DraftTopic, GateUse, Locate
 from rvaft.model.expressions import guard_text, name_text
 from rvaft.model.guards import time_points
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import EventType, On, Place, absolute, topic_of, wrong_name, wrong_type
+from rvaft.model.nodes import EventType, On, Place, ValueType, absolute, topic_of, wrong_name, wrong_type
 from rvaft.model.patterns import Literal, Variable
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.tree import RVAFT, find_cycle, knots, sorted_topologically
@@ -156,6 +156,17 @@ def prune(draft: Draft) -> Iterator[RuleReport]:
 def dynamic_gate(draft: Draft) -> Iterator[RuleReport]:
     """Every translation of a dynamic gate is reported."""
     yield from (RuleReport(*gate) for gate in draft.dynamic_gates)
+
+
+def no_time(draft: Draft) -> Iterator[RuleReport]:
+    """A tree with `assume order` or a parameter of type `time` declares the time field."""
+    if draft.times:
+        return
+    orders = [("`assume order`", order.place) for order in draft.orders]
+    typed = [(f"a parameter of event {one.name}", one.place) for one in draft.events if ValueType.TIME in one.types]
+    for what, place in (*orders, *typed):
+        mend = "add one, as in `time timestamp as iso8601;`"
+        yield RuleReport(place, f"{what} uses times, but the tree has no `time` declaration; {mend}")
 
 
 def duplicate_event(draft: Draft) -> Iterator[RuleReport]:

@@ -20,6 +20,7 @@ import msgspec
 
 from rvaft.core.classifier import GuardTable, TreeReads, key_at
 from rvaft.errors import RvaftError, TooLarge
+from rvaft.model.nodes import Assumption
 from rvaft.model.values import Json, JsonObject, exact
 from rvaft.readers import parallel_blocks
 from rvaft.readers.json_blocks import EventBlock, JsonBlockReader, exact_time, plain_fields
@@ -68,10 +69,10 @@ def read(
 ) -> Iterator[bool]:
     """Read all events of a source as `run.read` does, and pause after each block.
 
-    Without `by_blocks` events are read one by one. A `live` source is read as events arrive. `jobs`
-    processes decode a regular file.
+    Without `by_blocks`, and under assumptions, events are read one by one. A `live` source is read
+    as events arrive. `jobs` processes decode a regular file.
     """
-    if ENABLED and by_blocks:
+    if ENABLED and by_blocks and run.assumed is None:
         reading = BulkReading(run)
         blocks = reading.blocks(source, name, line, live=live, jobs=jobs)
         if blocks is not None:
@@ -304,7 +305,8 @@ def events_of_concern(
     warning, the last event stands for the block.
     """
     time = types.tree.time
-    fields = plain_fields(reads, time.field[:1] if time else ()) if ENABLED else ()
+    quick = ENABLED and not types.tree.assumes - {Assumption.ORDER}
+    fields = plain_fields(reads, time.field[:1] if time else ()) if quick else ()
     if not fields:
         return None
     times_count = time is not None and time.late is not None

@@ -13,10 +13,13 @@ from itertools import chain, product
 from typing import Final, NamedTuple
 
 from rvaft.core.classifier import Values, flat, reader
+from rvaft.model.assumptions import AssumptionCheck
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import Guard, Operation, Operator, time_points, value, variables, walk
+from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import variables as pattern_variables
+from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, at
 from rvaft.readers.json_lines import NonFiniteEvent, described
 from rvaft.stream.detection import counted
@@ -37,6 +40,7 @@ class Reason(StrEnum):
     TIME = "unreadable time"
     LATE = "late event"
     NUMBER = "number that is not finite"
+    ASSUMPTION = "broken assumption"
 
 
 _MESSAGES: Final = {
@@ -44,12 +48,13 @@ _MESSAGES: Final = {
     Reason.TIME: "no readable time in {events}: {example}",
     Reason.LATE: "{events} later than {about}, which no match uses: {example}",
     Reason.NUMBER: "undefined number in {events}: {example}",
+    Reason.ASSUMPTION: "assumption '{about}' broken in {events}: {example}",
 }
 
 
 @dataclass(slots=True)
 class DataWarning:
-    """The events with one fault; `about` is the guard or the allowed lateness."""
+    """The events with one fault; `about` is the guard, the allowed lateness or the assumption."""
 
     reason: Reason
     about: str
@@ -163,9 +168,11 @@ class DataWarnings:
 
     def over(self, events: Iterable[tuple[int, Json]], prefix: str) -> Iterator[tuple[int, Json, EventKind | None]]:
         """Check and yield events with number and kind (None if late)."""
-        latest, look_up = None, self._types.of
+        latest, look_up, assumed = None, self._types.of, checked(self._types.tree)
         time = self.time if self.time is not None and self.time.late is not None else None
         for number, event in events:
+            if assumed is not None:
+                self.note_broken(assumed, event, f"{prefix}event {number}")
             late = False
             if time is not None:
                 late, latest = time.is_late(event, latest)
@@ -181,6 +188,11 @@ class DataWarnings:
     def note(self, reason: Reason, about: str, place: str, example: str) -> None:
         """Count one event."""
         self.found.setdefault((reason, about), DataWarning(reason, about, place, example)).count += 1
+
+    def note_broken(self, assumed: AssumptionCheck, event: Json, place: str) -> None:
+        """Count the assumptions that an event breaks, each once."""
+        for assumption, message in {one.assumption: one.message for one in assumed.broken(event)[::-1]}.items():
+            self.note(Reason.ASSUMPTION, assumption, place, message)
 
     def note_late(self, event: Json, number: int, prefix: str, latest: int | None) -> None:
         """Count a late event; `latest` is the greatest time before it."""
@@ -204,7 +216,7 @@ class DataWarnings:
             example = f"{one.example} (first: {one.first})"
             yield _MESSAGES[one.reason].format(events=counted(one.count), about=one.about, example=example)
         if len(self.found) > MOST:
-            yield f"{len(self.found) - MOST} more undefined guards"
+            yield f"{len(self.found) - MOST} more warnings"
 
     def _check(
         self, checks: _LetterChecks, event: Mapping[str, Json], types: tuple[type, ...] | None, place: str
@@ -227,6 +239,15 @@ class DataWarnings:
             checks.good.clear()
         if types is not None:
             checks.good.add(types)
+
+
+def checked(tree: RVAFT, *, order: bool = False) -> AssumptionCheck | None:
+    """Return a new check of one trace, or None without assumptions.
+
+    Late events have a warning of their own, so their check is left out without `order`.
+    """
+    assumptions = tree.assumes if order else tree.assumes - {Assumption.ORDER}
+    return AssumptionCheck(tree, assumptions) if assumptions else None
 
 
 def _checks(types: EventTypeIndex) -> Iterator[tuple[int, _LetterChecks]]:

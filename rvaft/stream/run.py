@@ -11,7 +11,7 @@ from rvaft.model.values import Json, JsonObject
 from rvaft.model.verdict import Verdict
 from rvaft.readers.json_lines import read
 from rvaft.readers.log import ALL, Log
-from rvaft.stream.data_warnings import DataWarnings
+from rvaft.stream.data_warnings import DataWarnings, checked
 from rvaft.stream.detection import counted
 from rvaft.stream.keys import KeyedTraces
 from rvaft.stream.listeners import Audience, EventBuffer, Listener, MonitoredTrace, VerdictChange
@@ -57,6 +57,7 @@ class TraceRun:
             self.ordering = Ordering(by, window=self.plan.window, time=monitors.time)
         name = TIME if monitors.time is None else ".".join(monitors.time.field)
         self.clock = None if by is not None or monitors.may_be_late else Backwards(name, monitors.time)
+        self.assumed = checked(monitors.types.tree, order=not monitors.engines)
         self.number = self.detected = 0
         self.begun = self.ended = False
         self.watch = MonitoredTrace(self.trace, monitors.fork(), buffer=self.buffer)
@@ -147,12 +148,14 @@ class TraceRun:
         types, look_up = fresh.types, fresh.types.shapes.of
         may_be_late, counts_all = fresh.may_be_late, fresh.counts_all
         data_warnings, semantics_hint = self.totals.data_warnings, self.totals.semantics_hint
-        statistics, clock = self.totals.statistics, self.clock
+        statistics, clock, assumed = self.totals.statistics, self.clock, self.assumed
         watch: MonitoredTrace | None = self.watch
         try:
             for place, event in events:
                 number = before + place + 1
                 self.number = number
+                if assumed is not None:
+                    data_warnings.note_broken(assumed, event, f"{prefix}event {number}")
                 if keys is not None:
                     value = event.get(keyed_by) if keyed_by else None
                     watch = known.get((value,)) if type(value) is str else None

@@ -26,7 +26,7 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.readers.json_lines import decode, marked
 from rvaft.readers.log import BOM
-from rvaft.stream.data_warnings import DataWarnings
+from rvaft.stream.data_warnings import DataWarnings, checked
 from rvaft.stream.detection import explained, identifying_fields, kept, matched_events
 from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, VerdictChange
 from rvaft.stream.monitor_set import DetectionCount, MonitorSet, Per, columns
@@ -93,6 +93,7 @@ class Session:
         self.listener: Listener | None = None
         self.watch = MonitoredTrace("", self.looked_at, buffer=self.buffer)
         self.data_warnings = DataWarnings(self.monitors[_WHOLE].types)
+        self.assumed = checked(tree)
         self.events = 0
 
     def fork(self) -> Self:
@@ -120,6 +121,8 @@ class Session:
     def read(self, event: Json, original: Json) -> None:
         """Read one event; `original` is the event before renaming."""
         self.events += 1
+        if self.assumed is not None:
+            self.data_warnings.note_broken(self.assumed, event, f"event {self.events}")
         changed: list[int] = []
         for column, (label, monitors) in enumerate(self.monitors.items()):
             if label not in self.failures:

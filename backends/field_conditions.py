@@ -19,7 +19,8 @@ from rvaft.core.conditions import (
     spelled,
 )
 from rvaft.errors import NotExpressible
-from rvaft.model.guards import OPERATORS, Guard, Operation, Operator, variables
+from rvaft.model.assumptions import Declared
+from rvaft.model.guards import OPERATORS, Guard, Operation, Operator, Sort, variables
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.values import Json, is_finite
 
@@ -68,9 +69,17 @@ class FieldConditions(ABC):
     """Templates of the functions of strings."""
     denied: ClassVar[str] = "not {t}"
     """A test that a function `{t}` of the string at a path is false, and not undefined."""
+    plainly_differs: ClassVar[str] = ""
+    """`differs` for a value that is assumed to be there and of the type of `{v}`, if it is simpler."""
+    plainly_denied: ClassVar[str] = ""
+    """`denied` for a string that is assumed to be there, if it is simpler."""
     comparing_asks: ClassVar[bool] = False
     """Whether a comparison implies that the field exists."""
     reasons: ClassVar[Mapping[Lack, str]]
+    declared: Declared = Declared()
+    """What the log is assumed to keep for the event of the condition."""
+    _ways: dict[str, FieldPath]
+    """The paths of variables."""
 
     @abstractmethod
     def path(self, way: FieldPath) -> str:
@@ -84,10 +93,13 @@ class FieldConditions(ABC):
         """Return the refusal for a missing test."""
         return NotExpressible(self.reasons[what])
 
-    def of(self, pattern: Pattern, guards: Iterable[Guard] = ()) -> str:
+    def of(self, pattern: Pattern, guards: Iterable[Guard] = (), declared: Declared = Declared()) -> str:  # noqa: B008
         """Return the condition that an event matches a pattern and satisfies guards over its own
         values.
+
+        `declared` says what the log is assumed to keep. Raises `NotExpressible`.
         """
+        self.declared, self._ways = declared, {}
         paths: dict[str, str] = {}
         tests = list(self._tests(pattern, (), paths))
         conditions = [(variables(guard), self.guard(guard, paths)) for guard in guards]
@@ -97,6 +109,7 @@ class FieldConditions(ABC):
 
     def paths(self, pattern: Pattern) -> dict[str, str]:
         """Return the paths of the variables of a pattern."""
+        self._ways = {}
         found: dict[str, str] = {}
         for _ in self._tests(pattern, (), found):
             pass
@@ -112,8 +125,9 @@ class FieldConditions(ABC):
             case Variable() | Anything():
                 name = pattern.name if isinstance(pattern, Variable) else ""
                 if name:
-                    paths[name] = self.path(way)
-                yield name, self.exists.format(p=self.path(way)) if way else self.always
+                    paths[name], self._ways[name] = self.path(way), way
+                there = not way or way in self.declared.present
+                yield name, self.always if there else self.exists.format(p=self.path(way))
             case Literal(value):
                 yield "", self.equals.format(p=self.path(way), v=self.literal(value)) if way else self.never
             case ObjectPattern(fields) if fields or not way:
@@ -128,8 +142,9 @@ class FieldConditions(ABC):
 
     def guard(self, guard: Guard, paths: Mapping[str, str]) -> str:
         """Return a condition that is true exactly when the guard holds."""
+        sorts = {name: self.declared.sort_of(way) for name, way in self._ways.items()}
         return spelled(
-            TruthConditions().of(guard),
+            TruthConditions(sorts=sorts).of(guard),
             lambda test: self.test(test, paths),
             lambda every, parts: self.all(parts) if every else self.any(parts),
         )
@@ -140,11 +155,18 @@ class FieldConditions(ABC):
             case TruthTest(Variable(name), wanted):
                 return self.is_truth.format(p=paths[name], v=self.literal(wanted))
             case TruthTest(Operation(operator, (Variable(name), Literal(str() as value))), wanted):
-                return self.function(operator, paths[name], value, wanted=wanted)
+                found = self.function(operator, paths[name], value, wanted=True)
+                if wanted:
+                    return found
+                if self.plainly_denied and self._is_plain(name, value):
+                    return self.plainly_denied.format(t=found, p=paths[name])
+                return self.function(operator, paths[name], value, wanted=False)
             case EqualityTest(Variable(name), Literal(value), wanted) | EqualityTest(
                 Literal(value), Variable(name), wanted
             ):
                 template = self.equals if wanted else self.differs
+                if not wanted and self.plainly_differs and self._is_plain(name, value):
+                    template = self.plainly_differs
                 return template.format(p=paths[name], v=self.literal(value)) if is_finite(value) else self.never
             case ComparisonTest(_, Variable(name), sign, Literal(value)):
                 compared = self.compares.format(p=paths[name], sign=sign, v=self.literal(value))
@@ -155,6 +177,13 @@ class FieldConditions(ABC):
                 return self.test(ComparisonTest(sort, right, mirrored.value, left), paths)
             case TruthTest() | EqualityTest() | ComparisonTest() | SortTest():
                 raise self.lacks(Lack.CALCULATION)
+
+    def _is_plain(self, name: str, value: Json) -> bool:
+        """Whether a variable is assumed to have a value of the sort of another value."""
+        way = self._ways[name]
+        sort = self.declared.sort_of(way)
+        known = sort is not Sort.UNKNOWN and sort is TruthConditions().sort(Literal(value))
+        return known and way in self.declared.present
 
     def function(self, operator: Operator, path: str, text: str, *, wanted: bool) -> str:
         """Return a test that a function of the string at a path and a constant equals `wanted`."""

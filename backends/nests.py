@@ -160,11 +160,13 @@ class Nesting:
 
     def __init__(self, prop: Property, refusal: Refusal, *, limit: int, unit: str, free: Container[str] = ()) -> None:
         self._prop, self._refuse, self._limit, self._unit = prop, refusal, limit, unit
+        self._own_variables = {event: frozenset(rigid_variables(event.pattern)) for event in prop.events}
+        asked = (guard for part in prop.parts if isinstance(part, All) for guard in self._foreign(part))
+        tied = {name for guard in asked for name in variables(guard)}  # by a guard that is not of one event
         self._binds = {
-            event: frozenset(one for one in rigid_variables(event.pattern) if one not in free) for event in prop.events
+            event: frozenset(one for one in names if one in tied or one not in free)
+            for event, names in self._own_variables.items()
         }
-        guarded = any(variables(part.guard) for part in prop.parts if isinstance(part, Condition))
-        assert not free or not guarded, "a guard ties what is free"
         self._made_nests: dict[tuple[Part, tuple[Guard, ...]], Nest] = {}
         self._knots = self._found_knots()
 
@@ -228,7 +230,7 @@ class Nesting:
 
     def _own(self, part: All) -> tuple[Guard, ...]:
         event = self._own_event(part)
-        known = frozenset[str]() if event is None else self._binds[event]
+        known = frozenset[str]() if event is None else self._own_variables[event]
         return tuple(guard for guard in self._asked(part) if known.issuperset(variables(guard)))
 
     def _foreign(self, part: All) -> list[Guard]:
@@ -286,7 +288,8 @@ class Nesting:
                 for (one, have), (other, has) in combinations(binds.items(), 2):
                     if have & has:
                         self._refuse(min(have & has), (one.source.node, other.source.node))
-                guards = orders.assigned_guards(scenario, binds, lambda node, _: self._refuse(TIE, [node]))
+                known = {event: self._own_variables[event] for event in scenario.events}
+                guards = orders.assigned_guards(scenario, known, lambda node, _: self._refuse(TIE, [node]))
                 if guards:
                     leaves = {
                         event: Nest(PartKind.EVENT, event=event, guards=tuple(guards[event]), size=1) for event in binds

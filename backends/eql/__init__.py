@@ -16,6 +16,7 @@ from rvaft.capabilities import COMPARING, EVERY_OPERATOR, GATES, LOGICAL, Capabi
 from rvaft.core.passes import Pass, expand_times, order_ends
 from rvaft.core.property import Condition, Part, Property, Within
 from rvaft.model.guards import Operator
+from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -55,6 +56,7 @@ class EqlBackend(Backend):
     )
     values: ClassVar[frozenset[Value]] = frozenset({Value.NUMBER, Value.BOOLEAN, Value.LIST})
     ties: ClassVar[Ties] = Ties.ALL_EVENTS
+    relies: ClassVar[frozenset[Assumption]] = frozenset({Assumption.TYPES, Assumption.PRESENT})
     reasons: ClassVar[Mapping[Capability, str]] = {
         Semantics: "an EQL sequence cannot forbid events between its own",
         Feature.TIME_POINTS: "the only condition on time in EQL is `maxspan`, over a whole sequence",

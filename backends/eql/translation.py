@@ -16,6 +16,7 @@ from backends.orders import Orders, merged
 from rvaft.core.property import Event, Part, Property, Within
 from rvaft.core.scenarios import Scenario
 from rvaft.errors import NotExpressible, TooLarge
+from rvaft.model.assumptions import declared
 from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import time_text
 from rvaft.model.guards import Guard, Operator
@@ -75,6 +76,7 @@ class EqlText:
     """
 
     def __init__(self, prop: Property, limit: int) -> None:
+        self._prop = prop
         self._time = prop.time if any(isinstance(part, Within) for part in prop.parts) else None
         if len(prop.events) > limit:
             raise TooLarge("events in all possible orders", limit=limit)
@@ -131,7 +133,8 @@ class EqlText:
             each = chain.from_iterable(self._conditions(*leaf) for leaf in self._orders.groups[event])
             return tuple(dict.fromkeys(one for one in each if one != "false")) or ("false",)
         with naming(event.source.node):
-            return (self._dialect.of(event.pattern, guards),)
+            known = declared(self._prop.tree, event.source.node, self._prop.assumes)
+            return (self._dialect.of(event.pattern, guards, known),)
 
     def _paths(self, event: Event) -> dict[str, str]:
         if event not in self._seen:
@@ -152,6 +155,7 @@ class EqlConditions(FieldConditions):
         Operator.CONTAINS: "stringContains({p}, {v})",
     }
     denied = '(not {t} and stringContains({p}, ""))'
+    plainly_differs, plainly_denied = "{p} != {v}", "not {t}"
     reasons: ClassVar[Mapping[Lack, str]] = {
         Lack.TWO_FIELDS: "EQL cannot compare two fields",
         Lack.CONTAINER: "EQL does not distinguish an empty object from an empty list",

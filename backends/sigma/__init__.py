@@ -12,9 +12,11 @@ from typing import ClassVar, Final
 from backends.sigma.reader import SigmaMonitor
 from backends.sigma.translation import SigmaRules
 from rvaft.backend import Backend, Metrics, SpecificationText, stamped
-from rvaft.capabilities import GATES, Capability, Feature, Ties, Value
+from rvaft.capabilities import COMPARING, GATES, LOGICAL, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, expand_times, order_ends
 from rvaft.core.property import Condition, Part, Property, Within
+from rvaft.model.guards import Operator
+from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -25,6 +27,9 @@ __all__ = ["SigmaBackend"]
 
 
 _UNTYPED: Final = "Sigma has no types and no null, and confuses the constant with other values"
+_OPERATORS: Final = (
+    LOGICAL | COMPARING | {Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS, Operator.LIKE}
+)
 
 
 class SigmaBackend(Backend):
@@ -59,12 +64,16 @@ class SigmaBackend(Backend):
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends)
     values: ClassVar[frozenset[Value]] = frozenset({Value.NUMBER})
     ties: ClassVar[Ties] = Ties.ALL_EVENTS
+    needs: ClassVar[Mapping[Capability, frozenset[Assumption]]] = {
+        Condition: frozenset({Assumption.TYPES}),
+        Value.BOOLEAN: frozenset({Assumption.TYPES}),
+        **{one: frozenset({Assumption.TYPES}) for one in _OPERATORS},
+    }
+    relies: ClassVar[frozenset[Assumption]] = frozenset({Assumption.TYPES, Assumption.PRESENT, Assumption.CASE})
     reasons: ClassVar[Mapping[Capability, str]] = {
         Semantics: "a correlation cannot forbid events between its own",
-        Condition: "Sigma compares without types: a string is greater than any number",
         Feature.TIME_POINTS: "the timespan is the only condition on time of a correlation",
         Value.NULL: _UNTYPED,
-        Value.BOOLEAN: _UNTYPED,
         Value.LIST: "a rule cannot test the length of a list, or whether a value is an object",
     }
     default_limit: ClassVar[int] = 100

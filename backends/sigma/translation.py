@@ -14,21 +14,22 @@ from functools import reduce
 from itertools import chain, combinations, product, takewhile
 from typing import Any, Final, NamedTuple, NoReturn, TypeAlias
 
-from backends.nests import NEVER, Nest, Nesting, in_every_order
+from backends.field_conditions import naming
+from backends.nests import NEVER, WINDOW, Nest, Nesting, in_every_order
+from backends.sigma.rules import ODD, EventRule, detection_of
 from rvaft.core.part_numbers import PartKind
-from rvaft.core.property import Event, Property, Within
+from rvaft.core.property import Property, Within
 from rvaft.errors import NotExpressible, TooLarge, installed
+from rvaft.model.assumptions import Declared, declared
 from rvaft.model.expressions import time_text
-from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Variable
-from rvaft.model.values import NUMBER, Json, equal
+from rvaft.model.nodes import Assumption
+from rvaft.model.patterns import Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.values import equal
 
 _DAYS: Final = 50_000
 FOREVER: Final = f"{_DAYS}d"
 """The timespan without a window: longer than any trace."""
 _SECOND: Final = 1_000_000_000
-_ODD: Final = re.compile(r"[\0-\2\ud800-\udfff]")
-_COLUMN: Final = re.compile(r"rowid|oid|_rowid_|rvaft_.*", re.IGNORECASE)
-"""Table columns that are not fields."""
 _UNIT: Final = "rules of the correlation"
 _MIXED: Final = "one event can match two rules, and a correlation would count it twice"
 _WINDOW: Final = "a correlation has one timespan from its first event, and passes on only the time of its last one"
@@ -49,6 +50,7 @@ class SigmaRules:
 
     def __init__(self, prop: Property, limit: int) -> None:
         self._prop, self._limit = prop, limit
+        self._cased = Assumption.CASE not in prop.assumes
         self._documents: dict[str, dict[str, Any]] = {}
         self._names: dict[object, str] = {}
         self._bound: dict[str, dict[str, str]] = {}
@@ -61,16 +63,18 @@ class SigmaRules:
     def text(self) -> tuple[str, int]:
         """Return the documents and their number of symbols."""
         yaml = installed("yaml", "PyYAML", "pip install '.[sigma]' in a checkout of rvaft")
-        tied, refused = self._groups, lambda _, nodes: self._refuse(_WINDOW, nodes)
-        nest = Nesting(self._prop, refused, limit=10 * self._limit, unit=_UNIT, free=tied).nest()
+        nest = Nesting(self._prop, self._inseparable, limit=10 * self._limit, unit=_UNIT, free=self._groups).nest()
         if nest == NEVER:
             self._refuse("a guard never holds, and no rule can express that", [self._prop.tree.root])
-        title = _ODD.sub("?", self._prop.tree.root)[:256].strip() or "tree"
+        title = ODD.sub("?", self._prop.tree.root)[:256].strip() or "tree"
         whole = {"title": title, "correlation": self._correlation(nest)}
         whole |= {} if self._time is None else {"rvaft": self._time}
         documents = [*sorted(self._documents.values(), key=lambda one: "correlation" in one), whole]
         texts = [yaml.safe_dump(one, sort_keys=False, allow_unicode=False, width=10_000) for one in documents]
         return "---\n".join(texts), len(re.findall(r"\w+|\S", "---\n".join(texts)))
+
+    def _inseparable(self, why: str, nodes: Iterable[str]) -> NoReturn:
+        self._refuse(_WINDOW if why == WINDOW else "a rule is about one event, and a guard about several", nodes)
 
     def _refuse(self, reason: str, nodes: Iterable[str]) -> NoReturn:
         raise NotExpressible(reason, nodes=dict.fromkeys(nodes))
@@ -214,7 +218,10 @@ class SigmaRules:
         return self._names.setdefault(key, word)
 
     def _key(self, step: Nest) -> object:
-        return step if step.within is not None else tuple(event.pattern for event in step.events())
+        if step.within is not None:
+            return step
+        leaves = (one for one in step.inside() if one.event is not None)
+        return tuple((one.event and one.event.pattern, one.guards, self._declared(one)) for one in leaves)
 
     def _rule(self, step: Nest, number: int) -> str:
         """Return the name of the rule for a step and number, or of the correlation for a windowed
@@ -225,56 +232,24 @@ class SigmaRules:
         if (key := (self._key(step), number)) not in self._names:
             events = step.events()
             name = self._named(key, events[0].source.node)
-            self._documents[name] = self._detecting(name, events)
+            self._documents[name] = self._detecting(name, [one for one in step.inside() if one.event is not None])
             self._bound[name] = dict(_places(events[0].pattern, ()))
             self._fits(len(self._documents))
         return self._names[key]
 
-    def _detecting(self, name: str, events: list[Event]) -> dict[str, Any]:
-        detection: dict[str, Any] = {}
-        for number, event in enumerate(events):
-            detection["selection" if len(events) == 1 else f"selection{number}"] = self._selection(event)
-        condition = "selection" if len(events) == 1 else "1 of selection*"
+    def _detecting(self, name: str, leaves: list[Nest]) -> dict[str, Any]:
+        detection = detection_of(map(self._event_rule, leaves))
         logsource = {"category": "rvaft"}
-        return {"title": name, "name": name, "logsource": logsource, "detection": {**detection, "condition": condition}}
+        return {"title": name, "name": name, "logsource": logsource, "detection": detection}
 
-    def _selection(self, event: Event) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        node = event.source.node
-        bound = set[str]()
-        todo: list[tuple[tuple[str, ...], Pattern]] = [((), event.pattern)]
-        while todo:
-            way, part = todo.pop(0)
-            if way and (not re.fullmatch(r"[^.|\0-\x1f\ud800-\udfff]+", way[-1]) or _COLUMN.fullmatch(way[0])):
-                self._refuse("the field name is reserved in Sigma or in SQL tables", [node])
-            field = ".".join(way)
-            match part:
-                case ObjectPattern(inner) if inner:
-                    todo[:0] = [((*way, step), below) for step, below in inner]
-                case Literal(str() as value):
-                    if (
-                        NUMBER.fullmatch(value.strip())
-                        or value.strip() in ("true", "false", "null")
-                        or not value.strip()
-                        or value[0] in "[{"
-                        or _ODD.search(value)
-                    ):
-                        self._refuse("Sigma has no types, and confuses the string with another value", [node])
-                    found[f"{field}|cased"] = re.sub(r"([\\*?])", r"\\\1", value)
-                case Literal(value) if _plain_number(value):
-                    found[field] = value
-                case Literal():
-                    self._refuse("Sigma has no types and no null, and confuses the constant with other values", [node])
-                case Variable(name) if name in bound:
-                    self._refuse("a rule cannot compare two fields of an event", [node])
-                case Variable() | Anything():
-                    found[f"{field}|exists"] = True
-                    bound |= {part.name} if isinstance(part, Variable) else set()
-                case _:
-                    self._refuse("a rule cannot test the length of a list, or whether a value is an object", [node])
-        if len({name.partition("|")[0].lower() for name in found}) < len(found):
-            self._refuse("two field names differ only in case, which SQL tables ignore", [node])
-        return found
+    def _event_rule(self, leaf: Nest) -> EventRule:
+        assert leaf.event is not None, "a leaf"
+        with naming(leaf.event.source.node):
+            return EventRule(leaf.event.pattern, leaf.guards, self._declared(leaf), cased=self._cased)
+
+    def _declared(self, leaf: Nest) -> Declared:
+        assert leaf.event is not None, "a leaf"
+        return declared(self._prop.tree, leaf.event.source.node, self._prop.assumes)
 
 
 def _places(pattern: Pattern, way: tuple[str, ...]) -> Iterator[tuple[str, str]]:
@@ -284,12 +259,6 @@ def _places(pattern: Pattern, way: tuple[str, ...]) -> Iterator[tuple[str, str]]
         case ObjectPattern(fields):
             for step, inner in fields:
                 yield from _places(inner, (*way, step))
-
-
-def _plain_number(value: Json) -> bool:
-    return (
-        isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 2**53 and "e" not in repr(value)
-    )
 
 
 def disjoint(one: Pattern, other: Pattern) -> bool:

@@ -5,7 +5,7 @@ A condition combines tests by conjunction and disjunction; it is never undefined
 and for false are derived separately. A backend only spells the tests.
 """
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, TypeAlias, TypeVar
 
@@ -89,7 +89,8 @@ class TruthConditions:
     """Derives the conditions of guards.
 
     `times` are the variables that hold event times. Mixing them with other numbers raises
-    `Unsayable`; a null time is undefined. `is_whole` selects terms to treat as variables.
+    `Unsayable`; a null time is undefined. `is_whole` selects terms to treat as variables. `sorts`
+    are the sorts of variables that a log is assumed to keep.
 
     >>> from rvaft.language.parser import parse_guard
     >>> guard = parse_guard("not (X < 2 or Y)")
@@ -103,8 +104,13 @@ class TruthConditions:
     'numbers >= and Y is False'
     """
 
-    def __init__(self, times: Collection[str] = (), is_whole: Callable[[Guard], bool] = lambda _: False) -> None:
-        self._times, self._is_whole = frozenset(times), is_whole
+    def __init__(
+        self,
+        times: Collection[str] = (),
+        is_whole: Callable[[Guard], bool] = lambda _: False,
+        sorts: Mapping[str, Sort] | None = None,
+    ) -> None:
+        self._times, self._is_whole, self._sorts = frozenset(times), is_whole, sorts or {}
         self._known: dict[tuple[Guard, bool], TruthCondition] = {}
 
     def of(self, guard: Guard, *, wanted: bool = True) -> TruthCondition:
@@ -209,7 +215,7 @@ class TruthConditions:
                     return Sort.TRUTH
                 return Sort.NUMBER if is_number(constant) else Sort.TEXT if isinstance(constant, str) else Sort.NULL
             case Variable(name):
-                return Sort.TIME if name in self._times else Sort.UNKNOWN
+                return Sort.TIME if name in self._times else self._sorts.get(name, Sort.UNKNOWN)
             case Operation(operator, operands):
                 facts = OPERATORS[operator]
                 if not variables(term):  # a constant term that has a value is folded

@@ -254,9 +254,9 @@ class Build(Transformer[Token, Any]):
         def add(page: Page) -> None:
             for word, lateness in items[1::2]:
                 if lateness is None:
-                    page.draft.assumes.append(page.said(word, Assumption(word)))
+                    page.draft.assumes.append(page.located(word, Assumption(word)))
                 else:
-                    page.draft.orders.append(page.said(word, lateness))
+                    page.draft.orders.append(page.located(word, lateness))
 
         return add
 

@@ -253,7 +253,7 @@ class Draft:
 
     def settings(self) -> dict[str, Sequence[Located[object]]]:
         """Return the settings that a tree may have once, by their keywords."""
-        orders = [*(Said(one.late, place) for one, place in self.times if one.late is not None), *self.orders]
+        orders = [*(Located(one.late, place) for one, place in self.times if one.late is not None), *self.orders]
         return {"causality": self.causalities, "semantics": self.semantics, "time": self.times, "assume order": orders}
 
     def carry_out_prunes(self) -> None:

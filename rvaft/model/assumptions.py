@@ -5,7 +5,7 @@ the events that break it.
 """
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from typing import Any, Final, NamedTuple, TypeAlias, assert_never, cast
@@ -31,6 +31,8 @@ _SORTS: Final[Mapping[ValueType, Sort]] = {
     ValueType.TIME: Sort.UNKNOWN,
     ValueType.ANY: Sort.UNKNOWN,
 }
+KNOWN_SORTS: Final = frozenset({Sort.NUMBER, Sort.TEXT, Sort.TRUTH})
+"""The sorts that a declared type fixes."""
 _TEXT_TESTS: Final = frozenset(
     {
         Operator.EQ,
@@ -88,6 +90,44 @@ def variable_types(tree: RVAFT) -> Mapping[str, Mapping[ValueType, str]]:
             if isinstance(argument, Variable) and type_ is not ValueType.ANY:
                 found.setdefault(argument.name, {}).setdefault(type_, node.name)
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class Declared:
+    """What a translation may rely on for an event: the types at paths, and which paths have a value.
+
+    It holds for events that match the literals of the event type, and says nothing about others.
+    """
+
+    types: tuple[tuple[Path, ValueType], ...] = ()
+    present: frozenset[Path] = frozenset()
+
+    def type_of(self, path: Path) -> ValueType:
+        """Return the declared type of the value at a path, or ANY."""
+        return dict(self.types).get(path, ValueType.ANY)
+
+    def sort_of(self, path: Path) -> Sort:
+        """Return the sort of the value at a path, or UNKNOWN."""
+        return sort_of(self.type_of(path))
+
+
+def declared(tree: RVAFT, node: str, assumes: Collection[Assumption]) -> Declared:
+    """Return what some assumptions say of the event of a node.
+
+    >>> import rvaft
+    >>> tree = rvaft.loads("event size(n: integer) = { n: n }; assume types; top on size(3);")
+    >>> declared(tree, "top", tree.assumes).type_of(("n",)).value
+    'integer'
+    """
+    on = tree.nodes[node].on
+    if on is None:
+        return Declared()
+    parameters = _shape(tree, on.event).parameters
+    types = tuple((path, type_) for path, _, type_ in parameters if type_ is not ValueType.ANY)
+    return Declared(
+        types if Assumption.TYPES in assumes else (),
+        frozenset(path for path, _, _ in parameters) if Assumption.PRESENT in assumes else frozenset(),
+    )
 
 
 def has_type(found: Json, type_: ValueType, time: EventTime | None = None) -> bool:

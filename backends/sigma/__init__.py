@@ -27,9 +27,7 @@ __all__ = ["SigmaBackend"]
 
 
 _UNTYPED: Final = "Sigma has no types and no null, and confuses the constant with other values"
-_OPERATORS: Final = (
-    LOGICAL | COMPARING | {Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS, Operator.LIKE}
-)
+_OPERATORS: Final = LOGICAL | COMPARING | {Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS, Operator.LIKE}
 
 
 class SigmaBackend(Backend):

@@ -146,8 +146,7 @@ class EventRule:
             else:
                 others.append(self._named({field: value}, wanted=False))
         named = [
-            self._named({field: found[0] if len(found) == 1 else found}, wanted=True)
-            for field, found in values.items()
+            self._named({field: found[0] if len(found) == 1 else found}, wanted=True) for field, found in values.items()
         ]
         if not others and len(values) == 1 and (field := next(iter(values))) not in self.selection:
             del self._further[named[0]]

@@ -304,7 +304,9 @@ class Build(Transformer[Token, Any]):
             if word not in parameters:
                 raise Slip(f"{shown(word)} is not a parameter of {shown(name)}; write text in quotes", word)
 
-        return lambda page: page.draft.events.append(EventType(name.value, parameters, term.value, page.place(name), types))
+        return lambda page: page.draft.events.append(
+            EventType(name.value, parameters, term.value, page.place(name), types)
+        )
 
     def topic(self, items: Items) -> Statement:
         words = [self.name(items[1:2]), self.name(items[3:4]), *(items[5] or [])]

@@ -337,12 +337,10 @@ def _at(event: Json, path: Sequence[str | int]) -> Any:
     """Return the value at a path, or `_ABSENT`."""
     found: Any = event
     for step in path:
-        if isinstance(step, str) and isinstance(found, Mapping) and step in found:
-            found = found[step]
-        elif isinstance(step, int) and isinstance(found, list) and step < len(found):
-            found = found[step]
-        else:
+        inside = isinstance(found, Mapping) and step in found
+        if not inside and not (isinstance(step, int) and isinstance(found, list) and step < len(found)):
             return _ABSENT
+        found = found[step]
     return found
 
 

@@ -213,7 +213,8 @@ class RVAFT:
     @cached_property
     def _identity(self) -> tuple[object, ...]:
         unordered = (frozenset(stated.values()) for stated in (self.nodes, self.events, self.topics))
-        return (self.root, *unordered, self.ignores, self.causality, self.time, self.semantics, self.assumes, self.part_of)
+        settings = self.ignores, self.causality, self.time, self.semantics, self.assumes
+        return (self.root, *unordered, *settings, self.part_of)
 
     def __eq__(self, other: object) -> bool:
         return self is other or (isinstance(other, RVAFT) and self._identity == other._identity)

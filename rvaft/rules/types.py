@@ -51,9 +51,7 @@ def type_mismatch(space: ScenarioSpace) -> Iterator[RuleReport]:
         for message in _mismatches(node.when, known):
             yield RuleReport(node.place("when"), f"in the guard of {node.name}, {message}", (node.name,))
     for ignore in tree.ignores:
-        local = {
-            one.name: {sort_of(type_)} for one, type_ in arguments(tree, ignore.on) if isinstance(one, Variable)
-        }
+        local = {one.name: {sort_of(type_)} for one, type_ in arguments(tree, ignore.on) if isinstance(one, Variable)}
         for message in _mismatches(ignore.when, local):
             yield RuleReport(ignore.place, f"in the guard of an `ignore`, {message}")
 

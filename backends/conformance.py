@@ -28,6 +28,7 @@ from rvaft.backend import Backend, Observed, Specification
 from rvaft.core.branches import restrict
 from rvaft.errors import LanguageError, NotExpressible, TooLarge
 from rvaft.language.parser import parse
+from rvaft.model.assumptions import first_violation
 from rvaft.model.expressions import CLAUSES, GATES
 from rvaft.model.guards import FUNCTIONS, NUMERIC, ORDERINGS, POINTS, Operation, Operator, holds, walk
 from rvaft.model.guards import variables as guard_variables
@@ -220,10 +221,8 @@ OF_STRINGS: Final = FUNCTIONS - NUMERIC
 
 
 def everything(example: Example, semantics: Semantics) -> bool:  # noqa: ARG001 -- a `Required`
-    """Require every tree under every semantics, except with late events, which no language can
-    drop.
-    """
-    return example.tree.time is None or example.tree.time.late is None
+    """Require every tree under every semantics."""
+    return True
 
 
 def no_texts_of_several(example: Example, semantics: Semantics) -> bool:
@@ -357,13 +356,14 @@ def run(
             report.translations += 1
             found += _text(backend, example.tree, semantics, specification)
             if backend.readable:
-                tried = list(traces(example, words, Random(f"{seed} {example.name}")))  # noqa: S311 -- no secret
+                every = traces(example, words, Random(f"{seed} {example.name}"))  # noqa: S311 -- no secret
+                tried = [trace for trace in every if not _breaks(specification, example.tree, trace)]
                 try:
                     first = specification.monitor()
                     if first.verdict is not Verdict.UNKNOWN:
                         found.append(("start", "the verdict before any event is not unknown", ()))
                     if isinstance(first, DetectionMonitor):
-                        found += _left_open(example, first)
+                        found += _left_open(example, first, specification)
                         tried = [trace for trace in tried if not first.left_open(trace)]
                 except LanguageError as error:
                     found.append(("readable", f"the backend cannot read its own text: {error.message}", ()))
@@ -410,9 +410,14 @@ def _text(backend: Backend, tree: RVAFT, semantics: Semantics, specification: Sp
         yield "metrics", f"{specification.metrics.symbols} symbols", ()
 
 
-def _left_open(example: Example, first: DetectionMonitor) -> Iterator[Finding]:
+def _breaks(specification: Specification, tree: RVAFT, trace: Trace) -> bool:
+    """Whether a trace breaks an assumption of a text, which then says nothing about it."""
+    return bool(specification.assumes) and first_violation(tree, trace, specification.assumes) is not None
+
+
+def _left_open(example: Example, first: DetectionMonitor, specification: Specification) -> Iterator[Finding]:
     for trace in (example.detects, example.misses):
-        if trace and (why := first.left_open(trace)):
+        if trace and not _breaks(specification, example.tree, trace) and (why := first.left_open(trace)):
             yield "left open", f"the text has no verdict for the trace of a row: {why}", trace
 
 

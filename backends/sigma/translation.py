@@ -13,6 +13,7 @@ from dataclasses import replace
 from functools import reduce
 from itertools import chain, combinations, product, takewhile
 from typing import Any, Final, NamedTuple, NoReturn, TypeAlias
+from uuid import NAMESPACE_URL, uuid5
 
 from backends.field_conditions import naming
 from backends.nests import NEVER, WINDOW, Nest, Nesting, in_every_order
@@ -20,9 +21,10 @@ from backends.sigma.rules import ODD, EventRule, detection_of
 from rvaft.core.part_numbers import PartKind
 from rvaft.core.property import Property, Within
 from rvaft.errors import NotExpressible, TooLarge, installed
+from rvaft.language.printer import dumps
 from rvaft.model.assumptions import Declared, declared
 from rvaft.model.expressions import time_text
-from rvaft.model.nodes import Assumption
+from rvaft.model.nodes import Assumption, Kind, Node
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.values import equal
 
@@ -50,6 +52,7 @@ class SigmaRules:
 
     def __init__(self, prop: Property, limit: int) -> None:
         self._prop, self._limit = prop, limit
+        self._attributes = dict(prop.tree.nodes[prop.tree.root].attributes)
         self._cased = Assumption.CASE not in prop.assumes
         self._documents: dict[str, dict[str, Any]] = {}
         self._names: dict[object, str] = {}
@@ -62,16 +65,26 @@ class SigmaRules:
 
     def text(self) -> tuple[str, int]:
         """Return the documents and their number of symbols."""
-        yaml = installed("yaml", "PyYAML", "pip install '.[sigma]' in a checkout of rvaft")
         nest = Nesting(self._prop, self._inseparable, limit=10 * self._limit, unit=_UNIT, free=self._groups).nest()
         if nest == NEVER:
             self._refuse("a guard never holds, and no rule can express that", [self._prop.tree.root])
-        title = ODD.sub("?", self._prop.tree.root)[:256].strip() or "tree"
-        whole = {"title": title, "correlation": self._correlation(nest)}
+        root = self._prop.tree.nodes[self._prop.tree.root]
+        about = {**self._about("", root), **self._metadata()}
+        whole = {**about, "correlation": self._correlation(nest)}
         whole |= {} if self._time is None else {"rvaft": self._time}
         documents = [*sorted(self._documents.values(), key=lambda one: "correlation" in one), whole]
-        texts = [yaml.safe_dump(one, sort_keys=False, allow_unicode=False, width=10_000) for one in documents]
-        return "---\n".join(texts), len(re.findall(r"\w+|\S", "---\n".join(texts)))
+        symbols = len(re.findall(r"\w+|\S", "---\n".join(self._dumped(map(self._bare, documents)))))
+        return "---\n".join(self._dumped(documents)), symbols
+
+    def _dumped(self, documents: Iterable[dict[str, Any]]) -> list[str]:
+        yaml = installed("yaml", "PyYAML", "pip install '.[sigma]' in a checkout of rvaft")
+        return [yaml.safe_dump(one, sort_keys=False, allow_unicode=False, width=10_000) for one in documents]
+
+    def _bare(self, document: dict[str, Any]) -> dict[str, Any]:
+        """Return a rule as it is counted: a title, a log source, and what it detects."""
+        plain = {"title": document.get("name", self._prop.tree.root), "logsource": {"category": "rvaft"}}
+        names = ("title", "name", "logsource", "detection", "correlation", "rvaft")
+        return {name: plain.get(name, document[name]) for name in names if name in document}
 
     def _inseparable(self, why: str, nodes: Iterable[str]) -> NoReturn:
         self._refuse(_WINDOW if why == WINDOW else "a rule is about one event, and a guard about several", nodes)
@@ -141,7 +154,7 @@ class SigmaRules:
         if (key := str(correlation)) not in self._names:
             times = "_times" if correlation["type"] == "event_count" else ""
             name = self._named(key, "_".join(correlation["rules"])[:60] + times)
-            self._documents[name] = {"title": name, "name": name, "correlation": correlation}
+            self._documents[name] = {"title": name, "id": self._id(name), "name": name, "correlation": correlation}
             self._fits(len(self._documents))
         return self._names[key]
 
@@ -238,9 +251,37 @@ class SigmaRules:
         return self._names[key]
 
     def _detecting(self, name: str, leaves: list[Nest]) -> dict[str, Any]:
+        node = self._prop.tree.nodes[leaves[0].nodes()[0]]
+        attributes = {**self._attributes, **dict(node.attributes)}
+        logsource = {key: attributes[key] for key in ("category", "product", "service") if key in attributes}
         detection = detection_of(map(self._event_rule, leaves))
-        logsource = {"category": "rvaft"}
-        return {"title": name, "name": name, "logsource": logsource, "detection": detection}
+        about = self._about(name, node)
+        return {**about, "name": name, "logsource": logsource or {"category": "rvaft"}, "detection": detection}
+
+    def _id(self, name: str) -> str:
+        """Return a UUID that depends on the tree and the name of the rule."""
+        return str(uuid5(NAMESPACE_URL, f"{name} {dumps(self._prop.tree)}"))
+
+    def _about(self, name: str, node: Node) -> dict[str, Any]:
+        """Return title, id and description of a rule, or of the whole with an empty name."""
+        shown = ODD.sub("?", node.label or node.name.replace("_", " ")).strip()[:100] or "tree"
+        title = " ".join(word[:1].upper() + word[1:] for word in shown.split())
+        what = f"The event {name} of the" if name else "The"
+        root = ODD.sub("?", self._prop.tree.root)[:100]
+        return {
+            "title": title,
+            "id": self._id(name),
+            "status": self._attributes.get("status", "experimental"),
+            "description": f"{what} attack-fault tree {root}",
+        }
+
+    def _metadata(self) -> dict[str, Any]:
+        """Return author, date, tags and level, from the attributes of the root."""
+        found: dict[str, Any] = {key: self._attributes[key] for key in ("author", "date") if key in self._attributes}
+        if "tags" in self._attributes:
+            found["tags"] = self._attributes["tags"].split(",")
+        kinds = {node.kind for node in self._prop.tree.top_down()}
+        return {**found, "level": self._attributes.get("level", "high" if Kind.ATTACK in kinds else "medium")}
 
     def _event_rule(self, leaf: Nest) -> EventRule:
         assert leaf.event is not None, "a leaf"

@@ -29,7 +29,6 @@ DRAFT_RULES: Final = (
     Rule("times", Severity.ERROR, structure.times),
     Rule("within", Severity.ERROR, structure.within),
     Rule("unbound-time", Severity.ERROR, structure.unknown_time),
-    Rule("no-time", Severity.ERROR, structure.no_time),
     Rule("no-root", Severity.ERROR, structure.no_root),
     Rule("cycle", Severity.ERROR, structure.cycle),
     Rule("prune", Severity.ERROR, structure.prune),
@@ -40,6 +39,7 @@ DRAFT_RULES: Final = (
     Rule("ignore-variable", Severity.ERROR, structure.ignore_variable),
     Rule("duplicate-topic", Severity.ERROR, structure.duplicate_topic),
     Rule("malformed-topic", Severity.ERROR, structure.malformed_topic),
+    Rule("no-time", Severity.ERROR, structure.no_time),
     Rule("dynamic-gate", Severity.INFORMATION, structure.dynamic_gate),
 )
 """The rules that a draft must satisfy to be a tree."""

@@ -25,7 +25,6 @@ CONSTRUCTS: Mapping[str, tuple[str, str]] = {
     "vote": ("r 2of3 a b c;", "k-of-n"),
     "times": ("r times 2;", "times"),
     "within": ("time t as s; r and a b within 5 s;", "within"),
-    "late": ("time t as s late 1 s; r;", "late"),
     "when": ("r on e(X) when X > 1;", "when"),
     "event of a gate": ("r or a on e(1);", "sand"),
     "number": ("r on e(1);", "numbers"),

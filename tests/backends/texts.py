@@ -11,6 +11,7 @@ from backends.conformance import asks_of_strings
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape
 from cross_check.participants import detected, detections
 from rvaft import RVAFT, Backend, Gate, Monitor, Node, NotExpressible, Semantics, TooLarge, Verdict, dumps, loads
+from rvaft.model.assumptions import first_violation
 from rvaft.model.values import Json, is_finite
 from rvaft.monitors import DetectionMonitor
 from rvaft.semantics import Reference
@@ -77,12 +78,12 @@ def agreeing(translator: Backend, made: RVAFT, semantics: Semantics, traces: Ite
     except NotExpressible:
         if Verdict.FALSE not in translator.verdicts:
             return 0  # what it must express the examples say
-        late = made.time is not None and made.time.late is not None
-        assert late or translator.name == "rml"
+        assert translator.name == "rml"
         assert made.variables or made.time is not None or asks_of_strings(made, semantics), dumps(made)
         return 0
     monitor = specification.monitor()
     wanted = [one for one in traces if not translator.json_alone or all(map(is_finite, one))]
+    wanted = [one for one in wanted if first_violation(made, one, specification.assumes) is None]
     if isinstance(monitor, DetectionMonitor):
         wanted = [one for one in wanted if not monitor.left_open(one)]
         answers = [*map(detected, wanted, monitor.first_detections(wanted))]

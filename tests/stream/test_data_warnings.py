@@ -73,7 +73,7 @@ def test_the_guard_of_one_event_is_told_exactly_where_it_is_undefined(values: li
 def test_of_very_many_guards_the_first_are_told() -> None:
     leaves = "".join(f"a{n} on e(X{n}) when X{n} > {n};" for n in range(MOST + 5))
     found = seen(f"{EVENTS} top or {' '.join(f'a{n}' for n in range(MOST + 5))}; {leaves}", [{"e": "a"}])
-    assert [len(list(found.lines)), list(found.lines)[-1]] == [MOST + 1, "5 more undefined guards"]
+    assert [len(list(found.lines)), list(found.lines)[-1]] == [MOST + 1, "5 more warnings"]
 
 
 def test_an_ignored_event_needs_no_time_and_a_guard_of_an_ignore_counts() -> None:

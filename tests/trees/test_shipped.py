@@ -7,8 +7,9 @@ import pytest
 from cross_check.comparison import Roster
 from cross_check.participants import Absent, Participant, reports_detections_only
 from cross_check.results import Job
-from rvaft import NotExpressible, Semantics, ToolMissing, Verdict, all_backends
+from rvaft import NotExpressible, Semantics, TooLarge, ToolMissing, Verdict, all_backends
 from rvaft.backend import backend
+from rvaft.model.assumptions import first_violation
 from rvaft.rules import check_tree
 from tests.tables import sampled
 from tests.trees import shipped
@@ -39,11 +40,19 @@ def test_the_engine_and_every_text_give_the_stored_verdicts(name: str, semantics
                 )
                 continue
             assert isinstance(made, Participant)
-            told = [one for one in traces if made.left_open is None or not made.left_open(traces[one])]
+            assumes = frozenset() if made.specification is None else made.specification.assumes
+            kept = [one for one in traces if first_violation(tree, traces[one], assumes) is None]
+            told = [one for one in kept if made.left_open is None or not made.left_open(traces[one])]
             told = (
                 told[::6] if reports_detections_only(made) else told
             )  # their programs look at whole traces, and take long
-            for trace, verdicts in zip(told, made.answers([traces[one] for one in told]), strict=True):
+            try:
+                answers = made.answers([traces[one] for one in told])
+            except TooLarge:
+                assert (name, semantics) == ("cloudtrail/takeover", Semantics.SCATTERED)
+                assert participant in ("automaton", "ltlf")
+                continue
+            for trace, verdicts in zip(told, answers, strict=True):
                 said, stored = "".join(verdict.symbol for verdict in verdicts), expected[trace][semantics][column]
                 wanted = stored.replace("⊥", "?") if reports_detections_only(made) else stored
                 assert said == wanted, f"{participant} on {trace}, {column}"

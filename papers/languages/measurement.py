@@ -36,9 +36,10 @@ from cross_check.results import DETECTIONS_ONLY, Status, raised, reason
 from rvaft.api import loads, resolve_semantics
 from rvaft.backend import Metrics, all_backends, backend
 from rvaft.engine import Engine
-from rvaft.errors import OptionError, RvaftError
+from rvaft.errors import NotExpressible, OptionError, RvaftError
 from rvaft.language.printer import dumps
-from rvaft.model.nodes import Gate, Node
+from rvaft.model.assumptions import first_violation
+from rvaft.model.nodes import Assumption, Gate, Node
 from rvaft.model.patterns import Anything, Literal, substitute
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -319,7 +320,9 @@ def _measured(cell: Cell, settings: Settings, clock: float, trodden: Sequence["W
         return result
 
     try:
-        text, sizes, seconds = isolated(partial(_translated, cell, settings.limit))
+        text, sizes, seconds, assumes = isolated(partial(_translated, cell, settings.limit))
+        tree = cell.subject.tree
+        trodden = [walk for walk in trodden if first_violation(tree, walk.events, assumes) is None]
     except _Unmeasurable as end:
         return replace(record, result=end.args[0], reason=end.args[1])
     found = {name: getattr(sizes, name) for name in SIZES}
@@ -436,15 +439,20 @@ def _other_text(language: str, semantics: Semantics) -> str:
     return ""
 
 
-def _translated(cell: Cell, limit: int | None) -> tuple[str, Metrics, float]:
-    """Return the text, its sizes, and the median seconds of a translation."""
+def _translated(cell: Cell, limit: int | None) -> tuple[str, Metrics, float, frozenset[Assumption]]:
+    """Return the text, its sizes, the median seconds of a translation, and its assumptions.
+
+    Raises `NotExpressible` if the text assumes that no event is late.
+    """
     times: list[float] = []
     while not times or (len(times) < ROUNDS and sum(times) < PATIENCE):
         tree = copy(cell.subject.tree)  # a new tree, without caches
         start = thread_time()
         made = backend(cell.language).translate(tree, cell.semantics, limit=limit)
         times.append(thread_time() - start)
-    return made.text, made.metrics, median(times)
+    if Assumption.ORDER in made.assumes:
+        raise NotExpressible("the language cannot drop late events, and its text assumes that there are none")
+    return made.text, made.metrics, median(times), made.assumes
 
 
 class Run(NamedTuple):

@@ -37,9 +37,7 @@ class SigmaBackend(Backend):
 
     >>> from rvaft import loads
     >>> made = SigmaBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED)
-    >>> print(made.text.split("---")[-1], end="")
-    <BLANKLINE>
-    title: theft
+    >>> print(made.text[made.text.index("correlation:"):], end="")
     correlation:
       type: temporal_ordered
       rules:

@@ -439,6 +439,9 @@ def _other_text(language: str, semantics: Semantics) -> str:
     return ""
 
 
+NO_LATE_EVENTS: Final = "the language cannot drop late events, and its text assumes that there are none"
+
+
 def _translated(cell: Cell, limit: int | None) -> tuple[str, Metrics, float, frozenset[Assumption]]:
     """Return the text, its sizes, the median seconds of a translation, and its assumptions.
 
@@ -451,7 +454,7 @@ def _translated(cell: Cell, limit: int | None) -> tuple[str, Metrics, float, fro
         made = backend(cell.language).translate(tree, cell.semantics, limit=limit)
         times.append(thread_time() - start)
     if Assumption.ORDER in made.assumes:
-        raise NotExpressible("the language cannot drop late events, and its text assumes that there are none")
+        raise NotExpressible(NO_LATE_EVENTS)
     return made.text, made.metrics, median(times), made.assumes
 
 

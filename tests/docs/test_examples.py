@@ -4,12 +4,10 @@ import doctest
 import re
 from collections.abc import Iterable
 from importlib.util import find_spec
-from itertools import product
 
 import pytest
 from _pytest.mark.structures import ParameterSet
 
-import rvaft
 from tests.docs.examples import ROOT, SETUP, Block, blocks, commands, run
 
 pytestmark = pytest.mark.usefixtures("quick")
@@ -55,25 +53,6 @@ def test_python(block: Block, monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
     results = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS).run(example, out=said.append)
     assert results.failed == 0, "".join(said)
-
-
-def test_the_table_of_languages_says_what_they_express() -> None:
-    pytest.importorskip("yaml", reason="needs PyYAML")
-    lines = [
-        line
-        for line in (ROOT / "docs/explanation/findings.md").read_text(encoding="utf-8").splitlines()
-        if line[:2] == "| "
-    ]
-    (_, _, *languages), _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
-    assert len(rows) > 10
-    for tree, under, *cells in rows:
-        for semantics, (language, cell) in product(under.split(", "), zip(languages, cells, strict=True)):
-            try:
-                rvaft.translate(rvaft.loads(tree.strip("`")), language, semantics=semantics)
-            except rvaft.NotExpressible:
-                assert cell == "no", (tree, semantics, language)
-            else:
-                assert cell == "yes", (tree, semantics, language)
 
 
 NAMED = re.compile(r"`((?:rvaft|backends|cross_check|tests|trees|papers|docs)/[\w./-]+)`")

@@ -4,7 +4,7 @@ An event has the fields of a message, `topic`, and `time`, the recording time in
 in messages are objects with `sec` and `nanosec`, also for ROS 1.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
 from keyword import iskeyword
@@ -20,11 +20,14 @@ from rvaft.readers.log import BAG_METADATA, InputOptions, Log, LogReader, suffix
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Typestore
+    from rosbags.interfaces.typing import Typesdict
 
 TOPIC: Final = "topic"
 TIME: Final = "time"
 ELSEWHERE: Final = {name: f"message_{name}" for name in (TOPIC, TIME)}
 _PLAIN: Final = frozenset({str, int, float, bool})
+_IDL: Final = "=" * 80 + "\n"
+"""The line before each part of a definition in IDL."""
 _FLOATS: Final = frozenset({"float32", "float64", "float128"})
 
 
@@ -48,22 +51,19 @@ class BagReader(LogReader):
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json] | None]]:
         """Yield the messages with their numbers, in time order."""
         try:
-            from rosbags.highlevel import AnyReader  # noqa: PLC0415
-            from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
+            from rosbags import rosbag1, rosbag2  # noqa: PLC0415
         except ImportError as error:
             raise ToolMissing("rosbags", remedy="pip install '.[bags]' in a checkout of rvaft") from error
-        number = 0
+        number, ros2 = 0, log.path.suffix != ".bag"
         try:
-            usual = get_typestore(Stores.LATEST)
-            with AnyReader([log.path], default_typestore=usual) as bag:
-                known = bag.typestore
-                known.register({name: one for name, one in usual.fielddefs.items() if name not in known.fielddefs})
+            with rosbag2.Reader(log.path) if ros2 else rosbag1.Reader(log.path) as bag:
+                types = _RecordedTypes(bag.connections, ros2=ros2)
                 decoders: dict[int, _Decoder] = {}
                 for connection, stamp, data in bag.messages():
                     number += 1
                     decoder = decoders.get(id(connection))
                     if decoder is None:
-                        decoder = decoders[id(connection)] = _Decoder(connection, known, bag.deserialize, log)
+                        decoder = decoders[id(connection)] = _Decoder(connection, types, log)
                     try:
                         event = None if decoder.idle else decoder.event(stamp, data)
                     except Exception as error:  # noqa: BLE001 (bytes that are no message raise anything)
@@ -78,27 +78,75 @@ class BagReader(LogReader):
             raise
         except Exception as error:
             reason = " ".join(str(error).split()).removesuffix(".") or type(error).__name__
-            raise log.error_at(f"the recording cannot be read: {reason}", number + 1 if number else None) from error
+            stored = sorted(one.name for one in log.path.glob("*") if suffix(one) in self.suffixes)
+            mend = f"; read the storage file instead: {', '.join(stored)}" if stored else ""
+            raise log.error_at(
+                f"the recording cannot be read: {reason}{mend}", number + 1 if number else None
+            ) from error
 
 
 class _Unread(ValueError):
     """The reason why a message was rejected."""
 
 
+class _RecordedTypes:
+    """The message types of a recording and, for those that it does not define, of the latest ROS.
+
+    `broken` has the reason for each type whose definition cannot be used.
+    """
+
+    def __init__(self, connections: "Iterable[Connection]", *, ros2: bool) -> None:
+        from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
+
+        self.store: Typestore = get_typestore(Stores.EMPTY)
+        self.deserialize = self.store.deserialize_cdr if ros2 else self.store.deserialize_ros1
+        self.broken: dict[str, str] = {}
+        for connection in connections:
+            try:
+                self.store.register(_defined(connection))
+                name, digest = connection.msgtype, connection.digest
+                own = self.store.hash_rihs01 if ros2 else lambda one: self.store.generate_msgdef(one)[1]
+                if digest and name in self.store.fielddefs and own(name) != digest:
+                    self.broken[name] = "the hash of its definition is not the recorded one"
+            except Exception as error:  # noqa: BLE001 (a malformed definition raises anything)
+                self.broken[connection.msgtype] = " ".join(str(error).split()) or type(error).__name__
+        usual = get_typestore(Stores.LATEST).fielddefs
+        self.store.register({name: one for name, one in usual.items() if name not in self.store.fielddefs})
+
+
+def _defined(connection: "Connection") -> "Typesdict":
+    """Return the types that a connection defines."""
+    from rosbags.interfaces import MessageDefinitionFormat  # noqa: PLC0415
+    from rosbags.typesys import get_types_from_idl, get_types_from_msg  # noqa: PLC0415
+
+    text, types = connection.msgdef.data, dict[str, Any]()
+    match connection.msgdef.format:
+        case MessageDefinitionFormat.NONE:
+            pass
+        case MessageDefinitionFormat.MSG:
+            types.update(get_types_from_msg(text, connection.msgtype))
+        case MessageDefinitionFormat.IDL:
+            parts = text.split(_IDL)[1:] if text.startswith(f"{_IDL}IDL: ") else [f"\n{text}"]
+            for part in parts:
+                types.update(get_types_from_idl(part.partition("\n")[2]))
+    return types
+
+
 class _Decoder:
     """The decoder of one connection, `idle` without interest."""
 
-    def __init__(
-        self, connection: "Connection", types: "Typestore", deserialize: Callable[[bytes, str], object], log: Log
-    ) -> None:
+    def __init__(self, connection: "Connection", recorded: _RecordedTypes, log: Log) -> None:
         self._connection = connection  # its id must stay unique
         self._topic, self._type, self._log = connection.topic, connection.msgtype, log
-        self._deserialize = deserialize
+        self._deserialize, types = recorded.deserialize, recorded.store
         self.idle = not log.interest.may_be(TOPIC, connection.topic)
         self._names: tuple[str, ...] = ()
         self._keys: tuple[str, ...] = ()
-        self._odd, self._unknown = False, ""
-        if not self.idle:
+        self._odd, self._unread = False, ""
+        if not self.idle and connection.msgtype in recorded.broken:
+            reason = recorded.broken[connection.msgtype]
+            self._unread = f"{self._topic} is left out: the definition of {self._type} cannot be used: {reason}"
+        elif not self.idle:
             try:
                 defined = [name for name, _ in types.fielddefs[connection.msgtype][1]]
                 wanted = log.interest.fields
@@ -106,12 +154,12 @@ class _Decoder:
                 self._keys = tuple(ELSEWHERE.get(name, name) for name in self._names)
                 self._odd = not _FLOATS.isdisjoint(_parts(types, connection.msgtype, self._names))
             except KeyError as error:
-                self._unknown = str(error.args[0])
+                self._unread = f"the type {error.args[0]}, of {self._topic}, is not defined in the recording"
 
     def event(self, stamp: int, data: bytes) -> dict[str, Json]:
         """Return the event of a message; raises any exception of the library."""
-        if self._unknown:
-            raise _Unread(f"the type {self._unknown}, of {self._topic}, is not defined in the recording")
+        if self._unread:
+            raise _Unread(self._unread)
         event: dict[str, Json] = {TOPIC: self._topic, TIME: stamp}
         if self._names:
             event |= _fields(self._deserialize(data, self._type), self._names, self._keys)

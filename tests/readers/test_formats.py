@@ -9,6 +9,7 @@ import os
 import re
 import shlex
 import signal
+import sqlite3
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -415,14 +416,40 @@ def test_damaged_files(tmp_path: Path) -> None:
     failed(run("monitor", SAND, folder), "recording: Is a directory", "recording/*.db3'")
 
 
+def test_a_definition_that_cannot_be_parsed_leaves_out_its_topic(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    from tests.readers.samples import write_recording
+
+    write_recording(tmp_path / "m", list(mission()), mcap=False)
+    storage = next((tmp_path / "m").glob("*.db3"))
+    with sqlite3.connect(storage) as table:
+        broken = "UPDATE message_definitions SET encoded_message_definition = ? WHERE topic_type = ?"
+        assert table.execute(broken, ("bool[ ???", "robot_msgs/msg/Command")).rowcount == 1
+    found, told = read(tmp_path / "m")
+    assert {event["topic"] for event in found} == {event["topic"] for event in mission()} - {"/command"}
+    assert "/command is left out: the definition of robot_msgs/msg/Command cannot be used: " in told
+    other = run(
+        "monitor", "-", tmp_path / "m", "--semantics", "scattered", input='event e() = { topic: "/x" }; top on e();'
+    )
+    assert "/command is left out" not in other.stderr  # no node observes it
+
+
+def test_a_folder_that_cannot_be_read_names_its_storage_files(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    from tests.readers.samples import write_recording
+
+    write_recording(tmp_path / "m", list(mission()), mcap=False)
+    about = tmp_path / "m" / "metadata.yaml"
+    about.write_text(about.read_text().replace("version: 9", "version: 99"))
+    failed(run("monitor", SAND, tmp_path / "m"), "m: ", "read the storage file instead: m.db3")
+
+
 def test_messages_that_are_lost_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("rosbags")
-    from rosbags.highlevel import AnyReader
+    from rosbags.rosbag2 import Reader
 
-    found = AnyReader.messages
-    monkeypatch.setattr(
-        AnyReader, "messages", lambda self: (one for _, one in zip(range(5), found(self), strict=False))
-    )
+    found = Reader.messages
+    monkeypatch.setattr(Reader, "messages", lambda self: (one for _, one in zip(range(5), found(self), strict=False)))
     result = run("monitor", LOGS / SAMPLES["mission.mcap"], LOGS / "mission.mcap")
     assert result.exit_code == 2
     assert "message 6: the recording has 7 by its index, but no more are found (2 messages left out)" in result.stderr

@@ -16,7 +16,7 @@ from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolMissing
 from rvaft.model.nodes import Kind
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.support.terminal import columns, visible
+from rvaft.support.terminal import columns, spreadsheet_cell, visible
 
 
 class Status(StrEnum):
@@ -342,7 +342,8 @@ def csv_text(results: Iterable[Result], note: str = "") -> str:  # noqa: ARG001 
     writer = csv.DictWriter(stream, names, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     for result in results:
-        writer.writerow({**_object(result), "tree": result.job.title, "seconds": f"{result.seconds:.6f}"})
+        row = {**_object(result), "tree": result.job.title, "seconds": f"{result.seconds:.6f}"}
+        writer.writerow({name: spreadsheet_cell(one) if isinstance(one, str) else one for name, one in row.items()})
     return stream.getvalue()
 
 

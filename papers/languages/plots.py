@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import PurePath
+from textwrap import fill
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -208,6 +209,7 @@ def _drawn(plot: Plot, width: Width, across: int) -> "Figure":
     for axes in places[len(plot.panels) :]:
         axes.set_visible(False)
     places[0].set_yscale("log")
+    places[0].margins(y=0.12)
     drawing.supylabel(plot.label, fontsize="medium")
     mark = matplotlib.lines.Line2D
     starred = {row.language for row in plot.rows if row.detections_only}
@@ -222,9 +224,13 @@ def _drawn(plot: Plot, width: Width, across: int) -> "Figure":
         if letter in met:
             sign = {"marker": rf"$\mathrm{{{letter}}}$", "linestyle": "none", "color": "0.3"}
             handles.append(mark([], [], label=str(outcome), **sign))
-    title = f"not expressible: {', '.join(map(_drawable, mute))}" if mute else None
+    title = fill(f"not expressible: {', '.join(map(_drawable, mute))}", _TITLE[width]) if mute else None
     drawing.legend(handles=handles, loc="outside lower center", ncols=across * 2, frameon=False, title=title)
     return drawing
+
+
+_TITLE: Final = {Width.PAGE: 96, Width.COLUMN: 44}
+"""Characters in a line of the legend's title."""
 
 
 def _draw_panel(axes: "Axes", panel: Panel, plot: Plot, languages: Sequence[str], lost: Sequence[str]) -> None:

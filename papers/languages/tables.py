@@ -15,7 +15,7 @@ from cross_check.results import DETECTIONS_ONLY
 from papers.languages.measurement import SIZES, Measurement, Outcome
 from rvaft.errors import LanguageError, installed
 from rvaft.export.latex import escaped
-from rvaft.support.terminal import columns, visible
+from rvaft.support.terminal import FORMULAS, columns, spreadsheet_cell, visible
 
 COLUMNS: Final = Measurement.__struct_fields__
 """The columns of the CSV file; unknown values are empty."""
@@ -27,8 +27,14 @@ def csv_text(rows: Iterable[Measurement], *, heading: bool = True) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerows([COLUMNS] if heading else [])
-    writer.writerows(map(astuple, rows))
+    for row in rows:
+        writer.writerow([spreadsheet_cell(one) if isinstance(one, str) else one for one in astuple(row)])
     return stream.getvalue()
+
+
+def _without_quote(cell: str) -> str:
+    """Return the text of a cell that `spreadsheet_cell` made."""
+    return cell[1:] if cell.startswith("'") and cell.lstrip("'").startswith(FORMULAS) else cell
 
 
 def read_rows(text: str, file: str = "<csv>") -> Iterator[Measurement]:
@@ -48,7 +54,7 @@ def read_rows(text: str, file: str = "<csv>") -> Iterator[Measurement]:
     for cells in reader:
         if None in cells or None in cells.values():
             raise LanguageError(f"not {len(heading)} columns", file=file, line=reader.line_num)
-        known = {column: cell for column, cell in cells.items() if cell}
+        known = {column: _without_quote(cell) for column, cell in cells.items() if cell}
         try:
             yield msgspec.convert({**empty, **known}, Measurement, strict=False)
         except msgspec.ValidationError as error:

@@ -117,3 +117,16 @@ def _bar(total: int) -> "Bar":
     )
     bar.add_task("", total=total)
     return bar
+
+
+def spreadsheet_cell(text: str) -> str:
+    """Return a text for a cell of a CSV file, so that no spreadsheet reads it as a formula.
+
+    >>> spreadsheet_cell("=1+2"), spreadsheet_cell("tree")
+    ("'=1+2", 'tree')
+    """
+    return f"'{text}" if text.lstrip("'").startswith(FORMULAS) else text
+
+
+FORMULAS = ("=", "+", "-", "@", "\t", "\r")
+"""The beginnings of a cell that spreadsheets read as a formula."""

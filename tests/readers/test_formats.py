@@ -428,9 +428,8 @@ def test_a_definition_that_cannot_be_parsed_leaves_out_its_topic(tmp_path: Path)
     found, told = read(tmp_path / "m")
     assert {event["topic"] for event in found} == {event["topic"] for event in mission()} - {"/command"}
     assert "/command is left out: the definition of robot_msgs/msg/Command cannot be used: " in told
-    other = run(
-        "monitor", "-", tmp_path / "m", "--semantics", "scattered", input='event e() = { topic: "/x" }; top on e();'
-    )
+    (tree := tmp_path / "other.rvaft").write_text('event e() = { topic: "/radiation" }; top or a; a on e();')
+    other = run("monitor", tree, tmp_path / "m", "--semantics", "scattered")
     assert "/command is left out" not in other.stderr  # no node observes it
 
 

@@ -1,16 +1,18 @@
 """The comparison in papers/languages: what is committed there, and that it can be made anew."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from msgspec.structs import replace
 
 from cross_check.results import reason
+from papers.languages import plots
 from papers.languages.__main__ import LANGUAGES, main, texts
 from papers.languages.findings import FINDINGS, missed
 from papers.languages.measurement import NO_LATE_EVENTS, Measurement, Outcome, default_languages, gate_subjects
 from papers.languages.note import FOLDER, TREES, expressible
-from papers.languages.tables import read_rows
+from papers.languages.tables import Width, read_rows
 from rvaft import NotExpressible, Semantics, load, translate
 from rvaft.model.nodes import Assumption
 
@@ -100,3 +102,25 @@ def _cell(row: Measurement) -> tuple[object, ...]:
 def _sizes(row: Measurement) -> tuple[object, ...]:
     sizes = (row.symbols, row.subformulas, row.states, row.edges, row.characters)
     return (row.result, row.reason, *sizes, row.run, row.events, row.walks, row.differing)
+
+
+@pytest.mark.parametrize("width", Width)
+def test_the_legend_of_languages_that_cannot_express_a_tree_fits_the_figure(
+    width: Width, rows: list[Measurement], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("matplotlib")
+    drawn: list[Any] = []
+
+    def kept(drawing: Any) -> list[tuple[str, bytes]]:
+        drawn.append(drawing)
+        return []
+
+    monkeypatch.setattr(plots, "saved", kept)
+    list(plots.plots([row for row in rows if row.tree == "trees/late.rvaft"], width))
+    assert drawn
+    for drawing in drawn:
+        drawing.canvas.draw()
+        legend = drawing.legends[0].get_window_extent()
+        assert legend.x0 >= 0 <= legend.y0
+        assert legend.x1 <= drawing.bbox.x1
+        assert legend.y1 <= drawing.bbox.y1

@@ -152,6 +152,20 @@ def cross_check(
     return results
 
 
+_SHARE: Final = 20
+"""A monitor may use this share of the time limit for one trace."""
+_FIRST: Final = 8
+"""The size of the first batch of traces for a program that reads whole traces."""
+
+
+def _batches(traces: Sequence[Trace], size: int, *, double: bool) -> Iterator[Sequence[Trace]]:
+    """Yield the traces in batches, with `double` each twice as large as the one before."""
+    start = 0
+    while start < len(traces):
+        yield traces[start : start + size]
+        start, size = start + size, size * (2 if double else 1)
+
+
 @dataclass(slots=True)
 class _Row:
     name: str
@@ -171,8 +185,10 @@ class _Row:
     matched: int = 0
     match: str = ""
     detected: bool = False
+    limited: str = ""
+    """How many traces were compared within the time limit, if not all."""
 
-    def end(self, status: Status, why: str = "") -> None:
+    def end(self, status: Status | None, why: str = "") -> None:
         self.status, self.why = status, why
 
     def fail(self, error: Exception) -> None:
@@ -194,15 +210,41 @@ class _Row:
         return self.participant.answers([trace])[0]
 
     def answers(self, traces: Sequence[Trace]) -> Sequence[Answer] | None:
-        """Return the answer for every trace, or None on an error; external programs time
-        themselves.
+        """Return the answers for the first traces, or None on an error.
+
+        With a time limit, a monitor may use a share of it for one trace; other traces expire. At
+        the limit, the rest is left out. External programs time themselves.
         """
         if self.outside is not None:
             return self.attempt(partial(self.outside.answers, traces), None)
         assert self.participant is not None
-        step = partial(self.participant.answers, traces)
-        found = self.attempt(step, self.patience)
-        return None if found is None else [*map(Answer, found)]
+        if self.patience is None:
+            every = self.attempt(partial(self.participant.answers, traces), None)
+            return None if every is None else [*map(Answer, every)]
+        found: list[Answer] = []
+        start, single = perf_counter(), self.participant.first_detections is None
+        for some in _batches(traces, 1 if single else _FIRST, double=not single):
+            left = self.patience - (perf_counter() - start)
+            if left <= 0:
+                break
+            share = min(left, self.patience / _SHARE) if single else left
+            answers = self.attempt(partial(self.participant.answers, some), share)
+            if answers is not None:
+                found += map(Answer, answers)
+                continue
+            if self.status is not Status.TIMEOUT:
+                return None
+            self.end(None)
+            if not single:
+                break
+            found.append(Answer(expired=True))
+        done = sum(not one.expired for one in found)
+        if traces and not done:
+            self.end(Status.TIMEOUT, "no result within the time limit")
+            return None
+        if done < len(traces):
+            self.limited = f"{done} of {len(traces)} traces within the time limit"
+        return found
 
     @property
     def detections_only(self) -> bool:
@@ -309,7 +351,7 @@ class Comparison:
             pass
         for row in self.rows:
             if row.status is not None and row.status.agrees and not row.detected:
-                row.end(Status.VACUOUS, "nothing was detected in any trace")
+                row.end(Status.VACUOUS, row.limited or "nothing was detected in any trace")
         met = any(row.status in (Status.PROVED, Status.TESTED, Status.DIFFERS, Status.VACUOUS) for row in self.rows)
         baseline = self._present[0] if met and self._present else None
         if baseline is not None:
@@ -400,7 +442,8 @@ class Comparison:
         expected = baseline.answers(traces)
         if expected is None:
             return False
-        every = [*zip(traces, expected, strict=True)]
+        every = [one for one in zip(traces, expected, strict=False) if not one[1].expired]
+        expected = [answer for _, answer in every]
         baseline.judge(every, expected)
         for row in rest:
             if row.status is Status.PROVED and not self.effort.recheck:
@@ -411,14 +454,16 @@ class Comparison:
                 judged = self._decidable(row, baseline, judged)
                 answers = row.answers([trace for trace, _ in judged])
                 if answers is not None:
-                    row.judge(judged, answers)
+                    pairs = [one for one in zip(judged, answers, strict=False) if row.outside or not one[1].expired]
+                    row.judge([trace for trace, _ in pairs], [answer for _, answer in pairs])
                 if baseline.name == REFERENCE and row.lists_matches:  # the reference could enumerate the scenarios
                     row.compare_matches(self._matches(judged))
                 if row.participant is not None:
                     row.shorten(baseline)
             elif row.status is None:
                 row.end(Status.COULD_NOT_RUN, "there is no trace to test")
-            row.status = row.status or Status.TESTED
+            row.status, row.limited = row.status or Status.TESTED, row.limited or baseline.limited
+            row.why = "; ".join(filter(None, (row.why, row.limited)))
         return True
 
     def _decidable(self, row: _Row, baseline: _Row, every: list[tuple[Trace, Answer]]) -> list[tuple[Trace, Answer]]:

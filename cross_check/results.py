@@ -156,7 +156,8 @@ class Result:
                 matched = f", all matches of {self.matched}" if self.matched else ""
                 return f"tested: {self._tried}{matched}{self._masked}{because}"
             case Status.VACUOUS if self.traces:
-                return f"vacuous: nothing was detected in {self._tried}{self._masked}"
+                limited = f" ({self.why})" if "time limit" in self.why else ""
+                return f"vacuous: nothing was detected in {self._tried}{self._masked}{limited}"
             case Status.DIFFERS:
                 length = len(self.difference.trace) if self.difference else 0
                 return f"differs after {length} {_plural('event', length)}"

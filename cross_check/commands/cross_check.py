@@ -245,7 +245,7 @@ def cross_check_command(
     if against and not roster.against:  # no readable specification is left
         entries, count = [], 0
     chosen_effort = {name: given[name] for name in ("traces", "states", "length") if given[name] is not None}
-    effort = replace(effort, seed=str(given["seed"]), seconds=timeout, **chosen_effort)
+    effort = replace(effort, seed=str(given["seed"]), seconds=timeout or effort.seconds, **chosen_effort)
     chosen = semantics or (() if against else tuple(Semantics))
     pairs = ((e, s) for e in entries for s in chosen or [resolve_semantics(e.tree)])
     tasks = (Task(e.tree, Job(e.name, s, e.branch, e.kind), roster, effort) for e, s in pairs)

@@ -5,6 +5,7 @@ may be thousands of gates deep, beyond Python's recursion limit.
 """
 
 import signal
+import sys
 import threading
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
@@ -82,6 +83,10 @@ class Expired(BaseException):
     """
 
 
+_AGAIN: Final = 0.25
+"""Seconds after which a lost signal is repeated."""
+
+
 @contextmanager
 def within(seconds: float | None) -> Iterator[None]:
     """Raise `Expired` inside the block after this many seconds; None is no limit.
@@ -95,13 +100,16 @@ def within(seconds: float | None) -> Iterator[None]:
     def expire(_signal: int, _frame: FrameType | None) -> None:
         raise Expired
 
-    before = signal.signal(signal.SIGALRM, expire)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    before, report = signal.signal(signal.SIGALRM, expire), sys.unraisablehook
+    # Python drops exceptions in callbacks of weak references, so the signal is repeated.
+    sys.unraisablehook = lambda lost: None if lost.exc_type is Expired else report(lost)
+    signal.setitimer(signal.ITIMER_REAL, seconds, _AGAIN)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
+        sys.unraisablehook = report
 
 
 @contextmanager

@@ -286,3 +286,39 @@ def test_exit_status(statuses: str, expected: tuple[int, int]) -> None:
     results = [Result(JOB, status, Status(status)) for status in statuses.split(", ")]
     strict = exit_status(results, failing=(Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT))
     assert (exit_status(results), strict) == expected
+
+
+class Slow(Reference):
+    """The reference, too slow for traces with the event a twice."""
+
+    def _advance(self, event: Json) -> Verdict:
+        if event == {"event": "a"}:
+            time.sleep(0.03)
+        return super()._advance(event)
+
+
+def test_within_the_time_limit_the_traces_that_were_compared_count() -> None:
+    def slow() -> Participant:
+        return Participant("slow", lambda: Slow(TREE, Semantics.STRICT), observed=None)
+
+    effort = Effort(states=0, words=0, traces=40, seconds=1.0)
+    started = time.perf_counter()
+    candidates = [("reference", lambda: reference_of(TREE, Semantics.STRICT)), ("slow", slow)]
+    _, found = Comparison(TREE, JOB, effort).run(candidates)
+    assert time.perf_counter() - started < 10
+    assert found.status is Status.TESTED
+    assert 0 < found.traces < 40
+    assert found.why.endswith(f"{found.traces} of 40 traces within the time limit")
+
+
+def test_a_signal_that_a_callback_swallows_is_repeated() -> None:
+    class Unlucky:
+        def __del__(self) -> None:
+            time.sleep(0.3)  # the signal comes here, where exceptions are dropped
+
+    def run() -> None:
+        Unlucky()
+        time.sleep(5)
+
+    with pytest.raises(Expired), within(0.1):
+        run()

@@ -49,7 +49,18 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     # the pip that installs is this environment's
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     pip = {"PIP_PYTHON": str(folder / "venv/bin/python"), "PIP_NO_COMPILE": "1", "PIP_NO_DEPS": "1"}
-    done = run("bash", "-eo", "pipefail", "-c", install, cwd=folder, PATH=path, RVAFT_SOURCE=str(source), **pip)
+    done = run(
+        "bash",
+        "-eo",
+        "pipefail",
+        "-c",
+        install,
+        cwd=folder,
+        PATH=path,
+        RVAFT_SOURCE=str(source),
+        RVAFT_EXTRAS="",
+        **pip,
+    )
     assert done.returncode == 0, done.stderr
     (metadata,) = (folder / "venv").glob("lib/python*/site-packages/rvaft-*.dist-info")
     for needed in dependencies(Distribution.at(metadata)):

@@ -2,15 +2,14 @@
 
 import json
 from contextlib import nullcontext
-from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 import click
 
 from rvaft.cli import options, warn
 from rvaft.cli.monitor import source_of as trace_of
 from rvaft.errors import OptionError
-from rvaft.readers.log import Log, expanded, source_of
+from rvaft.readers.log import Log, LogSource, expanded, source_of
 from rvaft.reports.log_fields import LogFields, fields_json, fields_text, inferred_tree
 from rvaft.stream.keys import Field
 from rvaft.support.files import deliver
@@ -34,8 +33,9 @@ def _read(log: str, by: str | None, log_format: options.LogFormat) -> LogFields:
     trace = trace_of(files[0], chosen)
     found = LogFields(None if by is None else Field.parse(by).text)
     file = trace.file
-    progress = ProgressBar(Path(file).stat().st_size if file and Path(file).is_file() else 0, "reading")
-    with source_of(chosen, file) if file is not None else nullcontext(trace.events) as source:
+    progress = ProgressBar(trace.size, "reading")
+    opened = nullcontext(cast("LogSource", trace.events)) if file is None else source_of(chosen, file)
+    with opened as source:
         read = Log(chosen, source, trace.name)
         for number, event in enumerate(read.events()):
             if event is not None:

@@ -498,8 +498,9 @@ def inferred_tree(found: LogFields) -> str:
     assumed = {Assumption.TYPES, Assumption.PRESENT, Assumption.CASE, Assumption.EXACT}
     if found.other_case:
         assumed.discard(Assumption.CASE)
+    stated_paths = {path for path in (found.by, time.field if time else None) if path is not None}
     for kind, name, leaf in zip(found.kinds, names, leaves, strict=True):
-        parts, optional = _parts(kind, {found.by, *([time.field] if time else [])} - {None})
+        parts, optional = _parts(kind, stated_paths)
         if any(kind.fields[path].large for path in parts):
             assumed.discard(Assumption.EXACT)
         parameters = _names([_word(path[-1]) for path in parts], ("true", "false", "null", "_"))

@@ -113,6 +113,8 @@ _OWN: Final = {
     ("coverage", "--format"): "--format json",
     ("emit", "--format"): "--format latex",
     ("emit", "--output"): "-o query.sql",
+    ("fields", "--format"): "--format json",
+    ("infer", "--output"): "-o tree.rvaft",
     ("monitor", "--format"): "--format jsonl",
     ("report", "--output"): "-o report.html",
     ("rosmonitoring", "--output"): "-o config",

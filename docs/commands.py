@@ -24,6 +24,8 @@ CALLS: Final = {
     "compare": "tree.rvaft",
     "backends": "",
     "explain": "unbound-variable",
+    "fields": "log.jsonl",
+    "infer": "log.jsonl",
 }
 """The arguments of each command in the examples."""
 
@@ -33,6 +35,7 @@ _VALUES: Final = {
     "--backend": "rml",
     "--backends": "rml,ltlf",
     "--branch": "2",
+    "--by": "eventName",
     "--checkpoint": "state.ckpt",
     "--checkpoint-every": "1000",
     "--collapse": "login",
@@ -110,6 +113,8 @@ _OWN: Final = {
     ("coverage", "--format"): "--format json",
     ("emit", "--format"): "--format latex",
     ("emit", "--output"): "-o query.sql",
+    ("fields", "--format"): "--format json",
+    ("infer", "--output"): "-o tree.rvaft",
     ("monitor", "--format"): "--format jsonl",
     ("report", "--output"): "-o report.html",
     ("rosmonitoring", "--output"): "-o config",

@@ -42,6 +42,8 @@ _GROUPS: Final[dict[str, dict[str, str]]] = {
         "test": "Compare verdicts on a tree's traces with the expected ones.",
         "show": "Draw a tree, or write it in another format.",
         "branches": "List the branches of a tree: number, kinds, property.",
+        "fields": "List the kinds of events in a log, and their fields.",
+        "infer": "Write a tree to start from, inferred from a log.",
     },
     "Monitor": {
         "monitor": "Monitor the events of logs and print verdicts.",

@@ -22,7 +22,7 @@ from rvaft.stream.listeners import Listener, MonitoredTrace, VerdictChange
 from rvaft.stream.monitor_set import DetectionCount, MonitorSet, Per
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun
-from rvaft.stream.statistics import Statistics
+from rvaft.stream.statistics import OTHERS, Statistics
 from rvaft.support.terminal import ProgressBar, columns, cut, visible
 
 ENDS: Final = 1_000
@@ -373,6 +373,14 @@ def held(statistics: Statistics) -> Iterator[str]:
     yield from (f"warning: no event of type {name}" for name in never[:TYPES])
     if len(never) > TYPES:
         yield f"warning: {len(never) - TYPES} other types never seen"
+    calls = statistics.never_called
+    if calls:
+        more = f" and {len(calls) - TYPES} more" if len(calls) > TYPES else ""
+        yield f"warning: no event fits {', '.join(calls[:TYPES])}{more}"
+    for field, values in statistics.others.items() if never or calls else ():
+        if values:
+            more = ", ..." if len(values) >= OTHERS else ""
+            yield f"note: other events of the log have {field} {', '.join(map(_json, values))}{more}"
     for miss in statistics.near_misses.values():
         has = "is missing" if miss.found is None else f"is {miss.found}, not {miss.expected}"
         count = f"{'at least ' if miss.more else ''}{counted(miss.count)}"

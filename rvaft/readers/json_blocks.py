@@ -195,7 +195,7 @@ class JsonBlockReader:
             heads, found, kept_values = (
                 self._heads(text, lines) if sound is None else (sound, list(map(self._of_event, sound)), None)
             )
-            different = set(found)
+            different = dict.fromkeys(found)  # in order, since the first values are listed
             known = {values: self._meaning(values) for values in different if values is not _DOUBT}
             dead = {values for values, (live, _) in known.items() if not live}
             places = [place for place, values in enumerate(found) if values not in dead] if dead else range(len(found))

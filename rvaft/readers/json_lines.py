@@ -19,7 +19,7 @@ from typing import BinaryIO, Final
 from rvaft.core.classifier import Reads, Scope
 from rvaft.errors import TraceError
 from rvaft.model.values import Exact, Json, decimal, is_finite
-from rvaft.readers.log import MAX_DIGITS, MAX_LINE, Log, LogReader, Source, lines_of
+from rvaft.readers.log import MAX_DIGITS, MAX_LINE, Log, LogReader, Source, lines_of, suffix
 from rvaft.support.files import opened
 from rvaft.support.terminal import cut
 
@@ -28,6 +28,7 @@ MAX_DEPTH: Final = 500
 BLANK: Final = b" \t\r\n"
 
 HINT: Final = "a trace has one JSON object per line"
+_OTHER: Final = "; for lines of text name --input syslog, or --input regex and a --pattern"
 _STRING_OR_BRACKET: Final = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[\]{}]', re.DOTALL)
 _SURROGATE: Final = re.compile(r"\\u[dD][89a-fA-F]")
 _ESCAPE: Final = re.compile(r"\\(?:u[dD][89abAB]..\\u[dD][c-fC-F]..|(u[dD][89a-fA-F]..)|.)")
@@ -92,7 +93,8 @@ def event_on(
     try:
         return decode(line, reads=reads, strict=strict)
     except ValueError as error:
-        raise TraceError(str(error), file=file, line=number) from None
+        other = number == 1 and suffix(Path(file)) in (".log", ".txt") and not line.lstrip(BLANK).startswith(b"{")
+        raise TraceError(f"{error}{_OTHER if other else ''}", file=file, line=number) from None
 
 
 def decode(

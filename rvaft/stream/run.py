@@ -234,7 +234,7 @@ class TraceRun:
         self.number = number
         if statistics is not None:
             self.totals.statistics = statistics
-            statistics.types = self.plan.monitors.types
+            statistics.attach(self.plan.monitors.types)
         self.buffer.known.update(known)
         for key, snapshot, events in watches:
             monitors = self.plan.monitors.resumed(snapshot)

@@ -21,14 +21,16 @@ from rvaft.core.classifier import (
     reader,
 )
 from rvaft.engine.compiled_tree import EngineLetters, EventClass
-from rvaft.model.expressions import pattern_text
-from rvaft.model.patterns import Literal, ObjectPattern, Pattern, match
+from rvaft.model.expressions import on_text, pattern_text
+from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, match
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, at
 from rvaft.support.terminal import cut
 
 LOOKED_AT: Final = 20
 """Maximum number of examined events with the same discriminating values."""
+OTHERS: Final = 20
+"""Maximum number of noted values per discriminating field."""
 MOST: Final = 10_000
 """Maximum number of combinations of these values."""
 UNSEEN: Final[tuple[int, ...]] = (-1,)
@@ -75,6 +77,7 @@ class EventTypeIndex:
     def __init__(self, tree: RVAFT, engines: Sequence[EngineLetters] = ()) -> None:
         self.tree = tree = whole(tree)
         self._engines = engines
+        self._calls: dict[Pattern, str] = {}
         types: dict[str, Pattern] = {}
         entries: dict[tuple[str, Letter], None] = {}
         for relevant in tree.alphabet:
@@ -82,7 +85,13 @@ class EventTypeIndex:
             name = relevant.node if on is None else on.event
             types.setdefault(name, relevant.pattern if on is None else tree.events[on.event].pattern)
             entries[name, Letter(relevant.pattern, relevant.when)] = None
+            if on is not None and any(isinstance(argument, Literal) for argument in on.arguments):
+                arguments = tuple(one if isinstance(one, Literal) else Anything() for one in on.arguments)
+                self._calls[relevant.pattern] = on_text(replace(on, arguments=arguments))
         self.names = tuple(types)
+        calls = ((letter.pattern, name) for name, letter in entries if letter.pattern in self._calls)
+        self.calls = {self._calls[pattern]: name for pattern, name in calls}
+        """The calls with literals, and their event types."""
         letters = [("type", name, Letter(pattern)) for name, pattern in types.items()]
         letters += [("entry", name, letter) for name, letter in entries]
         letters += [("ignored", "", Letter(tree.instantiate(one.on), one.when)) for one in tree.ignores]
@@ -100,6 +109,8 @@ class EventTypeIndex:
         reads = TreeReads(tree)
         self.discriminators: Discriminators = reads.discriminators
         self._read = reads.patterns
+        self.others: dict[str, dict[str, None]] = {}
+        """By discriminating field: texts of irrelevant events, at most `OTHERS`."""
         self._texts: dict[str, frozenset[Json] | None] = {}
         """The literals of a field if every pattern has a text in it."""
         self._meant: dict[str, dict[Json, Json]] = {field: {} for field in self.discriminators.fields}
@@ -141,18 +152,36 @@ class EventTypeIndex:
                 relevant[name] = None
             ignored = ignored or what == "ignored"
         made.relevant = None if ignored else tuple(relevant)
-        made.types = frozenset([self.letters[number][1] for number in made.fits if self.letters[number][0] == "type"])
+        fits = [self.letters[number] for number in made.fits]
+        calls = [
+            self._calls[letter.pattern] for what, _, letter in fits if what == "entry" and letter.pattern in self._calls
+        ]
+        made.types = frozenset([*(name for what, name, _ in fits if what == "type"), *calls])
         made.entries = any(self.letters[number][0] == "entry" for number in made.fits)
         made.serves = any(one.serving for one in made.classes)
         return made
 
     def possible(self, values: Iterable[Hashable]) -> bool:
         """Whether such events may match, up to spelling."""
+        values = tuple(values)
         meant = {
             field: self._meant[field].get(_spelling(value), value) if isinstance(value, str) else None
             for field, value in zip(self.discriminators.fields, values, strict=True)
         }
-        return bool(self.discriminators.candidates(self.discriminators.values(meant)))
+        if self.discriminators.candidates(self.discriminators.values(meant)):
+            return True
+        self.note(values)
+        return False
+
+    def note(self, values: Iterable[Hashable]) -> None:
+        """Note the discriminating values of an irrelevant event."""
+        for name, value in zip(self.discriminators.fields, values, strict=True):
+            self._note(name, value)
+
+    def _note(self, name: str, value: Hashable) -> None:
+        known = self.others.setdefault(name, {})
+        if isinstance(value, str) and len(known) < OTHERS and value not in self._meant.get(name, {}).values():
+            known[cut(value)] = None
 
     def may_be(self, field: str, text: str) -> bool:
         """Whether this text may match, up to spelling."""
@@ -161,7 +190,10 @@ class EventTypeIndex:
             texts = frozenset(_spelling(one) for one in literals if isinstance(one, str))
             self._texts[field] = texts if all(isinstance(one, str) for one in literals) else None
         known = self._texts[field]
-        return known is None or _spelling(text) in known
+        if known is None or _spelling(text) in known:
+            return True
+        self._note(field, text)
+        return False
 
 
 @dataclass(slots=True)
@@ -194,12 +226,19 @@ class Statistics:
         self.tally: Counter[tuple[str, ...]] = Counter()
         self.near_misses: dict[tuple[str, Path], NearMissCount] = {}
         self.seen: set[str] = set()
+        self.others = types.others
         self._looked_at: Counter[tuple[Hashable, ...]] = Counter()
         self._missed: dict[tuple[Hashable, ...], list[NearMissCount]] = {}
 
     def __getstate__(self) -> dict[str, object]:
         """Return the counts without the tree."""
         return {name: value for name, value in vars(self).items() if name != "types"}
+
+    def attach(self, types: EventTypeIndex) -> None:
+        """Attach the tree, after unpickling."""
+        self.types = types
+        _join(types.others, self.others)
+        self.others = types.others
 
     def add(
         self, event: Mapping[str, Json], number: int, prefix: str = "", event_kind: EventKind | None = None
@@ -231,11 +270,18 @@ class Statistics:
         """The missing event types in tree order."""
         return tuple(name for name in self.names if name not in self.seen)
 
+    @property
+    def never_called(self) -> tuple[str, ...]:
+        """The calls with a literal that no event fits, of event types that occur."""
+        never = self.never_seen
+        return tuple(call for call, name in self.types.calls.items() if call not in self.seen and name not in never)
+
     def merge(self, other: "Statistics") -> None:
         """Add the counts of a later trace."""
         self.events += other.events
         self.tally.update(other.tally)
         self.seen |= other.seen
+        _join(self.others, other.others)
         for name, miss in other.near_misses.items():
             known = self.near_misses.get(name, replace(miss, count=0))
             self.near_misses[name] = replace(known, count=known.count + miss.count, more=known.more or miss.more)
@@ -243,6 +289,7 @@ class Statistics:
     def _look_at(self, event: Mapping[str, Json], place: str) -> None:
         discriminators = self.types.discriminators
         values = discriminators.apart(map(event.get, discriminators.fields))
+        self.types.note(values)
         if not self.types.compound or not self.types.possible(values):
             return
         known = self._looked_at[values] if values in self._looked_at or len(self._looked_at) < MOST else LOOKED_AT
@@ -262,6 +309,12 @@ class Statistics:
             like = self._missed.setdefault(values, [])
             if miss not in like:
                 like.append(miss)
+
+
+def _join(others: dict[str, dict[str, None]], more: Mapping[str, Mapping[str, None]]) -> None:
+    for name, values in more.items():
+        known = others.setdefault(name, {})
+        known.update(dict.fromkeys([value for value in values if value not in known][: OTHERS - len(known)]))
 
 
 def _spelling(text: Json) -> Json:

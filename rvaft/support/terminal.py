@@ -70,7 +70,8 @@ _PAUSE: Final = 0.1
 class ProgressBar:
     """A progress bar for long runs with a known total, on standard error if that is a terminal."""
 
-    def __init__(self, total: int) -> None:
+    def __init__(self, total: int, work: str = "monitoring") -> None:
+        self._work = work
         self._total = total if total and sys.stderr is not None and sys.stderr.isatty() else 0
         self._before = 0
         self._next = time.monotonic() + _PATIENCE
@@ -87,7 +88,7 @@ class ProgressBar:
             return
         self._next = now + _PAUSE
         if self._bar is None:
-            self._bar = _bar(self._total)
+            self._bar = _bar(self._total, self._work)
         self._bar.start()
         place = 0
         with suppress(OSError, ValueError, AttributeError):
@@ -100,12 +101,12 @@ class ProgressBar:
             self._bar.stop()
 
 
-def _bar(total: int) -> "Bar":
+def _bar(total: int, work: str) -> "Bar":
     from rich import progress  # noqa: PLC0415 -- imported on use
     from rich.console import Console  # noqa: PLC0415 -- imported on use
 
     bar = progress.Progress(
-        *(progress.TextColumn("monitoring"), progress.BarColumn()),
+        *(progress.TextColumn(work), progress.BarColumn()),
         *(progress.DownloadColumn(), progress.TimeRemainingColumn()),
         console=Console(stderr=True),
         transient=True,

@@ -7,7 +7,7 @@ import pytest
 
 from rvaft import RVAFT, loads
 from rvaft.api import narrowed
-from rvaft.stream.statistics import LOOKED_AT, MOST, EventTypeIndex, Statistics
+from rvaft.stream.statistics import LOOKED_AT, MOST, OTHERS, EventTypeIndex, Statistics
 
 TREE = loads(
     'event a(v, w) = { topic: "/a", value: v, other: w }; event b(v) = { topic: "/b", level: v };'
@@ -64,6 +64,25 @@ def test_what_is_seen_need_not_be_relevant() -> None:
     [miss] = statistics.near_misses.values()
     assert (miss.type, miss.field, miss.found, miss.first) == ("a", ("value",), "2", "event 1")
     assert (statistics.relevant, statistics.never_seen) == ({}, ())
+
+
+def test_a_misspelt_literal_is_seen() -> None:
+    """A call with a literal that no event fits is listed, and the other values of its field."""
+    tree = loads(
+        'event log(k, u) = { event: k, user: u }; toplevel r; r or x y; x on log("in", U); y on log("out", _);'
+    )
+    given = [
+        {"event": "out", "user": 1},
+        {"event": "inn", "user": 1},
+        *({"event": f"e{number}"} for number in range(99)),
+    ]
+    statistics = counted(tree, *given)
+    assert (statistics.never_seen, statistics.never_called) == ((), ('log("in", _)',))
+    assert [*statistics.others["event"]] == ["inn", *(f"e{number}" for number in range(OTHERS - 1))]
+    first, again = pickle.loads(pickle.dumps(counted(tree, given[0]))), pickle.loads(pickle.dumps(statistics))
+    first.attach(EventTypeIndex(tree))
+    first.merge(again)
+    assert (first.never_called, first.others) == (statistics.never_called, statistics.others)
 
 
 def test_near_misses_are_looked_for_in_the_first_events_that_are_alike() -> None:

@@ -277,7 +277,9 @@ class SigmaRules:
     def _logsource(self, leaf: Nest) -> dict[str, str]:
         """Return the log source of an event, from the attributes of its node and of the root."""
         attributes = {**self._attributes, **dict(self._prop.tree.nodes[leaf.nodes()[0]].attributes)}
-        found = {key: attributes[key] for key in ("category", "product", "service") if key in attributes}
+        found: dict[str, str] = {
+            key: attributes[key] for key in ("category", "product", "service") if key in attributes
+        }
         return found or {"category": "rvaft"}
 
     def _origin(self) -> dict[str, Any]:

@@ -7,6 +7,7 @@ None]` or `[None, message]`, and the issues of validators.
 import json
 import sys
 from importlib import import_module
+from typing import Any
 
 from sigma.collection import SigmaCollection
 from sigma.plugins import InstalledSigmaPlugins
@@ -36,8 +37,8 @@ def converted(text: str, module: str, name: str) -> list[str | None]:
 
 def issues(text: str, excluded: set[str]) -> list[str]:
     """What the validators find, without those excluded."""
-    known = InstalledSigmaPlugins.autodiscover().validators
-    validator = SigmaValidator([one for name, one in known.items() if name not in excluded])
+    known: Any = InstalledSigmaPlugins.autodiscover().validators
+    validator: Any = SigmaValidator([one for name, one in known.items() if name not in excluded])
     return [str(one) for one in validator.validate_rules(SigmaCollection.from_yaml(text).rules)]
 
 

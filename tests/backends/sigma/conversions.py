@@ -86,7 +86,8 @@ def found_by_sqlite(query: str, log: str) -> int | None:
     table = sqlite3.connect(":memory:")
     table.execute(f"CREATE TABLE logs ({', '.join(f'`{name}`' for name in names)})")
     insert = f"INSERT INTO logs VALUES ({', '.join('?' * len(names))})"
-    for number in (len(rows), *range(1, len(rows))):
+    numbers: list[int] = [len(rows), *range(1, len(rows))]
+    for number in numbers:
         table.execute("DELETE FROM logs")
         table.executemany(insert, [[row.get(name) for name in names] for row in rows[:number]])
         if table.execute(query).fetchone() is None:
@@ -147,8 +148,10 @@ def page(table: list[Found]) -> str:
             for target in targets:
                 cells.setdefault(target, {}).setdefault(shape, set()).add(word if word in OUTCOMES else "refuses")
     lines = [f"| | {' | '.join(f'`{shape}`' for shape in SHAPES)} |", "| --- |" + " --- |" * len(SHAPES)]
+    alike = dict[str, list[str]]()
     for target, found in sorted(cells.items()):
-        lines.append(f"| {target} | {' | '.join(', '.join(sorted(found[shape])) for shape in SHAPES)} |")
+        alike.setdefault(" | ".join(", ".join(sorted(found[shape])) for shape in SHAPES), []).append(target)
+    lines += [f"| {', '.join(targets)} | {row} |" for row, targets in alike.items()]
     return "\n".join(lines) + "\n"
 
 

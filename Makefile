@@ -3,13 +3,14 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+CONVERTERS := .venv-sigma/.installed
 RUNTIME := $(VENV)/.installed-rvaft
 # Modules are compiled once they are imported, not in each of the many processes of the tests, nor all when they are installed.
 unexport PYTHONDONTWRITEBYTECODE
 
 PROGRAMS := tests/export tests/cli/test_processes.py tests/cli/test_show.py tests/cross_check/test_mona.py
 
-.PHONY: demo paper docs pictures playground test bare check lint types layers slow bench clean
+.PHONY: converters demo paper docs pictures playground test bare check lint types layers slow bench clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "rvaft needs Python 3.11 or newer; this is %d.%d (set PYTHON=...)" % sys.version_info[:2])'
@@ -25,6 +26,14 @@ $(STAMP): pyproject.toml | $(BIN)/python
 	@echo "Installing rvaft and the tools of its developers into $(VENV); once, one or two minutes"
 	@$(BIN)/python -m pip install --quiet --no-compile --editable '.[dev]'
 	@touch $@ $(RUNTIME)
+
+# pySigma's backends, which need an older pySigma than rvaft's; tests/backends/sigma/test_conversions.py runs them.
+$(CONVERTERS): tests/backends/sigma/requirements.txt
+	@$(PYTHON) -m venv .venv-sigma
+	@.venv-sigma/bin/python -m pip install --quiet --no-compile --requirement $<
+	@touch $@
+
+converters: $(CONVERTERS)
 
 TREE := trees/remote_inspection/pruned.rvaft
 LOG := trees/remote_inspection/pruned.traces/table2_row3.jsonl
@@ -89,4 +98,4 @@ bench: $(STAMP)
 	$(BIN)/python -m pytest tests/benchmarks -s
 
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-sigma build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,6 +1,7 @@
 """Participants of a comparison: the reference, the engine, and backends with their readers."""
 
 import sys
+import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -22,6 +23,8 @@ from rvaft.core.scenarios import LIMIT
 from rvaft.engine import Engine
 from rvaft.errors import LanguageError, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
 from rvaft.language.printer import dumps
+from rvaft.model.event_time import EventTime, TimeFormat
+from rvaft.model.expressions import time_text
 from rvaft.model.guards import Guard
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.guards import walk as guard_walk
@@ -286,6 +289,9 @@ def verdicts_of(participant: Enlisted, trace: Sequence[Json]) -> tuple[Verdict, 
 # Specifications written by hand or by other tools.
 
 TREE: Final = "rvaft"
+RULE: Final = "toml"
+_CHANGING: Final = frozenset({"filters", "exceptions_list", "event_category_override", "tiebreaker_field"})
+"""Keys of a rule that change what its query finds."""
 """The language of trees, beside those of backends."""
 
 
@@ -330,7 +336,7 @@ class _NodeEvents(dict[str, Pattern]):
 
 def handwritten(named: str) -> Handwritten:
     """Return the specification `[LANG:]FILE`; by default the suffix gives LANG; `-` is standard
-    input.
+    input. A `.toml` file is a rule of Elastic.
 
     Raises `OSError` for unreadable files, `OptionError` for an unknown language, `LanguageError`
     for invalid texts.
@@ -345,12 +351,44 @@ def handwritten(named: str) -> Handwritten:
     shown = file.encode(errors="surrogateescape").decode(errors="replace")
     if language == TREE:  # with its imports
         return Handwritten(shown, language, dumps(loads(text, file)))
+    line = 0
+    if language == RULE:
+        language, text, line = _query(text, shown)
     try:
         backend(language).read(text)  # report errors before the comparison
     except LanguageError as error:
-        error.file = shown
+        error.file, error.line = shown, max(1, error.line + line)
         raise
     return Handwritten(shown, language, text)
+
+
+def _query(text: str, file: str) -> tuple[str, str, int]:
+    """Return language and query of a rule of Elastic, and the lines of the file before the query.
+
+    Keys that change what the query finds are refused.
+    """
+
+    def refused(reason: str) -> LanguageError:
+        return LanguageError(reason, file=file)
+
+    try:
+        found = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise refused(f"not TOML: {error}") from None
+    rule = found.get("rule")
+    if not isinstance(rule, dict) or not isinstance(language := rule.get("language"), str):
+        raise refused("not a rule of Elastic: it needs a table `rule` with `language` and `query`")
+    if language != "eql":
+        raise refused(f'the language of the rule is {language}, and only rules with `language = "eql"` are read')
+    if changing := sorted(_CHANGING & rule.keys()):
+        reason = f"`{changing[0]}` changes what the rule finds, and is not read"
+        raise refused(f"{reason}; remove it to compare the query alone")
+    query, field = rule.get("query"), rule.get("timestamp_field", "@timestamp")
+    if not isinstance(query, str) or not isinstance(field, str) or not field.isprintable():
+        raise refused("not a rule of Elastic: `query` and `timestamp_field` must be texts")
+    time = EventTime(tuple(field.split(".")), TimeFormat.ISO8601)
+    first = "" if field == "@timestamp" else f"// {time_text(time)}\n"
+    return language, f"{first}{query}", text.count("\n", 0, max(0, text.find(query))) - first.count("\n")
 
 
 def is_specification(path: str) -> bool:
@@ -373,4 +411,4 @@ def _split(named: str) -> tuple[str, str]:
 
 
 def _language(word: str) -> str | None:
-    return word.lower() if word.lower() in (TREE, *all_backends()) else speaking(word)
+    return word.lower() if word.lower() in (TREE, RULE, *all_backends()) else speaking(word)

@@ -70,9 +70,19 @@ class SigmaRules:
             self._refuse("a guard never holds, and no rule can express that", [self._prop.tree.root])
         root = self._prop.tree.nodes[self._prop.tree.root]
         about = {**self._about("", root), **self._metadata()}
+        if nest.within is None and self._is_step(nest):
+            return self._alone(about, nest)
         whole = {**about, "correlation": self._correlation(nest)}
         whole |= {} if self._time is None else {"rvaft": self._time}
         documents = [*sorted(self._documents.values(), key=lambda one: "correlation" in one), whole]
+        return self._written_as(documents)
+
+    def _alone(self, about: dict[str, Any], step: Nest) -> tuple[str, int]:
+        """Return a rule without correlation, for a single event or a choice of events."""
+        return self._written_as([{**about, **self._detected([*filter(_observes, step.inside())])}])
+
+    def _written_as(self, documents: Iterable[dict[str, Any]]) -> tuple[str, int]:
+        documents = list(documents)
         symbols = len(re.findall(r"\w+|\S", "---\n".join(self._dumped(map(self._bare, documents)))))
         return "---\n".join(self._dumped(documents)), symbols
 
@@ -215,8 +225,10 @@ class SigmaRules:
         return self._prop.with_root(root.parts[0] if isinstance(root, Within) else root)
 
     def _is_step(self, nest: Nest) -> bool:
+        if nest.within is not None or nest.op is PartKind.EVENT:
+            return nest.within is None
         several = nest.op is PartKind.ONE and not self._groups and all(one.op is PartKind.EVENT for one in nest.parts)
-        return nest.within is None and (nest.op is PartKind.EVENT or several)
+        return several and all(self._logsource(one) == self._logsource(nest.parts[0]) for one in nest.parts)
 
     def _is_chain(self, nest: Nest) -> bool:
         return nest.op is PartKind.SEQUENCE and all(map(self._is_step, nest.parts))
@@ -233,8 +245,11 @@ class SigmaRules:
     def _key(self, step: Nest) -> object:
         if step.within is not None:
             return step
-        leaves = (one for one in step.inside() if one.event is not None)
-        return tuple((one.event and one.event.pattern, one.guards, self._declared(one)) for one in leaves)
+        leaves = filter(_observes, step.inside())
+        return tuple(
+            (one.event and one.event.pattern, one.guards, self._declared(one), str(self._logsource(one)))
+            for one in leaves
+        )
 
     def _rule(self, step: Nest, number: int) -> str:
         """Return the name of the rule for a step and number, or of the correlation for a windowed
@@ -245,18 +260,30 @@ class SigmaRules:
         if (key := (self._key(step), number)) not in self._names:
             events = step.events()
             name = self._named(key, events[0].source.node)
-            self._documents[name] = self._detecting(name, [one for one in step.inside() if one.event is not None])
+            self._documents[name] = self._detecting(name, number, [*filter(_observes, step.inside())])
             self._bound[name] = dict(_places(events[0].pattern, ()))
             self._fits(len(self._documents))
         return self._names[key]
 
-    def _detecting(self, name: str, leaves: list[Nest]) -> dict[str, Any]:
-        node = self._prop.tree.nodes[leaves[0].nodes()[0]]
-        attributes = {**self._attributes, **dict(node.attributes)}
-        logsource = {key: attributes[key] for key in ("category", "product", "service") if key in attributes}
-        detection = detection_of(map(self._event_rule, leaves))
-        about = self._about(name, node)
-        return {**about, "name": name, "logsource": logsource or {"category": "rvaft"}, "detection": detection}
+    def _detecting(self, name: str, number: int, leaves: list[Nest]) -> dict[str, Any]:
+        """Return the rule of a correlation's event; equal events get numbered titles."""
+        about = self._about(name, self._prop.tree.nodes[leaves[0].nodes()[0]])
+        about["title"] += f" {number + 1}" if number else ""
+        return {**about, **self._origin(), "level": "informational", "name": name, **self._detected(leaves)}
+
+    def _detected(self, leaves: list[Nest]) -> dict[str, Any]:
+        return {"logsource": self._logsource(leaves[0]), "detection": detection_of(map(self._event_rule, leaves))}
+
+    def _logsource(self, leaf: Nest) -> dict[str, str]:
+        """Return the log source of an event, from the attributes of its node and of the root."""
+        attributes = {**self._attributes, **dict(self._prop.tree.nodes[leaf.nodes()[0]].attributes)}
+        found: dict[str, str] = {
+            key: attributes[key] for key in ("category", "product", "service") if key in attributes
+        }
+        return found or {"category": "rvaft"}
+
+    def _origin(self) -> dict[str, Any]:
+        return {key: self._attributes[key] for key in ("author", "date") if key in self._attributes}
 
     def _id(self, name: str) -> str:
         """Return a UUID that depends on the tree and the name of the rule."""
@@ -277,7 +304,7 @@ class SigmaRules:
 
     def _metadata(self) -> dict[str, Any]:
         """Return author, date, tags and level, from the attributes of the root."""
-        found: dict[str, Any] = {key: self._attributes[key] for key in ("author", "date") if key in self._attributes}
+        found = self._origin()
         if "tags" in self._attributes:
             found["tags"] = self._attributes["tags"].split(",")
         kinds = {node.kind for node in self._prop.tree.top_down()}
@@ -291,6 +318,10 @@ class SigmaRules:
     def _declared(self, leaf: Nest) -> Declared:
         assert leaf.event is not None, "a leaf"
         return declared(self._prop.tree, leaf.event.source.node, self._prop.assumes)
+
+
+def _observes(nest: Nest) -> bool:
+    return nest.event is not None
 
 
 def _places(pattern: Pattern, way: tuple[str, ...]) -> Iterator[tuple[str, str]]:

@@ -16,6 +16,7 @@ from click.testing import Result
 
 from rvaft import load, translate
 from tests.cli.runs import PRUNED, children, run, soon, started, written
+from tests.tables import rows
 
 HAS_SPOT = find_spec("spot") is not None
 SAND = "toplevel r; r sand a b; a; b;"
@@ -174,6 +175,36 @@ def test_a_text_that_cannot_be_compared_does_not_stop_the_others(sand: Path, tmp
     result = run("cross-check", sand, "--against", written(tmp_path / "property.txt", "x"))
     assert result.exit_code == 2
     assert "LANG:property.txt" in result.stderr
+
+
+ELASTIC = '''[metadata]
+maturity = "production"
+
+[rule]
+name = "Login and copy"
+type = "eql"
+language = "eql"
+query = """
+sequence by user with maxspan=10m
+  [any where event == "login"]
+  [any where event == "copy"]
+"""
+'''
+LOGIN_COPY = (
+    'event e(what, u) = { event: what, user: u }; time "@timestamp" as iso8601; '
+    'top sand a b within 10 min; a on e("login", U); b on e("copy", U);'
+)
+
+
+@pytest.mark.parametrize(("old", "new", "status", "message"), rows(__file__, "elastic_rules.txt"))
+def test_a_rule_of_elastic(old: str, new: str, status: int, message: str, tmp_path: Path) -> None:
+    assert old in ELASTIC
+    rule = written(tmp_path / "rule.toml", ELASTIC.replace(old, new))
+    tree, few = written(tmp_path / "t.rvaft", LOGIN_COPY), ("--traces", 50, "--jobs", 1)
+    result = run("cross-check", tree, "--against", rule, "--semantics", "scattered", *few)
+    assert result.exit_code == status, result.output
+    assert result.exception is None or isinstance(result.exception, SystemExit)
+    assert message in result.output
 
 
 @pytest.mark.spot

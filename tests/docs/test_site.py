@@ -30,7 +30,7 @@ def hooks() -> Iterator[ModuleType]:
 
 def stored() -> list[Path]:
     """All Markdown files of the checkout."""
-    hidden = {".venv", ".hypothesis", "out", ".pytest_cache"}
+    hidden = {".venv", ".venv-sigma", ".hypothesis", "out", ".pytest_cache"}
     return [file for file in ROOT.rglob("*.md") if not hidden & set(file.relative_to(ROOT).parts)]
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Final, TypeAlias, TypeVar
 
-from cross_check.generate.conforming import conforming
+from cross_check.generate.assumptions import conforming
 from cross_check.generate.times import in_order
 from cross_check.judges import FLINK, MONPOLY, R2U2, VERIMON, flink_of, monpoly_of, r2u2_of
 from cross_check.letters import TIMES, VARIABLES

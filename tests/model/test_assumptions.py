@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cross_check.generate.conforming import conforming
-from cross_check.generate.traces import random_trace
 from cross_check.generate.strategies import randoms
+from cross_check.generate.traces import random_trace
 from rvaft import dumps, loads
 from rvaft.model.assumptions import AssumptionCheck, first_violation
 from rvaft.model.nodes import Assumption

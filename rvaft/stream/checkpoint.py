@@ -74,7 +74,7 @@ _OF_MONITORS: Final = (
     Pending,
     Snapshot,
 )
-_COUNTS: Final = (DetectionCount, NearMissCount, DataWarning, DataWarnings, Reason, Statistics)
+_COUNTS: Final = (Assumption, DetectionCount, NearMissCount, DataWarning, DataWarnings, Reason, Statistics)
 _ALL: Final = (*_BUILT_IN, *_OF_TREES, *_OF_MONITORS, *_COUNTS)
 _ADMITTED: Final = {(one.__module__, one.__qualname__): one for one in _ALL}
 """The classes allowed in a checkpoint.

@@ -17,7 +17,7 @@ PLANTED = {
     # the tree that is meant, and the tree that a text means which silently relies on the assumption
     Assumption.TYPES: (
         f'{EVENT} assume types; top sand a b; a on e(X, _) when X >= ""; b;',
-        f'{EVENT} assume types; top sand a b; a on e(X, _) when X != null; b;',
+        f"{EVENT} assume types; top sand a b; a on e(X, _) when X != null; b;",
     ),
     Assumption.PRESENT: (
         f"{EVENT} assume present; top sand a b; a on e(_, _); b;",

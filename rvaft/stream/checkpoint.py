@@ -34,7 +34,7 @@ from rvaft.engine.scattered_linear import LinearSnapshot
 from rvaft.errors import CheckpointError, OptionError
 from rvaft.language.printer import dumps
 from rvaft.model.event_time import EventTime, TimeFormat
-from rvaft.model.nodes import Kind, Place
+from rvaft.model.nodes import Assumption, Kind, Place
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Exact
 from rvaft.model.verdict import Semantics, Verdict

@@ -169,9 +169,9 @@ def examples() -> Iterator[Example]:
         kind = next((kind for kind in ("na", "ia", "ba") if f" {kind}(" in text), "ta")
         typed: list[Json] = [{"k": kind, "x": value} for value in (*TEXTS, True, False, "AB", "bc", 2**53)]
         others: list[Json] = [{"k": kind}, {"k": kind.upper(), "x": "ab"}, {"k": "d"}, {"k": "d"}]
-        times: list[Json] = [{field: 1, "t": time} for field in "xy" for time in TIMES]
+        stamped: list[Json] = [{field: 1, "t": time} for field in "xy" for time in TIMES]
         yield Example(
-            name, _tree(f"{TYPED}{text}"), tuple(times if "time" in text else [*typed, *others]), determinate=True
+            name, _tree(f"{TYPED}{text}"), tuple(stamped if "time" in text else [*typed, *others]), determinate=True
         )
     yield from rows()
     whole = _default("the whole", "r or p q; p sand a b; q sand a t; t or c d; c fault; d attack;")

@@ -64,6 +64,11 @@ class Example:
 
 WRITTEN_GATES = (*GATES, "1of{n}", "2of{n}", "3of{n}")
 EVENTS = "event at(k) = { k: k }; event px(p) = { x: p }; event py(p) = { y: p }; event pxy(p, q) = { x: p, y: q }; "
+TYPED = 'event done() = { k: "d" }; ' + " ".join(
+    f'event {name}(p: {type_}) = {{ k: "{name}", x: p }};'
+    for name, type_ in (("ta", "text"), ("na", "number"), ("ia", "integer"), ("ba", "boolean"))
+)
+"""Event types of which each has a parameter of a declared type."""
 
 GROUPS: dict[str, dict[str, Any]] = tomllib.loads(files("backends").joinpath("conformance.toml").read_text("utf-8"))
 """Trees by topic."""
@@ -160,6 +165,14 @@ def examples() -> Iterator[Example]:
         yield replace(one, events=tuple({**event, **time} for event, time in product(one.events, times)))
     for name, text in GROUPS["text"].items():
         yield Example(name, _tree(text), tuple({field: value} for field in "xy" for value in TEXTS), determinate=True)
+    for name, text in GROUPS["assuming"].items():
+        kind = next((kind for kind in ("na", "ia", "ba") if f" {kind}(" in text), "ta")
+        typed: list[Json] = [{"k": kind, "x": value} for value in (*TEXTS, True, False, "AB", "bc", 2**53)]
+        others: list[Json] = [{"k": kind}, {"k": kind.upper(), "x": "ab"}, {"k": "d"}, {"k": "d"}]
+        stamped: list[Json] = [{field: 1, "t": time} for field in "xy" for time in TIMES]
+        yield Example(
+            name, _tree(f"{TYPED}{text}"), tuple(stamped if "time" in text else [*typed, *others]), determinate=True
+        )
     yield from rows()
     whole = _default("the whole", "r or p q; p sand a b; q sand a t; t or c d; c fault; d attack;")
     for number in (1, 2, 3):

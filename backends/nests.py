@@ -123,22 +123,29 @@ def joined(op: PartKind, parts: Iterable[Nest], need: int = 0) -> Nest:
     )
 
 
-def in_every_order(prop: Property, *, limit: int) -> Nest:
-    """Return a property without guards as the choice of all its event orders; raises `TooLarge`.
+def in_every_order(prop: Property, refusal: Refusal, *, limit: int) -> Nest:
+    """Return a property as the choice of all its event orders.
 
-    Events with equal patterns are equal.
+    Events with equal patterns and guards are equal. Raises `TooLarge`, and the error of `refusal`
+    for guards over several events.
 
     >>> from rvaft import loads
     >>> from rvaft.core.passes import property_of
-    >>> [part.nodes() for part in in_every_order(property_of(loads("top and a b;")), limit=9).parts]
+    >>> def refused(*_): raise ValueError
+    >>> [part.nodes() for part in in_every_order(property_of(loads("top and a b;")), refused, limit=9).parts]
     [['a', 'b'], ['b', 'a']]
     """
     orders = Orders(prop, limit=limit, grouped=False)
-    first: dict[Pattern, Nest] = {}
+    first: dict[tuple[Pattern, tuple[Guard, ...]], Nest] = {}
     words = dict[tuple[Nest, ...], None]()
     for scenario in orders.scenarios():
+        known = {event: frozenset(rigid_variables(event.pattern)) for event in scenario.events}
+        guards = orders.assigned_guards(scenario, known, lambda node, _: refusal(TIE, [node]))
+        if guards is None:
+            continue
         letters = {
-            one: first.setdefault(one.pattern, Nest(PartKind.EVENT, event=one, size=1)) for one in scenario.events
+            one: first.setdefault((one.pattern, tuple(own)), Nest(PartKind.EVENT, event=one, guards=tuple(own), size=1))
+            for one, own in guards.items()
         }
         words |= dict.fromkeys(orders.words(scenario, letters))
     return joined(PartKind.ONE, [joined(PartKind.SEQUENCE, word) for word in words])

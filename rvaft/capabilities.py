@@ -303,24 +303,28 @@ def table(languages: Mapping[str, Capabilities]) -> list[tuple[str, ...]]:
     """
     rows = [("", *languages)]
 
-    def add(title: str, cells: Iterable[bool]) -> None:
-        rows.append((title, *("yes" if cell else "-" for cell in cells)))
+    def add(title: str, cells: Iterable[bool | str]) -> None:
+        rows.append((title, *("yes" if cell is True else f"assume {cell}" if cell else "-" for cell in cells)))
+
+    def supported(language: Capabilities, capability: Capability, listed: Iterable[Capability]) -> bool | str:
+        assumed = ", ".join(one for one in Assumption if one in language.needs.get(capability, ()))
+        return capability in listed or assumed
 
     each = languages.values()
     for semantics in Semantics:
         add(f"semantics {semantics}", (semantics in language.semantics for language in each))
     for part in PARTS:
-        add(described(part), (part in language.constructs for language in each))
+        add(described(part), (supported(language, part, language.constructs) for language in each))
     add("variables that all events share", (language.ties is not Ties.NONE for language in each))
     add(Ties.ANY.value, (language.ties is Ties.ANY for language in each))
     for feature in Feature:
-        add(feature.value, (feature in language.features for language in each))
+        add(feature.value, (supported(language, feature, language.features) for language in each))
     for value in Value:
-        add(value.value, (value in language.values for language in each))
-    alike: dict[tuple[bool, ...], list[str]] = {}
+        add(value.value, (supported(language, value, language.values) for language in each))
+    alike: dict[tuple[bool | str, ...], list[str]] = {}
     for operator in Operator:
         word = "- x" if operator is Operator.NEGATE else operator.value
-        alike.setdefault(tuple(operator in language.operators for language in each), []).append(word)
+        alike.setdefault(tuple(supported(language, operator, language.operators) for language in each), []).append(word)
     for cells, words in alike.items():
         add(f"operators {' '.join(words)}", cells)
     return rows

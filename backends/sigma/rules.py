@@ -53,11 +53,14 @@ class EventRule:
         self.fields: dict[str, Key] = {}
         """The field of each variable."""
         self.selection: Selection = {}
+        self._valued = ""
         self._pattern(pattern)
         self._further: dict[str, Selection] = {}
         sorts = {name: known.sort_of(way) for name, way in self.fields.items()}
         conditions = [TruthConditions(sorts=sorts).of(guard) for guard in guards]
         self._condition = self._all(conditions)
+        if not self.selection:  # Sigma has no empty selection
+            self.selection[f"{self._valued}|exists"] = True
         if len({name.partition("|")[0].lower() for name in self.selection}) < len(
             {name.partition("|")[0] for name in self.selection}
         ):
@@ -89,6 +92,7 @@ class EventRule:
                 case Variable() | Anything():
                     if isinstance(part, Variable):
                         self.fields[part.name] = way
+                    self._valued = ".".join(way)
                     if way not in self._known.present:
                         self.selection[f"{'.'.join(way)}|exists"] = True
                 case _:

@@ -218,7 +218,7 @@ class SigmaRules:
         """Return the tree as a choice of all event orders, or refuse it if a part has a window."""
         if any(window is not self._prop.root for window in self._windows):
             self._refuse(reason, nodes)
-        return in_every_order(self._without_window(), limit=10 * self._limit)
+        return in_every_order(self._without_window(), self._inseparable, limit=10 * self._limit)
 
     def _without_window(self) -> Property:
         root = self._prop.root

@@ -21,6 +21,7 @@ from rvaft.core.solver import bounds
 from rvaft.model.guards import ARITHMETIC, COMPARISONS, Duration, Guard, Operation, Operator, conjuncts, holds
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.guards import walk as guard_walk
+from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import Anything, Binding, ListPattern, Literal, ObjectPattern, Pattern, Variable, walk
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, is_number
@@ -46,6 +47,8 @@ def interesting_values(tree: RVAFT) -> tuple[Json, ...]:
         parts += guard_walk(ignore.when)
     found: list[Json] = [part.value for part in parts if isinstance(part, Literal) and not isinstance(part, Duration)]
     found += [text for part in parts if isinstance(part, Operation) for text in _texts_for(part)]
+    if Assumption.CASE in tree.assumes:
+        found += [value.swapcase() for value in found if isinstance(value, str)]
     near = [value + d for value in found if is_number(value) for d in (-1, 1)]
     return (*found, *near, *COMMON)
 

@@ -34,7 +34,7 @@ from rvaft.engine.scattered_linear import LinearSnapshot
 from rvaft.errors import CheckpointError, OptionError
 from rvaft.language.printer import dumps
 from rvaft.model.event_time import EventTime, TimeFormat
-from rvaft.model.nodes import Kind, Place
+from rvaft.model.nodes import Assumption, Kind, Place
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Exact
 from rvaft.model.verdict import Semantics, Verdict
@@ -74,7 +74,7 @@ _OF_MONITORS: Final = (
     Pending,
     Snapshot,
 )
-_COUNTS: Final = (DetectionCount, NearMissCount, DataWarning, DataWarnings, Reason, Statistics)
+_COUNTS: Final = (Assumption, DetectionCount, NearMissCount, DataWarning, DataWarnings, Reason, Statistics)
 _ALL: Final = (*_BUILT_IN, *_OF_TREES, *_OF_MONITORS, *_COUNTS)
 _ADMITTED: Final = {(one.__module__, one.__qualname__): one for one in _ALL}
 """The classes allowed in a checkpoint.

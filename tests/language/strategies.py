@@ -19,6 +19,7 @@ from rvaft.model.guards import (
     substitute,
     time_points,
 )
+from rvaft.model.nodes import Assumption, ValueType
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
 
 WORDS = [
@@ -112,7 +113,8 @@ def event_types(draw: st.DrawFn, name: str) -> EventType:
     parameters = tuple(draw(st.lists(st.sampled_from(["p", "q", "on", "x1"]), max_size=3, unique=True)))
     free = draw(st.dictionaries(names, patterns(literals | st.just(Anything())), max_size=3))
     used = {f"f{i}": Variable(parameter) for i, parameter in enumerate(parameters)}
-    return EventType(name, parameters, ObjectPattern(tuple((free | used).items())))
+    types = tuple(draw(st.sampled_from(ValueType)) for _ in parameters) if draw(st.booleans()) else ()
+    return EventType(name, parameters, ObjectPattern(tuple((free | used).items())), types=types)
 
 
 ros_names = st.from_regex(r"/?[A-Za-z_][A-Za-z0-9_]{0,4}(?:/[A-Za-z0-9_]{1,4}){0,2}", fullmatch=True) | st.sampled_from(
@@ -178,4 +180,5 @@ def trees(draw: st.DrawFn) -> RVAFT:
         causality=draw(st.sampled_from(Causality)),
         time=draw(st.none() | event_times),
         semantics=draw(st.none() | st.sampled_from(Semantics)),
+        assumes=draw(st.frozensets(st.sampled_from([one for one in Assumption if one is not Assumption.ORDER]))),
     )

@@ -106,8 +106,6 @@ _THREATS: Final = """
 _LEGEND: Final[Mapping[str, Callable[[Measurement], str]]] = {
     "Symbols": lambda row: "-" if row.symbols is None else f"{row.symbols:,}",
     "Milliseconds to translate": lambda row: _milliseconds(row.seconds),
-    "Milliseconds to read a text": lambda row: _milliseconds(row.read_seconds),
-    "Thousands of events per second, by a new reader": lambda row: _thousands(row.events_per_second),
     "Thousands of events per second, by a reader that has read these traces before, or (*) reads "
     "all of them at once": (
         lambda row: _thousands(row.again_per_second)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cross_check.generate.conforming import conforming
+from cross_check.generate.assumptions import conforming
 from cross_check.generate.strategies import randoms
 from cross_check.generate.traces import random_trace
 from rvaft import dumps, loads

@@ -71,7 +71,7 @@ def test_a_misspelt_literal_is_seen() -> None:
     tree = loads(
         'event log(k, u) = { event: k, user: u }; toplevel r; r or x y; x on log("in", U); y on log("out", _);'
     )
-    given = [
+    given: list[dict[str, Any]] = [
         {"event": "out", "user": 1},
         {"event": "inn", "user": 1},
         *({"event": f"e{number}"} for number in range(99)),

@@ -342,12 +342,12 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
             Claim("stix", (Gate.VOT,), (SCATTERED,), {"symbols": lambda n, k: comb(n, k) * (6 * k + 2) - 1}, between),
         ),
         sized(
-            "Sigma has a rule per event and one correlation: 28n + 13 symbols for AND, SAND and PAND, and"
-            " 28n + 18 for OR and VOT k/n, k < n, n ≥ 2. It counts (`gte: k`), so VOT is linear.",
-            Claim("sigma", (Gate.AND, *SEQUENCES), (SCATTERED,), {"symbols": lambda n, _: 28 * n + 13}),
-            Claim(
-                "sigma", (Gate.OR, Gate.VOT), (SCATTERED,), {"symbols": lambda n, _: 28 * n + 18}, lambda n, k: k < n
-            ),
+            "Sigma has a rule per event and one correlation: 28n + 13 symbols for AND, SAND and PAND (n ≥ 2), and"
+            " 28n + 18 for VOT k/n, 1 < k < n. It counts (`gte: k`), so VOT is linear. OR is one rule of"
+            " 7n + 16 (n ≥ 2).",
+            Claim("sigma", (Gate.AND, *SEQUENCES), (SCATTERED,), {"symbols": lambda n, _: 28 * n + 13}, several),
+            Claim("sigma", (Gate.VOT,), (SCATTERED,), {"symbols": lambda n, _: 28 * n + 18}, between),
+            Claim("sigma", (Gate.OR,), (SCATTERED,), {"symbols": lambda n, _: 7 * n + 16}, several),
         ),
         sized(
             "EQL writes SAND and PAND as one sequence of 8n + 1 symbols (n ≥ 2), and OR as one event of 5n + 1.",

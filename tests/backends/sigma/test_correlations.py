@@ -30,6 +30,12 @@ def test_correlations(text: str, correlation: object, selections: object) -> Non
     assert {one["name"]: [v for k, v in one["detection"].items() if k != "condition"] for one in rules} == selections
 
 
+def test_a_choice_of_events_is_one_rule() -> None:
+    (rule,) = yaml.safe_load_all(translate(loads(f"{DECLARED}r or a b;"), "sigma", semantics="scattered").text)
+    selections = {"selection_1": {"event|cased": "a"}, "selection_2": {"event|cased": "b"}}
+    assert rule["detection"] == {**selections, "condition": "1 of selection_*"}
+
+
 @pytest.mark.parametrize(("text", "correlations"), rows(__file__, "chains.txt"))
 def test_correlations_of_correlations(text: str, correlations: object) -> None:
     documents = yaml.safe_load_all(translate(loads(DECLARED + text), "sigma", semantics="scattered").text)

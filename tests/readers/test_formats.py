@@ -512,28 +512,6 @@ def test_what_python_is_told(tmp_path: Path) -> None:
         list(rvaft.read_log(tmp_path / "none.csv"))
 
 
-def test_the_events_that_the_page_names() -> None:
-    page = (ROOT / "docs" / "how-to" / "logs.md").read_text(encoding="utf-8")
-    pattern = {"pattern": re.findall(r"--pattern '(.+)'", page)[0]}
-    logs = [
-        ("doors.csv", 1, {}),
-        ("mission.mcap", 1, {}),
-        ("orders.xes", -1, {}),
-        ("auth.syslog", -1, {}),
-        ("access.log", 0, pattern),
-    ]
-    told = [json.loads(text) for text in re.findall(r"is the event `(.*)`\.", page)]
-    for (name, place, given), event in zip(logs, told, strict=True):
-        if name == "mission.mcap":
-            pytest.importorskip("rosbags")
-        found = read(LOGS / name, *(["regex"] if given else []), **given)[0][place]
-        if "message" in event:
-            begin = event["message"].removesuffix("…")
-            assert found["message"].startswith(begin)
-            found["message"] = event["message"]
-        assert found == event
-
-
 def test_a_type_that_nobody_defines(tmp_path: Path) -> None:
     """Messages of it are told; where nothing is asked of them they do no harm."""
     pytest.importorskip("rosbags")

@@ -24,7 +24,13 @@ def test_the_reference_gives_the_stored_verdicts(name: str) -> None:
     assert len(dict(shipped.traces(name))) >= 6
 
 
-@pytest.mark.parametrize(("name", "semantics"), sampled(product(shipped.names(), Semantics), 3))
+EVERY = [*product(shipped.names(), Semantics)]
+STATED = [(name, one) for name, one in EVERY if "detections/" not in name or one is shipped.load(name).semantics]
+"""All pairs, those of the many trees of detections only under the semantics that the tree states."""
+OTHERS = [pytest.param(*pair, marks=pytest.mark.slow) for pair in EVERY if pair not in STATED]
+
+
+@pytest.mark.parametrize(("name", "semantics"), [*sampled(STATED, 3), *OTHERS])
 def test_the_engine_and_every_text_give_the_stored_verdicts(name: str, semantics: Semantics) -> None:
     tree, traces, expected = shipped.load(name), dict(shipped.traces(name)), shipped.expected(name)
     columns = [column for column in next(iter(expected.values()))[semantics] if column in ("tree", "1", "2")]
@@ -35,9 +41,9 @@ def test_the_engine_and_every_text_give_the_stored_verdicts(name: str, semantics
             if isinstance(made, Absent):
                 joined = participant == "rml" and tree.variables and semantics is Semantics.SCATTERED
                 hard = tree.time is not None or semantics is Semantics.CONSECUTIVE or joined or participant in ONLY
-                assert (isinstance(made.error, NotExpressible) and hard) or isinstance(made.error, ToolMissing), (
-                    made.error
-                )
+                large = isinstance(made.error, TooLarge) and (name, participant) == ("cloudtrail/takeover", "automaton")
+                refused = isinstance(made.error, NotExpressible) or large
+                assert (refused and hard) or isinstance(made.error, ToolMissing), made.error
                 continue
             assert isinstance(made, Participant)
             assumes = frozenset() if made.specification is None else made.specification.assumes

@@ -42,7 +42,7 @@ def joined(query: str) -> str:
 def first_detections(text: str, traces: Sequence[Sequence[Json]]) -> list[int | None]:
     """For each trace the number of the event with which it first is a detection."""
     header, found = RowHeader.read(text), dict[int, int]()
-    _, _, queries = text.partition("*/\n")
+    _, _, queries = text[text.index("/* rvaft") :].partition("*/\n")
     columns = ["trace", "pos", "ts", *header.types()]
     connection = sqlite3.connect(":memory:")
     connection.execute(f"CREATE TABLE events ({', '.join(columns)})")

@@ -12,6 +12,7 @@ from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import Shape, random_tree
 from rvaft import RVAFT, RvaftError, Semantics, Verdict
 from rvaft.backend import backend
+from rvaft.model.assumptions import first_violation
 from rvaft.model.values import Json, is_finite
 from rvaft.semantics import Reference
 
@@ -40,11 +41,12 @@ def cases(
     for tree, tried in some:
         semantics = random.choice(sorted(language.semantics))
         try:
-            text = language.translate(tree, semantics, limit=limit).text
+            made = language.translate(tree, semantics, limit=limit)
         except RvaftError:
             continue
-        columns = header.read(text)
-        held = [[*one] for one in tried if all(map(is_finite, one)) and not columns.left_open(one)]
+        text, columns = made.text, header.read(made.text)
+        kept = [one for one in tried if first_violation(tree, one, made.assumes) is None]
+        held = [[*one] for one in kept if all(map(is_finite, one)) and not columns.left_open(one)]
         yield text, held, [first(tree, semantics, one) for one in held]
 
 

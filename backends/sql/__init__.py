@@ -4,10 +4,11 @@ A comment describes the table, the rows and the declared time. The `limit` count
 """
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from backends.sql.dialects import DIALECTS
-from backends.sql.reader import query
+from backends.sql.dialects import DIALECTS, TRANSPILED, transpiled
+from backends.sql.reader import dialect_of, query
+from backends.sql.rows import Table
 from backends.sql.translation import SqlQuery
 from rvaft.backend import Backend, Highlighting, Match, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
@@ -15,12 +16,13 @@ from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, window
 from rvaft.core.property import Condition, Part, Property
 from rvaft.errors import OptionError
 from rvaft.model.guards import Operator
+from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import Pattern
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor, Monitor
 
-__all__ = ["SqlBackend", "SqlDuckdbBackend", "SqlPostgresBackend"]
+__all__ = ["SqlBackend", "SqlDuckdbBackend", "SqlPostgresBackend", "SqlTableBackend", "SqlTableDuckdbBackend"]
 
 
 class SqlBackend(Backend):
@@ -75,6 +77,18 @@ class SqlBackend(Backend):
         compiled = query(text, self.dialect)
         return compiled.matches(traces) if compiled.every else None
 
+    def mapped(self, mapping: Mapping[str, Any]) -> "SqlTableBackend":
+        """Return the backend for a `table` with typed `columns` by field, and the columns
+        `position`, `partition` (one log for each value) and `time` (with its type, as in `ts:ms`),
+        in a `dialect`; raises `OptionError`.
+        """
+        dialect = mapping.get("dialect", self.dialect)
+        if dialect not in (*DIALECTS, *TRANSPILED):
+            raise OptionError(f"unknown dialect {dialect}; known: {', '.join((*DIALECTS, *TRANSPILED))}")
+        if "position" not in mapping and dialect not in ("sqlite", "duckdb"):
+            raise OptionError(f"rows have no order in {dialect}: name the column that orders them as the position")
+        return SqlTableBackend(Table.of(mapping), dialect)
+
     @classmethod
     def dialect_backend(cls, dialect: str) -> str:
         """Return the name of the backend for a dialect; raises `OptionError`."""
@@ -107,3 +121,56 @@ class SqlPostgresBackend(SqlBackend):
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         """Raise `OptionError`: there is no reader for PostgreSQL."""
         return Backend.read(self, text, atoms=atoms)
+
+
+class SqlTableBackend(SqlBackend):
+    r"""SQL for SQLite over typed columns: of a table `events` with the columns `pos`, `trace` and
+    `time` besides those of the fields, or of any table (`mapped`).
+
+    >>> from rvaft import loads
+    >>> text = "event login(u: text) = { event: \\"login\\", user: u }; assume types, present; top on login(U);"
+    >>> auth = SqlTableBackend().mapped({"table": "auth", "columns": {"user": "user_name"}, "dialect": "duckdb"})
+    >>> print(auth.translate(loads(text), Semantics.SCATTERED).text.partition("WITH")[2], end="")
+    """
+
+    name: ClassVar[str] = "sql-table"
+    form_of: ClassVar[str | None] = "sql"
+    tools: ClassVar[tuple[str, ...]] = ()
+    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
+    values: ClassVar[frozenset[Value]] = frozenset({Value.NUMBER, Value.BOOLEAN})
+    relies: ClassVar[frozenset[Assumption]] = frozenset({Assumption.TYPES, Assumption.PRESENT, Assumption.EXACT})
+
+    def __init__(self, table: Table | None = None, dialect: str = "") -> None:
+        self._table, self._dialect = table or Table(), dialect or self.dialect
+
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
+        """Return the query; raises `NotExpressible` for fields that columns cannot hold, `TooLarge`
+        and `ToolMissing`.
+        """
+        dialect = DIALECTS.get(self._dialect, DIALECTS["duckdb"])
+        text, metrics = SqlQuery(prop, semantics, dialect, limit, self._table).text()
+        if self._dialect in TRANSPILED:
+            text = transpiled(text, self._dialect)
+        return SpecificationText(text, metrics)
+
+    def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
+        """Return a monitor for any query in a dialect that rvaft runs."""
+        dialect = dialect_of(text) or self._dialect
+        if dialect not in ("sqlite", "duckdb"):
+            raise OptionError(f"{self.name} is only emitted for {dialect}: rvaft runs texts for SQLite and DuckDB")
+        compiled = query(text, dialect)
+        return DetectionMonitor(compiled.first_detections, compiled.left_open)
+
+    def matches(self, text: str, traces: Sequence[Sequence[Json]]) -> Sequence[frozenset[Match]] | None:
+        """Return all matches per trace, or None if the rows of the query are not all matches."""
+        compiled = query(text, dialect_of(text) or self._dialect)
+        return compiled.matches(traces) if compiled.every else None
+
+
+class SqlTableDuckdbBackend(SqlTableBackend):
+    """SQL for DuckDB over typed columns."""
+
+    name: ClassVar[str] = "sql-table-duckdb"
+    dialect: ClassVar[str] = "duckdb"
+    extra: ClassVar[str] = "duckdb"
+    modules: ClassVar[tuple[str, ...]] = ("duckdb",)

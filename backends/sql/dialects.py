@@ -10,9 +10,10 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
+from itertools import takewhile
 from typing import Final, TypeAlias
 
-from rvaft.errors import NotExpressible
+from rvaft.errors import NotExpressible, installed
 
 Path = tuple[str | int, ...]
 Form: TypeAlias = Callable[..., str]
@@ -92,6 +93,8 @@ class Dialect:
     globbed: str
     signs: Mapping[str, str]
     """Replacements for characters of a glob."""
+    microseconds: str
+    """A timestamp as microseconds; empty without timestamps."""
     lowered: str
     """Lower case per character, from a string, the capitals, and their lower-case forms."""
 
@@ -266,6 +269,7 @@ _SQLITE: Final = Dialect(
     contains="instr({0}, {1}) > 0".format,
     globbed="{0} GLOB {1}",
     signs={"[": "[[]"},
+    microseconds="",
     lowered=(  # SQLite's lower() is limited to ASCII
         "(SELECT CASE WHEN x GLOB '*[^' || char(1) || '-' || char(127) || ']*' THEN (WITH RECURSIVE w(n, "
         "t) AS (SELECT 1 AS n, '' AS t "
@@ -304,7 +308,9 @@ _DUCKDB: Final = Dialect(
     looks=re.compile(r"[-\[{0-9]|(true|false|null)$|NaN|Inf"),
     whole="BIGINT",
     real="DOUBLE",
-    literal="CAST('{0}' AS {1})".format,
+    literal=lambda said, kind: (
+        (f"({said})" if said[0] == "-" else said) if said.lstrip("-").isdigit() else f"CAST('{said}' AS {kind})"
+    ),
     checked="({0})".format,
     finite=_FINITE.format,
     integral="CASE WHEN {0} = floor({0}) THEN CAST({0} AS BIGINT) END".format,
@@ -329,6 +335,7 @@ _DUCKDB: Final = Dialect(
     contains="strpos({0}, {1}) > 0".format,
     globbed="{0} LIKE {1} ESCAPE '\\'",
     signs={"*": "%", "?": "_", "%": r"\%", "_": r"\_", "\\": r"\\"},
+    microseconds="epoch_us({0})",
     lowered="translate(replace({0}, 'İ', 'i' || chr(775)), {1}, {2})",  # DuckDB's lower() maps `İ` to `i`
 )
 
@@ -364,7 +371,37 @@ _POSTGRES: Final = replace(
         "real": f"CASE WHEN {{0}} ~ '^({_FULL})$' AND {{0}} !~ '^({_NUMBER})$' THEN CAST({{0}} AS double "
         "precision) END",
     },
+    microseconds="CAST(extract(epoch FROM {0}) * 1000000 AS bigint)",
     ordered='{0} COLLATE "C" {1} {2} COLLATE "C"'.format,
 )
 
 DIALECTS: Final = {one.name: one for one in (_SQLITE, _DUCKDB, _POSTGRES)}
+TRANSPILED: Final = {
+    "athena": "CAST(round(to_unixtime({0}) * 1000000) AS BIGINT)",
+    "bigquery": "UNIX_MICROS({0})",
+    "databricks": "unix_micros({0})",
+    "snowflake": "DATE_PART(EPOCH_MICROSECOND, {0})",
+    "spark": "unix_micros({0})",
+    "trino": "CAST(round(to_unixtime({0}) * 1000000) AS BIGINT)",
+}
+"""Dialects that SQLGlot writes from a query for DuckDB, each with a timestamp in microseconds."""
+
+
+def transpiled(text: str, dialect: str) -> str:
+    """Return a query for DuckDB in another dialect; raises `ToolMissing` and `NotExpressible`."""
+    sqlglot = installed("sqlglot", "SQLGlot", "pip install '.[sqlglot]' in a checkout of rvaft")
+    first, *lines = text.splitlines(keepends=True)
+    header = [*takewhile(lambda line: line.startswith("--"), lines)]
+    try:
+        [query] = sqlglot.parse("".join(lines[len(header) :]), read="duckdb")
+        names = [call.name for call in query.find_all(sqlglot.exp.Anonymous) if call.name.lower() != "epoch_us"]
+        if names:
+            what = "a calculation whose parts have names" if "struct_insert" in names else f"the function {names[0]}"
+            raise NotExpressible(f"SQLGlot does not write {what} for {dialect}")
+        found = query.sql(dialect=dialect, pretty=True, unsupported_level=sqlglot.ErrorLevel.RAISE)
+    except sqlglot.errors.SqlglotError as error:
+        reason = f"SQLGlot does not write it for {dialect}: {' '.join(str(error).split())}"
+        raise NotExpressible(reason) from None
+    found = re.sub(r"(?i)\bepoch_us\(([^()]*)\)", lambda call: TRANSPILED[dialect].format(call[1]), found)
+    note = f"-- SQLGlot wrote this for {dialect} from the query for duckdb; rvaft does not run it.\n"
+    return "".join([first.replace("duckdb", dialect), note, *header, found, "\n"])

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
-from backends.sql.dialects import Dialect, Path
+from backends.sql.dialects import Dialect
 from rvaft.errors import NotExpressible
 from rvaft.model.guards import ARITHMETIC, COMPARISONS, UNDEFINED, Guard, Operation, Operator, value, variables
 from rvaft.model.patterns import Literal, Variable
@@ -30,7 +30,7 @@ class SqlTerm:
     """A value as one expression per type, at most one of them not NULL; None for impossible types.
 
     `total`: defined for all events. `constant`: its constant numeric value. `key`: of a variable,
-    equal exactly for equal values.
+    equal exactly for equal values. `plain`: of one type, and never NULL.
     """
 
     whole: str | None = None
@@ -41,6 +41,7 @@ class SqlTerm:
     total: bool = False
     constant: float | None = None
     key: str | None = None
+    plain: bool = False
 
     @classmethod
     def of(cls, facets: Mapping[str, str]) -> "SqlTerm":
@@ -61,20 +62,11 @@ class Guards:
         self.dialect = dialect
         self._named: list[list[dict[str, str]]] = []
 
-    def variable(self, event: str, path: Path) -> SqlTerm:
-        """Return the term for a path of an event."""
-        return SqlTerm.of(self.facets(event, path))
-
-    def facets(self, event: str, path: Path) -> dict[str, str]:
-        """Return the facets at a path of an event, by field of `SqlTerm`."""
-        facets = {kind: self.dialect.facet(kind, event, path) for kind in FACETS[:4]}
-        return {**facets, "null": self.dialect.is_a("null", event, path), "key": self.dialect.key(event, path)}
-
     def literal(self, value: object) -> SqlTerm:
         """Return a constant; raises `NotExpressible` for integers beyond 64 bits."""
         match value:
             case bool():
-                return SqlTerm(truth="true" if value else "false", total=True)
+                return SqlTerm(truth="true" if value else "false", total=True, plain=True)
             case int() | float():
                 if isinstance(value, float) and value.is_integer() and abs(value) < 2**63:
                     value = int(value)
@@ -84,10 +76,10 @@ class Guards:
                 number = self.dialect.number(value)
                 known = value if abs(value) < _EXACT else None
                 if isinstance(value, int):
-                    return SqlTerm(whole=number, total=True, constant=known)
-                return SqlTerm(real=number, total=True, constant=known)
+                    return SqlTerm(whole=number, total=True, constant=known, plain=True)
+                return SqlTerm(real=number, total=True, constant=known, plain=True)
             case str():
-                return SqlTerm(text=self.dialect.text(value), total=True)
+                return SqlTerm(text=self.dialect.text(value), total=True, plain=True)
             case _:
                 return SqlTerm(null="true", total=True)
 
@@ -107,12 +99,15 @@ class Guards:
                 return SqlTerm() if constant is UNDEFINED else self.literal(constant)
             case Operation(Operator.LIKE, (text, Literal(str() as glob))):
                 matched = self.term(text, binding).text
-                return SqlTerm(truth=matched and f"({self.dialect.like(matched, glob)})")
+                plain = self.term(text, binding).plain
+                return SqlTerm(truth=matched and f"({self.dialect.like(matched, glob)})", plain=plain)
             case Operation(operator, operands) if operator in _FROM_TERMS:
                 self._named.append([])
-                truth = self._applied(operator, [self.term(operand, binding) for operand in operands]).truth
+                terms = [self.term(operand, binding) for operand in operands]
+                truth = self._applied(operator, terms).truth
                 depth, named = len(self._named), self._named.pop()
-                return SqlTerm(truth=self.dialect.with_parts(depth, named, truth) if truth and named else truth)
+                truth = self.dialect.with_parts(depth, named, truth) if truth and named else truth
+                return SqlTerm(truth=truth, plain=truth is not None and all(term.plain for term in terms))
             case Operation(operator, operands):
                 return self._applied(operator, [self.term(operand, binding) for operand in operands])
 
@@ -146,6 +141,8 @@ class Guards:
         match operator:
             case Operator.AND | Operator.OR:
                 both, found = operator is Operator.AND, terms[-1].truth or _NULL
+                if all(one.plain and one.truth for one in terms):
+                    return SqlTerm(truth=f"({f' {operator.name} '.join(str(one.truth) for one in terms)})", plain=True)
                 if terms[-1].truth is None:  # a value of another type is undefined
                     found = "CAST(NULL AS BOOLEAN)"
                 for one in reversed(terms[:-1]):
@@ -157,7 +154,7 @@ class Guards:
                     found = f"CASE {one.truth} {ways} END" if one.truth else "CAST(NULL AS BOOLEAN)"
                 return SqlTerm(truth=found)
             case Operator.NOT:
-                return SqlTerm(truth=first.truth and f"(NOT {first.truth})")
+                return SqlTerm(truth=first.truth and f"(NOT {first.truth})", plain=first.plain)
             case Operator.EQ:
                 return SqlTerm(truth=self.equal(first, terms[1]))
             case Operator.NE:
@@ -214,7 +211,7 @@ class Guards:
 
     def equal(self, left: SqlTerm, right: SqlTerm) -> str:
         """Return deep equality of two values; NULL if one is undefined."""
-        if left.key and right.key:
+        if left.key and right.key and not (left.plain or right.plain):
             return f"({left.key} = {right.key})"
         parts = self._numbers(left, "=", right)
         parts += [f"{a} = {b}" for a, b in ((left.text, right.text), (left.truth, right.truth)) if a and b]
@@ -226,6 +223,8 @@ class Guards:
                 if left.null == "true"
                 else left.null
             )
+        if left.plain and right.plain:
+            return f"({parts[0]})" if parts else "false"
         same = f"coalesce({', '.join(parts)}, false)" if parts else "false"
         known = [self._defined(term) for term in (left, right) if not term.total]
         return f"CASE WHEN {' AND '.join(known)} THEN {same} END" if known else same

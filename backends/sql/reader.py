@@ -16,6 +16,7 @@ from functools import cache, lru_cache
 from threading import Lock
 from typing import Any, Final
 
+from backends.sql.rows import COLUMN_TYPES, ROWID, TableHeader, identifier
 from rvaft.backend import Match
 from rvaft.errors import LanguageError, ToolFailed, TraceError, installed
 from rvaft.model.event_time import EventTime, TimeFormat
@@ -23,6 +24,7 @@ from rvaft.model.values import Json, has_larger
 from rvaft.support.budget import Expired
 
 _TABLE: Final = "CREATE TABLE events (trace INTEGER, pos INTEGER, event {}, time {})"
+_SQLITE_TYPES: Final = {"TEXT": "TEXT", "BIGINT": "INTEGER", "DOUBLE PRECISION": "REAL", "BOOLEAN": "INTEGER"}
 _TIME: Final = re.compile(r"^-- time (\[.*\]) as (\w+)", re.MULTILINE)
 _NULL: Final = re.compile(r"(?<!\\)(?:\\\\)*\\u0000")
 _HALF: Final = re.compile("[\ud800-\udfff]")
@@ -44,11 +46,24 @@ class SqliteTable:
         self.connection.execute(_TABLE.format("TEXT", "INTEGER"))
         self.connection.execute("PRAGMA temp_store = MEMORY")  # small temporary tables per query
         self.connection.set_progress_handler(lambda: 0, 100_000)  # check for timeouts
+        self.made = ""
+        """The typed table of the last query."""
 
     def load(self, rows: Sequence[tuple[Any, ...]]) -> None:
         """Replace the rows of the table."""
         self.connection.execute("DELETE FROM events")
         self.connection.executemany("INSERT INTO events VALUES (?, ?, ?, ?)", rows)
+
+    def load_table(self, table: str, columns: Mapping[str, str], rows: Sequence[tuple[Any, ...]]) -> int:
+        """Replace a table with typed columns by these rows; return the first `rowid`."""
+        typed = ", ".join(f"{name} {_SQLITE_TYPES.get(type_, 'INTEGER')}" for name, type_ in columns.items())
+        if (made := f"{table} ({typed})") != self.made:
+            self.connection.execute(f"DROP TABLE IF EXISTS {table}")
+            self.connection.execute(f"CREATE TABLE {made}")
+            self.made = made
+        self.connection.execute(f"DELETE FROM {table}")
+        self.connection.executemany(f"INSERT INTO {table} VALUES ({', '.join('?' * len(columns))})", rows)
+        return 1
 
     def ask(self, query: str) -> tuple[list[str], list[tuple[Any, ...]]]:
         """Return column names and rows of a query."""
@@ -83,6 +98,18 @@ class DuckDb:
         unnested = ", ".join(f"unnest(CAST(? AS {one}))" for one in types)
         self.connection.execute(f"INSERT INTO events SELECT {unnested}", columns)
 
+    def load_table(self, table: str, columns: Mapping[str, str], rows: Sequence[tuple[Any, ...]]) -> int:
+        """Replace a table with typed columns by these rows; return the first `rowid`."""
+        self.connection.execute(
+            f"CREATE OR REPLACE TABLE {table} ({', '.join(f'{name} {type_}' for name, type_ in columns.items())})"
+        )
+        if rows:
+            values = [[row[place] for row in rows] for place in range(len(columns))]
+            given = {"TIMESTAMP": "make_timestamp(unnest(CAST(? AS BIGINT[])))"}
+            unnested = ", ".join(given.get(type_, f"unnest(CAST(? AS {type_}[]))") for type_ in columns.values())
+            self.connection.execute(f"INSERT INTO {table} SELECT {unnested}", values)
+        return 0
+
     def ask(self, query: str) -> tuple[list[str], list[tuple[Any, ...]]]:
         """Return column names and rows of a query."""
         if len(self.installed().extract_statements(query)) > 1:
@@ -96,7 +123,7 @@ _PROGRAMS: Final[Mapping[str, Callable[[], SqliteTable | DuckDb]]] = {"sqlite": 
 
 
 @cache
-def _running(program: str, process: int) -> SqliteTable | DuckDb:  # noqa: ARG001 (a connection is of one process)
+def _running(program: str, process: int, typed: bool = False) -> SqliteTable | DuckDb:  # noqa: ARG001 (a connection is of one process)
     return _PROGRAMS[program]()
 
 
@@ -106,16 +133,19 @@ class Query:
     def __init__(self, text: str, program: str) -> None:
         self._program = program
         self.every = bool(re.search(r"^-- .*: every match\.$", text, re.MULTILINE))
-        self.time = _declared(text)
+        self.time, self.table = _declared(text), TableHeader.read(text)
         self.body = re.sub(r"(?:\s|;|^\s*--[^\n]*$)*\Z", "", text, flags=re.MULTILINE)
         self.many = True
         """Whether the query has a column `trace`."""
         self._known: dict[str, int | None] = {}
+        self._places: dict[int, int] = {}
         if not self.body:
             raise LanguageError("the text has no query")
         if re.search("[\\ud800-\\udfff]", text):
             raise LanguageError("the query contains half of a surrogate pair")
-        errors = _running(program, os.getpid()).errors
+        if self.table is not None and "." in self.table.table:
+            raise LanguageError("rvaft runs queries on tables without a schema")
+        errors = self._running().errors
         try:
             try:
                 self._ask(())
@@ -129,14 +159,21 @@ class Query:
         except errors as error:
             raise LanguageError(" ".join(str(error).split("\n\n", maxsplit=1)[0].split())) from None
 
+    def _running(self) -> SqliteTable | DuckDb:
+        return _running(self._program, os.getpid(), self.table is not None)
+
     def _ask(
         self, traces: Iterable[tuple[int, Sequence[Json]]], select: str = "", group: str = ""
     ) -> tuple[list[str], list[tuple[Any, ...]]]:
         """Return columns and rows of a selection from the query (default: first detections)."""
-        program, trace = _running(self._program, os.getpid()), "trace" if self.many else "0 AS trace"
+        program, trace = self._running(), "trace" if self.many else "0 AS trace"
         select, group = (select, group) if select else (f"SELECT {trace}, min(detected)", "GROUP BY 1")
         with _ONE_AT_A_TIME:
-            program.load([row for number, events in traces for row in self._loaded(number, events)])
+            rows = [row for number, events in traces for row in self._loaded(number, events)]
+            if self.table is None:
+                program.load(rows)
+            else:
+                self._places = _load_table(program, self.table, rows)
             return program.ask(f"{select} FROM (\n{self.body}\n) AS found {group}")
 
     def _rows(self, traces: Sequence[Sequence[Json]], select: str = "") -> Iterator[tuple[int, Any]]:
@@ -147,7 +184,7 @@ class Query:
                 return
             for number, trace in numbered:
                 yield from ((number, value) for _, value in self._ask([(0, trace)], select)[1])
-        except _running(self._program, os.getpid()).errors as error:
+        except self._running().errors as error:
             raise ToolFailed("the query", reason=" ".join(str(error).split())) from None
 
     def first_detections(self, traces: Sequence[Sequence[Json]]) -> list[int | None]:
@@ -157,7 +194,7 @@ class Query:
         if len(self._known) + len(new) > KEPT:
             self._known.clear()
             new = dict(zip(names, traces, strict=True))
-        found = dict(self._rows([*new.values()]))
+        found = {number: self._position(detected) for number, detected in self._rows([*new.values()])}
         for detected in found.values():
             if detected is not None and not isinstance(detected, int):
                 raise ToolFailed("the query", reason=f"`detected` is {detected!r}, not the number of an event")
@@ -170,12 +207,16 @@ class Query:
         for number, nodes in self._rows(traces, "SELECT trace, nodes"):
             found[number].add(
                 frozenset(
-                    (node, position)
+                    (node, self._position(position))
                     for node, positions in json.loads(nodes).items()
                     for position in (positions if isinstance(positions, list) else [positions])
                 )
             )
         return [*map(frozenset, found)]
+
+    def _position(self, found: Any) -> Any:
+        """Return the number of the event at a position of the table that was loaded last."""
+        return self._places[found] if self._places and found is not None else found
 
     def left_open(self, trace: Sequence[Json]) -> str:
         """Return why a table cannot hold a trace or the query overflows on it, or an empty text."""
@@ -195,7 +236,34 @@ class Query:
             time = None if self.time is None else self.time.read(event)
             if time is not None and abs(time) >= _LARGEST:
                 raise TraceError("a time of more than 62 bits of nanoseconds does not fit in a column", line=position)
-            yield number, position, _written(event, position), time
+            if self.table is None:
+                yield number, position, _written(event, position), time
+                continue
+            try:
+                yield number, position, *self.table.cells(event, time)
+            except OverflowError as error:
+                raise TraceError(f"{error}, which the table cannot hold", line=position) from None
+
+
+def _load_table(program: SqliteTable | DuckDb, table: TableHeader, rows: Sequence[tuple[Any, ...]]) -> dict[int, int]:
+    """Load rows of trace, number of the event and cells; return the numbers by `rowid`, if it is
+    the position.
+    """
+    columns = {identifier(name): COLUMN_TYPES[type_] for name, type_, _ in table.columns}
+    if table.time:
+        columns[identifier(table.time)] = {"timestamp": "TIMESTAMP", "double": "DOUBLE"}.get(table.kind, "BIGINT")
+    own = {table.trace: 0, table.position: 1}
+    given = [place for name, place in own.items() if name not in ("", ROWID)]
+    columns = {**{identifier(name): "BIGINT" for name, place in own.items() if place in given}, **columns}
+    kept = [(*(row[place] for place in given), *row[2:]) for row in rows]
+    first = program.load_table(identifier(table.table), columns, kept)
+    return {first + place: row[1] for place, row in enumerate(rows)} if table.position == ROWID else {}
+
+
+def dialect_of(text: str) -> str:
+    """Return the dialect that the first line of a text names, or an empty string."""
+    found = re.match(r"-- rvaft sql (\w+)\n", text)
+    return found[1] if found else ""
 
 
 def _written(event: Json, position: int) -> str:

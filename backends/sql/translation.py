@@ -21,6 +21,7 @@ from typing import Final
 
 from backends.sql.dialects import Dialect, Path
 from backends.sql.guards import FACETS, Guards, SqlTerm
+from backends.sql.rows import OWN, JsonRows, Rows, Table, TableRows
 from rvaft.backend import Metrics
 from rvaft.core.branches import number_of
 from rvaft.core.patterns import compatible
@@ -37,6 +38,9 @@ from rvaft.support.bits import bits
 _TOKEN: Final = re.compile(r"'(?:[^']|'')*'|[\w.]+|->>|[<>]=?|<>|\|\||\S")
 _LENGTH: Final = 400
 """Characters of text per joined event of the limit."""
+_PAIRED: Final = 4
+"""Maximum number of events of a window that is written as bounds of pairs."""
+_LONGEST: Final = 2**61
 TABLES: Final = 60
 """Maximum number of events of a scenario: SQLite joins 64 tables."""
 
@@ -168,9 +172,15 @@ class QueriedRow:
 class SqlQuery:
     """One translation; raises `TooLarge`, and `TreeError` without a feasible scenario."""
 
-    def __init__(self, prop: Property, semantics: Semantics, dialect: Dialect, limit: int) -> None:
+    def __init__(
+        self, prop: Property, semantics: Semantics, dialect: Dialect, limit: int, table: Table | None = None
+    ) -> None:
         self.prop, self.semantics, self.dialect, self.limit = prop, semantics, dialect, limit
         self.guards = Guards(dialect)
+        self.rows: Rows = JsonRows(dialect) if table is None else TableRows.of(table, prop, dialect)
+        self.typed = table is not None
+        self.untraced = not self.rows.trace
+        """Whether the table is one log."""
         self.tables: dict[str, str] = {}
         """Table names by query."""
         self.late = None if prop.time is None else prop.time.late
@@ -192,12 +202,28 @@ class SqlQuery:
         """Return the text and its metrics."""
         places = self._places()
         selects = [self._select(one, places) for one in self.scenarios]
-        tables = ",\n".join(f"  {name} AS MATERIALIZED (\n    {query}\n  )" for query, name in self.tables.items())
+        kept = "" if self.typed else "MATERIALIZED "
+        tables = ",\n".join(f"  {name} AS {kept}(\n    {query}\n  )" for query, name in self.tables.items())
         text = "\nUNION ALL\n".join(selects)
         text = f"WITH\n{tables}\n{text}\n"
+        if self.typed:
+            text = self._named(text)
         if len(text) > self.limit * _LENGTH:
             raise TooLarge("characters of the query", limit=self.limit)
         return f"{self._header(text)}{text}", Metrics(symbols=len(_TOKEN.findall(text)))
+
+    @cached_property
+    def _names(self) -> list[str]:
+        """The names of the columns of variables in a query on typed columns."""
+        small = Counter([*(name.lower() for name in self.variables), *OWN])
+        return [name if small[name.lower()] == 1 else f"v{number}" for number, name in enumerate(self.variables, 1)]
+
+    def _named(self, text: str) -> str:
+        """Return the text with the names of variables for their columns."""
+        literal_or_column = re.compile(r"'(?:[^']|'')*'|\bv(\d+)_(?:key|json)\b")
+        return literal_or_column.sub(
+            lambda found: f'"{self._names[int(found[1]) - 1]}"' if found[1] else found[0], text
+        )
 
     def _header(self, text: str) -> str:
         time, late = self.prop.time, self.late
@@ -207,11 +233,15 @@ class SqlQuery:
             if all(one.loose for one in self.scenarios) or not self.first
             else ", for all that ties its events together"
         )
+        shown = zip(self.variables, self._names, strict=True) if self.typed else ()
+        columns = [f"{column} {name}" for name, column in shown if name != column]
+        if "_key" in text or "_json" in text:
+            columns = [f"{self._column(name)} {name}" for name in self.variables]
         lines = [
             f"rvaft sql {self.dialect.name}",
             f"The attack-fault tree {json.dumps(self.prop.tree.root)} under {self.semantics}: {rows}.",
-            *(f"{self._column(name)} {name}" for name in self.variables if "_key" in text or "_json" in text),
-            "events(trace, pos, event, time): the log, its number from 1, the event as JSON, nanoseconds or NULL.",
+            *columns,
+            *self.rows.header(),
         ]
         if time is not None:
             lines.append(f"time {json.dumps(time.field)} as {time.format}{'' if late is None else f' late {late} ns'}")
@@ -227,7 +257,7 @@ class SqlQuery:
 
     def _places(self) -> str:
         """Return the table of relevant events, numbered per trace unless `scattered`."""
-        source, late = "events", ""
+        source, late = self.rows.source, ""
         if self.late is not None:
             before = "PARTITION BY trace ORDER BY pos ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING"
             late = f"coalesce(max(time) OVER ({before}) - time > {self.dialect.number(self.late)}, false) AS late"
@@ -241,20 +271,23 @@ class SqlQuery:
             wanted.append(f"({' OR '.join(dict.fromkeys(f'({one})' for one in relevant))})")
             wanted += [f"({one}) IS NOT TRUE" for one in dict.fromkeys(ignored)]
         where = f" WHERE {' AND '.join(wanted)}" if wanted else ""
-        place = "row_number() OVER (PARTITION BY trace ORDER BY pos) AS place"
-        return self._table(f"SELECT trace, pos, event, time{late}, {place} FROM {source}{where}", "place_")
+        trace = f"PARTITION BY {self.rows.trace} " if self.rows.trace else ""
+        place = f"row_number() OVER ({trace}ORDER BY {self.rows.position}) AS place"
+        columns, self.rows = self.rows.numbered()
+        return self._table(f"SELECT {columns}{late}, {place} FROM {source}{where}", "place_")
 
     def _leaf(self, one: QueriedScenario, name: Event, places: str, wanted: Set[str]) -> str:
         pattern = name.pattern
         where = [self._condition(pattern, [guard for guard, home in one.homes if home == name])]
-        columns = ["trace", "pos"]
+        columns = [_named(self.rows.trace, "trace"), _named(self.rows.position, "pos")]
         paths = _paths(pattern)
         for variable, path in ((name, paths[name]) for name in rigid_variables(pattern) if name not in one.times):
-            facets = {**self.guards.facets("event", path), "json": self.dialect.value("json", "event", path)}
-            named = ((f"{self._column(variable)}_{kind}", expression) for kind, expression in facets.items())
-            columns += [f"{expression} AS {column}" for column, expression in named if column in wanted]
+            facets = self.rows.facets(path)
+            named = {f"{self._column(variable)}_{kind}": expression for kind, expression in facets.items()}
+            names = [column for column in named if column in wanted]
+            columns += [f"{named[column]} AS {column}" for column in (names[:1] if self.typed else names)]
         if self.timed:
-            columns.append("time")
+            columns.append(_named(self.rows.time, "time"))
         if self.late is not None:
             where.insert(0, "NOT late")
         if self.semantics is Semantics.CONSECUTIVE:
@@ -264,13 +297,13 @@ class SqlQuery:
         elif self.semantics is not Semantics.SCATTERED:
             columns.append("place")
             where.insert(0, f"place <= {self.most}")
-        return self._table(f"SELECT {', '.join(columns)} FROM {places} WHERE {' AND '.join(where)}", "n")
+        return self._table(f"SELECT {', '.join(filter(None, columns))} FROM {places} WHERE {' AND '.join(where)}", "n")
 
     def _column(self, variable: str) -> str:
         return f"v{self.variables.index(variable) + 1}"
 
     def _condition(self, pattern: Pattern, guards: Iterable[Guard]) -> str:
-        dialect, conditions, places = self.dialect, list[str](), dict[str, Path]()
+        rows, conditions, places = self.rows, list[str](), dict[str, Path]()
         todo: list[tuple[Path, Pattern]] = [((), pattern)]
         while todo:
             path, part = todo.pop()
@@ -280,20 +313,18 @@ class SqlQuery:
                 case Literal() | ListPattern() if not path:  # an event is an object
                     conditions.append("false")
                 case Literal(str() as value):
-                    conditions.append(dialect.is_text(value, "event", path))
+                    conditions.append(rows.is_text(value, path))
                 case Literal(value):
                     conditions.append(self.guards.equal(self._term(path), self.guards.literal(value)))
                 case Variable() | Anything():
-                    if path:
-                        conditions.append(f"{dialect.kind('event', path)} IS NOT NULL")
+                    conditions += rows.there(path)
                     if isinstance(part, Variable) and (first := places.setdefault(part.name, path)) != path:
-                        conditions.append(f"{dialect.key('event', first)} = {dialect.key('event', path)}")
+                        conditions.append(f"{rows.facets(first)['key']} = {rows.facets(path)['key']}")
                 case ObjectPattern(fields):
-                    conditions += [dialect.is_a("object", "event", path)] if path else []
+                    conditions += rows.is_object(path)
                     todo += reversed([((*path, name), inner) for name, inner in fields])
                 case ListPattern(items):
-                    length = dialect.value("length", "event", path)
-                    conditions.append(f"{dialect.is_a('list', 'event', path)} AND {length} = {len(items)}")
+                    conditions.append(rows.is_list(path, len(items)))
                     todo += reversed([((*path, place), item) for place, item in enumerate(items)])
         for guard in guards:
             conditions.append(
@@ -302,7 +333,7 @@ class SqlQuery:
         return " AND ".join(dict.fromkeys(conditions)) or "true"
 
     def _term(self, path: Path) -> SqlTerm:
-        return SqlTerm(whole="time") if path == (TIME,) else self.guards.variable("event", path)
+        return SqlTerm(whole=self.rows.time) if path == (TIME,) else self.rows.term(path)
 
     # The query of a scenario.
 
@@ -318,7 +349,7 @@ class SqlQuery:
             columns = [f"{alias[name]}.{self._column(variable)}" for name in names]
             where += [f"{column}_key = {columns[0]}_key" for column in columns[1:]]
             facets = {kind: f"{columns[0]}_{kind}" for kind in FACETS}
-            if any(
+            if not self.typed and any(
                 names[0] not in one.before[name] for name in names[1:]
             ):  # use the value of the earliest event: 1 or 1.0
                 earliest = f"{alias[names[0]]}.pos"
@@ -326,15 +357,13 @@ class SqlQuery:
                     sooner = f"CASE WHEN {alias[name]}.pos < {earliest} THEN"
                     facets |= {kind: f"{sooner} {column}_{kind} ELSE {facets[kind]} END" for kind in FACETS[:2]}
                     earliest = f"{sooner} {alias[name]}.pos ELSE {earliest} END"
-            terms[variable] = SqlTerm.of(facets)
+            terms[variable] = self.rows.variable(facets, _paths(names[0].pattern)[variable])
             first_of[variable] = columns[0]
         windows = one.windows if self.first else {}
-        where += [
-            self.guards.condition(guard, terms)
-            for guard, home in one.homes
-            if home is None and not (guard in windows and windows[guard][0] - one.tried)
-        ]
-        values = self._object((name, f"{column}_json") for name, column in first_of.items())
+        for guard, home in one.homes:
+            if home is None and not (guard in windows and windows[guard][0] - one.tried):
+                where += self._near(one, guard, alias) or [self.guards.condition(guard, terms)]
+        values = self._values(first_of)
         references = re.findall(r"(e\d+)\.(v\d+_[a-z]+)", " ".join([*where, values]))
         wanted = {row: frozenset(column for other, column in references if other == row) for row in alias.values()}
         tables = {name: self._leaf(one, name, places, wanted[row]) for name, row in alias.items()}
@@ -343,12 +372,14 @@ class SqlQuery:
             rows = self._firsts(one, tables, alias, wanted)
         sources = [f"{rows[name].table} AS {row}" for name, row in alias.items()]
         first, *others = alias.values()
-        joins = [f"{row}.trace = {first}.trace" for row in others]
+        joins = [] if self.untraced else [f"{row}.trace = {first}.trace" for row in others]
         if self.first:  # join the events at the least positions for the values of variables
             with_values = {name: row for name, row in alias.items() if name not in one.tried and f"{row}.v" in values}
             sources += [f"{tables[name]} AS x{row[1:]}" for name, row in with_values.items()]
             joins += [
-                f"x{row[1:]}.{column} = {row}.{column}" for row in with_values.values() for column in ("trace", "pos")
+                f"x{row[1:]}.{column} = {row}.{column}"
+                for row in with_values.values()
+                for column in ("trace", "pos")[self.untraced :]
             ]
             for row in with_values.values():
                 values = values.replace(f" {row}.v", f" x{row[1:]}.v")
@@ -358,15 +389,36 @@ class SqlQuery:
             raise TooLarge("tables joined in a scenario", limit=TABLES)
         lasts = [f"{alias[name]}.pos" for name in one.before if not any(name in some for some in one.before.values())]
         last = lasts[0] if len(lasts) == 1 else f"{self.dialect.greatest}({', '.join(lasts)})"
-        rows_of: dict[str, list[str]] = {}
-        for event, row in sorted(alias.items(), key=lambda item: item[0].source.number):
-            rows_of.setdefault(event.source.node, []).append(f"{row}.pos")
-        order = dict.fromkeys(event.source.node for event in alias)
-        nodes = self._object((node, self._numbers(rows_of[node])) for node in order)
-        what = f"{first}.trace, {last} AS detected, {one.branch} AS branch,\n  {nodes} AS nodes, {values} AS variables"
+        trace = "" if self.untraced else f"{first}.trace, "
+        what = f"{trace}{last} AS detected, {one.branch} AS branch,\n  {self._nodes(alias)} AS nodes{values}"
         condition = "\n  AND ".join(dict.fromkeys([*joins, *where]))
         distinct = "DISTINCT " if self.first and not one.loose else ""
         return f"SELECT {distinct}{what}\nFROM {', '.join(sources)}" + (f"\nWHERE {condition}" if condition else "")
+
+    def _near(self, one: QueriedScenario, guard: Guard, alias: Mapping[Event, str]) -> list[str]:
+        """Return a window of few events as bounds of each pair, which a join can use."""
+        members, length = one.windows.get(guard, (frozenset[Event](), 0))
+        if len(members) > _PAIRED or length >= _LONGEST:
+            return []
+        bound, rows = self.guards.literal(length).whole, [alias[event] for event in alias if event in members]
+        return [f"{b}.time <= {a}.time + {bound} AND {a}.time <= {b}.time + {bound}" for a, b in combinations(rows, 2)]
+
+    def _values(self, columns: Mapping[str, str]) -> str:
+        """Return the columns of the values of variables."""
+        rows = self.rows
+        if not isinstance(rows, TableRows):
+            return f", {self._object((name, f'{column}_json') for name, column in columns.items())} AS variables"
+        found = ((f"{columns[name]}_json" if name in columns else rows.absent(name), name) for name in self.variables)
+        return "".join(f", {column} AS {self._column(name)}_json" for column, name in found)
+
+    def _nodes(self, alias: Mapping[Event, str]) -> str:
+        """Return the positions of the events of each node as JSON."""
+        rows: dict[str, list[str]] = {}
+        for event, row in sorted(alias.items(), key=lambda item: item[0].source.number):
+            number = self.dialect.cast(f"{row}.pos", "TEXT") if self.typed else f"{row}.pos"
+            rows.setdefault(event.source.node, []).append(number)
+        order = dict.fromkeys(event.source.node for event in alias)
+        return self._object((node, self._numbers(rows[node])) for node in order)
 
     def _numbers(self, numbers: Sequence[str]) -> str:
         if len(numbers) == 1:
@@ -416,21 +468,25 @@ class SqlQuery:
             for other in one.near(name):
                 table, before = found[other].table, alias[other] if other in one.tried else found[other].table
                 sources.append(table if table == before else f"{table} AS {before}")
-                where += [f"{before}.trace = n.trace", f"{before}.pos < n.pos"]
+                where += [f"{before}.trace = n.trace", f"{before}.pos < n.pos"][self.untraced :]
                 where += self._same(shared, before, found[other])
             for column, (members, length) in one.starts.items():
                 if name in members and column not in shared:
                     start = self._start(column, [other for other in alias if other in members], tables, keys)
                     sources.append(start.table)
-                    where += [f"{start.table}.trace = n.trace", *self._same(shared, start.table, start)]
+                    where += [f"{start.table}.trace = n.trace", *self._same(shared, start.table, start)][
+                        self.untraced :
+                    ]
                 if name in members:
                     where.append(f"n.time - {shared[column]} BETWEEN 0 AND {self.guards.literal(length).whole}")
-            columns = "".join(f", {expression} AS {column}" for column, expression in shared.items())
-            groups = ", ".join(["n.trace", *shared.values()])
+            columns = "".join(f"{expression} AS {column}, " for column, expression in shared.items())
+            trace, *groups = ["n.trace", *shared.values()]
+            groups, trace = (groups, "") if self.untraced else ([trace, *groups], f"{trace}, ")
             condition = f" WHERE {' AND '.join(dict.fromkeys(where))}" if where else ""
+            grouped = f"GROUP BY {', '.join(groups)}" if groups else "HAVING count(*) > 0"
             query = (
-                f"SELECT n.trace{columns}, min(n.pos) AS pos FROM "
-                f"{', '.join(dict.fromkeys(sources))}{condition} GROUP BY {groups}"
+                f"SELECT {trace}{columns}min(n.pos) AS pos FROM "
+                f"{', '.join(dict.fromkeys(sources))}{condition} {grouped}"
             )
             found[name] = QueriedRow(self._table(query, "f"), {column: column for column in shared})
         return found
@@ -439,7 +495,7 @@ class SqlQuery:
         self, column: str, members: Sequence[Event], tables: Mapping[Event, str], keys: Mapping[Event, Sequence[str]]
     ) -> QueriedRow:
         every = [key for key in keys[members[0]] if all(key in keys[name] for name in members)]
-        columns = ", ".join(["trace", *every, "time AS start"])
+        columns = ", ".join(["trace", *every, "time AS start"][self.untraced :])
         selects = dict.fromkeys(f"SELECT {columns} FROM {tables[name]}" for name in members)
         return QueriedRow(
             self._table(" UNION ".join(selects), "start_"), {**{key: key for key in every}, column: "start"}
@@ -466,6 +522,10 @@ class SqlQuery:
             for number, (name, value) in enumerate(items)
         ]
         return f"{' || '.join(fields)} || '}}'" if fields else "'{}'"
+
+
+def _named(expression: str, name: str) -> str:
+    return expression if expression in ("", name) else f"{expression} AS {name}"
 
 
 def _paths(pattern: Pattern) -> dict[str, Path]:

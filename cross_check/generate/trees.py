@@ -2,7 +2,7 @@
 
 They cover all gates, shared nodes, events on gates, overlapping patterns, both causalities,
 variables, guards with values of wrong types, `ignore`, kinds and topics. Some also get times,
-windows, conditions on time, counted leaves, `pand`, functions, and a semantics.
+windows, conditions on time, counted leaves, `pand`, functions, a semantics, types and assumptions.
 """
 
 from collections.abc import Sequence
@@ -15,9 +15,10 @@ from rvaft.api import loads
 from rvaft.errors import TreeError
 from rvaft.model.event_time import EventTime, TimeFormat
 from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint
-from rvaft.model.nodes import Argument, Causality, Gate, Ignore, Kind, Node, On, Topic
+from rvaft.model.nodes import Argument, Assumption, Causality, Gate, Ignore, Kind, Node, On, Topic, ValueType
 from rvaft.model.patterns import Anything, Literal, Variable
 from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.rules import require_valid
 
@@ -63,6 +64,8 @@ class Shape:
     """A `sand` or `and` becomes a `pand`."""
     functions: float = 0.3
     """A guard on variables gets a function."""
+    assumptions: float = 0.15
+    """Parameters have types, and the tree states assumptions."""
 
 
 PLAIN: Final = Shape(**{part.name: 0 for part in fields(Shape) if isinstance(part.default, float)})
@@ -180,6 +183,13 @@ class _Growth:
 
 # Additions for real logs, drawn separately from the tree.
 
+_TYPED: Final[tuple[tuple[ValueType, tuple[Json, ...]], ...]] = (
+    (ValueType.TEXT, ("a", "A", "ab")),
+    (ValueType.INTEGER, (0, 1, 2)),
+    (ValueType.NUMBER, (0, 1, 1.5)),
+    (ValueType.BOOLEAN, (True, False)),
+)
+_ASSUMED: Final = (Assumption.PRESENT, Assumption.CASE, Assumption.EXACT)
 _DURATIONS: Final = (0, 1, 1_000_000, 1_000_000_000, 2_000_000_000, 5_000_000_000, 90_000_000_000)
 _FIELDS: Final = (("t",), ("t",), ("header", "stamp"), ("x",), ("@timestamp",))
 _SIMPLER: Final = 6
@@ -198,7 +208,41 @@ def _in_practice(random: Random, tree: RVAFT, shape: Shape) -> RVAFT:
         with suppress(TreeError):
             found = _Additions(apart, tree, shape, 1 - attempt / _SIMPLER).tree()
             require_valid(found)
-            return found
+            return _assuming(apart, found) if apart.random() < shape.assumptions else found
+    return tree
+
+
+def _assuming(random: Random, tree: RVAFT) -> RVAFT:
+    """Return the tree with types and assumptions, and literals of the type; itself if it is then not
+    valid.
+    """
+    type_, literals = random.choice(_TYPED)
+    assumes = {Assumption.TYPES, *(one for one in _ASSUMED if random.random() < 0.7)}
+
+    def typed(guard: Guard) -> Guard:
+        match guard:
+            case Literal() if not isinstance(guard, Duration) and guard.value not in literals:
+                return Literal(random.choice(literals))
+            case Operation(operator, operands):
+                return Operation(operator, tuple(map(typed, operands)))
+            case _:
+                return guard
+
+    def called(on: On | None) -> On | None:
+        if on is None:
+            return None
+        choose = lambda one: Literal(random.choice(literals)) if isinstance(one, Literal) else one  # noqa: E731
+        return On(on.event, tuple(map(choose, on.arguments)))
+
+    nodes = [
+        replace(node, on=called(node.on), when=None if node.when is None else typed(node.when))
+        for node in tree.nodes.values()
+    ]
+    events = [replace(event, types=(type_,) * len(event.parameters)) for event in tree.events.values()]
+    with suppress(TreeError):
+        found = tree.changed(nodes=nodes, events=events, assumes=frozenset(assumes))
+        require_valid(found)
+        return found
     return tree
 
 

@@ -20,6 +20,10 @@ from rvaft.support.files import deliver
 from rvaft.support.terminal import columns, visible
 
 _FORMATS: Final = "Output format; latex writes a listing with its language definition (package listings)."
+_DIALECT: Final = (
+    "SQL dialect: sqlite, duckdb or postgres; with --table also athena, bigquery, databricks, redshift, "
+    "snowflake, spark or trino.  [default: sqlite]"
+)
 _TO: Final = "A language that `rvaft backends` lists, or dot for a drawing of the automaton."
 
 
@@ -31,13 +35,14 @@ class _WithSignature(Protocol):
 @click.command("emit")
 @options.tree_argument
 @click.option("--to", "language", metavar="LANGUAGE", required=True, help=_TO)
-@click.option("--dialect", metavar="DIALECT", help="SQL dialect: sqlite, duckdb or postgres.  [default: sqlite]")
+@click.option("--dialect", metavar="DIALECT", help=_DIALECT)
 @click.option("--signature", metavar="FILE", help="For MFOTL: also write the predicate signature to FILE.")
 @options.semantics_option
 @options.part_options
 @options.output_format("text", "latex", text=_FORMATS)
 @options.number("--limit", text="Maximum size, in the unit of the language; for a drawing, in states.")
 @options.mapping_option
+@options.table_options
 @options.output_option
 def emit_command(
     *,

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from errno import EACCES, EISDIR, ENOTDIR
-from functools import partial, wraps
+from functools import partial, reduce, wraps
 from pathlib import Path
 from typing import Any, BinaryIO, Final, TypeVar, cast
 
@@ -209,6 +209,51 @@ mapping_option = click.option(
 )
 
 
+def _columns(_context: object, _parameter: object, text: str | None) -> dict[str, str]:
+    pairs = [pair.partition("=") for pair in text.split(",")] if text else []
+    if wrong := next(("".join(pair) for pair in pairs if not (pair[0] and pair[2])), None):
+        raise click.BadParameter(f"{wrong!r} is not FIELD=COLUMN")
+    if len(found := {name: column for name, _, column in pairs}) < len(pairs):
+        raise click.BadParameter("a field has two columns")
+    return found
+
+
+def table_options(function: F) -> F:
+    """Add the options that describe a table of events, and pass them as `mapping`."""
+
+    @wraps(function)
+    def checked(*, table: str | None, dialect: str | None, mapping: dict[str, Any] | None, **given: Any) -> Any:
+        described = {name: given.pop(name) for name in ("columns", "time", "position", "partition")}
+        stated = {name: value for name, value in described.items() if value}
+        if table is None:
+            refuse(stated, f"--{next(iter(stated), '')} describes a table: name the table with --table")
+            return function(dialect=dialect, mapping=mapping, **given)
+        refuse(mapping is not None, "--table describes the columns: omit --mapping")
+        language = given["language"]
+        refuse(language == "dot" or backend(language).language != "sql", f"--table is for sql, not for {language}")
+        options = {"table": table, **stated, **({} if dialect is None else {"dialect": dialect})}
+        return function(dialect=None, mapping=options, **given)
+
+    every = [
+        click.option("--table", metavar="NAME", help="For sql: a table whose columns hold the fields of events."),
+        click.option(
+            "--columns",
+            metavar="FIELD=COLUMN,...",
+            callback=_columns,
+            help="With --table: columns that do not have the name of their field.",
+        ),
+        click.option("--time", metavar="COLUMN", help=_TIME_COLUMN),
+        click.option("--position", metavar="COLUMN", help=_POSITION),
+        click.option("--partition", metavar="COLUMN", help="With --table: a column with one log for each value."),
+    ]
+    return cast("F", reduce(lambda found, option: option(found), reversed(every), checked))
+
+
+_TIME_COLUMN: Final = (
+    "With --table: the column of the time; COLUMN:TYPE with timestamp, double (seconds), s, ms, us or ns "
+    "states its type."
+)
+_POSITION: Final = "With --table: the column that orders the rows.  [default: rowid in SQLite and DuckDB]"
 _COOLDOWN: Final = "With --repeat: suppress detections within this event time after a reported one, as in '10 min'."
 
 

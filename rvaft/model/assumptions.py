@@ -177,7 +177,7 @@ class AssumptionCheck:
     def __init__(self, tree: RVAFT, assumptions: Iterable[Assumption] | None = None) -> None:
         self.assumptions = tree.assumes if assumptions is None else tree.assumes & frozenset(assumptions)
         self._time = tree.time
-        self._shapes = [_shape(tree, name) for name in _used(tree)]
+        self._shapes = [_shape(tree, name) for name in used_events(tree)]
         self._tests = [*_case_tests(tree)] if Assumption.CASE in self.assumptions else []
         self._latest: int | None = None
         self.number = 0
@@ -241,7 +241,7 @@ def first_violation(tree: RVAFT, trace: Iterable[Json], assumptions: Iterable[As
     return next((violation for event in trace for violation in check.broken(event)), None)
 
 
-def _used(tree: RVAFT) -> list[str]:
+def used_events(tree: RVAFT) -> list[str]:
     """Return the event types of reachable nodes and of `ignore` declarations."""
     calls = [*(node.on for node in tree.top_down()), *(ignore.on for ignore in tree.ignores)]
     return [*dict.fromkeys(on.event for on in calls if on is not None)]
@@ -252,7 +252,7 @@ def _shape(tree: RVAFT, name: str) -> _Shape:
     literals: list[tuple[Path, Json]] = []
     lengths: list[tuple[Path, int]] = []
     parameters: list[tuple[Path, str, ValueType]] = []
-    for path, part, around in _places(event.pattern):
+    for path, part, around in places(event.pattern):
         match part:
             case Literal(constant):
                 literals.append((path, constant))
@@ -266,7 +266,7 @@ def _shape(tree: RVAFT, name: str) -> _Shape:
     return _Shape(tuple(literals), tuple(lengths), tuple(parameters))
 
 
-def _places(
+def places(
     pattern: Pattern, path: Path = (), around: tuple[tuple[Path, int], ...] = ()
 ) -> Iterator[tuple[Path, Pattern, tuple[tuple[Path, int], ...]]]:
     """Yield the parts of a pattern with their paths, and the lists around them with their lengths."""
@@ -274,10 +274,10 @@ def _places(
     match pattern:
         case ObjectPattern(fields):
             for name, inner in fields:
-                yield from _places(inner, (*path, name), around)
+                yield from places(inner, (*path, name), around)
         case ListPattern(items):
             for number, inner in enumerate(items):
-                yield from _places(inner, (*path, number), (*around, (path, len(items))))
+                yield from places(inner, (*path, number), (*around, (path, len(items))))
         case Literal() | Variable() | Anything():
             pass
         case _:
@@ -290,7 +290,7 @@ def _case_tests(tree: RVAFT) -> Iterator[tuple[Path, Callable[[str], bool], str]
     patterns = [tree.pattern(name) for name in tree.occurrences]
     local = [(tree.instantiate(ignore.on), [ignore.when]) for ignore in tree.ignores]
     for pattern, tests in [*((pattern, guards) for pattern in patterns if pattern is not None), *local]:
-        for path, part, _ in _places(pattern):
+        for path, part, _ in places(pattern):
             match part:
                 case Literal(str() as text):
                     yield path, _other_case(text), text

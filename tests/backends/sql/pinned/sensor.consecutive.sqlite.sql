@@ -32,4 +32,6 @@ WHERE e2.trace = e1.trace
   AND e3.place BETWEEN 1 AND 2
   AND e2.place <> e3.place
   AND e2.v1_key = e1.v1_key
-  AND ((SELECT CASE typeof(v) WHEN 'real' THEN json('an integer of more than 64 bits') ELSE v END FROM (SELECT CASE WHEN e1.time IS NULL OR e2.time IS NULL OR e3.time IS NULL THEN NULL ELSE max(e1.time, e2.time, e3.time) END - CASE WHEN e1.time IS NULL OR e2.time IS NULL OR e3.time IS NULL THEN NULL ELSE min(e1.time, e2.time, e3.time) END AS v)) <= 600000000000)
+  AND e2.time <= e1.time + 600000000000 AND e1.time <= e2.time + 600000000000
+  AND e3.time <= e1.time + 600000000000 AND e1.time <= e3.time + 600000000000
+  AND e3.time <= e2.time + 600000000000 AND e2.time <= e3.time + 600000000000

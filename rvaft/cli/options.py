@@ -72,17 +72,29 @@ _READING: Final = {
 }
 
 
-def _remember(context: click.Context, parameter: click.Parameter, value: bool) -> None:
+def _remember(context: click.Context, parameter: click.Parameter, value: bool | int | None) -> None:
     context.meta[str(parameter.name)] = value
 
 
+year_option: Final = click.option(
+    "--year",
+    type=click.IntRange(1, 9999),
+    metavar="N",
+    expose_value=False,
+    callback=_remember,
+    help="The year of times whose format has none.",
+)
+
+
 def reading_options(function: F) -> F:
-    """Add `--strict-galileo` and `--confine-imports` as the last options of the help."""
+    """Add `--year`, `--strict-galileo` and `--confine-imports` as the last options of the help."""
     for name, text in reversed(_READING.items()):
         option = f"--{name.replace('_', '-')}"
         function = click.option(option, name, is_flag=True, expose_value=False, callback=_remember, help=text)(function)
+    function = year_option(function)
     params: list[click.Parameter] = vars(function)["__click_params__"]  # click lists the last one first
-    params[:] = params[-len(_READING) :] + params[: -len(_READING)]
+    added = len(_READING) + 1
+    params[:] = params[-added:] + params[:-added]
     return function
 
 
@@ -297,9 +309,9 @@ def read_draft(tree: str) -> Draft:
     return parse(_standard_text(), "<stdin>", **_reading())
 
 
-def _reading() -> dict[str, bool]:
+def _reading() -> dict[str, Any]:
     meta = click.get_current_context().meta
-    return {name: bool(meta.get(name)) for name in _READING}
+    return {name: bool(meta.get(name)) for name in _READING} | {"year": meta.get("year")}
 
 
 @contextmanager

@@ -427,7 +427,7 @@ def fields_json(found: LogFields) -> dict[str, Json]:
         "times": [
             {
                 "field": list(one.field),
-                "format": one.format.value,
+                "format": str(one.format),
                 "count": one.count,
                 "out_of_order": one.decreases,
                 "lateness_ns": one.late,

@@ -271,6 +271,8 @@ class Build(Transformer[Token, Any]):
 
     def text_format(self, items: Items) -> TextFormat:
         text, _, year, _, zone = items
+        if text_of(text) in tuple(TimeFormat):
+            raise Slip(f"write the format of times without quotes: {text_of(text)}", text)
         try:
             return TextFormat(
                 text_of(text),

@@ -187,7 +187,7 @@ def _zone(name: str | None) -> tzinfo:
         if name != "localtime":  # of the machine
             return ZoneInfo(name)
         raise ValueError(name)  # noqa: TRY301
-    except (OSError, ValueError):
+    except (OSError, ValueError, LookupError):
         raise OptionError(
             f"unknown time zone {name!r}: write a name such as Europe/Berlin or an offset such as +02:00"
         ) from None

@@ -22,7 +22,7 @@ _OFTEN: Final = 1_000
 def log_options(function: options.F) -> options.F:
     """Add the argument LOG, `--by` and the options of formats."""
     by = click.option("--by", metavar="FIELD", help=_BY)
-    return click.argument("log", metavar="LOG")(by(options.log_format(function)))
+    return click.argument("log", metavar="LOG")(by(options.log_format(options.year_option(function))))
 
 
 def _read(log: str, by: str | None, log_format: options.LogFormat) -> LogFields:
@@ -31,7 +31,10 @@ def _read(log: str, by: str | None, log_format: options.LogFormat) -> LogFields:
     options.refuse(len(files) > 1, f"{log} matches {len(files)} files: name one log")
     [chosen] = log_format.readers(files)
     trace = trace_of(files[0], chosen)
-    found = LogFields(None if by is None else Field.parse(by).text)
+    declared = log_format.profile
+    by = by if by is not None or declared is None else declared.by
+    time = None if declared is None else declared.time
+    found = LogFields(None if by is None else Field.parse(by).text, time, log_format.year)
     file = trace.file
     progress = ProgressBar(trace.size, "reading")
     opened = nullcontext(cast("LogSource", trace.events)) if file is None else source_of(chosen, file)

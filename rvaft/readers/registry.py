@@ -121,13 +121,15 @@ def read_log(
     records: str | None = None,
     types: Mapping[str, FieldType | str] | None = None,
     pattern: str | None = None,
+    profile: str | None = None,
+    year: int | None = None,
     reads: Scope | None = None,
     warn: Callable[[str], object] = warnings.warn,
 ) -> Iterator[dict[str, Json]]:
     """Yield the events of a log: a file, perhaps compressed, a binary stream, or a URL (without
     end).
 
-    A stream is JSON Lines unless `form` names a format; `records`, `types` and `pattern` are as for
+    A stream is JSON Lines unless `form` names a format; the other options are as for
     `rvaft monitor`. Rejected records are reported after the last event: by `warn` for formats with
     unrelated text, else as `TraceError`. For URLs in asynchronous code use `live_events`. Raises
     `TraceError`, `UnknownFormat`, `OptionError`, `ToolMissing` and `OSError`.
@@ -144,17 +146,29 @@ def read_log(
         kinds = {field: FieldType(kind) for field, kind in (types or {}).items()}
     except ValueError as error:
         raise OptionError(f"types: {error}; known: {', '.join(FieldType)}") from None
-    options = InputOptions(records, kinds, pattern)
+    options = InputOptions(records, kinds, pattern, profile, year)
+    declared = _declared(form, options)
     if isinstance(source, (str, os.PathLike)):
         file = os.fspath(source)
-        chosen = reader(form or format_of(file, options), options)
+        chosen = declared or reader(form or format_of(file, options), options)
     elif hasattr(source, "read"):
         file = name or "<trace>"
-        chosen = reader(form or JsonLinesReader.name, options)
+        chosen = declared or reader(form or JsonLinesReader.name, options)
         required_stream(chosen, source)
     else:
         raise WrongType("the source of a log", source, "a path or a binary stream")
     return _events(source, name or chosen.shown(file), chosen, reads, Live(warn=warn))
+
+
+def _declared(form: str | None, options: InputOptions) -> LogReader | None:
+    """Return the reader of the profile, if one is named; raises `OptionError`."""
+    if options.profile is None:
+        return None
+    from rvaft.readers.profile import profile  # noqa: PLC0415 (it uses this module)
+
+    if form is not None or len(options.given) > 1:
+        raise OptionError("a profile states the format: omit its other options")
+    return profile(options.profile).reader(options.year)
 
 
 def live_events(url: str, *, warn: Callable[[str], object] = warnings.warn) -> AsyncIterator[dict[str, Json]]:

@@ -7,7 +7,7 @@ import sys
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from errno import EACCES, EISDIR, ENOTDIR
 from functools import partial, wraps
@@ -27,8 +27,8 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.readers.json_lines import JsonLinesReader
 from rvaft.readers.log import FieldType, InputOptions, LogReader
-from rvaft.readers.profile import Profile, profile, shipped
-from rvaft.readers.registry import format_of, reader, reader_class
+from rvaft.readers.profile import SHIPPED
+from rvaft.readers.registry import format_of, profile_reader, reader, reader_class
 from rvaft.rules.rule import did_you_mean, listing
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -77,14 +77,12 @@ def _remember(context: click.Context, parameter: click.Parameter, value: bool | 
     context.meta[str(parameter.name)] = value
 
 
-year_option: Final = click.option(
-    "--year",
-    type=click.IntRange(1, 9999),
-    metavar="N",
-    expose_value=False,
-    callback=_remember,
-    help="The year of times whose format has none.",
-)
+_YEAR: Final[dict[str, Any]] = {
+    "type": click.IntRange(1, 9999),
+    "metavar": "N",
+    "help": "The year of times whose format has none.",
+}
+year_option: Final = click.option("--year", expose_value=False, callback=_remember, **_YEAR)
 
 
 def reading_options(function: F) -> F:
@@ -115,29 +113,23 @@ class LogFormat:
 
     form: str | None
     options: InputOptions
-    year: int | None = None
-
-    @property
-    def profile(self) -> Profile | None:
-        """The profile of the log, if one is named."""
-        return None if self.options.profile is None else profile(self.options.profile)
 
     def readers(self, files: Sequence[str], *, live: bool = False) -> list[LogReader]:
         """Return a reader for each file (`-`: standard input); URLs must be `live`.
 
         Raises `OptionError`, `UnknownFormat` and `ToolFailed`.
         """
-        if (declared := self.profile) is not None:
+        if (name := self.options.profile) is not None:
             others = self.form is not None or len(self.options.given) > 1
             refuse(others, "--profile states the format: omit --input, --records, --types and --pattern")
-            return [declared.reader(self.year) for _ in files]
+            return [profile_reader(name, self.options.year) for _ in files]
         found: list[LogReader] = []
         unused = self.options.given
         for file in files:
             name = self.form or (JsonLinesReader.name if file == "-" else format_of(file, self.options))
             takes = reader_class(name).takes
             unused -= takes
-            found.append(reader(name, replace(self.options.only(takes), year=self.year)))
+            found.append(reader(name, self.options.only(takes)))
             refuse(
                 found[-1].schemes and not live,
                 "only rvaft monitor and rvaft view --follow read URLs, since their events do not end",
@@ -168,9 +160,9 @@ def log_format(function: F) -> F:
 
     @wraps(function)
     def gathered(**given: Any) -> Any:
-        input_options = InputOptions(*(given.pop(name) for name in ("records", "types", "pattern", "profile")))
         year = click.get_current_context().meta.get("year")
-        log_format = LogFormat(given.pop("input_form"), input_options, year)
+        input_options = InputOptions(*(given.pop(one) for one in ("records", "types", "pattern", "profile")), year)
+        log_format = LogFormat(given.pop("input_form"), input_options)
         return function(**given, log_format=log_format)
 
     known = "bag, csv, json, jsonl, mqtt, parquet, regex, syslog, xes, zeek"
@@ -184,7 +176,7 @@ def log_format(function: F) -> F:
     pattern = click.option(
         "--pattern", metavar="REGEX", help="With --input regex: the pattern of a line; named groups are the fields."
     )
-    what = f"Profile of a product's logs: {', '.join(shipped())}, or a .toml file."
+    what = f"Profile of a product's logs: {', '.join(SHIPPED)}, or a .toml file."
     declared = click.option("--profile", metavar="NAME", help=what)
     return cast("F", form(declared(records(types(pattern(gathered))))))
 

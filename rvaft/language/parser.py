@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypedDict, Unpack
 
 from lark import Lark, Token
 from lark.exceptions import UnexpectedInput
@@ -91,14 +91,15 @@ def parse_time(text: str, file: str = "<time>") -> EventTime:
     return time
 
 
-def parse(
-    text: str,
-    file: str = "<text>",
-    *,
-    strict_galileo: bool = False,
-    confine_imports: bool = False,
-    year: int | None = None,
-) -> Draft:
+class Reading(TypedDict, total=False):
+    """The options of reading a tree."""
+
+    strict_galileo: bool
+    confine_imports: bool
+    year: int | None
+
+
+def parse(text: str, file: str = "<text>", **reading: Unpack[Reading]) -> Draft:
     """Return the draft of a text and its imports, whose paths are relative to the folder of `file`.
 
     With `confine_imports`, files outside that folder are not read; without it, no error quotes
@@ -111,25 +112,21 @@ def parse(
     >>> sorted(parse("top or a b; a fault;").nodes)
     ['a', 'top']
     """
-    draft = Draft(file, year=year)
-    _read_all(_Source(file, draft, [], os.path.realpath(file), text), confined=confine_imports)
+    if unknown := reading.keys() - Reading.__optional_keys__:
+        raise TypeError(f"unknown option {min(unknown)}")
+    draft = Draft(file, year=reading.get("year"))
+    _read_all(_Source(file, draft, [], os.path.realpath(file), text), confined=reading.get("confine_imports", False))
     if not draft.nodes:
         raise NoTree(draft)
     draft.carry_out_prunes()
-    read_dynamic_gates(draft, strict=strict_galileo)
+    read_dynamic_gates(draft, strict=reading.get("strict_galileo", False))
     return draft
 
 
-def parse_file(
-    path: os.PathLike[str] | str,
-    *,
-    strict_galileo: bool = False,
-    confine_imports: bool = False,
-    year: int | None = None,
-) -> Draft:
+def parse_file(path: os.PathLike[str] | str, **reading: Unpack[Reading]) -> Draft:
     """Return the draft of a file and its imports; raises `OSError` and the errors of `parse`."""
     name = os.fspath(path)
-    return parse(_text_of(name), name, strict_galileo=strict_galileo, confine_imports=confine_imports, year=year)
+    return parse(_text_of(name), name, **reading)
 
 
 def _text_of(name: str) -> str:

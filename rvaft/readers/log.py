@@ -122,7 +122,7 @@ class InputOptions:
 
     def only(self, names: Collection[str]) -> "InputOptions":
         """Return these options only."""
-        return replace(InputOptions(), **{name: getattr(self, name) for name in self.given & set(names)})
+        return replace(InputOptions(year=self.year), **{name: getattr(self, name) for name in self.given & set(names)})
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,14 +1,4 @@
-"""Profiles: declarations of a product's logs in TOML, shipped or of the user.
-
-| key | value |
-| --- | --- |
-| `input` | the format of the log, or `text` |
-| `records` | as `--records` |
-| `time`, `by` | the time, as the language of trees declares it; the field with the kind of an event |
-| `text` | for `syslog`: the field that the patterns search, by default `message` |
-| `where` | for `syslog`: patterns that whole fields must match |
-| `pattern` | for `text` and `syslog`: tables, tried in order, with `match`, `set`, `types` and `pairs` |
-"""
+"""Profiles: declarations of a product's logs in TOML; `docs/how-to/logs.md` lists the keys."""
 
 import re
 import tomllib
@@ -22,20 +12,16 @@ from typing import Any, Final
 from rvaft.errors import LanguageError, OptionError
 from rvaft.language.parser import parse_time
 from rvaft.model.event_time import EventTime
-from rvaft.readers.log import FieldType, InputOptions, LineReader, LogReader
-from rvaft.readers.registry import reader
-from rvaft.readers.text_lines import LinePattern, PatternReader
+from rvaft.readers.log import FieldType
+from rvaft.readers.text_lines import LinePattern, compiled
 from rvaft.rules.rule import did_you_mean
 
 _FOLDER: Final = files("rvaft.readers").joinpath("profiles")
-_KEYS: Final[Mapping[str, type]] = {
-    **dict.fromkeys(("input", "records", "time", "by", "text"), str),
-    "where": dict,
-    "pattern": list,
-}
-_PATTERN_KEYS: Final[Mapping[str, type]] = {"match": str, "set": dict, "types": dict, "pairs": str}
+SHIPPED: Final = sorted(one.name.removesuffix(".toml") for one in _FOLDER.iterdir())
+"""The names of the shipped profiles."""
+_KEYS: Final = {"input": str, "records": str, "time": str, "by": str, "text": str, "where": dict, "pattern": list}
+_PATTERN_KEYS: Final = {"match": str, "set": dict, "types": dict, "pairs": str}
 _KINDS: Final = {"str": "a text", "dict": "a table", "list": "a list of tables"}
-_TEXT: Final = "text"
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,108 +33,58 @@ class Profile:
     """
 
     input: str
-    records: str | None
-    time: EventTime | None
-    by: str | None
-    text: str
-    where: Mapping[str, re.Pattern[str]]
-    patterns: Sequence[LinePattern]
-
-    def reader(self, year: int | None = None) -> LogReader:
-        """Return a reader; raises `UnknownFormat`, `ToolFailed` and `OptionError`."""
-        options = InputOptions(self.records, year=year)
-        if self.input == _TEXT:
-            return PatternReader(self.patterns, options)
-        base = reader(self.input, options)
-        if not self.patterns:
-            return base
-        if not isinstance(base, LineReader) or base.options.pattern:
-            raise OptionError(f"patterns need the input text or syslog, not {self.input}")
-        return PatternReader(self.patterns, options, base=base, text=self.text, where=self.where)
-
-
-def shipped() -> list[str]:
-    """Return the names of the shipped profiles.
-
-    >>> "sshd" in shipped()
-    True
-    """
-    return sorted(one.name.removesuffix(".toml") for one in _FOLDER.iterdir() if one.name.endswith(".toml"))
+    records: str | None = None
+    time: EventTime | None = None
+    by: str | None = None
+    text: str | None = None
+    where: Mapping[str, re.Pattern[str]] | None = None
+    pattern: Sequence[LinePattern] = ()
 
 
 @lru_cache(maxsize=64)
 def profile(name: str) -> Profile:
     """Return a shipped profile, or that of a `.toml` file; raises `OptionError` and `OSError`."""
-    if name.endswith(".toml"):
-        data = Path(name).read_bytes()
-    elif name in (known := shipped()):
-        data = _FOLDER.joinpath(f"{name}.toml").read_bytes()
-    else:
-        hint = did_you_mean(name, known) or "; a profile of your own is a .toml file"
-        raise OptionError(f"unknown profile {name}; known: {', '.join(known)}{hint}")
+    if not name.endswith(".toml") and name not in SHIPPED:
+        hint = did_you_mean(name, SHIPPED) or "; a profile of your own is a .toml file"
+        raise OptionError(f"unknown profile {name}; known: {', '.join(SHIPPED)}{hint}")
+    file = Path(name) if name.endswith(".toml") else _FOLDER.joinpath(f"{name}.toml")
     try:
-        return _profile(tomllib.loads(data.decode("utf-8-sig")))
-    except (OptionError, LanguageError, ValueError, RecursionError) as error:
-        reason = error.message if isinstance(error, LanguageError) else str(error)
-        raise OptionError(f"{name}: not a profile: {reason}") from None
+        given = _checked(tomllib.loads(file.read_bytes().decode("utf-8-sig")), _KEYS, "input")
+        if "time" in given:
+            given["time"] = parse_time(f"time {given['time']}")
+        where = given.get("where", {})
+        given |= {"where": {one: compiled(where[one], f"where.{one}") for one in where}} if where else {}
+        given["pattern"] = [_pattern(number, one) for number, one in enumerate(given.get("pattern", ()), 1)]
+        return Profile(**given)
+    except LanguageError as error:
+        raise OptionError(f"{name}: {error.message}") from None
+    except (OptionError, ValueError, RecursionError) as error:
+        raise OptionError(f"{name}: {error}") from None
 
 
-def _checked(found: Mapping[str, Any], known: Mapping[str, type]) -> Mapping[str, Any]:
-    """Return a table without unknown keys and wrong types; raises `OptionError`."""
+def _checked(found: object, known: Mapping[str, type], needed: str) -> dict[str, Any]:
+    """Return a table with known keys of the right types; raises `OptionError`."""
+    if not isinstance(found, dict):
+        raise OptionError("pattern must be a list of tables")
     for key, value in found.items():
         if key not in known:
-            raise OptionError(f"unknown key {key}; known are {', '.join(known)}{did_you_mean(key, known)}")
+            raise OptionError(f"unknown key {key}; known are {', '.join(known)}")
         if not isinstance(value, known[key]):
             raise OptionError(f"{key} must be {_KINDS[known[key].__name__]}")
+    if needed not in found:
+        raise OptionError(f"the key {needed} is missing")
     return found
 
 
-def _profile(found: Mapping[str, Any]) -> Profile:
-    given = _checked(found, _KEYS)
-    if "input" not in given:
-        raise OptionError("`input` is missing: name the format of the log, or text")
-    patterns = [_pattern(number, one) for number, one in enumerate(given.get("pattern", ()), 1)]
-    if given["input"] == _TEXT and not patterns:
-        raise OptionError("the input text needs a table [[pattern]]")
-    if not patterns and (unused := given.keys() & {"text", "where"}):
-        raise OptionError(f"`{min(unused)}` needs a table [[pattern]]")
-    if given["input"] == _TEXT and (unused := given.keys() & {"text", "where"}):
-        raise OptionError(f"`{min(unused)}` is for the input syslog")
-    where = {}
-    for name, text in given.get("where", {}).items():
-        where[name] = _compiled(f"where.{name}", text)
-    time = None if "time" not in given else parse_time(f"time {given['time']}")
-    made = Profile(
-        given["input"], given.get("records"), time, given.get("by"), given.get("text", "message"), where, patterns
-    )
-    made.reader()  # names what is wrong
-    return made
-
-
-def _compiled(name: str, text: object) -> re.Pattern[str]:
-    if not isinstance(text, str):
-        raise OptionError(f"{name} must be a text")
-    try:
-        return re.compile(text)
-    except (re.error, OverflowError, RecursionError) as error:
-        raise OptionError(f"{name} is not a regular expression: {error}") from None
-
-
 def _pattern(number: int, found: object) -> LinePattern:
-    if not isinstance(found, dict):
-        raise OptionError("pattern must be a list of tables")
     try:
-        given = _checked(found, _PATTERN_KEYS)
-        if "match" not in given:
-            raise OptionError("`match` is missing: the regular expression")  # noqa: TRY301
-        for name, value in given.get("set", {}).items():
-            if not isinstance(value, str | int | float | bool):
-                raise OptionError(f"set.{name} must be a text, a number or a boolean")  # noqa: TRY301
-        types: dict[str, FieldType] = {}
-        for name, kind in given.get("types", {}).items():
-            if kind not in tuple(FieldType):
-                raise OptionError(f"types.{name} must be one of {', '.join(FieldType)}")  # noqa: TRY301
-            types[name] = FieldType(kind)
-        return LinePattern.of(given["match"], types, sets=given.get("set"), pairs=given.get("pairs"))
+        given = _checked(found, _PATTERN_KEYS, "match")
+        sets, types = given.get("set", {}), given.get("types", {})
+        if wrong := [one for one in sets if not isinstance(sets[one], str | int | float | bool)]:
+            raise OptionError(f"set.{wrong[0]} must be a text, a number or a boolean")  # noqa: TRY301
+        if wrong := [one for one in types if types[one] not in tuple(FieldType)]:
+            raise OptionError(f"types.{wrong[0]} must be one of {', '.join(FieldType)}")  # noqa: TRY301
+        kinds = {one: FieldType(types[one]) for one in types}
+        return LinePattern.of(given["match"], kinds, sets=sets, pairs=given.get("pairs"))
     except OptionError as error:
         raise OptionError(f"pattern {number}: {error}") from None

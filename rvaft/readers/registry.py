@@ -26,6 +26,8 @@ from rvaft.readers.log import (
     source_of,
     suffix,
 )
+from rvaft.readers.profile import profile as load_profile
+from rvaft.readers.text_lines import PatternReader, SyslogReader
 from rvaft.rules.rule import did_you_mean
 
 __all__ = [
@@ -147,7 +149,9 @@ def read_log(
     except ValueError as error:
         raise OptionError(f"types: {error}; known: {', '.join(FieldType)}") from None
     options = InputOptions(records, kinds, pattern, profile, year)
-    declared = _declared(form, options)
+    if profile is not None and (form is not None or len(options.given) > 1):
+        raise OptionError("a profile states the format: omit its other options")
+    declared = None if profile is None else profile_reader(profile, year)
     if isinstance(source, (str, os.PathLike)):
         file = os.fspath(source)
         chosen = declared or reader(form or format_of(file, options), options)
@@ -160,15 +164,23 @@ def read_log(
     return _events(source, name or chosen.shown(file), chosen, reads, Live(warn=warn))
 
 
-def _declared(form: str | None, options: InputOptions) -> LogReader | None:
-    """Return the reader of the profile, if one is named; raises `OptionError`."""
-    if options.profile is None:
-        return None
-    from rvaft.readers.profile import profile  # noqa: PLC0415 (it uses this module)
+def profile_reader(name: str, year: int | None = None) -> LogReader:
+    """Return the reader of a profile; raises `OptionError`, `OSError` and what `reader` raises.
 
-    if form is not None or len(options.given) > 1:
-        raise OptionError("a profile states the format: omit its other options")
-    return profile(options.profile).reader(options.year)
+    >>> profile_reader("cloudtrail").name
+    'json'
+    """
+    found = load_profile(name)
+    base = None if found.input == "text" else reader(found.input, InputOptions(found.records, year=year))
+    if base is not None and not found.pattern:
+        if found.text or found.where:
+            raise OptionError(f"{name}: text and where need a table [[pattern]]")
+        return base
+    if not found.pattern or (base is None and (found.text or found.where)):
+        raise OptionError(f"{name}: the input text needs a table [[pattern]], and has neither text nor where")
+    if base is not None and not isinstance(base, SyslogReader):
+        raise OptionError(f"{name}: patterns need the input text or syslog, not {found.input}")
+    return PatternReader(found.pattern, base=base, text=found.text or "message", where=found.where or {})
 
 
 def live_events(url: str, *, warn: Callable[[str], object] = warnings.warn) -> AsyncIterator[dict[str, Json]]:

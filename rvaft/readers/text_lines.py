@@ -142,11 +142,8 @@ class LinePattern:
         pairs: str | None = None,
     ) -> Self:
         """Return the pattern of a text; raises `OptionError`."""
-        try:
-            compiled = re.compile(text)
-        except (re.error, OverflowError, RecursionError) as error:
-            raise OptionError(f"the pattern is not a regular expression: {error}") from error
-        groups = compiled.groupindex
+        found = compiled(text, "the pattern")
+        groups = found.groupindex
         if not groups and not sets:
             raise OptionError("the pattern has no named groups, which are the fields: write (?P<user>...)")
         for name in types if pairs is None else ():
@@ -154,7 +151,7 @@ class LinePattern:
                 raise OptionError(f"the pattern has no group {name}, but a type is given for it")
         if pairs is not None and pairs not in groups:
             raise OptionError(f"the pattern has no group {pairs}, which `pairs` names")
-        return cls(compiled.search, types, plain, sets or {}, pairs)
+        return cls(found.search, types, plain, sets or {}, pairs)
 
     def event(self, text: str) -> dict[str, Json] | None:
         """Return the fields in a text, or None without a match; raises `ValueError` for a wrong type."""
@@ -176,6 +173,14 @@ class LinePattern:
         if isinstance(value, list):
             return [self._value(name, one) for one in value]
         return self.plain(value) if (kind := self.types.get(name)) is None else kind.value_of(value)
+
+
+def compiled(text: object, name: str) -> re.Pattern[str]:
+    """Return a regular expression; raises `OptionError` with its name."""
+    try:
+        return re.compile(text if isinstance(text, str) else "(?")
+    except (re.error, OverflowError, RecursionError) as error:
+        raise OptionError(f"{name} is not a regular expression: {error}") from error
 
 
 _PAIR: Final = re.compile(r"""([^\s=,;"']+)=(?:"([^"]*)"|'([^']*)'|([^\s,;]*))""")

@@ -60,16 +60,7 @@ _BLOCK: Final = 1 << 20
 _ANEW: Final = "remove it to begin anew"
 _BUILT_IN: Final = (dict, frozenset, list, set, Counter, OrderedDict)
 _OF_TREES: Final = (
-    EventTime,
-    Exact,
-    Kind,
-    NonFiniteEvent,
-    Place,
-    RepeatingObject,
-    Semantics,
-    TextFormat,
-    TimeFormat,
-    Verdict,
+    *(EventTime, Exact, Kind, NonFiniteEvent, Place, RepeatingObject, Semantics, TextFormat, TimeFormat, Verdict),
 )
 _OF_MONITORS: Final = (
     AlternativesSnapshot,

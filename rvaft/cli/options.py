@@ -161,7 +161,8 @@ def log_format(function: F) -> F:
     @wraps(function)
     def gathered(**given: Any) -> Any:
         year = click.get_current_context().meta.get("year")
-        input_options = InputOptions(*(given.pop(one) for one in ("records", "types", "pattern", "profile")), year)
+        named = {name: given.pop(name) for name in ("records", "types", "pattern", "profile")}
+        input_options = InputOptions(year=year, **named)
         log_format = LogFormat(given.pop("input_form"), input_options)
         return function(**given, log_format=log_format)
 

@@ -122,7 +122,7 @@ class LinePattern:
 
     >>> pattern = LinePattern.of(r"door (?P<door>\d+): (?P<rest>.*)", {"door": FieldType.NUMBER}, pairs="rest")
     >>> pattern.event('door 7: by="bob" ok=yes')
-    {'door': 7, 'by': 'bob', 'ok': 'yes'}
+    {'by': 'bob', 'ok': 'yes', 'door': 7}
     """
 
     search: Callable[[str], re.Match[str] | None]

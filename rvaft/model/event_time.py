@@ -143,6 +143,7 @@ _DIRECTIVES: Final[Mapping[str, str]] = {
     "z": r"Z|[+-]\d\d(?::?\d\d)?+",
 }
 """The directives of text formats as regular expressions."""
+_DIGITS: Final = tuple("0123456789")
 _EXCLUSIVE: Final = ("mbB", "HI", "aA")
 _PARTS: Final = re.compile(r"%.?|[ \t]+|.", re.DOTALL)
 
@@ -163,12 +164,10 @@ def _text_pattern(text: str) -> re.Pattern[str]:
         if clash := seen & {*name, *next((group for group in _EXCLUSIVE if name in group), "")}:
             raise OptionError(f"the format {text!r} has both %{min(clash)} and {part_}: keep one")
         seen.add(name)
-        expression, digit = _DIRECTIVES[name], following in ("%Y", "%m", "%d", "%H", "%I", "%M", "%S", "%f")
-        if (digit or (following.isascii() and following.isdigit())) and name in "fz":
+        digit = following in ("%Y", "%m", "%d", "%H", "%I", "%M", "%S", "%f") or following in _DIGITS
+        if digit and name in "fz":
             raise OptionError(f"the format {text!r} has a digit after {part_}, whose length varies: separate them")
-        if (digit or following.isdigit()) and expression == _TWO:
-            expression = r"\d\d"
-        whole.append(f"(?P<{name}>{expression})")
+        whole.append(f"(?P<{name}>{_DIRECTIVES[name].replace('?+', '') if digit else _DIRECTIVES[name]})")
     if "d" not in seen or not seen & {*"mbB"}:
         raise OptionError(f"the format {text!r} lacks the day (%d) or the month (%m, %b or %B)")
     if ("I" in seen) != ("p" in seen):

@@ -29,7 +29,7 @@ from rvaft.errors import (
 from rvaft.export import dot_text, looking, picture
 from rvaft.export.property_text import property_text
 from rvaft.language.draft import Draft, no_collections
-from rvaft.language.parser import Reading, parse, parse_file
+from rvaft.language.parser import TreeOptions, parse, parse_file
 from rvaft.language.printer import dumps
 from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
 from rvaft.model.tree import RVAFT
@@ -250,7 +250,7 @@ def one_of(choices: type[Choice], value: Choice | str) -> Choice:
 
 
 @no_collections()
-def loads(text: str, file: str = "<text>", **reading: Unpack[Reading]) -> RVAFT:
+def loads(text: str, file: str = "<text>", **reading: Unpack[TreeOptions]) -> RVAFT:
     """Return the tree in a text; imports are relative to the folder of `file`.
 
     `confine_imports` refuses imports from outside that folder. `strict_galileo` refuses the dynamic
@@ -266,7 +266,7 @@ def loads(text: str, file: str = "<text>", **reading: Unpack[Reading]) -> RVAFT:
 
 
 @no_collections()
-def load(path: os.PathLike[str] | str, **reading: Unpack[Reading]) -> RVAFT:
+def load(path: os.PathLike[str] | str, **reading: Unpack[TreeOptions]) -> RVAFT:
     """Return the tree in a file, also in Galileo's format; raises `OSError` and the errors of
     `loads`.
 

@@ -174,11 +174,10 @@ def _texts(random: Random, form: TextFormat, instant: int) -> Iterator[str]:
         first = first or text
 
 
-_MONTHS: Final = (
-    *("January", "February", "March", "April", "May", "June", "July", "August"),
-    *("September", "October", "November", "December"),
+_MONTHS: Final[list[str]] = re.findall(
+    "[A-Z][a-z]+", "January February March April May June July August September October November December"
 )
-_DAYS: Final = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
+_DAYS: Final[list[str]] = re.findall("[A-Z][a-z]+", "Monday Tuesday Wednesday Thursday Friday Saturday Sunday")
 
 
 def _iso(instant: int, offset: str = "Z", between: str = "T", point: str = ".") -> str:

@@ -91,7 +91,7 @@ def parse_time(text: str, file: str = "<time>") -> EventTime:
     return time
 
 
-class Reading(TypedDict, total=False):
+class TreeOptions(TypedDict, total=False):
     """The options of reading a tree."""
 
     strict_galileo: bool
@@ -99,7 +99,7 @@ class Reading(TypedDict, total=False):
     year: int | None
 
 
-def parse(text: str, file: str = "<text>", **reading: Unpack[Reading]) -> Draft:
+def parse(text: str, file: str = "<text>", **reading: Unpack[TreeOptions]) -> Draft:
     """Return the draft of a text and its imports, whose paths are relative to the folder of `file`.
 
     With `confine_imports`, files outside that folder are not read; without it, no error quotes
@@ -112,7 +112,7 @@ def parse(text: str, file: str = "<text>", **reading: Unpack[Reading]) -> Draft:
     >>> sorted(parse("top or a b; a fault;").nodes)
     ['a', 'top']
     """
-    if unknown := reading.keys() - Reading.__optional_keys__:
+    if unknown := reading.keys() - TreeOptions.__optional_keys__:
         raise TypeError(f"unknown option {min(unknown)}")
     draft = Draft(file, year=reading.get("year"))
     _read_all(_Source(file, draft, [], os.path.realpath(file), text), confined=reading.get("confine_imports", False))
@@ -123,7 +123,7 @@ def parse(text: str, file: str = "<text>", **reading: Unpack[Reading]) -> Draft:
     return draft
 
 
-def parse_file(path: os.PathLike[str] | str, **reading: Unpack[Reading]) -> Draft:
+def parse_file(path: os.PathLike[str] | str, **reading: Unpack[TreeOptions]) -> Draft:
     """Return the draft of a file and its imports; raises `OSError` and the errors of `parse`."""
     name = os.fspath(path)
     return parse(_text_of(name), name, **reading)

@@ -105,8 +105,7 @@ def scanned(form: TextFormat, text: str) -> int | None:
 def _spellings(name: str, rest: str, following: str) -> list[str]:
     """Return the texts that a directive may read there, the longest first."""
     if name in "aAbB":
-        known = calendar_names("day" if name in "aA" else "month")
-        return [one if name in "AB" else one[:3] for one in known]
+        return [one if name in "AB" else one[:3] for one in (DAYS if name in "aA" else MONTHS)]
     if name == "p":
         return ["AM", "PM", "am", "pm"]
     if name == "z":
@@ -120,18 +119,15 @@ def _spellings(name: str, rest: str, following: str) -> list[str]:
     return [rest[: min(digits, most)]] if digits >= least else []
 
 
-def calendar_names(what: str) -> list[str]:
-    """Clause: names are English."""
-    if what == "day":
-        return [f"{one}day" for one in ("Mon", "Tues", "Wednes", "Thurs", "Fri", "Satur", "Sun")]
-    first = ["January", "February", "March", "April", "May", "June", "July", "August"]
-    return [*first, *(f"{one}ber" for one in ("Septem", "Octo", "Novem", "Decem"))]
+DAYS: list[str] = re.findall("[A-Z][a-z]+", "Monday Tuesday Wednesday Thursday Friday Saturday Sunday")
+MONTHS: list[str] = re.findall(
+    "[A-Z][a-z]+", "January February March April May June July August September October November December"
+)
 
 
 def _dated(form: TextFormat, had: Mapping[str, str]) -> int | None:
     """Clause: without `%z` the zone, or UTC; a skipped time is undefined, and a repeated one is the first."""
-    names = calendar_names("month")
-    month = next((n for n, one in enumerate(names, 1) if one[:3] in (had.get("b"), had.get("B", "")[:3])), None)
+    month = next((n for n, one in enumerate(MONTHS, 1) if one[:3] in (had.get("b"), had.get("B", "")[:3])), None)
     hour = int(had.get("H", "0"))
     if "I" in had:
         if not 1 <= int(had["I"]) <= 12:

@@ -29,6 +29,7 @@ from rvaft.core.branches import restrict
 from rvaft.errors import LanguageError, NotExpressible, TooLarge
 from rvaft.language.parser import parse
 from rvaft.model.assumptions import first_violation
+from rvaft.model.event_time import TimeFormat
 from rvaft.model.expressions import CLAUSES, GATES
 from rvaft.model.guards import FUNCTIONS, NUMERIC, ORDERINGS, POINTS, Operation, Operator, holds, walk
 from rvaft.model.guards import variables as guard_variables
@@ -88,6 +89,7 @@ verdict.
 """
 
 assert set(GROUPS["operator"]) == set(Operator), set(GROUPS["operator"]) ^ set(Operator)
+assert {*TimeFormat} <= set(GROUPS["format"]), set(GROUPS["format"]) ^ set(TimeFormat)
 assert set(GROUPS["construct"]) == CONSTRUCTS, set(GROUPS["construct"]) ^ CONSTRUCTS
 
 DETERMINATE = {
@@ -198,6 +200,9 @@ def rows() -> Iterator[Example]:
         )
         shown = frozenset(map(Semantics, row.get("semantics", Semantics)))
         yield replace(_row(f"construct `{name}`", row["tree"], *traces), shown=shown)
+    for name, (first, near, far) in GROUPS["format"].items():
+        found = ([{"event": "a", "t": first}, {"event": "b", "t": time}] for time in (near, far))
+        yield _row(f"times as {name}", f"time t as {name}; r sand a b within 2 s;", *found)
 
 
 def _row(name: str, text: str, detects: list[Json], misses: list[Json], *, determinate: bool = False) -> Example:
@@ -498,8 +503,10 @@ def _independent(
 
 
 def _states(specification: Specification, tried: Sequence[Trace]) -> Iterator[Finding]:
-    def futures(monitor: Monitor) -> list[list[Verdict]]:
-        return [[monitor.verdict, *monitor.fork().run(future)] for future in tried[-2:]]
+    def futures(prefix: Trace, monitor: Monitor) -> list[list[Verdict]]:
+        left_open = monitor.left_open if isinstance(monitor, DetectionMonitor) else lambda _: ""
+        some = [future for future in tried[-2:] if not left_open([*prefix, *future])]
+        return [[monitor.verdict, *monitor.fork().run(future)] for future in some]
 
     first: dict[object, tuple[Trace, Monitor]] = {}
     known: dict[object, list[list[Verdict]]] = {}
@@ -510,8 +517,8 @@ def _states(specification: Specification, tried: Sequence[Trace]) -> Iterator[Fi
         met[state] += 1
         if 1 < met[state] <= ALIKE:  # a state of a single prefix has no counterpart
             if state not in known:
-                known[state] = futures(other)
-            if futures(monitor) != known[state]:
+                known[state] = futures(before, other)
+            if futures(prefix, monitor) != known[state]:
                 yield "state", f"the state equals that after {list(before)}, but the future verdicts differ", prefix
 
 

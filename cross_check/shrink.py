@@ -21,7 +21,7 @@ from typing import Any, Final, TypeAlias
 
 from cross_check.generate.times import with_time, without_time, written
 from rvaft.errors import OptionError, RvaftError
-from rvaft.model.event_time import EventTime, TimeFormat
+from rvaft.model.event_time import EventTime, TextFormat, TimeFormat
 from rvaft.model.guards import ARITHMETIC, COMPARISONS, JUNCTIONS, Duration, Guard, Operation, TimePoint, time_points
 from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Node, On
 from rvaft.model.patterns import (
@@ -210,9 +210,9 @@ class _Pair:
         notes = sum((node.kind is not None) + (node.label is not None) + len(node.attributes) for node in nodes)
         notes += sum(node.times - 1 + _length(node.within) for node in nodes) + (self.stated["semantics"] is not None)
         if self.time is not None:
-            notes += (
-                2 + list(TimeFormat).index(self.time.format) + len("".join(self.time.field)) + _length(self.time.late)
-            )
+            form = self.time.format
+            size = len(str(form)) if isinstance(form, TextFormat) else list(TimeFormat).index(form)
+            notes += 2 + size + len("".join(self.time.field)) + _length(self.time.late)
         terms = 2 * len(patterns) + len(guards) + sum(map(_size, (*patterns, *guards)))
         return (
             len(self.nodes) + 2 * sum(number - 1 for number in parents.values()),

@@ -82,6 +82,7 @@ _VALUES: Final = {
     "--plots": "figures",
     "--polarity": "detection",
     "--port": "8080",
+    "--profile": "sshd",
     "--r2u2": "./r2u2",
     "--random": "100",
     "--records": "hits.hits",
@@ -102,6 +103,7 @@ _VALUES: Final = {
     "--window": "100",
     "--word": "'scan guess copy'",
     "--wrap": "20",
+    "--year": "2026",
     "-n": "3",
 }
 """A value for each option that takes one."""

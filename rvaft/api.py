@@ -6,7 +6,7 @@
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from enum import StrEnum
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypeVar, Unpack
 
 from rvaft.backend import Backend, Metrics, Specification, UnknownBackend, all_backends, backend
 from rvaft.core.branches import Branch, restrict
@@ -29,7 +29,7 @@ from rvaft.errors import (
 from rvaft.export import dot_text, looking, picture
 from rvaft.export.property_text import property_text
 from rvaft.language.draft import Draft, no_collections
-from rvaft.language.parser import parse, parse_file
+from rvaft.language.parser import TreeOptions, parse, parse_file
 from rvaft.language.printer import dumps
 from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
 from rvaft.model.tree import RVAFT
@@ -250,22 +250,23 @@ def one_of(choices: type[Choice], value: Choice | str) -> Choice:
 
 
 @no_collections()
-def loads(text: str, file: str = "<text>", *, strict_galileo: bool = False, confine_imports: bool = False) -> RVAFT:
+def loads(text: str, file: str = "<text>", **reading: Unpack[TreeOptions]) -> RVAFT:
     """Return the tree in a text; imports are relative to the folder of `file`.
 
     `confine_imports` refuses imports from outside that folder. `strict_galileo` refuses the dynamic
-    gates of Galileo, which are otherwise read as observed failures. Raises `LanguageError` for
+    gates of Galileo, which are otherwise read as observed failures. `year` is for a format of times
+    that has none. Raises `LanguageError` for
     invalid text and `TreeError` for a broken rule.
 
     >>> loads("top sand a b;")
     <RVAFT top: 3 nodes>
     """
     expect("the text of a tree", text, str, "a str")
-    return _checked(parse(text, file, strict_galileo=strict_galileo, confine_imports=confine_imports))
+    return _checked(parse(text, file, **reading))
 
 
 @no_collections()
-def load(path: os.PathLike[str] | str, *, strict_galileo: bool = False, confine_imports: bool = False) -> RVAFT:
+def load(path: os.PathLike[str] | str, **reading: Unpack[TreeOptions]) -> RVAFT:
     """Return the tree in a file, also in Galileo's format; raises `OSError` and the errors of
     `loads`.
 
@@ -273,7 +274,7 @@ def load(path: os.PathLike[str] | str, *, strict_galileo: bool = False, confine_
     <RVAFT top: 4 nodes>
     """
     expect("the path of a tree", path, str | os.PathLike, "a str or a path")
-    return _checked(parse_file(path, strict_galileo=strict_galileo, confine_imports=confine_imports))
+    return _checked(parse_file(path, **reading))
 
 
 def _checked(draft: Draft) -> RVAFT:

@@ -19,13 +19,14 @@ from typing import Any, Final
 from backends.sql.rows import COLUMN_TYPES, ROWID, TableHeader, identifier
 from rvaft.backend import Match
 from rvaft.errors import LanguageError, ToolFailed, TraceError, installed
-from rvaft.model.event_time import EventTime, TimeFormat
+from rvaft.language.parser import parse_time
+from rvaft.model.event_time import EventTime
 from rvaft.model.values import Json, has_larger
 from rvaft.support.budget import Expired
 
 _TABLE: Final = "CREATE TABLE events (trace INTEGER, pos INTEGER, event {}, time {})"
 _SQLITE_TYPES: Final = {"TEXT": "TEXT", "BIGINT": "INTEGER", "DOUBLE PRECISION": "REAL", "BOOLEAN": "INTEGER"}
-_TIME: Final = re.compile(r"^-- time (\[.*\]) as (\w+)", re.MULTILINE)
+_TIME: Final = re.compile(r"^-- time (\[.*\]) as (.+?)(?: late \d+ ns)?$", re.MULTILINE)
 _NULL: Final = re.compile(r"(?<!\\)(?:\\\\)*\\u0000")
 _HALF: Final = re.compile("[\ud800-\udfff]")
 _JSON: Final = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
@@ -286,7 +287,7 @@ def _declared(text: str) -> EventTime | None:
     if found is None:
         return None
     try:
-        return EventTime(tuple(json.loads(found[1])), TimeFormat(found[2]))
+        return EventTime(tuple(json.loads(found[1])), parse_time(f"time t as {found[2]}").format)
     except ValueError:
         raise LanguageError(
             "the header has an invalid field or format of times", line=text.count("\n", 0, found.start()) + 1

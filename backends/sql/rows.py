@@ -406,7 +406,7 @@ def _without_time(pattern: Pattern) -> Pattern:
 def _kind(time: EventTime, dialect: Dialect) -> str:
     if time.format is TimeFormat.SECONDS or (time.format not in UNITS and dialect.name == "sqlite"):
         return "double"
-    return time.format if time.format in UNITS else "timestamp"
+    return str(time.format) if time.format in UNITS else "timestamp"
 
 
 def _nanoseconds(column: str, kind: str, dialect: Dialect) -> str:

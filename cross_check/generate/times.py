@@ -5,19 +5,21 @@ instants that satisfy all bounds; they are then moved within their slack. Open c
 last event of a part, are random.
 """
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from decimal import Decimal
-from itertools import chain, combinations, pairwise
+from itertools import chain, combinations, pairwise, product
 from math import inf, nan
 from random import Random
 from typing import Final, TypeAlias
+from zoneinfo import ZoneInfo
 
 from rvaft.core.property import Condition, Event, Part, Property, Source, Times, Within
 from rvaft.core.scenario_space import node_of
 from rvaft.core.scenarios import Kept
 from rvaft.core.times import point_bounds
-from rvaft.model.event_time import UNITS, TimeFormat
+from rvaft.model.event_time import UNITS, TextFormat, TimeFormat
 from rvaft.model.guards import (
     OPERATORS,
     Guard,
@@ -37,6 +39,8 @@ from rvaft.model.values import Json
 
 SECOND: Final = UNITS["s"]
 MICROSECOND: Final = UNITS["us"]
+_FILETIME: Final = -11_644_473_600 * SECOND
+"""The beginning of the format `filetime`."""
 TODAY: Final = 1_760_000_000 * SECOND
 _STEPS: Final = 9
 _UNDEFINED: Final = 0.06
@@ -83,16 +87,28 @@ def standing(pattern: Pattern, field: Sequence[str]) -> Pattern | None:
     return None if inner is None else standing(inner, field[1:])
 
 
-def written(random: Random, form: TimeFormat, instant: int, *, plain: bool) -> Json:
+TEXT_FORMATS: Final = (
+    TextFormat("%Y-%m-%d %H:%M:%S.%f"),
+    TextFormat("%d/%b/%Y:%I:%M:%S %p %z"),
+    TextFormat("%a %b %d %H:%M:%S", 2025, "Europe/Berlin"),
+    TextFormat("%Y%m%d%H%M%S.%f", zone="-03:30"),
+)
+FORMATS: Final = (*TimeFormat, *TEXT_FORMATS)
+"""The formats of random trees."""
+
+
+def written(random: Random, form: TimeFormat | TextFormat, instant: int, *, plain: bool) -> Json:
     """Return an instant in a format, in any spelling unless `plain`; None outside of the calendar.
+
+    A text format drops what it does not write, such as decimals.
 
     >>> formats = TimeFormat.ISO8601, TimeFormat.SECONDS
     >>> tuple(written(Random(0), form, 1_500_000_000, plain=True) for form in formats)
     ('1970-01-01T00:00:01.5Z', 1.5)
     """
-    if form is TimeFormat.ISO8601 and not _FIRST < instant < _LAST:
+    if (form is TimeFormat.ISO8601 or isinstance(form, TextFormat)) and not _FIRST < instant < _LAST:
         return None
-    ways = [*_ways(random, form, instant)]
+    ways = [*_texts(random, form, instant)] if isinstance(form, TextFormat) else [*_ways(random, form, instant)]
     return ways[0] if plain else random.choice(ways)
 
 
@@ -114,8 +130,10 @@ def _ways(random: Random, form: TimeFormat, instant: int) -> Iterator[Json]:
                 yield dict(zip(names, (seconds, rest), strict=True))
             yield {"sec": seconds - 1, "nanosec": rest + SECOND}
         case _:
-            digits = len(str(UNITS[form])) - 1
-            whole, rest = divmod(abs(instant), UNITS[form])
+            size, begin = (100, _FILETIME) if form is TimeFormat.FILETIME else (UNITS[form], 0)
+            instant -= begin
+            digits = len(str(size)) - 1
+            whole, rest = divmod(abs(instant), size)
             long = f"{'-' if instant < 0 else ''}{whole}.{str(rest).zfill(digits)[:digits]}"
             text = long.rstrip("0").rstrip(".")
             exact = Decimal(text)
@@ -129,6 +147,39 @@ def _ways(random: Random, form: TimeFormat, instant: int) -> Iterator[Json]:
             yield f"{text}e0" if random.random() < 0.5 else f"{exact:e}".replace("e", random.choice("eE"))
 
 
+def _texts(random: Random, form: TextFormat, instant: int) -> Iterator[str]:
+    """Yield the spellings of an instant in a text format."""
+    seconds, rest = divmod(instant, SECOND)
+    utc = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)
+    offset = re.fullmatch(r"([+-])(\d\d):(\d\d)", form.zone or "+00:00")
+    if offset is None:
+        clock = utc.astimezone(ZoneInfo(str(form.zone)))
+    else:
+        ahead = timedelta(hours=int(offset[2]), minutes=int(offset[3]))
+        clock = utc + (-ahead if offset[1] == "-" else ahead)
+    first: str | None = None
+    for short, (shift, zone) in product((False, True), ((0, "Z"), (2, "+0200"), (-5, "-05"))):
+        moment = clock + timedelta(hours=shift) if "%z" in form.pattern else clock
+        month, day = _MONTHS[moment.month - 1], _DAYS[moment.weekday()]
+        names = {"%b": month[:3], "%B": month, "%a": day[:3], "%A": day, "%z": zone, "%%": "%"}
+        names |= {"%f": f"{rest:09}", "%Y": f"{moment.year:04}", "%p": "PM" if moment.hour > 11 else "AM"}
+        numbers = {"%m": moment.month, "%d": moment.day, "%H": moment.hour, "%M": moment.minute}
+        numbers |= {"%S": moment.second, "%I": moment.hour % 12 or 12}
+        names |= {name: str(number) if short else f"{number:02}" for name, number in numbers.items()}
+        names["%f"] = names["%f"].rstrip("0") or "0" if short else names["%f"]
+        text = re.sub("%.", lambda found, names=names: names[found[0]], form.pattern)  # type: ignore[misc]
+        text = text.replace(" ", " " * random.randrange(1, 3)) if short else text
+        if first is None or form.read(text) == form.read(first):  # digits in a row have no short form
+            yield text
+        first = first or text
+
+
+_MONTHS: Final[list[str]] = re.findall(
+    "[A-Z][a-z]+", "January February March April May June July August September October November December"
+)
+_DAYS: Final[list[str]] = re.findall("[A-Z][a-z]+", "Monday Tuesday Wednesday Thursday Friday Saturday Sunday")
+
+
 def _iso(instant: int, offset: str = "Z", between: str = "T", point: str = ".") -> str:
     digits = offset.strip("+-Z").replace(":", "").ljust(4, "0")
     ahead = timedelta(hours=int(digits[:2]), minutes=int(digits[2:])) * (-1 if offset.startswith("-") else 1)
@@ -138,6 +189,10 @@ def _iso(instant: int, offset: str = "Z", between: str = "T", point: str = ".") 
     return f"{clock:%Y-%m-%d}{between}{clock:%H:%M:%S}{part}{offset}"
 
 
+_UNREADABLE_TEXTS: Final = (
+    *("", "2025-02-29 00:00:00.5", "29/Feb/2025:10:00:00 AM Z", "1/Jan/2025:13:00:00 PM Z", "20250101240000.0"),
+    *("Sun Mar 30 02:30:00", "Thu Oct  9 08:53:20 ", "Thu Okt 9 08:53:20", 1_760_000_000, True),
+)
 _UNREADABLE_TIMES: Final[Mapping[TimeFormat, Sequence[Json]]] = {
     **dict.fromkeys(
         TimeFormat, ("", " 1", "1 s", "0x1", "01", "+1", "NaN", "2024-05-17T09:00:00Z", True, [1], {"sec": 1})
@@ -354,7 +409,8 @@ def timed(random: Random, tree: RVAFT, event: Json, instant: int | None, *, plai
     else:
         event = without_time(event, tree.time.field)
         if random.random() < 0.5:
-            value = random.choice(_UNREADABLE_TIMES[tree.time.format])
+            form = tree.time.format
+            value = random.choice(_UNREADABLE_TEXTS if isinstance(form, TextFormat) else _UNREADABLE_TIMES[form])
     return event if value is None else with_time(event, tree.time.field, value) or event
 
 

@@ -11,9 +11,10 @@ from dataclasses import dataclass, fields, replace
 from random import Random
 from typing import Any, Final
 
+from cross_check.generate.times import FORMATS
 from rvaft.api import loads
 from rvaft.errors import TreeError
-from rvaft.model.event_time import EventTime, TimeFormat
+from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint
 from rvaft.model.nodes import Argument, Assumption, Causality, Gate, Ignore, Kind, Node, On, Topic, ValueType
 from rvaft.model.patterns import Anything, Literal, Variable
@@ -265,7 +266,7 @@ class _Additions:
         if not self.timed and nodes == [*old.nodes.values()]:
             return old
         late = r.choice(_DURATIONS) if self._so(0.3) else None
-        time = EventTime(r.choice(_FIELDS), r.choice(list(TimeFormat)), late) if self.timed else None
+        time = EventTime(r.choice(_FIELDS), r.choice(FORMATS), late) if self.timed else None
         meant = r.choice(list(Semantics)) if self._so(0.1) else None
         return old.changed(nodes=nodes, time=time, semantics=meant)
 

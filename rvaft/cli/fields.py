@@ -10,6 +10,7 @@ from rvaft.cli import options, warn
 from rvaft.cli.monitor import source_of as trace_of
 from rvaft.errors import OptionError
 from rvaft.readers.log import Log, LogSource, expanded, source_of
+from rvaft.readers.profile import profile
 from rvaft.reports.log_fields import LogFields, fields_json, fields_text, inferred_tree
 from rvaft.stream.keys import Field
 from rvaft.support.files import deliver
@@ -22,7 +23,7 @@ _OFTEN: Final = 1_000
 def log_options(function: options.F) -> options.F:
     """Add the argument LOG, `--by` and the options of formats."""
     by = click.option("--by", metavar="FIELD", help=_BY)
-    return click.argument("log", metavar="LOG")(by(options.log_format(function)))
+    return click.argument("log", metavar="LOG")(by(options.log_format(options.year_option(function))))
 
 
 def _read(log: str, by: str | None, log_format: options.LogFormat) -> LogFields:
@@ -31,7 +32,10 @@ def _read(log: str, by: str | None, log_format: options.LogFormat) -> LogFields:
     options.refuse(len(files) > 1, f"{log} matches {len(files)} files: name one log")
     [chosen] = log_format.readers(files)
     trace = trace_of(files[0], chosen)
-    found = LogFields(None if by is None else Field.parse(by).text)
+    declared = None if log_format.options.profile is None else profile(log_format.options.profile)
+    by = by if by is not None or declared is None else declared.by
+    time = None if declared is None else declared.time
+    found = LogFields(None if by is None else Field.parse(by).text, time, log_format.options.year)
     file = trace.file
     progress = ProgressBar(trace.size, "reading")
     opened = nullcontext(cast("LogSource", trace.events)) if file is None else source_of(chosen, file)

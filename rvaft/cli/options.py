@@ -27,7 +27,8 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.readers.json_lines import JsonLinesReader
 from rvaft.readers.log import FieldType, InputOptions, LogReader
-from rvaft.readers.registry import format_of, reader, reader_class
+from rvaft.readers.profile import SHIPPED
+from rvaft.readers.registry import format_of, profile_reader, reader, reader_class
 from rvaft.rules.rule import did_you_mean, listing
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -72,17 +73,27 @@ _READING: Final = {
 }
 
 
-def _remember(context: click.Context, parameter: click.Parameter, value: bool) -> None:
+def _remember(context: click.Context, parameter: click.Parameter, value: bool | int | None) -> None:
     context.meta[str(parameter.name)] = value
 
 
+_YEAR: Final[dict[str, Any]] = {
+    "type": click.IntRange(1, 9999),
+    "metavar": "N",
+    "help": "The year of times whose format has none.",
+}
+year_option: Final = click.option("--year", expose_value=False, callback=_remember, **_YEAR)
+
+
 def reading_options(function: F) -> F:
-    """Add `--strict-galileo` and `--confine-imports` as the last options of the help."""
+    """Add `--year`, `--strict-galileo` and `--confine-imports` as the last options of the help."""
     for name, text in reversed(_READING.items()):
         option = f"--{name.replace('_', '-')}"
         function = click.option(option, name, is_flag=True, expose_value=False, callback=_remember, help=text)(function)
+    function = year_option(function)
     params: list[click.Parameter] = vars(function)["__click_params__"]  # click lists the last one first
-    params[:] = params[-len(_READING) :] + params[: -len(_READING)]
+    added = len(_READING) + 1
+    params[:] = params[-added:] + params[:-added]
     return function
 
 
@@ -108,6 +119,10 @@ class LogFormat:
 
         Raises `OptionError`, `UnknownFormat` and `ToolFailed`.
         """
+        if (name := self.options.profile) is not None:
+            others = self.form is not None or len(self.options.given) > 1
+            refuse(others, "--profile states the format: omit --input, --records, --types and --pattern")
+            return [profile_reader(name, self.options.year) for _ in files]
         found: list[LogReader] = []
         unused = self.options.given
         for file in files:
@@ -145,11 +160,13 @@ def log_format(function: F) -> F:
 
     @wraps(function)
     def gathered(**given: Any) -> Any:
-        input_options = InputOptions(*(given.pop(name) for name in ("records", "types", "pattern")))
+        year = click.get_current_context().meta.get("year")
+        named = {name: given.pop(name) for name in ("records", "types", "pattern", "profile")}
+        input_options = InputOptions(year=year, **named)
         log_format = LogFormat(given.pop("input_form"), input_options)
         return function(**given, log_format=log_format)
 
-    known = "bag, csv, json, jsonl, mqtt, parquet, regex, syslog, xes"
+    known = "bag, csv, json, jsonl, mqtt, parquet, regex, syslog, xes, zeek"
     what = f"Log format: {known}, or that of a plug-in.  [default: by the suffix of the file, else jsonl]"
     form = click.option("--input", "input_form", metavar="FORMAT", help=what)
     records = click.option(
@@ -160,7 +177,9 @@ def log_format(function: F) -> F:
     pattern = click.option(
         "--pattern", metavar="REGEX", help="With --input regex: the pattern of a line; named groups are the fields."
     )
-    return cast("F", form(records(types(pattern(gathered)))))
+    what = f"Profile of a product's logs: {', '.join(SHIPPED)}, or a .toml file."
+    declared = click.option("--profile", metavar="NAME", help=what)
+    return cast("F", form(declared(records(types(pattern(gathered))))))
 
 
 output_option = click.option("-o", "--output", metavar="FILE", help="Write to this file instead of standard output.")
@@ -342,9 +361,9 @@ def read_draft(tree: str) -> Draft:
     return parse(_standard_text(), "<stdin>", **_reading())
 
 
-def _reading() -> dict[str, bool]:
+def _reading() -> dict[str, Any]:
     meta = click.get_current_context().meta
-    return {name: bool(meta.get(name)) for name in _READING}
+    return {name: bool(meta.get(name)) for name in _READING} | {"year": meta.get("year")}
 
 
 @contextmanager

@@ -13,9 +13,10 @@ from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 
 from lark import Token, Transformer
 
-from rvaft.language.diagnostics import WHOLE_NUMBER, shown
+from rvaft.errors import OptionError
+from rvaft.language.diagnostics import FORMATS, WHOLE_NUMBER, shown
 from rvaft.language.draft import Draft, DraftNode, DraftTopic, GateUse, Located
-from rvaft.model.event_time import EventTime, TimeFormat, scaled
+from rvaft.model.event_time import EventTime, TextFormat, TimeFormat, scaled
 from rvaft.model.guards import (
     COMPARISONS,
     JUNCTIONS,
@@ -261,10 +262,25 @@ class Build(Transformer[Token, Any]):
         return add
 
     def moment(self, items: Items) -> tuple[Token, EventTime]:
-        start, path, _, word = items
-        if word not in tuple(TimeFormat):
-            raise Slip(f"unknown format of times {shown(word)}: known are {', '.join(TimeFormat)}", word)
-        return start, EventTime(tuple(name.value for name in path), TimeFormat(word))
+        start, path, _, form = items
+        if isinstance(form, Token):
+            if form not in tuple(TimeFormat):
+                raise Slip(f"unknown format of times {shown(form)}: known are {FORMATS}", form)
+            form = TimeFormat(form)
+        return start, EventTime(tuple(name.value for name in path), form)
+
+    def text_format(self, items: Items) -> TextFormat:
+        text, _, year, _, zone = items
+        if text_of(text) in tuple(TimeFormat):
+            raise Slip(f"write the format of times without quotes: {text_of(text)}", text)
+        try:
+            return TextFormat(
+                text_of(text),
+                None if year is None else integer_of(year, year),
+                None if zone is None else text_of(zone),
+            )
+        except OptionError as error:
+            raise Slip(str(error), text) from None
 
     def time(self, items: Items) -> Statement:
         (start, time), late = items[0], items[2]

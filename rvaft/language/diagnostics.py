@@ -256,6 +256,8 @@ _UNIT_NAMES: Final = {
     **dict.fromkeys(("usec", "micros", "microseconds", "µs"), "us"),
     **dict.fromkeys(("nsec", "nanos", "nanoseconds"), "ns"),
 }
+FORMATS: Final = f'{", ".join(TimeFormat)}, or a strptime format such as "%Y/%m/%d %H:%M:%S"'
+"""The formats of times for messages."""
 _MEASURE: Final = re.compile(r"(0|[1-9][0-9]*)(\w*)")
 
 
@@ -275,8 +277,8 @@ def _time_slips(at: _Situation) -> Advice:
             yield f"`time` declares the time field of events, as in time {field} as iso8601;", bad.start
         if last.text == "semantics":
             yield f"`semantics` is followed by one word, {', '.join(Semantics)}, and `;`", bad.start
-    if at.possible == {"WORD"} and last.text == "as":
-        yield f"the format of times is one of {', '.join(TimeFormat)}, without quotes", bad.start
+    if at.possible == {"WORD", "STRING"} and last.text == "as":
+        yield f"the format of times is one of {FORMATS}", bad.start
     if at.can("NUMBER") and last.text == "times":
         yield WHOLE_NUMBER, bad.start if bad.text else last.end
     if at.can("ON") and bad.text.isdigit() and following.text == "times":

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final, Generic, NamedTuple, TypeVar, assert_never
 
 from rvaft.errors import TreeError
-from rvaft.model.event_time import EventTime
+from rvaft.model.event_time import EventTime, TextFormat
 from rvaft.model.guards import Guard
 from rvaft.model.nodes import Assumption, Causality, EventType, Gate, Ignore, Kind, Node, On, Place, Topic, absolute
 from rvaft.model.tree import RVAFT
@@ -175,7 +175,7 @@ class Draft:
     """All statements of one tree, in all its files; imports are resolved and prunes applied.
 
     `toplevels` are those of the main file, or otherwise those of its imports; they are
-    contradictory if they name different nodes.
+    contradictory if they name different nodes. `year` is for a format of times that has none.
 
     >>> from rvaft.language.parser import parse
     >>> draft = parse("top or a b; a fault; a attack;")
@@ -198,6 +198,7 @@ class Draft:
     prunes: list[Located[str]] = field(default_factory=list)
     broken_prunes: list[BrokenPrune] = field(default_factory=list)
     dynamic_gates: list[DynamicGate] = field(default_factory=list)
+    year: int | None = None
 
     def undeclared(self) -> list[Located[str]]:
         """Return the children without a statement, each once, at their first use."""
@@ -223,6 +224,8 @@ class Draft:
     def time(self) -> EventTime | None:
         """The time of events, with the lateness of `assume order` if that states it."""
         time, order = _first(self.times), _first(self.orders)
+        if time is not None and isinstance(time.format, TextFormat) and time.format.needs_year:
+            time = replace(time, format=replace(time.format, year=self.year))
         return time if time is None or order is None else replace(time, late=order)
 
     @no_collections()

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypedDict, Unpack
 
 from lark import Lark, Token
 from lark.exceptions import UnexpectedInput
@@ -17,7 +17,7 @@ from rvaft.language.builder import Build, ImportStatement, Page, Slip, Statement
 from rvaft.language.diagnostics import diagnose, error_at, shown
 from rvaft.language.draft import Draft, Located, no_collections
 from rvaft.language.galileo import read_dynamic_gates
-from rvaft.model.event_time import EventTime
+from rvaft.model.event_time import EventTime, TextFormat
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import Pattern
 
@@ -86,10 +86,20 @@ def parse_time(text: str, file: str = "<time>") -> EventTime:
     ('header', 'stamp')
     """
     time: EventTime = _parse(text, file, "moment")[1]
+    if isinstance(time.format, TextFormat) and time.format.needs_year:
+        raise error_at(f"the format {time.format} reads no year: write `year 2026` after it", text, 0, file)
     return time
 
 
-def parse(text: str, file: str = "<text>", *, strict_galileo: bool = False, confine_imports: bool = False) -> Draft:
+class TreeOptions(TypedDict, total=False):
+    """The options of reading a tree."""
+
+    strict_galileo: bool
+    confine_imports: bool
+    year: int | None
+
+
+def parse(text: str, file: str = "<text>", **reading: Unpack[TreeOptions]) -> Draft:
     """Return the draft of a text and its imports, whose paths are relative to the folder of `file`.
 
     With `confine_imports`, files outside that folder are not read; without it, no error quotes
@@ -102,19 +112,21 @@ def parse(text: str, file: str = "<text>", *, strict_galileo: bool = False, conf
     >>> sorted(parse("top or a b; a fault;").nodes)
     ['a', 'top']
     """
-    draft = Draft(file)
-    _read_all(_Source(file, draft, [], os.path.realpath(file), text), confined=confine_imports)
+    if unknown := reading.keys() - TreeOptions.__optional_keys__:
+        raise TypeError(f"unknown option {min(unknown)}")
+    draft = Draft(file, year=reading.get("year"))
+    _read_all(_Source(file, draft, [], os.path.realpath(file), text), confined=reading.get("confine_imports", False))
     if not draft.nodes:
         raise NoTree(draft)
     draft.carry_out_prunes()
-    read_dynamic_gates(draft, strict=strict_galileo)
+    read_dynamic_gates(draft, strict=reading.get("strict_galileo", False))
     return draft
 
 
-def parse_file(path: os.PathLike[str] | str, *, strict_galileo: bool = False, confine_imports: bool = False) -> Draft:
+def parse_file(path: os.PathLike[str] | str, **reading: Unpack[TreeOptions]) -> Draft:
     """Return the draft of a file and its imports; raises `OSError` and the errors of `parse`."""
     name = os.fspath(path)
-    return parse(_text_of(name), name, strict_galileo=strict_galileo, confine_imports=confine_imports)
+    return parse(_text_of(name), name, **reading)
 
 
 def _text_of(name: str) -> str:

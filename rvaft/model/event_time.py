@@ -4,14 +4,17 @@ A time is an integer in nanoseconds. Decimals are read exactly and rounded, half
 is read as its shortest decimal.
 """
 
+import json
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from dataclasses import field as part
-from datetime import date
+from datetime import UTC, date, datetime, timedelta, timezone, tzinfo
 from decimal import ROUND_HALF_EVEN, Context, Decimal, DecimalException
 from enum import StrEnum
+from functools import lru_cache
 from typing import Final
+from zoneinfo import ZoneInfo
 
 from rvaft.errors import OptionError
 from rvaft.model.nodes import Place
@@ -59,6 +62,166 @@ class TimeFormat(StrEnum):
     NANOSECONDS = "ns"
     ISO8601 = "iso8601"
     ROS = "ros"
+    FILETIME = "filetime"
+
+
+NUMERIC: Final = frozenset(TimeFormat) - {TimeFormat.ISO8601, TimeFormat.ROS}
+"""The formats whose times are numbers."""
+
+
+@dataclass(frozen=True, slots=True)
+class TextFormat:
+    """A strptime format; without `%Y` it needs a `year`, without `%z` a `zone` may replace UTC.
+
+    Raises `OptionError` for what `docs/semantics.md` does not list.
+
+    >>> format = TextFormat("%d/%b/%Y:%H:%M:%S %z")
+    >>> format.read("02/Mar/2026:08:00:01 +0100"), format.read("today")
+    (1772434801000000000, None)
+    """
+
+    pattern: str
+    year: int | None = None
+    zone: str | None = None
+
+    def __post_init__(self) -> None:
+        own = {"year": "Y", "zone": "z"}
+        groups = _text_pattern(self.pattern).groupindex
+        for name in [name for name, group in own.items() if group in groups and getattr(self, name) is not None]:
+            raise OptionError(f"the format {self.pattern!r} reads the {name} with %{own[name]}: omit `{name}`")
+        if self.year is not None and not 1 <= self.year <= 9999:
+            raise OptionError(f"the year {self.year} is not between 1 and 9999")
+        _zone(self.zone)
+
+    @property
+    def needs_year(self) -> bool:
+        """Whether times have no year."""
+        return self.year is None and "Y" not in _text_pattern(self.pattern).groupindex
+
+    def __str__(self) -> str:
+        year = "" if self.year is None else f" year {self.year}"
+        zone = "" if self.zone is None else f" zone {json.dumps(self.zone)}"
+        return f"{json.dumps(self.pattern, ensure_ascii=False)}{year}{zone}"
+
+    def read(self, value: Json) -> int | None:
+        """Return the time of a value in nanoseconds, or None if undefined."""
+        found = _text_pattern(self.pattern).fullmatch(value) if isinstance(value, str) else None
+        if found is None or len(found.string) > _LONGEST or self.needs_year:
+            return None
+        given = {name: text for name, text in found.groupdict().items() if text}
+        month = next((_MONTHS.index(given[name][:3]) + 1 for name in "bB" if name in given), int(given.get("m", 1)))
+        hour = int(given.get("H", given.get("I", 0)))
+        if "I" in given:
+            if not 1 <= hour <= 12:
+                return None
+            hour = hour % 12 + 12 * (given["p"].upper() == "PM")
+        clock = (hour, int(given.get("M", 0)), int(given.get("S", 0)))
+        try:
+            day = date(int(given.get("Y", self.year or 0)), month, int(given["d"]))
+            ahead = _ahead(given["z"]) if "z" in given else _offset(day, clock, _zone(self.zone))
+        except (ValueError, OverflowError):
+            return None
+        return _instant(day, clock, given.get("f", ""), ahead)
+
+
+_MONTHS: Final = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
+_TWO: Final = r"\d\d?+"
+_DIRECTIVES: Final[Mapping[str, str]] = {
+    "Y": r"\d{4}",
+    "m": _TWO,
+    "b": "|".join(_MONTHS),
+    "B": "January|February|March|April|May|June|July|August|September|October|November|December",
+    "d": _TWO,
+    "a": "Mon|Tue|Wed|Thu|Fri|Sat|Sun",
+    "A": "Monday|Tuesday|Wednesday|Thursday|Friday|Saturday|Sunday",
+    "H": _TWO,
+    "I": _TWO,
+    "p": "AM|PM|am|pm",
+    "M": _TWO,
+    "S": _TWO,
+    "f": r"\d{1,9}+",
+    "z": r"Z|[+-]\d\d(?::?\d\d)?+",
+}
+"""The directives of text formats as regular expressions."""
+_DIGITS: Final = tuple("0123456789")
+_EXCLUSIVE: Final = ("mbB", "HI", "aA")
+_PARTS: Final = re.compile(r"%.?|[ \t]+|.", re.DOTALL)
+
+
+@lru_cache(maxsize=256)
+def _text_pattern(text: str) -> re.Pattern[str]:
+    """Return the regular expression of a strptime format; raises `OptionError`."""
+    whole, seen = list[str](), set[str]()
+    parts = _PARTS.findall(text)
+    for part_, following in zip(parts, [*parts[1:], ""], strict=True):
+        if not part_.startswith("%") or part_ == "%%":
+            whole.append(r"[ \t]++" if not part_.strip(" \t") else re.escape(part_[-1]))
+            continue
+        name = part_[1:]
+        if name not in _DIRECTIVES:
+            known = " ".join(f"%{one}" for one in _DIRECTIVES)
+            raise OptionError(f"the format {text!r} has the unknown directive {part_}; known are {known} %%")
+        if clash := seen & {*name, *next((group for group in _EXCLUSIVE if name in group), "")}:
+            raise OptionError(f"the format {text!r} has both %{min(clash)} and {part_}: keep one")
+        seen.add(name)
+        digit = following in ("%Y", "%m", "%d", "%H", "%I", "%M", "%S", "%f") or following in _DIGITS
+        if digit and name in "fz":
+            raise OptionError(f"the format {text!r} has a digit after {part_}, whose length varies: separate them")
+        whole.append(f"(?P<{name}>{_DIRECTIVES[name].replace('?+', '') if digit else _DIRECTIVES[name]})")
+    if "d" not in seen or not seen & {*"mbB"}:
+        raise OptionError(f"the format {text!r} lacks the day (%d) or the month (%m, %b or %B)")
+    if ("I" in seen) != ("p" in seen):
+        raise OptionError(f"the format {text!r} needs %I and %p together, or %H")
+    return re.compile("".join(whole), re.ASCII)
+
+
+@lru_cache(maxsize=64)
+def _zone(name: str | None) -> tzinfo:
+    """Return a zone by its name in the database of time zones, or by its offset; raises `OptionError`."""
+    if name is None:
+        return UTC
+    try:
+        if _OFFSET.fullmatch(name):
+            return timezone(timedelta(seconds=_ahead(name)))
+        if name != "localtime":  # of the machine
+            return ZoneInfo(name)
+        raise ValueError(name)  # noqa: TRY301
+    except (OSError, ValueError, LookupError):
+        raise OptionError(
+            f"unknown time zone {name!r}: write a name such as Europe/Berlin or an offset such as +02:00"
+        ) from None
+
+
+def _ahead(offset: str) -> int:
+    """Return the seconds of an offset such as `+02:00`; raises `ValueError` if out of range."""
+    found = _OFFSET.fullmatch(offset)
+    if found is None:
+        return 0  # Z
+    hours, minutes = int(found[2]), int(found[3] or 0)
+    if hours > 23 or minutes > 59:
+        raise ValueError(offset)
+    return (hours * 60 + minutes) * (-60 if found[1] == "-" else 60)
+
+
+_OFFSET: Final = re.compile(r"([+-])(\d\d)(?::?(\d\d))?", re.ASCII)
+
+
+def _offset(day: date, clock: tuple[int, int, int], zone: tzinfo) -> int:
+    """Return the offset of a zone in seconds; raises `ValueError` if it skips this time."""
+    local = datetime(day.year, day.month, day.day, *clock[:2], tzinfo=zone)
+    if zone is not UTC and local.astimezone(UTC).astimezone(zone).replace(tzinfo=None) != local.replace(tzinfo=None):
+        raise ValueError(local)
+    return int((local.utcoffset() or timedelta()).total_seconds())
+
+
+def _instant(day: date, clock: tuple[int, int, int], decimals: str, ahead: int) -> int | None:
+    """Return a local time in nanoseconds, or None if the clock is out of range."""
+    hour, minute, second = clock
+    part_ = scaled(f"0.{decimals}", "s") if decimals else 0
+    if hour > 23 or minute > 59 or second > 60 or part_ is None:
+        return None
+    whole = ((day.toordinal() - _EPOCH) * 24 + hour) * 3_600 + minute * 60 + second - ahead
+    return whole * UNITS["s"] + part_
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +236,7 @@ class EventTime:
     """
 
     field: tuple[str, ...]
-    format: TimeFormat
+    format: TimeFormat | TextFormat
     late: int | None = None
     place: Place = part(default=Place(), compare=False, repr=False)
 
@@ -91,11 +254,15 @@ class EventTime:
         >>> EventTime(("ts",), TimeFormat.MILLISECONDS).read({"ts": "1.5"})
         1500000
         """
-        return _READERS[self.format](at(event, self.field))
+        return self._value(at(event, self.field))
 
     def reads(self, value: Json) -> bool:
         """Whether a value of the time field can be read."""
-        return _READERS[self.format](value) is not None
+        return self._value(value) is not None
+
+    def _value(self, value: Json) -> int | None:
+        form = self.format
+        return form.read(value) if isinstance(form, TextFormat) else _READERS[form](value)
 
     def is_late(self, event: Json, latest: int | None) -> tuple[bool, int | None]:
         """Return whether an event is late, and the new maximum time.
@@ -137,13 +304,17 @@ def scaled(number: str, unit: str) -> int | None:
     >>> scaled("1.5", "h"), scaled("2e-10", "s"), scaled("0e31", "s"), scaled("1e999999", "s")
     (5400000000000, 0, 0, None)
     """
+    return _multiplied(number, UNITS[unit])
+
+
+def _multiplied(number: str, size: int) -> int | None:
     try:
         value = _EXACT.create_decimal(number)
         if not value or value.adjusted() < -40:
             return 0
         if not value.is_finite() or value.adjusted() > _MOST:
             return None
-        return int(_EXACT.multiply(value, Decimal(UNITS[unit])).to_integral_value(ROUND_HALF_EVEN, _EXACT))
+        return int(_EXACT.multiply(value, Decimal(size)).to_integral_value(ROUND_HALF_EVEN, _EXACT))
     except DecimalException:
         return None
 
@@ -168,21 +339,21 @@ _LONGEST: Final = 1_000
 """The maximum length of a time text, in characters."""
 _ISO: Final = re.compile(
     r"""(\d{4})-(\d\d)-(\d\d) [Tt\ ] (\d\d):(\d\d) (?: :(\d\d) (?: [.,](\d+) )? )?
-        (?: [Zz] | ([+-])(\d\d) (?: :?(\d\d) )? )?""",
+        (?: [Zz] | ([+-]\d\d (?: :?\d\d )?) )?""",
     re.VERBOSE | re.ASCII,
 )
 _EPOCH: Final = date(1970, 1, 1).toordinal()
 
 
-def _numeric(unit: str) -> Callable[[Json], int | None]:
+def _numeric(size: int, begin: int = 0) -> Callable[[Json], int | None]:
     def read(value: Json) -> int | None:
         if type(value) is int:
-            return value * UNITS[unit] if abs(value) < 10 ** (_MOST + 1) else None
-        if isinstance(value, float):
-            return scaled(repr(value), unit)
-        if isinstance(value, str) and len(value) <= _LONGEST and NUMBER.fullmatch(value):
-            return scaled(value, unit)
-        return None
+            return value * size + begin if abs(value) < 10 ** (_MOST + 1) else None
+        text = repr(value) if isinstance(value, float) else value
+        if not isinstance(text, str) or (text is value and not (len(text) <= _LONGEST and NUMBER.fullmatch(text))):
+            return None
+        found = _multiplied(text, size)
+        return None if found is None else found + begin
 
     return read
 
@@ -192,15 +363,11 @@ def _iso8601(value: Json) -> int | None:
     if found is None:
         return None
     year, month, day, hour, minute, second = (int(found[number] or 0) for number in range(1, 7))
-    ahead = (int(found[9] or 0) * 60 + int(found[10] or 0)) * (-1 if found[8] == "-" else 1)
-    in_range = hour < 24 and minute < 60 and second <= 60 and int(found[9] or 0) < 24 and int(found[10] or 0) < 60
     try:
-        days = date(year, month, day).toordinal() - _EPOCH
+        ahead = _ahead(found[8]) if found[8] else 0
+        return _instant(date(year, month, day), (hour, minute, second), found[7] or "", ahead)
     except ValueError:
         return None
-    whole = ((days * 24 + hour) * 60 + minute - ahead) * 60 + second
-    part = scaled(f"0.{found[7]}", "s") if found[7] else 0
-    return whole * UNITS["s"] + part if in_range and part is not None else None
 
 
 def _ros(value: Json) -> int | None:
@@ -215,6 +382,7 @@ def _ros(value: Json) -> int | None:
 _READERS: Final[Mapping[TimeFormat, Callable[[Json], int | None]]] = {
     TimeFormat.ISO8601: _iso8601,
     TimeFormat.ROS: _ros,
-    **{form: _numeric(form.value) for form in TimeFormat if form.value in UNITS},
+    TimeFormat.FILETIME: _numeric(100, -11_644_473_600 * UNITS["s"]),
+    **{form: _numeric(UNITS[form.value]) for form in TimeFormat if form.value in UNITS},
 }
 assert set(_READERS) == set(TimeFormat)

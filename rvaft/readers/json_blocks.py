@@ -16,7 +16,7 @@ import msgspec
 
 from rvaft.core.classifier import Reads, TreeReads, brief
 from rvaft.errors import TraceError
-from rvaft.model.event_time import UNITS
+from rvaft.model.event_time import NUMERIC
 from rvaft.model.patterns import ObjectPattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, JsonObject, Scalar, decimal
@@ -116,7 +116,7 @@ def plain_fields(reads: TreeReads, also: Iterable[str] = ()) -> Sequence[str]:
 def exact_time(tree: RVAFT) -> str | None:
     """Return the time field if times are exact numbers."""
     time = tree.time
-    return time.field[0] if time is not None and time.format.value in UNITS and len(time.field) == 1 else None
+    return time.field[0] if time is not None and time.format in NUMERIC and len(time.field) == 1 else None
 
 
 class JsonBlockReader:

@@ -105,21 +105,24 @@ class InputOptions:
     """Options of log formats; None or empty if not given.
 
     `records` is the dotted path of the event list in a JSON document. `types` gives the types of
-    fields. `pattern` is a regular expression with named groups.
+    fields. `pattern` is a regular expression with named groups. `profile` names a declaration of a product's
+    logs. `year` is that of times without one.
     """
 
     records: str | None = None
     types: Mapping[str, FieldType] = field(default_factory=dict)
     pattern: str | None = None
+    profile: str | None = None
+    year: int | None = None
 
     @property
     def given(self) -> frozenset[str]:
         """The names of given options."""
-        return frozenset(name for name in ("records", "types", "pattern") if getattr(self, name))
+        return frozenset(name for name in ("records", "types", "pattern", "profile") if getattr(self, name))
 
     def only(self, names: Collection[str]) -> "InputOptions":
         """Return these options only."""
-        return replace(InputOptions(), **{name: getattr(self, name) for name in self.given & set(names)})
+        return replace(InputOptions(year=self.year), **{name: getattr(self, name) for name in self.given & set(names)})
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,6 +26,8 @@ from rvaft.readers.log import (
     source_of,
     suffix,
 )
+from rvaft.readers.profile import profile as load_profile
+from rvaft.readers.text_lines import PatternReader, SyslogReader
 from rvaft.rules.rule import did_you_mean
 
 __all__ = [
@@ -121,13 +123,15 @@ def read_log(
     records: str | None = None,
     types: Mapping[str, FieldType | str] | None = None,
     pattern: str | None = None,
+    profile: str | None = None,
+    year: int | None = None,
     reads: Scope | None = None,
     warn: Callable[[str], object] = warnings.warn,
 ) -> Iterator[dict[str, Json]]:
     """Yield the events of a log: a file, perhaps compressed, a binary stream, or a URL (without
     end).
 
-    A stream is JSON Lines unless `form` names a format; `records`, `types` and `pattern` are as for
+    A stream is JSON Lines unless `form` names a format; the other options are as for
     `rvaft monitor`. Rejected records are reported after the last event: by `warn` for formats with
     unrelated text, else as `TraceError`. For URLs in asynchronous code use `live_events`. Raises
     `TraceError`, `UnknownFormat`, `OptionError`, `ToolMissing` and `OSError`.
@@ -144,17 +148,39 @@ def read_log(
         kinds = {field: FieldType(kind) for field, kind in (types or {}).items()}
     except ValueError as error:
         raise OptionError(f"types: {error}; known: {', '.join(FieldType)}") from None
-    options = InputOptions(records, kinds, pattern)
+    options = InputOptions(records, kinds, pattern, profile, year)
+    if profile is not None and (form is not None or len(options.given) > 1):
+        raise OptionError("a profile states the format: omit its other options")
+    declared = None if profile is None else profile_reader(profile, year)
     if isinstance(source, (str, os.PathLike)):
         file = os.fspath(source)
-        chosen = reader(form or format_of(file, options), options)
+        chosen = declared or reader(form or format_of(file, options), options)
     elif hasattr(source, "read"):
         file = name or "<trace>"
-        chosen = reader(form or JsonLinesReader.name, options)
+        chosen = declared or reader(form or JsonLinesReader.name, options)
         required_stream(chosen, source)
     else:
         raise WrongType("the source of a log", source, "a path or a binary stream")
     return _events(source, name or chosen.shown(file), chosen, reads, Live(warn=warn))
+
+
+def profile_reader(name: str, year: int | None = None) -> LogReader:
+    """Return the reader of a profile; raises `OptionError`, `OSError` and what `reader` raises.
+
+    >>> profile_reader("cloudtrail").name
+    'json'
+    """
+    found = load_profile(name)
+    base = None if found.input == "text" else reader(found.input, InputOptions(found.records, year=year))
+    if base is not None and not found.pattern:
+        if found.text or found.where:
+            raise OptionError(f"{name}: text and where need a table [[pattern]]")
+        return base
+    if not found.pattern or (base is None and (found.text or found.where)):
+        raise OptionError(f"{name}: the input text needs a table [[pattern]], and has neither text nor where")
+    if base is not None and not isinstance(base, SyslogReader):
+        raise OptionError(f"{name}: patterns need the input text or syslog, not {found.input}")
+    return PatternReader(found.pattern, base=base, text=found.text or "message", where=found.where or {})
 
 
 def live_events(url: str, *, warn: Callable[[str], object] = warnings.warn) -> AsyncIterator[dict[str, Json]]:

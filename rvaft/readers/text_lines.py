@@ -4,16 +4,17 @@ Lines that do not match are counted and reported as a warning, unless no line ma
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final, Self
 
 from rvaft.errors import OptionError
 from rvaft.model.values import Json
 from rvaft.readers.json_lines import settled
-from rvaft.readers.log import InputOptions, LineReader, Log, by_content
+from rvaft.readers.log import FieldType, InputOptions, LineReader, Log, by_content
 from rvaft.support.budget import Expired, looking
 
 _PATIENCE: Final = 1.0
@@ -44,7 +45,7 @@ _RFC3164: Final = re.compile(
 class SyslogReader(LineReader):
     """Syslog lines (RFC 5424, and RFC 3164 as in files), with or without a priority.
 
-    A time without a year gets the latest year that is not after the file's date; it has no zone.
+    A time without a year is of `year`, or of the latest year that is not after the file's date; it has no zone.
 
     >>> import io
     >>> lines = b"<38>1 2026-03-02T08:00:00Z web1 sshd 812 - - Accepted password for deploy"
@@ -65,7 +66,9 @@ class SyslogReader(LineReader):
         event: dict[str, Json] = {}
         new = "data" in groups
         if "month" in groups:
-            groups["time"] = f"{_latest(_MONTHS[groups['month']], int(groups['day']), _written(log))}T{groups['clock']}"
+            month, day, year = _MONTHS[groups["month"]], int(groups["day"]), self.options.year
+            groups["time"] = f"{_latest(month, day, _written(log)) if year is None else date(year, month, day)}"
+            groups["time"] += f"T{groups['clock']}"
         for name in ("time", "host", "app", "pid", "id", "message"):
             if name in groups and not (new and name != "message" and groups[name] == "-"):
                 event[name] = by_content(groups[name]) if name == "pid" else groups[name]
@@ -83,9 +86,14 @@ class SyslogReader(LineReader):
 
 
 def _parameters(text: str) -> Json:
+    return _collected((name, _ESCAPED.sub(r"\1", value[1:-1])) for name, value in _PARAMETER.findall(text))
+
+
+def _collected(pairs: Iterable[tuple[str, Json]]) -> dict[str, Json]:
+    """Return pairs as an object; the values of a repeated name are a list."""
     found: dict[str, list[Json]] = {}
-    for name, value in _PARAMETER.findall(text):
-        found.setdefault(name, []).append(_ESCAPED.sub(r"\1", value[1:-1]))
+    for name, value in pairs:
+        found.setdefault(name, []).append(value)
     return {name: values if len(values) > 1 else values[0] for name, values in found.items()}
 
 
@@ -106,40 +114,112 @@ def _latest(month: int, day: int, last: date) -> date:
     raise ValueError("the date does not exist")
 
 
-class RegexReader(LineReader):
-    r"""Lines that match a regular expression; its named groups are the fields.
+@dataclass(frozen=True, slots=True)
+class LinePattern:
+    r"""A regular expression that is searched in a text; its named groups are the fields.
 
-    >>> import io
-    >>> options = InputOptions(pattern=r"(?P<user>\w+) logs (?P<event>in|out)")
-    >>> next(Log(RegexReader(options), io.BytesIO(b"08:15 bob logs in"), "door.log").events())
-    {'user': 'bob', 'event': 'in'}
+    `sets` are constant fields. The group `pairs` is no field but has fields itself, `key=value`.
+
+    >>> pattern = LinePattern.of(r"door (?P<door>\d+): (?P<rest>.*)", {"door": FieldType.NUMBER}, pairs="rest")
+    >>> pattern.event('door 7: by="bob" ok=yes')
+    {'by': 'bob', 'ok': 'yes', 'door': 7}
     """
 
-    name: ClassVar[str] = "regex"
-    takes: ClassVar[frozenset[str]] = frozenset({"pattern", "types"})
-    lenient: ClassVar[bool] = True
+    search: Callable[[str], re.Match[str] | None]
+    types: Mapping[str, FieldType]
+    plain: Callable[[str], Json] = str
+    """The conversion of fields without a type."""
+    sets: Mapping[str, Json] = field(default_factory=dict)
+    pairs: str | None = None
 
-    def __init__(self, options: InputOptions = InputOptions()) -> None:  # noqa: B008
-        super().__init__(options)
-        if options.pattern is None:
-            raise OptionError("the format regex needs a pattern with named groups: --pattern '(?P<user>...) ...'")
-        try:
-            self._search = re.compile(options.pattern).search
-            groups = re.compile(options.pattern).groupindex
-        except (re.error, OverflowError, RecursionError) as error:
-            raise OptionError(f"the pattern is not a regular expression: {error}") from error
-        if not groups:
+    @classmethod
+    def of(
+        cls,
+        text: str,
+        types: Mapping[str, FieldType],
+        plain: Callable[[str], Json] = str,
+        sets: Mapping[str, Json] | None = None,
+        pairs: str | None = None,
+    ) -> Self:
+        """Return the pattern of a text; raises `OptionError`."""
+        found = compiled(text, "the pattern")
+        groups = found.groupindex
+        if not groups and not sets:
             raise OptionError("the pattern has no named groups, which are the fields: write (?P<user>...)")
-        for name in options.types:
+        for name in types if pairs is None else ():
             if name not in groups:
                 raise OptionError(f"the pattern has no group {name}, but a type is given for it")
+        if pairs is not None and pairs not in groups:
+            raise OptionError(f"the pattern has no group {pairs}, which `pairs` names")
+        return cls(found.search, types, plain, sets or {}, pairs)
+
+    def event(self, text: str) -> dict[str, Json] | None:
+        """Return the fields in a text, or None without a match; raises `ValueError` for a wrong type."""
+        found = self.search(text)
+        if found is None:
+            return None
+        texts: dict[str, Any] = {name: value for name, value in found.groupdict().items() if value is not None}
+        if self.pairs is not None:
+            texts = _collected(_pairs(texts.pop(self.pairs, ""))) | texts
+        event: dict[str, Json] = dict(self.sets)
+        for name, value in texts.items():
+            try:
+                event[name] = self._value(name, value)
+            except ValueError as error:
+                raise ValueError(f"the field {name} is {error}") from None
+        return event
+
+    def _value(self, name: str, value: Any) -> Json:
+        if isinstance(value, list):
+            return [self._value(name, one) for one in value]
+        return self.plain(value) if (kind := self.types.get(name)) is None else kind.value_of(value)
+
+
+def compiled(text: object, name: str) -> re.Pattern[str]:
+    """Return a regular expression; raises `OptionError` with its name."""
+    try:
+        return re.compile(text if isinstance(text, str) else "(?")
+    except (re.error, OverflowError, RecursionError) as error:
+        raise OptionError(f"{name} is not a regular expression: {error}") from error
+
+
+_PAIR: Final = re.compile(r"""([^\s=,;"']+)=(?:"([^"]*)"|'([^']*)'|([^\s,;]*))""")
+
+
+def _pairs(text: str) -> Iterator[tuple[str, str]]:
+    """Yield `key=value` pairs, also those in single quotes, as auditd nests them."""
+    for name, quoted, nested, plain in _PAIR.findall(text):
+        if nested and _PAIR.search(nested):
+            yield from _pairs(nested)
+        else:
+            yield name, quoted or nested or plain
+
+
+class PatternReader(LineReader):
+    """Lines that match one of several patterns, tried in order.
+
+    The patterns are searched in the whole line or, on top of `base`, in one `text` field of its event, which
+    they replace. The fields in `where` must match their patterns.
+    """
+
+    name: ClassVar[str] = "profile"
+    lenient: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        patterns: Sequence[LinePattern],
+        options: InputOptions = InputOptions(),  # noqa: B008
+        *,
+        base: LineReader | None = None,
+        text: str = "message",
+        where: Mapping[str, re.Pattern[str]] | None = None,
+    ) -> None:
+        super().__init__(options)
+        self._patterns, self._base, self._text, self._where = patterns, base, text, where or {}
         self._searched = self._before = ""
-        self._converters = {
-            name: by_content if (kind := options.types.get(name)) is None else kind.value_of for name in groups
-        }
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
-        """Yield the events; raises `TraceError` if the pattern takes too long."""
+        """Yield the events; raises `TraceError` if the patterns take too long."""
         with looking(self._look, _PATIENCE):
             try:
                 yield from super().events(log)
@@ -153,17 +233,33 @@ class RegexReader(LineReader):
         self._before = self._searched
 
     def event(self, line: str, log: Log) -> dict[str, Json]:
-        """Return the groups of the match."""
-        self._searched = line
-        found = self._search(line)
+        """Return the fields of the first pattern that matches, with those of the base."""
+        event = {} if self._base is None else self._base.event(line, log)
+        for name, wanted in self._where.items():
+            if not wanted.fullmatch(str(event.get(name, ""))):
+                raise ValueError(f"the field {name} does not match the profile")
+        text = line if self._base is None else event.pop(self._text, None)
+        self._searched = text if isinstance(text, str) else ""
+        found = next((one for each in self._patterns if (one := each.event(self._searched)) is not None), None)
         self._searched = ""
         if found is None:
-            raise ValueError("the pattern does not match")
-        event: dict[str, Json] = {}
-        for name, text in found.groupdict().items():
-            if text is not None:
-                try:
-                    event[name] = self._converters[name](text)
-                except ValueError as error:
-                    raise ValueError(f"the field {name} is {error}") from None
-        return settled(event, log) if self.options.types else event
+            raise ValueError("the pattern does not match" if len(self._patterns) == 1 else "no pattern matches")
+        return settled({**event, **found}, log)
+
+
+class RegexReader(PatternReader):
+    r"""Lines that match a regular expression; its named groups are the fields.
+
+    >>> import io
+    >>> options = InputOptions(pattern=r"(?P<user>\w+) logs (?P<event>in|out)")
+    >>> next(Log(RegexReader(options), io.BytesIO(b"08:15 bob logs in"), "door.log").events())
+    {'user': 'bob', 'event': 'in'}
+    """
+
+    name: ClassVar[str] = "regex"
+    takes: ClassVar[frozenset[str]] = frozenset({"pattern", "types"})
+
+    def __init__(self, options: InputOptions = InputOptions()) -> None:  # noqa: B008
+        if options.pattern is None:
+            raise OptionError("the format regex needs a pattern with named groups: --pattern '(?P<user>...) ...'")
+        super().__init__([LinePattern.of(options.pattern, options.types, by_content)], options)

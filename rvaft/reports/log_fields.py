@@ -20,7 +20,7 @@ from typing import Final, TypeAlias
 
 from rvaft.errors import OptionError
 from rvaft.model.assumptions import EXACT, has_type
-from rvaft.model.event_time import UNITS, EventTime, TimeFormat, duration_text
+from rvaft.model.event_time import NUMERIC, UNITS, EventTime, TextFormat, TimeFormat, duration_text
 from rvaft.model.expressions import WORD, assumptions_text, literal_text, name_text, pattern_text, time_text, word_text
 from rvaft.model.nodes import Assumption, ValueType
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern, Variable
@@ -48,6 +48,11 @@ _TIME_NAMES: Final = frozenset(
 _SOUNDS_LIKE_TIME: Final = re.compile(r"time|stamp|date|(^|_)ts($|_)|_at$", re.IGNORECASE)
 _PLAUSIBLE: Final = (631_152_000 * UNITS["s"], 4_102_444_800 * UNITS["s"])
 """The years 1990 to 2099, to guess the unit of a number."""
+_USUAL: Final = (
+    *("%d/%b/%Y:%H:%M:%S %z", "%b %d %H:%M:%S", "%b %d %Y %H:%M:%S", "%a %b %d %H:%M:%S %Y", "%Y/%m/%d %H:%M:%S"),
+    *("%m/%d/%Y %I:%M:%S %p", "%a, %d %b %Y %H:%M:%S %z", "%Y%m%d%H%M%S", "%Y-%m-%d %H:%M:%S %z"),
+)
+"""Usual formats of times that are texts, without those that ISO 8601 covers."""
 _LONGEST: Final = 200
 _TYPES: Final = (ValueType.BOOLEAN, ValueType.INTEGER, ValueType.NUMBER, ValueType.TEXT)
 Path: TypeAlias = tuple[str, ...]
@@ -160,7 +165,7 @@ class TimeCandidate:
     """A field and a format that reads all its values; `late` is the largest lateness."""
 
     field: Path
-    format: TimeFormat
+    format: TimeFormat | TextFormat
     count: int = 0
     late: int = 0
     decreases: int = 0
@@ -193,7 +198,7 @@ class TimeCandidate:
         return True
 
 
-def _read(form: TimeFormat, value: Json) -> int | None:
+def _read(form: TimeFormat | TextFormat, value: Json) -> int | None:
     return EventTime(("time",), form).read({"time": value})
 
 
@@ -204,9 +209,10 @@ def _plain(candidate: TimeCandidate) -> str:
 def _rank(candidate: TimeCandidate) -> tuple[object, ...]:
     """The order of candidates: most values, plausible, named as a time, in order, near the top."""
     named = 0 if _plain(candidate) in _TIME_NAMES else 1 if _SOUNDS_LIKE_TIME.search(candidate.field[-1]) else 2
-    units = list(TimeFormat)
     late = (candidate.late, len(candidate.field), candidate.field)
-    return -candidate.count, not candidate.plausible, named, *late, units.index(candidate.format)
+    form = candidate.format
+    number = len(TimeFormat) if isinstance(form, TextFormat) else list(TimeFormat).index(form)
+    return -candidate.count, not candidate.plausible, named, *late, number, str(form)
 
 
 class LogFields:
@@ -220,7 +226,11 @@ class LogFields:
     (('event',), [('a', 2), ('b', 1)])
     """
 
-    def __init__(self, by: str | None = None) -> None:
+    def __init__(self, by: str | None = None, time: EventTime | None = None, year: int | None = None) -> None:
+        self._stated = time
+        usual = [TextFormat(one, None if "%Y" in one else year) for one in _USUAL]
+        stated = [] if time is None or time.format in (*TimeFormat, *usual) else [time.format]
+        self._formats = [*TimeFormat, *stated, *(one for one in usual if not one.needs_year)]
         self.by: Path | None = None
         self._wanted = by
         self.events = 0
@@ -246,7 +256,10 @@ class LogFields:
     def times(self) -> Sequence[TimeCandidate]:
         """The candidates for the time, the best first."""
         read = (one for one in self._times if one.count)
-        best = sorted((one for one in read if one.plausible or _is_time_name(one)), key=_rank)
+        best = sorted(
+            (one for one in read if one.plausible or _is_time_name(one)),
+            key=lambda one: (one.time != self._stated, _rank(one)),
+        )
         plausible = {one.field for one in best if one.plausible}
         return [one for one in best if one.plausible or one.field not in plausible]
 
@@ -297,7 +310,7 @@ class LogFields:
             for path, value in found.items():
                 if path in values or len(values) < FIELDS:
                     values.setdefault(path, []).append(value)
-        for path, form in product(filter(all, values), TimeFormat):
+        for path, form in product(filter(all, values), self._formats):
             candidate = TimeCandidate(path, form)
             some = [value for value in values[path] if value is not None]
             if some and all(map(candidate.add, some)):
@@ -320,7 +333,7 @@ class LogFields:
 
 
 def _is_time_name(candidate: TimeCandidate) -> bool:
-    return _plain(candidate) in _TIME_NAMES or candidate.format in (TimeFormat.ISO8601, TimeFormat.ROS)
+    return _plain(candidate) in _TIME_NAMES or candidate.format not in NUMERIC
 
 
 def _may_discriminate(values: Sequence[Json], events: int) -> bool:
@@ -427,7 +440,7 @@ def fields_json(found: LogFields) -> dict[str, Json]:
         "times": [
             {
                 "field": list(one.field),
-                "format": one.format.value,
+                "format": str(one.format),
                 "count": one.count,
                 "out_of_order": one.decreases,
                 "lateness_ns": one.late,

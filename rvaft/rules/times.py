@@ -9,6 +9,7 @@ from rvaft.core.property import Event, Times
 from rvaft.core.scenario_space import Edge, ScenarioSpace, borne_surely, fewest_events, node_of
 from rvaft.core.scenarios import Kept
 from rvaft.core.times import point_bounds
+from rvaft.model.event_time import TextFormat
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import POINTS, TimePoint, conjuncts, time_points
 from rvaft.model.nodes import Node
@@ -17,7 +18,11 @@ from rvaft.rules.rule import RuleReport, branch_of, listing
 
 
 def no_time(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """A tree with conditions on time declares the time field."""
+    """A tree with conditions on time declares the time field, and a format with a year."""
+    if (time := space.tree.time) is not None and isinstance(time.format, TextFormat) and time.format.needs_year:
+        problem = f"the format {time.format} reads no year"
+        mend = "write `year 2026` after it, or give the year with --year (from Python, `year`)"
+        yield RuleReport(time.place, f"{problem}; {mend}")
     for node in space.tree.top_down() if space.tree.time is None else ():
         for part in dict.fromkeys(part for part, _ in _points(node)):
             problem = f"the {_WORDS[part]} of {node.name} uses times, but the tree has no `time` declaration"

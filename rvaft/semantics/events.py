@@ -4,11 +4,12 @@ import datetime
 import json
 import math
 import re
+import zoneinfo
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 from typing import Any
 
-from rvaft.model.event_time import EventTime
+from rvaft.model.event_time import EventTime, TextFormat
 from rvaft.model.guards import Guard, Operation, TimePoint
 from rvaft.model.nodes import Node, On
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
@@ -53,6 +54,8 @@ def time_of(declaration: EventTime | None, event: Any) -> int | None:
         if not isinstance(value, dict) or name not in value:
             return None
         value = value[name]
+    if isinstance(declaration.format, TextFormat):
+        return scanned(declaration.format, value) if isinstance(value, str) and len(value) <= 1000 else None
     form = declaration.format.value
     if form == "ros":
         pairs = [("sec", "nanosec"), ("secs", "nsecs")] if isinstance(value, dict) else []
@@ -72,7 +75,87 @@ def time_of(declaration: EventTime | None, event: Any) -> int | None:
         return 0
     if int(exponent or 0) > 2000 or abs(number := Fraction(text)) >= 10**31:
         return None
-    return round(number * {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}[form])  # `round` rounds half to even
+    return round(number * {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1, "filetime": 100}[form]) - (
+        # `round` rounds half to even; clause: `filetime` counts from 1601
+        (datetime.date(1970, 1, 1) - datetime.date(1601, 1, 1)).days * 86_400 * 10**9 if form == "filetime" else 0
+    )
+
+
+def scanned(form: TextFormat, text: str) -> int | None:
+    """Clause: the directives read from left to right, each the longest text that it can."""
+    rest, had = text, dict[str, str]()
+    pattern = re.split("(%.| +)", form.pattern.replace("\t", " "))
+    pieces = [piece for part in pattern for piece in ([part] if part[:1] in ("%", " ") else part)]
+    for number, piece in enumerate(pieces):
+        following = pieces[number + 1] if number + 1 < len(pieces) else ""
+        name = piece[1:] if piece[:1] == "%" else ""
+        if name in ("", "%"):
+            wanted = " " if piece[:1] == " " else piece[-1:]
+            if not rest.startswith((wanted, "\t") if wanted == " " else wanted):
+                return None
+            rest = rest.lstrip(" \t") if wanted == " " else rest[1:]
+            continue
+        found = next((one for one in _spellings(name, rest, following) if rest.startswith(one)), None)
+        if found is None:
+            return None
+        had[name], rest = found, rest[len(found) :]
+    return None if rest else _dated(form, had)
+
+
+def _spellings(name: str, rest: str, following: str) -> list[str]:
+    """Return the texts that a directive may read there, the longest first."""
+    if name in "aAbB":
+        return [one if name in "AB" else one[:3] for one in (DAYS if name in "aA" else MONTHS)]
+    if name == "p":
+        return ["AM", "PM", "am", "pm"]
+    if name == "z":
+        found = re.match("[-+][0-9]{2}(:?[0-9]{2})?", rest)
+        return [found[0] if found else "Z"]
+    digits = len(rest) - len(rest.lstrip("0123456789"))
+    fixed = following in ("%Y", "%m", "%d", "%H", "%I", "%M", "%S", "%f") or (
+        following != "" and following in "0123456789"
+    )
+    least, most = (4, 4) if name == "Y" else (1, 9) if name == "f" else (2 if fixed else 1, 2)
+    return [rest[: min(digits, most)]] if digits >= least else []
+
+
+DAYS: list[str] = re.findall("[A-Z][a-z]+", "Monday Tuesday Wednesday Thursday Friday Saturday Sunday")
+MONTHS: list[str] = re.findall(
+    "[A-Z][a-z]+", "January February March April May June July August September October November December"
+)
+
+
+def _dated(form: TextFormat, had: Mapping[str, str]) -> int | None:
+    """Clause: without `%z` the zone, or UTC; a skipped time is undefined, and a repeated one is the first."""
+    month = next((n for n, one in enumerate(MONTHS, 1) if one[:3] in (had.get("b"), had.get("B", "")[:3])), None)
+    hour = int(had.get("H", "0"))
+    if "I" in had:
+        if not 1 <= int(had["I"]) <= 12:
+            return None
+        hour = int(had["I"]) % 12 + (12 if had["p"] in ("PM", "pm") else 0)
+    try:
+        day = datetime.date(int(had["Y"]) if "Y" in had else form.year or 0, month or int(had["m"]), int(had["d"]))
+        start = datetime.datetime.combine(day, datetime.time(hour, int(had.get("M", "0"))))
+        offset = had.get("z") or form.zone or "Z"
+        seconds = int(had.get("S", "0"))
+        if seconds > 60:
+            return None
+        if offset == "Z" or offset[0] in "+-":
+            minutes = [int(one) for one in re.findall("[0-9]{2}", offset)]
+            if minutes and (minutes[0] > 23 or minutes[-1] > 59):
+                return None
+            east = (minutes[0] * 60 + (minutes[1] if len(minutes) > 1 else 0)) * 60 if minutes else 0
+            ahead = -east if offset[0] == "-" else east
+        else:
+            zone = zoneinfo.ZoneInfo(offset)
+            first, second = (zone.utcoffset(start.replace(fold=fold)) for fold in (0, 1))
+            if first is None or second is None or first < second:  # a gap has the larger offset after it
+                return None
+            ahead = round(first.total_seconds())
+    except (ValueError, OverflowError):
+        return None
+    whole = (start - datetime.datetime(1970, 1, 1)) // datetime.timedelta(seconds=1)
+    return (whole + seconds - ahead) * 10**9 + int(had.get("f", "0").ljust(9, "0"))
 
 
 def instant(text: str) -> int | None:

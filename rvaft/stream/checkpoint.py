@@ -33,7 +33,7 @@ from rvaft.engine.configuration import Configuration, Snapshot
 from rvaft.engine.scattered_linear import LinearSnapshot
 from rvaft.errors import CheckpointError, OptionError
 from rvaft.language.printer import dumps
-from rvaft.model.event_time import EventTime, TimeFormat
+from rvaft.model.event_time import EventTime, TextFormat, TimeFormat
 from rvaft.model.nodes import Assumption, Kind, Place
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Exact
@@ -59,7 +59,9 @@ _MAGIC: Final = b"rvaft checkpoint 5\n"
 _BLOCK: Final = 1 << 20
 _ANEW: Final = "remove it to begin anew"
 _BUILT_IN: Final = (dict, frozenset, list, set, Counter, OrderedDict)
-_OF_TREES: Final = (EventTime, Exact, Kind, NonFiniteEvent, Place, RepeatingObject, Semantics, TimeFormat, Verdict)
+_OF_TREES: Final = (
+    *(EventTime, Exact, Kind, NonFiniteEvent, Place, RepeatingObject, Semantics, TextFormat, TimeFormat, Verdict),
+)
 _OF_MONITORS: Final = (
     AlternativesSnapshot,
     Awaited,

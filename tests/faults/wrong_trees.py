@@ -15,7 +15,7 @@ from typing import Any, Final, TypeAlias
 from cross_check.generate.times import with_time
 from rvaft import RVAFT, Causality, EventType, Gate, Node, On
 from rvaft.core.branches import restrict
-from rvaft.model.event_time import EventTime, TimeFormat
+from rvaft.model.event_time import EventTime, TextFormat, TimeFormat
 from rvaft.model.guards import Guard, Operation, Operator, TimePoint, substitute, walk
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
 from rvaft.model.tree import Whole
@@ -303,7 +303,7 @@ def lateness(by: int | None) -> Mistake:
     return clocks(late=changed)
 
 
-def finer(time: EventTime) -> TimeFormat:
+def finer(time: EventTime) -> TimeFormat | TextFormat:
     """The next smaller unit."""
     units = [TimeFormat.SECONDS, TimeFormat.MILLISECONDS, TimeFormat.MICROSECONDS, TimeFormat.NANOSECONDS]
     return units[min(units.index(time.format) + 1, 3)] if time.format in units else time.format

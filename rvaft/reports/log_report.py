@@ -104,7 +104,7 @@ class LogReport(Listener):
         }
         self._field = OrderedField("time" if tree.time is None else ".".join(tree.time.field), tree.time)
         self._texts: dict[Hashable, int] = {}
-        self._size = self._cut = 0
+        self._size, self._cut = 0, False
         self._near: defaultdict[int, deque[tuple[int, Json]]] = defaultdict(lambda: deque(maxlen=NEAR))
         """The last places of each watch."""
         self._after: dict[int, int] = {}
@@ -214,7 +214,7 @@ class LogReport(Listener):
         if any(text < 0 for text in self._lists["event"]):
             found.append(f"only the first {SHOWN} events are shown in full, later ones only in and near detections")
         if self._cut:
-            found.append(f"{counted(self._cut)} cut to {LONGEST} characters: all have more than {TEXT}")
+            found.append(f"some events are cut to {LONGEST} characters: the page has room for {TEXT} characters")
         return found
 
     def page(self, name: str, messages: Messages, *, live: bool = False) -> bytes:
@@ -436,7 +436,7 @@ class LogReport(Listener):
             self._after[own] = after - 1
         if not self.grows:
             self._near[own].append((len(lists["number"]), event))
-        lists["event"].append(self._content(event, most=TEXT // 2) if kept else -1)
+        lists["event"].append(self._content(event, share=2) if kept else -1)
         lists["number"].append(number)
         lists["watch"].append(own)
         lists["nodes"].append(self._node_sets.setdefault(nodes, len(self._node_sets)))
@@ -445,15 +445,15 @@ class LogReport(Listener):
         lists["waits"].append(self._waiting(watch))
         self._latest[id(watch)] = len(lists["waits"]) - 1
 
-    def _content(self, event: Json, *, most: int = TEXT) -> int:
+    def _content(self, event: Json, *, share: int = 1) -> int:
         """Return the number of the text of an event."""
         try:
             text = visible(json.dumps(event, ensure_ascii=False))
         except ValueError:  # more digits than Python converts
             text = "…"
         if text not in self._texts:
-            if self._size + len(text) > most:
-                text, self._cut = cut(text, LONGEST), self._cut + 1
+            if self._size + len(text) > TEXT // share:
+                text, self._cut = cut(text, LONGEST), True
             self._size += len(text)
         return self._texts.setdefault(text, len(self._texts))
 

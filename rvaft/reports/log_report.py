@@ -13,14 +13,14 @@ import re
 from base64 import b64encode
 from bisect import bisect_left
 from collections import Counter, defaultdict, deque
-from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from html import escape
 from importlib.resources import files
+from io import BytesIO
 from itertools import chain, islice
-from math import inf
 from secrets import token_hex
 from time import monotonic, process_time
 from typing import Any, Final
@@ -45,21 +45,24 @@ PLACES: Final = 300_000
 """Default maximum number of places, except changes of verdicts."""
 SHOWN: Final = 20_000
 """Maximum number of places with the text of their event, besides those near detections."""
-NEAR: Final = 3
+NEAR: Final = 2
 """Places before and after a detection, of the same key, whose events are kept."""
-TEXT: Final = 32_000_000
-"""Maximum number of characters of events; half of them are for detections alone."""
+TEXT: Final = 24_000_000
+"""Maximum number of characters of events; half of them are for the events of detections alone, and
+another quarter for their neighbours.
+"""
 CHANGES: Final = 20_000
 SECONDS: Final = 10.0
-"""Maximum processor time for missing events, in seconds."""
+"""Processor time for the missing events of all traces and keys when they end, in seconds."""
 RECORDS: Final = 8
 """Maximum number of bindings with missing events at one place, for each branch."""
 LONGEST: Final = 240
+PIECE: Final = 1_000
 ENDED: Final = 1_000
 """Maximum number of ended traces and keys on a growing page."""
 SHARE: Final = 0.1
 """Maximum share of the time for missing events on a growing page, and for scanning keys."""
-FINISHED_SHARE: Final = 0.5
+FINISHED_SHARE: Final = 0.3
 """Processor time for missing events of a complete log, as a share of that for all else."""
 _CURSOR: Final = re.compile(r"([0-9a-f]{16}-[0-9]{1,9})((?:-[0-9]{1,9}){7})")
 _LATEST: Final = 10**15
@@ -105,8 +108,9 @@ class LogReport(Listener):
         self._field = OrderedField("time" if tree.time is None else ".".join(tree.time.field), tree.time)
         self._texts: dict[Hashable, int] = {}
         self._size, self._cut = 0, False
+        self._values: dict[str, Sequence[Any]] = {}
         self._near: defaultdict[int, deque[tuple[int, Json]]] = defaultdict(lambda: deque(maxlen=NEAR))
-        """The last places of each watch."""
+        """The last places of each watch whose events are not kept."""
         self._after: dict[int, int] = {}
         """How many further events of a watch are kept."""
         self._node_sets: dict[Hashable, int] = {}
@@ -114,7 +118,6 @@ class LogReport(Listener):
         self._changes: list[dict[str, Any]] = []
         self._at: list[int] = []
         self._most_left = self._left = SECONDS * SHARE
-        self._unspent = inf if grows else SECONDS
         self._found_late: list[tuple[int, int]] = []
         """Places with the results of missing events computed later."""
         self._unplaced = self._unchanged = 0
@@ -224,21 +227,22 @@ class LogReport(Listener):
         data = self._all(name, messages)
         if live:
             data["cursor"] = self._cursor
-        # one value after the other, for memory; `<` could end the script element
-        values = (json.dumps({name: value}, separators=(",", ":"))[1:-1] for name, value in data.items())
-        texts = (f"{',' if place else ''}{text}".replace("<", "\\u003c") for place, text in enumerate(values))
-        parts = {
+        # `<` could end the script element
+        texts = (text.replace("<", "\\u003c") for text in _pieces(data))
+        parts: dict[str, Iterable[str]] = {
             "TITLE": [escape(visible(name))],
             "TREE": [svg_text(self.tree, badges=True)],
-            "DATA": chain("{", texts, "}"),
+            "DATA": texts,
             "POLICY": [policy(live=live)],
         }
         before, *rest = _template().split("{{")
-        found = [before.encode()]
+        found = BytesIO()
+        found.write(before.encode())
         for piece in rest:
             word, after = piece.split("}}", 1)
-            found += [part.encode(errors="replace") for part in (*parts[word], after)]
-        return b"".join(found)
+            for part in chain(parts[word], [after]):
+                found.write(part.encode(errors="replace"))
+        return found.getvalue()
 
     def _read_again(self) -> None:
         """Read the events of detections that are no longer stored, once for each trace."""
@@ -434,9 +438,9 @@ class LogReport(Listener):
         kept = self.grows or len(lists["number"]) < SHOWN or after > 0
         if after:
             self._after[own] = after - 1
-        if not self.grows:
+        if not kept:
             self._near[own].append((len(lists["number"]), event))
-        lists["event"].append(self._content(event, share=2) if kept else -1)
+        lists["event"].append(self._content(event, share=2 if after else 4) if kept else -1)
         lists["number"].append(number)
         lists["watch"].append(own)
         lists["nodes"].append(self._node_sets.setdefault(nodes, len(self._node_sets)))
@@ -478,7 +482,7 @@ class LogReport(Listener):
         now = self._now()
         self._left = min(self._most_left, self._left + (now - self._refilled) * self._share)
         self._refilled = now
-        if min(self._left, self._unspent) > limit:
+        if self._left > limit:
             begun = process_time()
             try:
                 return self._state(watch.monitors.monitors[0].pending())
@@ -487,7 +491,6 @@ class LogReport(Listener):
             finally:
                 spent = process_time() - begun
                 self._left -= spent * (1 + self._share)  # the refill counts this time, too
-                self._unspent -= spent
         return -1
 
     def _state(self, found: Iterable[Pending]) -> int:
@@ -511,9 +514,8 @@ class LogReport(Listener):
         titles, monitors, own = self._titles, change.watch.monitors, self._own[id(change.watch)]
         if change.detected and not self.grows:
             self._after[own] = NEAR
-            for place, event in self._near.pop(own):
-                if self._lists["event"][place] < 0:
-                    self._lists["event"][place] = self._content(event)
+            for place, event in self._near.pop(own, ()):
+                self._lists["event"][place] = self._content(event, share=2)
         found: dict[str, Any] = {
             "verdicts": [
                 [
@@ -540,14 +542,20 @@ class LogReport(Listener):
                 matched.append([self.number.get(node, -1), number, *known])
         kept = how.scenario.items()
         return {
-            "titles": titles,
+            "titles": self._same(titles),
             "branch": how.branch,
-            "kinds": sorted(kind.value for kind in how.kinds),
+            "kinds": self._same(sorted(kind.value for kind in how.kinds)),
             "matched": matched,
             "variables": [[name, _text(value)] for name, value in how.bound(self.tree).items()],
-            "nodes": sorted({self.number[name] for name in (*how.scenario, *how.events) if name in self.number}),
-            "lines": [[self.number[name], self.number[child]] for name, some in kept for child in some],
+            "nodes": self._same(
+                sorted({self.number[name] for name in (*how.scenario, *how.events) if name in self.number})
+            ),
+            "lines": self._same([[self.number[name], self.number[child]] for name, some in kept for child in some]),
         }
+
+    def _same(self, value: Sequence[Any]) -> Sequence[Any]:
+        """Return an equal value, the same object for all detections."""
+        return self._values.setdefault(str(value), value)
 
     def _node(self, name: str) -> list[str]:
         node = self.tree.nodes[name]
@@ -614,6 +622,22 @@ def policy(*, live: bool = False) -> str:
     fixed = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:"
     asking = "; connect-src 'self'" if live else ""
     return f"{fixed}; style-src {style}; script-src {script}{asking}"
+
+
+def _pieces(value: Any) -> Iterator[str]:
+    """Yield the JSON of a value, of long lists in pieces, for memory."""
+    if isinstance(value, dict):
+        for place, (name, part) in enumerate(value.items()):
+            yield f"{',' if place else '{'}{json.dumps(str(name))}:"
+            yield from _pieces(part)
+        yield "}" if value else "{}"
+    elif isinstance(value, list) and len(value) > PIECE:
+        for start in range(0, len(value), PIECE):
+            text = json.dumps(value[start : start + PIECE], separators=(",", ":"))
+            yield f"{',' if start else '['}{text[1:-1]}"
+        yield "]"
+    else:
+        yield json.dumps(value, separators=(",", ":"))
 
 
 def _text(value: Json) -> str:

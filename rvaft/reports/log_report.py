@@ -296,7 +296,7 @@ class LogReport(Listener):
 
     @property
     def _clock(self) -> str:
-        """Return what an instant is: milliseconds of a `date`, or of a clock, or a number."""
+        """What an instant is: milliseconds of a date or a clock, or a number."""
         dated = self._field.holds_times or (self.tree.time is not None and self.tree.time.format is TimeFormat.ISO8601)
         return "date" if dated else "" if self.tree.time is None else "ms"
 
@@ -494,9 +494,7 @@ class LogReport(Listener):
         return -1
 
     def _state(self, found: Iterable[Pending]) -> int:
-        """Return the number of distinct records, the latest of each branch, and how many more there
-        are.
-        """
+        """Return the number of the distinct records, the latest of each branch."""
         records = dict.fromkeys(map(self._record, reversed([*found])))
         counts: Counter[Hashable] = Counter()
         kept = []
@@ -554,7 +552,7 @@ class LogReport(Listener):
         }
 
     def _same(self, value: Sequence[Any]) -> Sequence[Any]:
-        """Return an equal value, the same object for all detections."""
+        """Return one object for equal values."""
         return self._values.setdefault(str(value), value)
 
     def _node(self, name: str) -> list[str]:

@@ -87,9 +87,7 @@ def _times_count(monitors: MonitorSet) -> bool:
 
 @lru_cache(maxsize=16)
 def interest(plan: MonitoringPlan, *, whole: bool = False) -> Interest:
-    """Return the parts of an event that are read: of a relevant event, the `whole` or those of the
-    tree.
-    """
+    """Return the parts of an event that are read."""
     types = plan.monitors.types
     also = (name for one in plan.fields for name in (one.text, one.path[0]))
     found = Interest.of(plan.reads, (TIME, *identifying_fields(types.tree), *also))

@@ -309,6 +309,7 @@ def test_nodes_light_up_as_the_log_grows(quiet: Any, tmp_path: Path) -> None:
         shown.click("#live")
         add(log, line("b", who=NASTY[2]))
         assert soon(lambda: shown.ask(f"{slider}.value") == "4")
+        assert shown.text(".found td") == "▸ 2"  # the newest first
         assert shown.ask("window.hacked === undefined && document.querySelectorAll('img').length === 0")
         assert shown.ask("document.scripts.length") == 2
         keys = shown.text("#keys tbody")

@@ -22,7 +22,7 @@ from importlib.resources import files
 from io import BytesIO
 from itertools import chain, islice
 from secrets import token_hex
-from time import monotonic, process_time
+from time import monotonic
 from typing import Any, Final
 
 from rvaft.core.branches import branches, whole
@@ -53,7 +53,7 @@ another quarter for their neighbours.
 """
 CHANGES: Final = 20_000
 SECONDS: Final = 10.0
-"""Processor time for the missing events of all traces and keys when they end, in seconds."""
+"""Time for the missing events of all traces and keys when they end, in seconds."""
 RECORDS: Final = 8
 """Maximum number of bindings with missing events at one place, for each branch."""
 LONGEST: Final = 240
@@ -63,7 +63,7 @@ ENDED: Final = 1_000
 SHARE: Final = 0.1
 """Maximum share of the time for missing events on a growing page, and for scanning keys."""
 FINISHED_SHARE: Final = 0.3
-"""Processor time for missing events of a complete log, as a share of that for all else."""
+"""Time for missing events of a complete log, as a share of that for all else."""
 _CURSOR: Final = re.compile(r"([0-9a-f]{16}-[0-9]{1,9})((?:-[0-9]{1,9}){7})")
 _LATEST: Final = 10**15
 """Greater instants are left out of the time axis."""
@@ -135,8 +135,8 @@ class LogReport(Listener):
         self._revised: list[int] = []
         self._messages: Messages = {}
         self._messages_revised = self._revision = 0
-        self._share, self._now = (SHARE, monotonic) if grows else (FINISHED_SHARE, process_time)
-        self._due, self._refilled = monotonic(), self._now()
+        self._share = SHARE if grows else FINISHED_SHARE
+        self._due = self._refilled = monotonic()
 
     def begin(self, watch: MonitoredTrace) -> None:
         """Register a trace or key."""
@@ -479,17 +479,16 @@ class LogReport(Listener):
 
     def _waiting(self, watch: MonitoredTrace, limit: float = 0.0) -> int:
         """Return the number of the missing events, -1 after the time limit."""
-        now = self._now()
+        now = monotonic()
         self._left = min(self._most_left, self._left + (now - self._refilled) * self._share)
         self._refilled = now
         if self._left > limit:
-            begun = process_time()
             try:
                 return self._state(watch.monitors.monitors[0].pending())
             except TooLarge:
                 pass
             finally:
-                spent = process_time() - begun
+                spent = monotonic() - now  # the time of the process is slow to ask for
                 self._left -= spent * (1 + self._share)  # the refill counts this time, too
         return -1
 

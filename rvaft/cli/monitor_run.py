@@ -181,8 +181,13 @@ class _Run(Listener):
         """Run one trace; an error follows the events before it."""
         settings, reaction, path = self.settings, self.reaction, Path(trace.file or "")
         plan = settings.plan
-        again = trace.file is not None and (path.is_file() or path.is_dir()) and plan.plain and not settings.follow
-        buffer = EventBuffer(path if again else None, reads=plan.reads, reader=trace.reader)
+        again = (
+            trace.file is not None
+            and (path.is_file() or path.is_dir())
+            and plan.order_by is None
+            and not settings.follow
+        )
+        buffer = EventBuffer(path if again else None, reads=plan.reads, reader=trace.reader, late=not plan.plain)
         prefix = f"{trace.name}: " if settings.several else ""
         run = TraceRun(plan, trace.name, self.listeners, self.totals, buffer=buffer, prefix=prefix)
         before, failed, ended = reaction.count, False, False

@@ -24,7 +24,7 @@ from rvaft.errors import TooLarge
 from rvaft.model.expressions import event_text
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json, fingerprint
-from rvaft.monitors import Awaited, Explanation, MatchedEvent, Pending
+from rvaft.monitors import DEFAULT_BRANCHES, Awaited, Explanation, MatchedEvent, Pending
 from rvaft.support.bits import mask_of
 
 SEARCHING: Final = 20_000_000
@@ -100,7 +100,6 @@ class MatchFinder:
             yield {self.compiled.names[node] for node in self._run(self.strategy, choices or {}).awaited()}, {}
             return
         found: dict[Hashable, tuple[set[str], Mapping[str, Json]]] = {}
-        known: dict[Hashable, set[str]] = {}
         histories = list(histories)
         replayed = list(self._replayed(histories, choices))
         # the partial matches of this branch have been subsumed
@@ -109,10 +108,8 @@ class MatchFinder:
             rest = [[step for step in steps if self.compiled.events[step.node] in sources] for steps in histories]
             replayed = list(self._replayed(rest, choices)) or list(self._replayed([[]], choices))
         for matching, match in replayed:
-            place = match.taken, match.dead, match.closed, match.inversions
-            if place not in known:
-                known[place] = set(matching.admitted(match))
-            found.setdefault(fingerprint(match.binding), (set(), dict(match.binding)))[0].update(known[place])
+            names = found.setdefault(fingerprint(match.binding), (set(), dict(match.binding)))[0]
+            names.update(matching.admitted(match))
         yield from found.values()
 
     def _run(self, strategy: LinearMonitor, choices: Choices) -> LinearRun:
@@ -126,10 +123,21 @@ class MatchFinder:
         assert isinstance(self.strategy, Following), "the linear way follows no matches"
         matching, sources = self.strategy.matching, self.compiled.events
         if choices:
-            chosen = with_choices(self.prop, choices)
-            if not chosen.feasible:
-                return
-            matching = Matching(CompiledTree(chosen), limit=self.strategy.limit)
+            under, made = matching.under, frozenset(choices.items())
+            if made not in under:
+                chosen = with_choices(self.prop, choices)
+                if not chosen.feasible:
+                    return
+                if len(under) >= DEFAULT_BRANCHES:
+                    under.clear()
+                under[made] = Matching(CompiledTree(chosen), limit=self.strategy.limit)
+            matching = under[made]
+        else:
+            for steps in histories:
+                match = matching.after(steps[-1] if steps else None)
+                if match is not None:
+                    yield matching, match
+            return
         node_of = matching.compiled.occurrences
         for steps in histories:
             places = [(sources[step.node], step) for step in steps]

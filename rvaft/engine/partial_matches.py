@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 from copy import copy
-from typing import ClassVar, Self
+from typing import ClassVar, Final, Self
 
 from rvaft.core.times import TimeDifference
 from rvaft.engine.compiled_tree import NOTHING, CompiledTree, EventClass, Reading, TreeLetters
@@ -13,6 +13,9 @@ from rvaft.errors import TooLarge
 from rvaft.model.values import Json, equal
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.support.bits import bits, union
+
+REMEMBERED: Final = 10_000
+"""Maximum number of partial matches that a replay remembers."""
 
 
 class Matching:
@@ -31,6 +34,11 @@ class Matching:
         for node, parts in enumerate(compiled.conditions if early else ()):
             if found := tuple(one for part in parts for one in part.differences or ()):
                 self.early_differences[node] = found
+        self._after: dict[int, tuple[Witness, Configuration | None]] = {}
+        """The partial matches after steps that were replayed lately, by the id of the last step."""
+        self._admitted: dict[Hashable, frozenset[str]] = {}
+        self.under: dict[Hashable, Matching] = {}
+        """The same under choices."""
 
     def start(self) -> Configuration:
         """Return the partial match before any event."""
@@ -111,6 +119,21 @@ class Matching:
                 configuration = self.extended(configuration, node, values, position, reuse=True)
         return configuration if configuration is not None and any(self.standing(configuration)) else None
 
+    def after(self, last: Witness | None) -> Configuration | None:
+        """Return the partial match after a step and those before it, as `replayed`, but remembered."""
+        steps = []
+        while last is not None and id(last) not in self._after:
+            steps.append(last)
+            last = last.before
+        configuration = self.start() if last is None else self._after[id(last)][1]
+        if len(self._after) > REMEMBERED:
+            self._after.clear()
+        for step in reversed(steps):
+            if configuration is not None:
+                configuration = self.extended(configuration, step.node, step.values, step.position)
+            self._after[id(step)] = step, configuration
+        return configuration if configuration is not None and any(self.standing(configuration)) else None
+
     def admits(self, configuration: Configuration, node: int) -> bool:
         """Whether a node's event could come next, for some values."""
         if configuration.taken >> node & 1:
@@ -118,10 +141,17 @@ class Matching:
         new = self._taken(configuration, node)
         return new is not None and (not self.compiled.core or self.shared.possible(new))
 
-    def admitted(self, configuration: Configuration) -> Iterator[str]:
-        """Iterate over the nodes whose event could come next."""
-        compiled = self.compiled
-        return (compiled.names[n] for n, own in enumerate(compiled.own) if own and self.admits(configuration, n))
+    def admitted(self, configuration: Configuration) -> frozenset[str]:
+        """Return the nodes whose event could come next."""
+        place = configuration.taken, configuration.dead, configuration.closed, configuration.inversions
+        found = self._admitted.get(place)
+        if found is None:
+            compiled = self.compiled
+            able = (node for node, own in enumerate(compiled.own) if own and self.admits(configuration, node))
+            found = frozenset(compiled.names[node] for node in able)
+            if len(self._admitted) < REMEMBERED:
+                self._admitted[place] = found
+        return found
 
     def closing(self, configuration: Configuration, names: Iterable[str]) -> Iterator[int]:
         """Iterate over the nodes whose guard waited for these variables only, now bound."""

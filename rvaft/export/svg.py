@@ -21,6 +21,8 @@ CROWDED: Final = Look(events=True, wrap=14, stagger=True)
 MANY: Final = 12
 _CHARACTER, _LINE, _PAD, _MARGIN = 7.2, 15, 8, 9
 """Width of a character, height of a line, padding, margin."""
+_BADGE: Final = 12
+"""Characters of a badge, such as `20×, event 7316`, which are narrower."""
 _ACROSS, _DOWN, _GATE = 14, 26, 22
 """Gap between boxes, gap below a gate, and its height with the stem."""
 _CLASSES: Final[Mapping[Role, str]] = {Role.PLAIN: "", Role.BOLD: "name", Role.EVENT: "event", Role.GUARD: "guard"}
@@ -44,8 +46,8 @@ class SvgBox:
         return self.y + self.height + (_GATE if self.node.gate is not None else 0)
 
 
-def svg_text(tree: RVAFT, look: Look | None = None) -> str:
-    """Return the tree as an `svg` element.
+def svg_text(tree: RVAFT, look: Look | None = None, *, badges: bool = False) -> str:
+    """Return the tree as an `svg` element, with room for `badges` in the boxes of events.
 
     >>> import rvaft
     >>> text = svg_text(rvaft.loads('top and a b; a label "<b>";'))
@@ -55,23 +57,23 @@ def svg_text(tree: RVAFT, look: Look | None = None) -> str:
     if look is None:
         look = CROWDED if sum(tree.nodes[name].leaf for name in tree.order) > MANY else SCREEN
     part = view(tree, look)
-    boxes = {node.name: _box(node, look) for node in part.nodes}
+    boxes = {node.name: _box(node, look, badge=badges and node.has_event) for node in part.nodes}
     width, bottoms = _place(part, look, boxes)
     height = bottoms[-1] + _MARGIN
     number = {name: place for place, name in enumerate(tree.order)}
     lines = "".join(line for node in part.nodes for line in _lines(node, part, boxes, bottoms, number))
-    drawn = "".join("".join(_drawn(box, number[name])) for name, box in boxes.items())
+    drawn = "".join("".join(_drawn(box, number[name], badge=badges)) for name, box in boxes.items())
     size = f'viewBox="0 0 {width:g} {height:g}" width="{width:g}" height="{height:g}"'
     title = escape(visible(f"The tree {tree.root}"))
     return f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" aria-label="{title}">{lines}{drawn}</svg>\n'
 
 
-def _box(node: Node, look: Look) -> SvgBox:
+def _box(node: Node, look: Look, *, badge: bool) -> SvgBox:
     lines = [(_CLASSES[role], line) for role, some in rows(node, look) for line in some]
     widest = max((text_columns(line) for _, line in lines), default=1)
     gate = text_columns(gate_text(node)) + 2
-    width = max(widest, gate, 4) * _CHARACTER + 2 * _PAD
-    return SvgBox(node, lines, round(width, 1), len(lines) * _LINE + 2 * _PAD)
+    width = max(widest, gate, _BADGE if badge else 4) * _CHARACTER + 2 * _PAD
+    return SvgBox(node, lines, round(width, 1), (len(lines) + badge) * _LINE + 2 * _PAD)
 
 
 def _place(part: View, look: Look, boxes: Mapping[str, SvgBox]) -> tuple[float, list[float]]:
@@ -137,10 +139,13 @@ def _lines(
         way = f"M{box.x:.1f} {box.bottom:.1f}V{end:.1f}{bends}V{below.y:.1f}"
         yield f'<path class="line" data-line="{number[node.name]} {number[child]}" d="{way}"/>'
         if node.name in part.numbered:
-            yield f'<text class="turn" x="{below.x + 4:.1f}" y="{below.y - 5:.1f}">{turn(node, place)}</text>'
+            # on the side from which the line does not come
+            left = box.x > below.x
+            x, anchor = below.x + (-4 if left else 4), "end" if left else "start"
+            yield f'<text class="turn {anchor}" x="{x:.1f}" y="{below.y - 5:.1f}">{turn(node, place)}</text>'
 
 
-def _drawn(box: SvgBox, number: int) -> Iterator[str]:
+def _drawn(box: SvgBox, number: int, *, badge: bool) -> Iterator[str]:
     node, left = box.node, box.x - box.width / 2
     words = ["node", node.kind.value if node.kind else "", "condition" if is_condition(node) else ""]
     yield f'<g class="{" ".join(filter(None, words))}" data-node="{number}">'
@@ -159,4 +164,5 @@ def _drawn(box: SvgBox, number: int) -> Iterator[str]:
         styled = f' class="{word}"' if word else ""
         y = box.y + _PAD + _LINE * place + 11.5
         yield f'<text{styled} x="{box.x:.1f}" y="{y:.1f}">{escape(visible(line))}</text>'
-    yield f'<text class="badge" x="{left + box.width - 3:.1f}" y="{box.y - 4:.1f}"></text></g>'
+    yield f'<text class="badge" x="{box.x:.1f}" y="{box.y + box.height - 7:.1f}"></text>' if badge else ""
+    yield "</g>"

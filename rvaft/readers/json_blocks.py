@@ -122,8 +122,8 @@ def exact_time(tree: RVAFT) -> str | None:
 class JsonBlockReader:
     """Reads logs for one tree; `possible` tests discriminating values for relevance.
 
-    Only `fields` are decoded; numbers in the field `time` are exact. Several discriminating values
-    are a tuple. The `kept` fields are returned for every event.
+    Only `fields` are decoded, or `whole` possible events; numbers in the field `time` are exact.
+    Several discriminating values are a tuple. The `kept` fields are returned for every event.
     """
 
     def __init__(
@@ -135,9 +135,11 @@ class JsonBlockReader:
         time: str | None,
         strict: bool,
         kept: Sequence[str] = (),
+        whole: bool = False,
     ) -> None:
         self._reads = reads
         self._strict = strict
+        self._whole = whole
         self._possible = possible
         self._discriminating = reads.discriminators.fields
         assert time not in kept, "what is kept is no more exact than a double"
@@ -199,7 +201,7 @@ class JsonBlockReader:
             known = {values: self._meaning(values) for values in different if values is not _DOUBT}
             dead = {values for values, (live, _) in known.items() if not live}
             places = [place for place, values in enumerate(found) if values not in dead] if dead else range(len(found))
-            self._dense = 2 * len(places) > len(found)
+            self._dense = 2 * len(places) > len(found) and not self._whole
             passed: Sequence[int] = ()
             kept: Sequence[_Values] = ()
             get: Callable[[_Line], _Values] | None = self._kept_of_event if dense else self._kept_of_head
@@ -222,7 +224,7 @@ class JsonBlockReader:
             for place in places:
                 written, values = lines[place], found[place]
                 event: dict[str, Json] | None = None
-                if values is not _DOUBT:
+                if values is not _DOUBT and not self._whole:
                     for key in known[values][1]:
                         if written.count(key) > 1:
                             break

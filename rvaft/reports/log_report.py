@@ -1,7 +1,8 @@
 """The data of a page about monitored logs: relevant events, changes of verdicts, missing events.
 
 The lists are parallel, with an entry for each *place*: a relevant event while a verdict could
-change. Repeated contents are numbered. All values are escaped texts or numbers.
+change. Repeated contents are numbered. All values are escaped texts or numbers. The events of
+detections and their neighbours are complete, others up to `SHOWN`, as far as `TEXT` allows.
 
 A page may be shown while logs grow: a browser sends a cursor and receives what is new. When there
 are too many places, the oldest are dropped, the rest is renumbered, and all cursors become invalid.
@@ -11,15 +12,17 @@ import json
 import re
 from base64 import b64encode
 from bisect import bisect_left
-from collections.abc import Collection, Hashable, Mapping, Sequence
+from collections import Counter, defaultdict, deque
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from html import escape
 from importlib.resources import files
-from itertools import islice
+from io import BytesIO
+from itertools import chain, islice
 from secrets import token_hex
-from time import monotonic, process_time
+from time import monotonic
 from typing import Any, Final
 
 from rvaft.core.branches import branches, whole
@@ -27,31 +30,43 @@ from rvaft.core.classifier import Letter
 from rvaft.errors import TooLarge
 from rvaft.export.property_text import property_text
 from rvaft.export.svg import svg_text
-from rvaft.model.event_time import UNITS
+from rvaft.model.event_time import UNITS, TimeFormat
 from rvaft.model.expressions import event_text
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.monitors import DEFAULT_BRANCHES, Explanation, Pending
 from rvaft.stream.detection import counted, places, unlike
-from rvaft.stream.listeners import Listener, MonitoredTrace, VerdictChange
+from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, VerdictChange
+from rvaft.stream.order import OrderedField
 from rvaft.stream.plan import MonitoringPlan
 from rvaft.support.terminal import cut, visible
 
 PLACES: Final = 300_000
 """Default maximum number of places, except changes of verdicts."""
 SHOWN: Final = 20_000
-"""Maximum number of places with the text of their event."""
+"""Maximum number of places with the text of their event, besides those near detections."""
+NEAR: Final = 2
+"""Places before and after a detection, of the same key, whose events are kept."""
+TEXT: Final = 24_000_000
+"""Maximum number of characters of events; half of them are for the events of detections alone, and
+another quarter for their neighbours.
+"""
 CHANGES: Final = 20_000
 SECONDS: Final = 10.0
-"""Maximum processor time for missing events, in seconds."""
-RECORDS: Final = 50
-"""Maximum number of bindings with missing events at one place."""
+"""Time for the missing events of all traces and keys when they end, in seconds."""
+RECORDS: Final = 8
+"""Maximum number of bindings with missing events at one place, for each branch."""
 LONGEST: Final = 240
+PIECE: Final = 1_000
 ENDED: Final = 1_000
 """Maximum number of ended traces and keys on a growing page."""
 SHARE: Final = 0.1
-"""Maximum share of the time for missing events, and for scanning keys."""
-_CURSOR: Final = re.compile(r"([0-9a-f]{16}-[0-9]{1,9})((?:-[0-9]{1,9}){6})")
+"""Maximum share of the time for missing events on a growing page, and for scanning keys."""
+FINISHED_SHARE: Final = 0.3
+"""Time for missing events of a complete log, as a share of that for all else."""
+_CURSOR: Final = re.compile(r"([0-9a-f]{16}-[0-9]{1,9})((?:-[0-9]{1,9}){7})")
+_LATEST: Final = 10**15
+"""Greater instants are left out of the time axis."""
 _STYLE_AND_SCRIPT: Final = re.compile(r"<(?:style|script)>(.*?)</(?:style|script)>", re.DOTALL)
 Messages = Mapping[str, Sequence[str]]
 """Lines of text by heading: messages `said`, and the summary `held`."""
@@ -70,7 +85,7 @@ class LogReport(Listener):
     []
     """
 
-    concerned = True
+    concerned = whole = True
 
     def __init__(
         self, tree: RVAFT, plan: MonitoringPlan, *, most: int = PLACES, grows: bool = False, unit: str = ""
@@ -88,13 +103,21 @@ class LogReport(Listener):
         self._own: dict[int, int] = {}
         self._latest: dict[int, int] = {}
         self._lists: dict[str, list[Any]] = {
-            name: [] for name in ("number", "watch", "nodes", "waits", "time", "event")
+            name: [] for name in ("number", "watch", "nodes", "waits", "time", "instant", "event")
         }
+        self._field = OrderedField("time" if tree.time is None else ".".join(tree.time.field), tree.time)
+        self._texts: dict[Hashable, int] = {}
+        self._size, self._cut = 0, False
+        self._values: dict[str, Sequence[Any]] = {}
+        self._near: defaultdict[int, deque[tuple[int, Json]]] = defaultdict(lambda: deque(maxlen=NEAR))
+        """The last places of each watch whose events are not kept."""
+        self._after: dict[int, int] = {}
+        """How many further events of a watch are kept."""
         self._node_sets: dict[Hashable, int] = {}
         self._waits: dict[Hashable, int] = {}
         self._changes: list[dict[str, Any]] = []
         self._at: list[int] = []
-        self._most_left = self._left = SECONDS * SHARE if grows else SECONDS
+        self._most_left = self._left = SECONDS * SHARE
         self._found_late: list[tuple[int, int]] = []
         """Places with the results of missing events computed later."""
         self._unplaced = self._unchanged = 0
@@ -112,6 +135,7 @@ class LogReport(Listener):
         self._revised: list[int] = []
         self._messages: Messages = {}
         self._messages_revised = self._revision = 0
+        self._share = SHARE if grows else FINISHED_SHARE
         self._due = self._refilled = monotonic()
 
     def begin(self, watch: MonitoredTrace) -> None:
@@ -190,24 +214,47 @@ class LogReport(Listener):
             watch, number = self._watches[self._lists["watch"][unasked[0]]], self._lists["number"][unasked[0]]
             why = f"computing them takes too long (first: {self._place(watch, number)})"
             found.append(f"missing events are not listed after {counted(len(unasked))}: {why}")
-        if not self.grows and len(self._lists["number"]) > SHOWN:
-            found.append(f"only the first {SHOWN} events are shown in full, later ones only in detections")
+        if any(text < 0 for text in self._lists["event"]):
+            found.append(f"only the first {SHOWN} events are shown in full, later ones only in and near detections")
+        if self._cut:
+            found.append(f"some events are cut to {LONGEST} characters: the page has room for {TEXT} characters")
         return found
 
     def page(self, name: str, messages: Messages, *, live: bool = False) -> bytes:
         """Return the page as one file; a `live` page requests updates."""
+        if not self.grows:
+            self._read_again()
         data = self._all(name, messages)
         if live:
             data["cursor"] = self._cursor
         # `<` could end the script element
-        text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
-        parts = {"TITLE": escape(visible(name)), "TREE": svg_text(self.tree), "DATA": text, "POLICY": policy(live=live)}
+        texts = (text.replace("<", "\\u003c") for text in _pieces(data))
+        parts: dict[str, Iterable[str]] = {
+            "TITLE": [escape(visible(name))],
+            "TREE": [svg_text(self.tree, badges=True)],
+            "DATA": texts,
+            "POLICY": [policy(live=live)],
+        }
         before, *rest = _template().split("{{")
-        found = [before]
+        found = BytesIO()
+        found.write(before.encode())
         for piece in rest:
             word, after = piece.split("}}", 1)
-            found += [parts[word], after]
-        return "".join(found).encode("utf-8", errors="replace")
+            for part in chain(parts[word], [after]):
+                found.write(part.encode(errors="replace"))
+        return found.getvalue()
+
+    def _read_again(self) -> None:
+        """Read the events of detections that are no longer stored, once for each trace."""
+        lacking: defaultdict[EventBuffer, dict[int, list[Any]]] = defaultdict(lambda: defaultdict(list))
+        for place, change in zip(self._at, self._changes, strict=True):
+            buffer = self._watches[self._lists["watch"][place]].buffer
+            for match in (match for one in change["detections"] for match in one["matched"] if match[3] < 0):
+                lacking[buffer][match[1]].append(match)
+        for buffer, matches in lacking.items():
+            for number, event in buffer.events(matches, ended=True).items():
+                for match in matches[number]:
+                    match[2:] = self._known(event)
 
     def since(self, cursor: str, name: str, messages: Messages) -> tuple[str, bytes]:
         """Return a cursor and the JSON of the changes since another cursor.
@@ -223,27 +270,35 @@ class LogReport(Listener):
         if known is None or not here.startswith(f"{known[1]}-") or any(map(int.__gt__, from_, ends)):
             new: dict[str, Any] = {**self._all(name, messages), "cursor": here}
         else:
-            places, node_sets, waits, changes, revision, late = from_
+            places, node_sets, waits, texts, changes, revision, late = from_
             new_messages = {"told": self._shown} if self._messages_revised > revision else {}
             new = {
                 "places": {name: some[places:] for name, some in self._lists.items()},
                 "node_sets": list(islice(self._node_sets, node_sets, None)),
                 "waits": list(islice(self._waits, waits, None)),
+                "texts": list(islice(self._texts, texts, None)),
                 "late": self._found_late[late:],
                 "at": self._at[changes:],
                 "changes": self._changes[changes:],
                 "watches": [[at, row] for at, row in enumerate(self._rows) if self._revised[at] > revision],
                 "traces": self._traces,
+                "clock": self._clock,
                 **new_messages,
             }
         return here, json.dumps(new, separators=(",", ":")).encode()
 
     @property
     def _cursor(self) -> str:
-        ends = (self._lists["number"], self._node_sets, self._waits, self._changes)
+        ends = (self._lists["number"], self._node_sets, self._waits, self._texts, self._changes)
         return "-".join(
             map(str, (self._token, self._generation, *map(len, ends), self._revision, len(self._found_late)))
         )
+
+    @property
+    def _clock(self) -> str:
+        """What an instant is: milliseconds of a date or a clock, or a number."""
+        dated = self._field.holds_times or (self.tree.time is not None and self.tree.time.format is TimeFormat.ISO8601)
+        return "date" if dated else "" if self.tree.time is None else "ms"
 
     @property
     def _traces(self) -> list[str]:
@@ -276,6 +331,9 @@ class LogReport(Listener):
             "places": self._lists,
             "node_sets": list(self._node_sets),
             "waits": list(self._waits),
+            "texts": list(self._texts),
+            "clock": self._clock,
+            "undetected": self._undetected,
             "at": self._at,
             "changes": self._changes,
             "told": self._shown,
@@ -333,12 +391,18 @@ class LogReport(Listener):
         self._at = [place - gone for place in self._at if place >= gone]
         self._latest = {watch: place - gone for watch, place in self._latest.items() if place >= gone}
         self._keep_watches({*lists["watch"], *(at for at in range(len(self._watches)) if at not in self._ended)})
-        for name, table in (("nodes", self._node_sets), ("waits", self._waits)):
-            used = [one for one in dict.fromkeys(lists[name]) if one >= 0]
+        matched = [match for change in self._changes for one in change["detections"] for match in one["matched"]]
+        tables = ("nodes", self._node_sets), ("waits", self._waits), ("event", self._texts)
+        for name, table in tables:
+            more = (match[3] for match in matched) if table is self._texts else ()
+            used = [one for one in dict.fromkeys(chain(lists[name], more)) if one >= 0]
             words, number = list(table), {one: place for place, one in enumerate(used)}
             table.clear()
             table.update((words[one], place) for one, place in number.items())
             lists[name] = [number.get(one, -1) for one in lists[name]]
+        for match in matched:  # the last table has the events
+            match[3] = number.get(match[3], -1)
+        self._size = sum(len(str(text)) for text in self._texts)
         self._found_late.clear()
         self._generation += 1
 
@@ -369,14 +433,42 @@ class LogReport(Listener):
         return tuple(sorted({node for letter in letters for node in self._nodes[letter]}))
 
     def _note(self, watch: MonitoredTrace, number: int, event: Json, nodes: tuple[int, ...]) -> None:
-        lists = self._lists
-        lists["event"] += [_text(event)] if self.grows or len(lists["number"]) < SHOWN else []
+        lists, own = self._lists, self._own[id(watch)]
+        after = self._after.get(own, 0)
+        kept = self.grows or len(lists["number"]) < SHOWN or after > 0
+        if after:
+            self._after[own] = after - 1
+        if not kept:
+            self._near[own].append((len(lists["number"]), event))
+        lists["event"].append(self._content(event, share=2 if after else 4) if kept else -1)
         lists["number"].append(number)
-        lists["watch"].append(self._own[id(watch)])
+        lists["watch"].append(own)
         lists["nodes"].append(self._node_sets.setdefault(nodes, len(self._node_sets)))
         lists["time"].append(self._time(event))
+        lists["instant"].append(self._instant(event))
         lists["waits"].append(self._waiting(watch))
         self._latest[id(watch)] = len(lists["waits"]) - 1
+
+    def _content(self, event: Json, *, share: int = 1) -> int:
+        """Return the number of the text of an event."""
+        try:
+            text = visible(json.dumps(event, ensure_ascii=False))
+        except ValueError:  # more digits than Python converts
+            text = "…"
+        if text not in self._texts:
+            if self._size + len(text) > TEXT // share:
+                text, self._cut = cut(text, LONGEST), True
+            self._size += len(text)
+        return self._texts.setdefault(text, len(self._texts))
+
+    def _known(self, event: Json) -> list[Any]:
+        return [self._time(event), self._content(event), self._instant(event)]
+
+    def _instant(self, event: Json) -> float | None:
+        instant = self._field.place(event)
+        if instant is not None and self._clock:
+            instant //= UNITS["ms"]
+        return instant if instant is not None and abs(instant) < _LATEST else None
 
     def _time(self, event: Json) -> str:
         time = places(event, self.tree).get("time", "")
@@ -387,30 +479,40 @@ class LogReport(Listener):
 
     def _waiting(self, watch: MonitoredTrace, limit: float = 0.0) -> int:
         """Return the number of the missing events, -1 after the time limit."""
-        if self.grows:
-            now = monotonic()
-            self._left = min(self._most_left, self._left + (now - self._refilled) * SHARE)
-            self._refilled = now
+        now = monotonic()
+        self._left = min(self._most_left, self._left + (now - self._refilled) * self._share)
+        self._refilled = now
         if self._left > limit:
-            begun = process_time()
             try:
-                found = watch.monitors.monitors[0].pending()
+                return self._state(watch.monitors.monitors[0].pending())
             except TooLarge:
-                self._left -= process_time() - begun
-            else:
-                state = tuple(self._record(one) for one in found[:RECORDS]) + (
-                    (len(found) - RECORDS,) * (len(found) > RECORDS)
-                )
-                self._left -= process_time() - begun
-                return self._waits.setdefault(state, len(self._waits))
+                pass
+            finally:
+                spent = monotonic() - now  # the time of the process is slow to ask for
+                self._left -= spent * (1 + self._share)  # the refill counts this time, too
         return -1
+
+    def _state(self, found: Iterable[Pending]) -> int:
+        """Return the number of the distinct records, the latest of each branch."""
+        records = dict.fromkeys(map(self._record, reversed([*found])))
+        counts: Counter[Hashable] = Counter()
+        kept = []
+        for record in records:
+            counts[record[0]] += 1
+            kept += [record] if counts[record[0]] <= RECORDS else []
+        more = len(records) - len(kept)
+        return self._waits.setdefault((*kept, *([more] if more else [])), len(self._waits))
 
     def _record(self, one: Pending) -> tuple[Hashable, ...]:
         nodes = tuple(self.number[awaited.node] for awaited in one.awaited if awaited.node in self.number)
         return one.branch, nodes, ", ".join(f"{name} = {_text(value)}" for name, value in one.variables.items())
 
     def _changed(self, change: VerdictChange) -> dict[str, Any]:
-        titles, monitors = self._titles, change.watch.monitors
+        titles, monitors, own = self._titles, change.watch.monitors, self._own[id(change.watch)]
+        if change.detected and not self.grows:
+            self._after[own] = NEAR
+            for place, event in self._near.pop(own, ()):
+                self._lists["event"][place] = self._content(event, share=2)
         found: dict[str, Any] = {
             "verdicts": [
                 [
@@ -433,18 +535,24 @@ class LogReport(Listener):
         for node, numbers in how.events.items():
             for number in numbers:
                 event = change.events.get(number)
-                known = ["", ""] if event is None else [self._time(event), _text(event)]
+                known = ["", -1, None] if event is None else self._known(event)
                 matched.append([self.number.get(node, -1), number, *known])
         kept = how.scenario.items()
         return {
-            "titles": titles,
+            "titles": self._same(titles),
             "branch": how.branch,
-            "kinds": sorted(kind.value for kind in how.kinds),
+            "kinds": self._same(sorted(kind.value for kind in how.kinds)),
             "matched": matched,
             "variables": [[name, _text(value)] for name, value in how.bound(self.tree).items()],
-            "nodes": sorted({self.number[name] for name in (*how.scenario, *how.events) if name in self.number}),
-            "lines": [[self.number[name], self.number[child]] for name, some in kept for child in some],
+            "nodes": self._same(
+                sorted({self.number[name] for name in (*how.scenario, *how.events) if name in self.number})
+            ),
+            "lines": self._same([[self.number[name], self.number[child]] for name, some in kept for child in some]),
         }
+
+    def _same(self, value: Sequence[Any]) -> Sequence[Any]:
+        """Return one object for equal values."""
+        return self._values.setdefault(str(value), value)
 
     def _node(self, name: str) -> list[str]:
         node = self.tree.nodes[name]
@@ -511,6 +619,22 @@ def policy(*, live: bool = False) -> str:
     fixed = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:"
     asking = "; connect-src 'self'" if live else ""
     return f"{fixed}; style-src {style}; script-src {script}{asking}"
+
+
+def _pieces(value: Any) -> Iterator[str]:
+    """Yield the JSON of a value, of long lists in pieces, for memory."""
+    if isinstance(value, dict):
+        for place, (name, part) in enumerate(value.items()):
+            yield f"{',' if place else '{'}{json.dumps(str(name))}:"
+            yield from _pieces(part)
+        yield "}" if value else "{}"
+    elif isinstance(value, list) and len(value) > PIECE:
+        for start in range(0, len(value), PIECE):
+            text = json.dumps(value[start : start + PIECE], separators=(",", ":"))
+            yield f"{',' if start else '['}{text[1:-1]}"
+        yield "]"
+    else:
+        yield json.dumps(value, separators=(",", ":"))
 
 
 def _text(value: Json) -> str:

@@ -86,18 +86,19 @@ def _times_count(monitors: MonitorSet) -> bool:
 
 
 @lru_cache(maxsize=16)
-def interest(plan: MonitoringPlan) -> Interest:
-    """Return the parts of an event that are read when no listener needs whole events."""
+def interest(plan: MonitoringPlan, *, whole: bool = False) -> Interest:
+    """Return the parts of an event that are read."""
     types = plan.monitors.types
     also = (name for one in plan.fields for name in (one.text, one.path[0]))
     found = Interest.of(plan.reads, (TIME, *identifying_fields(types.tree), *also))
     # key, place and time of irrelevant events may still matter
     counted_only = plan.plain and not _times_count(plan.monitors) and found.fields is not None
-    return replace(found, may_be=types.may_be) if counted_only else found
+    found = replace(found, may_be=types.may_be) if counted_only else found
+    return replace(found, fields=None) if whole else found
 
 
 @lru_cache(maxsize=16)
-def block_reader(plan: MonitoringPlan) -> JsonBlockReader | None:
+def block_reader(plan: MonitoringPlan, *, whole: bool = False) -> JsonBlockReader | None:
     """Return a block reader for JSON Lines, or None if every event must be read in full."""
     # if every event counts, monitors of keys need the irrelevant events too
     each = plan.key is not None and plan.monitors.counts_all
@@ -108,7 +109,7 @@ def block_reader(plan: MonitoringPlan) -> JsonBlockReader | None:
     fields, time = plain_fields(plan.reads, (TIME, *identifying_fields(types.tree), *names)), exact_time(types.tree)
     if not fields or time in names:
         return None
-    return JsonBlockReader(plan.reads, possible, fields, time=time, strict=plan.strict_json, kept=names)
+    return JsonBlockReader(plan.reads, possible, fields, time=time, strict=plan.strict_json, kept=names, whole=whole)
 
 
 def _blocks_of(events: Iterable[JsonObject | None]) -> Iterator[EventBlock]:
@@ -417,13 +418,15 @@ class BulkReading:
     def blocks(self, source: Source, name: str, line: int, *, live: bool, jobs: int) -> Iterator[EventBlock] | None:
         """Return the events in blocks, or None to read them one by one."""
         run, plan = self.run, self.run.plan
-        quickly = not any(one.whole or (one.every and run.one_by_one) for one in run.listeners)
+        whole = any(one.whole for one in run.listeners)
+        quickly = not any(one.every and (one.whole or run.one_by_one) for one in run.listeners)
+        quickly = quickly and not (whole and plan.monitors.counts_all)
         if isinstance(source, Log):
             if run.ordering is not None:
                 return None
-            source.interest = interest(plan) if quickly else ALL
+            source.interest = interest(plan, whole=whole) if quickly else ALL
             return _blocks_of(source.events())
-        reader = block_reader(plan) if quickly and isinstance(source, IOBase) else None
+        reader = block_reader(plan, whole=whole) if quickly and isinstance(source, IOBase) else None
         if reader is None:
             return None
         stream = cast("BufferedIOBase", source)

@@ -32,14 +32,20 @@ BOUND: Final = 10_000
 class EventBuffer:
     """The recent events of one trace by number, for explanations.
 
-    Older events are read again from the regular file `path`, by `reader` unless it is JSON Lines.
-    `reads` are the parts read.
+    Older events are read again from the regular file `path`, by `reader` unless it is JSON Lines;
+    with `late`, only after the run. `reads` are the parts read.
     """
 
     def __init__(
-        self, path: Path | None = None, *, reads: Scope | None = None, reader: LogReader | None = None
+        self,
+        path: Path | None = None,
+        *,
+        reads: Scope | None = None,
+        reader: LogReader | None = None,
+        late: bool = False,
     ) -> None:
         self.path = path
+        self.late = late
         self.reads = reads
         self.reader = reader
         self.known: OrderedDict[int, Json] = OrderedDict()  # a dict finds its first key slowly after removals
@@ -50,10 +56,10 @@ class EventBuffer:
             self.known.popitem(last=False)
         self.known[number] = event
 
-    def events(self, numbers: Collection[int]) -> Mapping[int, Json]:
-        """Return the available events with these numbers."""
+    def events(self, numbers: Collection[int], *, ended: bool = False) -> Mapping[int, Json]:
+        """Return the available events with these numbers; `ended` after the run."""
         known = {number: self.known[number] for number in numbers if number in self.known}
-        missing = set(numbers) - set(known)
+        missing = set(numbers) - set(known) if ended or not self.late else set()
         if missing and self.path is not None and self.reader is not None:
             with suppress(RvaftError, OSError), source_of(self.reader, str(self.path)) as source:
                 found = enumerate(Log(self.reader, source, str(self.path), self.reads).events(), 1)
@@ -126,7 +132,7 @@ class Listener:
     """A listener that ignores all notifications.
 
     With `every` it receives every event, with `concerned` relevant events while a verdict may
-    change, else only events that change a verdict. With `whole` events have all fields. Without
+    change, else only events that change a verdict. With `whole` these events have all fields. Without
     `whole`, and with a single trace, `events` reports a range of events instead of `event` each.
     """
 

@@ -16,14 +16,14 @@ from rvaft import Semantics
 from rvaft.export.svg import svg_text
 from rvaft.readers.log import open_log
 from rvaft.reports import log_report
-from rvaft.stream import bulk
+from rvaft.stream import bulk, listeners
 from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.listeners import EventBuffer
 from rvaft.stream.monitor_set import MonitorSet, columns
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun
 from tests.cli.pages import Shown, page
-from tests.cli.runs import FULL, LOGS, PRUNED, SAND, TREES, UNBOUND, run, written
+from tests.cli.runs import FULL, LOGS, PRUNED, SAND, TREES, UNBOUND, run, soon, written
 
 ROW3: Final = LOGS / "table2_row3.jsonl"
 NASTY: Final = (
@@ -64,7 +64,7 @@ def test_a_page_has_what_happened(tmp_path: Path) -> None:
     names = [node[0] for node in data["nodes"]]
     assert change["verdicts"] == [["φ", "⊤", None]]
     assert (detection["branch"], detection["kinds"]) == (3, ["attack"])
-    assert [(names[node], number) for node, number, _, _ in detection["matched"]] == [
+    assert [(names[node], number) for node, number, *_ in detection["matched"]] == [
         ("ev1", 1),
         ("ev3", 2),
         ("ev4", 3),
@@ -122,7 +122,7 @@ def test_any_tree_and_part(tmp_path: Path, tree: Path, options: tuple[str, ...])
     assert run("report", tree, *logs, *options, "-o", output).exit_code in (0, 1)
     data = page(output)
     assert len(data["traces"]) == len(logs)
-    sizes = {len(some) for name, some in data["places"].items() if name != "event"}
+    sizes = {len(some) for some in data["places"].values()}
     assert len(sizes) == 1
 
 
@@ -151,19 +151,74 @@ def test_what_cannot_be_read_or_written(tmp_path: Path) -> None:
 
 def test_what_is_left_out_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tree = written(tmp_path / "tree.rvaft", "top sand a b;\n")
-    log = written(tmp_path / "log.jsonl", '{"event": "a"}\n' * 6 + '{"event": "b"}\n' * 2)
-    for name, value in (("SECONDS", 0.0), ("SHOWN", 2), ("CHANGES", 1)):
+    log = written(
+        tmp_path / "log.jsonl", "".join(f'{{"event": "{name}", "n": {n}}}\n' for n, name in enumerate("aaaaaabb"))
+    )
+    for name, value in (("SECONDS", 0.0), ("SHOWN", 1), ("CHANGES", 1), ("NEAR", 2), ("TEXT", 60), ("LONGEST", 4)):
         monkeypatch.setattr(log_report, name, value)
     data = reported(tmp_path, tree, log, log, "--semantics", "scattered", "--max-events", "4", status=1)
     assert data["places"]["number"] == [1, 2, 3, 4, 7]
-    assert len(data["places"]["event"]) == 2
+    texts = [data["texts"][text] if text >= 0 else None for text in data["places"]["event"]]
+    assert texts == ['{"ev…', None, None, '{"event": "a", "n": 3}', '{"ev…']
     said = [line.partition(": ")[2].partition(": ")[2].partition(":")[0] for line in data["told"]["said"]]
     assert said == [
         "8 events not on this page",
         "1 change left out",
         "missing events are not listed after 5 events",
-        "only the first 2 events are shown in full, later ones only in detections",
+        "only the first 1 events are shown in full, later ones only in and near detections",
+        "some events are cut to 4 characters",
     ]
+
+
+LONG: Final = "x" * 5_000
+
+
+@pytest.mark.parametrize("suffix", ["jsonl", "csv"])
+def test_events_are_on_the_page_in_full(tmp_path: Path, suffix: str) -> None:
+    rows = [{"event": "a", "why": LONG}, {"event": "other", "why": "no place"}, {"event": "b", "why": "é <b>"}]
+    lines = ["event,why", *(",".join(row.values()) for row in rows)] if suffix == "csv" else map(json.dumps, rows)
+    data = reported(tmp_path, SAND, written(tmp_path / f"log.{suffix}", "\n".join(lines) + "\n"), status=0)
+    assert [json.loads(data["texts"][text]) for text in data["places"]["event"]] == [rows[0], rows[2]]
+
+
+@pytest.mark.parametrize("keyed", [(), ("--key", "who")])
+def test_events_of_detections_that_are_no_longer_stored_are_read_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keyed: tuple[str, ...]
+) -> None:
+    monkeypatch.setattr(listeners, "BOUND", 1)
+    rows = [("a", "x"), ("a", "y"), ("b", "y"), ("b", "x"), ("c", "x"), ("c", "y")]
+    text = "".join(f"{json.dumps({'event': event, 'who': who, 'n': n})}\n" for n, (event, who) in enumerate(rows, 1))
+    log = written(tmp_path / "log.jsonl", text)
+    data = reported(tmp_path, SAND, log, "--semantics", "scattered", *keyed, status=1)
+    matched = [match for change in data["changes"] for one in change["detections"] for match in one["matched"]]
+    assert len(matched) == 3 * len(data["changes"])
+    assert all(json.loads(data["texts"][text])["n"] == number for _, number, _, text, _ in matched)
+
+
+@pytest.mark.parametrize(
+    ("declared", "times", "clock", "instants"),
+    [
+        ("time t as s;", (1.5, "x", 3), "ms", [1500, None, 3000]),
+        ("time t as iso8601;", ("1970-01-01T00:00:01Z", None, "1970-01-01T01:00:00+01:00"), "date", [1000, None, 0]),
+        ("", (5, 7.5, "x"), "", [5, 7.5, None]),
+        ("", ("1970-01-01T00:00:02Z", 7, "x"), "date", [2000, None, None]),
+    ],
+)
+def test_places_have_instants(
+    tmp_path: Path, declared: str, times: tuple[Any, ...], clock: str, instants: list[object]
+) -> None:
+    tree = written(tmp_path / "tree.rvaft", f"{declared} semantics scattered; top sand a b c;")
+    field = "t" if declared else "time"
+    events = (json.dumps({"event": name, field: time}) for name, time in zip("abc", times, strict=True))
+    data = reported(tmp_path, tree, written(tmp_path / "log.jsonl", "\n".join(events)), status=1)
+    assert (data["clock"], data["places"]["instant"]) == (clock, instants)
+
+
+def test_what_is_awaited_stands_once(tmp_path: Path) -> None:
+    tree = written(tmp_path / "tree.rvaft", "semantics scattered; time t as s; top and a within 9 s; a times 5;")
+    log = written(tmp_path / "log.jsonl", "".join(f'{{"event": "a", "t": {time}}}\n' for time in range(0, 40, 3)))
+    data = reported(tmp_path, tree, log, status=0)
+    assert all(len(state) == len({json.dumps(record) for record in state}) for state in data["waits"])
 
 
 def test_text_never_becomes_markup(tmp_path: Path) -> None:
@@ -270,6 +325,103 @@ def test_text_of_logs_stays_text(show: Any, tmp_path: Path) -> None:
     assert "<script>window.hacked = 1</script>" in shown.text("#event")
 
 
+KEYED: Final = (
+    "semantics scattered; time t as s; event e(n, u) = { n: n, u: u }; "
+    'top and a b; a on e("a", User) times 2; b on e("b", User);\n'
+)
+
+
+def keyed(folder: Path, *users: str) -> tuple[Path, Path]:
+    """A tree that is detected for each of these users, and a log with an irrelevant event before each event."""
+    rows = [{"n": name, "u": user, "note": f"{user} {LONG}"} for user in users for name in "aab"]
+    text = "".join(f'{{"n": "other"}}\n{json.dumps({**row, "t": 2e9 + 60 * n})}\n' for n, row in enumerate(rows))
+    return written(folder / "tree.rvaft", KEYED), written(folder / "log.jsonl", text)
+
+
+ROWS: Final = "[...document.querySelectorAll('.found')].map(row => row.cells[0].textContent.slice(2))"
+
+
+def test_an_address_names_an_event_or_a_detection(show: Any, tmp_path: Path) -> None:
+    shown = show(*keyed(tmp_path, "eve", "bob"), "--repeat")
+    shown.ask("location.hash = '#event=4'")
+    assert soon(lambda: shown.text("#place strong") == "event 4")
+    shown.ask("location.hash = '#detection=2'")
+    assert soon(lambda: shown.text("#place strong") == "event 12")
+    assert shown.text(".found.here td") == "▾ 2"
+    assert (shown.nodes("lit"), shown.text("[data-node='1'] .badge")) == (["top", "a", "b"], "2×, event 10")
+    assert "a (8, 10), b (12)" in shown.text("#branches")
+    assert [shown.text(f".open tr:nth-child({row}) a") for row in (1, 2, 3)] == ["8", "10", "12"] or shown.ask(
+        "[...document.querySelectorAll('.open')].at(-1).querySelectorAll('a').length"
+    ) == 3
+    shown.press("ARROW_LEFT")
+    assert soon(lambda: shown.ask("location.hash") == "#event=10")
+    shown.ask("location.hash = '#event=5'")
+    assert soon(lambda: "event 5 is not on this page: the one before it is shown" in shown.text("#place"))
+    shown.ask("location.hash = '#detection=7'")
+    assert soon(lambda: "detection 7 is not on this page" in shown.text("#place"))
+    shown.click(".found a")
+    assert soon(lambda: shown.text("#place strong") == "event 6")
+
+
+def test_detections_are_searched_filtered_and_sorted(show: Any, tmp_path: Path) -> None:
+    shown = show(*keyed(tmp_path, "eve", "bob", "eve"), "--repeat")
+    assert shown.ask(ROWS) == ["1", "2", "3"]
+    set_to = (
+        "((one, to) => {{ one.value = to; one.dispatchEvent(new Event('input')); }})"
+        "(document.getElementById('{}'), '{}')"
+    )
+    shown.ask(set_to.format("find", "BOB branch"))
+    assert (shown.ask(ROWS), shown.text("#detections h2")) == (["2"], "Detections (1 of 3)")
+    shown.ask(set_to.format("find", "nobody"))
+    assert "No detection fits the filters." in shown.text("#detections tbody")
+    shown.ask(set_to.format("find", ""))
+    assert "User = eve (2)" in shown.text("#value")
+    shown.ask(set_to.format("value", "User = eve"))
+    assert shown.ask(ROWS) == ["1", "3"]
+    shown.ask(set_to.format("value", ""))
+    for order in (["2", "1", "3"], ["3", "1", "2"]):
+        shown.click("#detections th:nth-child(5) button")
+        assert shown.ask(ROWS) == order
+    assert shown.ask("document.querySelector('[aria-sort]').ariaSort") == "descending"
+    assert shown.ask(f"document.querySelector('details pre').textContent.includes('eve {LONG}')")
+
+
+def test_the_time_axis_selects_the_nearest_event(show: Any, tmp_path: Path) -> None:
+    shown = show(*keyed(tmp_path, "eve", "bob"), "--repeat")
+    assert shown.text("#times .ends") == "2033-05-18 03:33:20.000 UTC2033-05-18 03:38:20.000 UTC"
+    shown.ask(
+        "(s => { s.value = 2e12 + 130e3; s.dispatchEvent(new Event('input')); })(document.getElementById('clock'))"
+    )
+    assert shown.text("#place strong") == "event 6"
+    assert show(SAND, written(tmp_path / "none.jsonl", '{"event": "a"}\n')).ask(
+        "document.getElementById('times').hidden"
+    )
+
+
+def test_a_narrow_page_is_not_wider_than_its_window(show: Any, browser: Any, tmp_path: Path) -> None:
+    size = {"width": 420, "height": 800, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    try:
+        shown = show(*keyed(tmp_path, "eve", "bob"), "--repeat", "--key", "u")
+        assert shown.ask("document.documentElement.scrollWidth") <= 420
+        wide = "[...document.querySelectorAll('td')].filter(td => td.textContent && td.clientWidth < 150).length"
+        assert shown.ask(wide) == 0
+        assert shown.ask("document.getElementById('keys').offsetTop < document.getElementById('detections').offsetTop")
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_badges_are_inside_their_boxes(show: Any, tmp_path: Path) -> None:
+    shown = show(*keyed(tmp_path, "eve"))
+    inside = (
+        "[...document.querySelectorAll('.node')].every(node => { const [box, badge] = ['.box', '.badge'].map(one => "
+        "node.querySelector(one)?.getBoundingClientRect()); return !badge || !badge.width || "
+        "(badge.left >= box.left && badge.right <= box.right && badge.top >= box.top && badge.bottom <= box.bottom); })"
+    )
+    assert shown.ask(inside)
+    assert "2×, event 4" in shown.text("svg")
+
+
 def test_keys_filter_all_there_is(show: Any, tmp_path: Path) -> None:
     tree = written(tmp_path / "tree.rvaft", "top sand a b;\n")
     rows = [("a", 1), ("a", 2), ("b", 2), ("b", 1), ("a", 3)]
@@ -279,7 +431,7 @@ def test_keys_filter_all_there_is(show: Any, tmp_path: Path) -> None:
     assert shown.text("#detections h2") == "Detections (2)"
     shown.click("#keys tbody tr")
     assert (shown.text("#detections h2"), shown.ask("document.getElementById('slider').max")) == (
-        "Detections (1, of who=user1)",
+        "Detections (1 of 2, of who=user1)",
         "1",
     )
     shown.press("HOME")
@@ -302,8 +454,10 @@ def test_light_and_dark_and_print(show: Any, browser: Any) -> None:
             "Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
         )
         before = shown.ask(colour)
+        assert shown.text("#theme") == ("Dark theme" if scheme == "light" else "Light theme")
         shown.click("#theme")
         switched = shown.ask(colour)
+        assert shown.text("#theme") == ("Light theme" if scheme == "light" else "Dark theme")
         assert (before == "rgb(245, 246, 248)", switched == "rgb(245, 246, 248)") == (
             scheme == "light",
             scheme == "dark",

@@ -203,13 +203,13 @@ class _Following:
             return
         for name, some in more["places"].items():
             self.data["places"][name] += some
-        for name in ("node_sets", "waits", "at", "changes"):
+        for name in ("node_sets", "waits", "texts", "at", "changes"):
             self.data[name] += more[name]
         for place, state in more["late"]:
             self.data["places"]["waits"][place] = state
         for watch, row in more["watches"]:
             self.data["watches"][watch:] = [row, *self.data["watches"][watch + 1 :]]
-        self.data |= {"traces": more["traces"], "told": more.get("told", self.data["told"])}
+        self.data |= {"traces": more["traces"], "clock": more["clock"], "told": more.get("told", self.data["told"])}
 
     def seen(self, place: int) -> tuple[Any, ...]:
         """What the page says was seen of that key at that place."""
@@ -309,6 +309,7 @@ def test_nodes_light_up_as_the_log_grows(quiet: Any, tmp_path: Path) -> None:
         shown.click("#live")
         add(log, line("b", who=NASTY[2]))
         assert soon(lambda: shown.ask(f"{slider}.value") == "4")
+        assert shown.text(".found td") == "▸ 2"  # the newest first
         assert shown.ask("window.hacked === undefined && document.querySelectorAll('img').length === 0")
         assert shown.ask("document.scripts.length") == 2
         keys = shown.text("#keys tbody")
@@ -333,7 +334,7 @@ def test_the_page_of_the_server_shows_what_a_client_caused(quiet: Any, tmp_path:
             connection.send(NASTY[0])
             connection.recv(timeout=20)
             assert soon(lambda: shown.nodes("lit") == ["top", "a", "b"])
-            assert "connection 1 from 127.0.0.1" in shown.text("#detections h3")
+            assert "1 from 127.0.0.1" in shown.text("#detections tbody")
             assert "⊤ at event 3" in shown.text("#keys tbody")
         assert soon(
             lambda: "(closed)" in shown.text("#keys tbody") and "closed after 3 events" in shown.text("#missed")

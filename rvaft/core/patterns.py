@@ -4,6 +4,9 @@ Patterns never exclude fields or values. So the events that match several patter
 event: undetermined values are unique, and objects have a unique additional field. A pattern that
 matches the least event matches all of them.
 
+`[..., P, ...]` demands nothing here: the least event may match more patterns than any real event,
+but is never said to match `[..., P, ...]`.
+
 Patterns share rigid variables. `compatible` and `implies` are quick one-sided tests that treat
 variables as wildcards.
 """
@@ -20,6 +23,7 @@ from rvaft.model.patterns import (
     Literal,
     ObjectPattern,
     Pattern,
+    SomeItem,
     Variable,
     rigid_variables,
     substitute,
@@ -44,7 +48,7 @@ def _opened(pattern: Pattern) -> tuple[Head, Iterable[tuple[str | int, Pattern]]
             return "object", fields
         case ListPattern(items):
             return len(items), enumerate(items)
-        case Variable() | Anything():
+        case Variable() | Anything() | SomeItem():
             return None, ()
 
 
@@ -150,7 +154,7 @@ class LeastEvent:
             if isinstance(part, Variable) and not _equal(bound.setdefault(part.name, known), known):
                 return False
             head, parts = _opened(part)
-            if head is not None and head != known.head:
+            if isinstance(part, SomeItem) or (head is not None and head != known.head):
                 return False
             for name, inner in parts:
                 if name not in known.parts:

@@ -29,7 +29,7 @@ from rvaft.model.guards import (
     time_points,
 )
 from rvaft.model.nodes import Assumption, Causality, EventType, Ignore, Kind, On, Place, ValueType
-from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.values import Scalar, has_surrogate, is_number
 from rvaft.model.verdict import Semantics
 
@@ -416,6 +416,9 @@ class Build(Transformer[Token, Any]):
     def sequence(self, items: Items) -> Operand:
         parts: list[Operand] = items[1] or []
         return _compound(ListPattern(_values(parts)), parts, "pattern", items[0])
+
+    def some_item(self, items: Items) -> Operand:
+        return _compound(SomeItem(items[3].value), [items[3]], "pattern", items[0])
 
     # Guards.
 

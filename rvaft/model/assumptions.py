@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple, TypeAlias, assert_never, cast
 from rvaft.model.event_time import EventTime, duration_text
 from rvaft.model.guards import UNDEFINED, Guard, Operation, Operator, Sort, value, walk
 from rvaft.model.nodes import Assumption, On, ValueType
-from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, equal, is_number
 
@@ -252,33 +252,36 @@ def _shape(tree: RVAFT, name: str) -> _Shape:
     literals: list[tuple[Path, Json]] = []
     lengths: list[tuple[Path, int]] = []
     parameters: list[tuple[Path, str, ValueType]] = []
-    for path, part, around in _places(event.pattern):
+    for path, part, around in places(event.pattern):
         match part:
             case Literal(constant):
                 literals.append((path, constant))
                 lengths.extend(one for one in around if one not in lengths)
             case Variable(parameter):
                 parameters.append((path, parameter, event.type_of(parameter)))
-            case Anything() | ObjectPattern() | ListPattern():
+            case Anything() | ObjectPattern() | ListPattern() | SomeItem():
                 pass
             case _:
                 assert_never(part)
     return _Shape(tuple(literals), tuple(lengths), tuple(parameters))
 
 
-def _places(
+def places(
     pattern: Pattern, path: Path = (), around: tuple[tuple[Path, int], ...] = ()
 ) -> Iterator[tuple[Path, Pattern, tuple[tuple[Path, int], ...]]]:
-    """Yield the parts of a pattern with their paths, and the lists around them with their lengths."""
+    """Yield the parts of a pattern with their paths, and the lists around them with their lengths.
+
+    The parts inside `[..., P, ...]` have no path.
+    """
     yield path, pattern, around
     match pattern:
         case ObjectPattern(fields):
             for name, inner in fields:
-                yield from _places(inner, (*path, name), around)
+                yield from places(inner, (*path, name), around)
         case ListPattern(items):
             for number, inner in enumerate(items):
-                yield from _places(inner, (*path, number), (*around, (path, len(items))))
-        case Literal() | Variable() | Anything():
+                yield from places(inner, (*path, number), (*around, (path, len(items))))
+        case Literal() | Variable() | Anything() | SomeItem():
             pass
         case _:
             assert_never(pattern)
@@ -290,14 +293,14 @@ def _case_tests(tree: RVAFT) -> Iterator[tuple[Path, Callable[[str], bool], str]
     patterns = [tree.pattern(name) for name in tree.occurrences]
     local = [(tree.instantiate(ignore.on), [ignore.when]) for ignore in tree.ignores]
     for pattern, tests in [*((pattern, guards) for pattern in patterns if pattern is not None), *local]:
-        for path, part, _ in _places(pattern):
+        for path, part, _ in places(pattern):
             match part:
                 case Literal(str() as text):
                     yield path, _other_case(text), text
                 case Variable(name):
                     for guard in tests:
                         yield from ((path, *one) for one in _guard_tests(guard, name))
-                case Literal() | Anything() | ObjectPattern() | ListPattern():
+                case Literal() | Anything() | ObjectPattern() | ListPattern() | SomeItem():
                     pass
                 case _:
                     assert_never(part)

@@ -395,16 +395,17 @@ def reader(number: int, letter: Letter) -> Reader:
 
 
 def _reader_of_ways(number: int, letter: Letter, when: Guard | None) -> Reader:
-    pattern, holds = letter.pattern, (lambda _: True) if when is None else predicate(when)
+    pattern, holds = letter.pattern, None if when is None else predicate(when)
 
     def fitting(event: Mapping[str, Json]) -> Iterator[dict[str, Json]]:
-        return filter(holds, ways(pattern, event, {}))
+        return (found for found in ways(pattern, event, {}) if holds is None or holds(found))
 
     def admits(event: Mapping[str, Json]) -> bool:
         return any(True for _ in fitting(event))
 
     def values(event: Mapping[str, Json]) -> dict[str, Json]:
-        return rigid(next(fitting(event), None) or match(pattern, event, {}) or {})
+        found = next(fitting(event), None)
+        return rigid(found or match(pattern, event, {}) or {})
 
     test = EventTest(letter, admits)
     return Reader(number, pattern, test, admits, values, None, lambda event: rigid_ways(fitting(event)))

@@ -15,6 +15,7 @@ from lark import Token, Transformer
 
 from rvaft.language.diagnostics import WHOLE_NUMBER, shown
 from rvaft.language.draft import Draft, DraftNode, DraftTopic, GateUse, Located
+from rvaft.model.assumptions import places
 from rvaft.model.event_time import EventTime, TimeFormat, scaled
 from rvaft.model.guards import (
     COMPARISONS,
@@ -303,6 +304,10 @@ class Build(Transformer[Token, Any]):
         for word in term.words:
             if word not in parameters:
                 raise Slip(f"{shown(word)} is not a parameter of {shown(name)}; write text in quotes", word)
+        typable = {part.name for _, part, _ in places(term.value) if isinstance(part, Variable)}
+        for word, type_ in declared:
+            if type_ is not ValueType.ANY and word in term.words and word not in typable:
+                raise Slip(f"{shown(word)} is only inside `[..., P, ...]`, which has no types; remove the type", word)
 
         return lambda page: page.draft.events.append(
             EventType(name.value, parameters, term.value, page.place(name), types)

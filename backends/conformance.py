@@ -30,10 +30,10 @@ from rvaft.errors import LanguageError, NotExpressible, TooLarge
 from rvaft.language.parser import parse
 from rvaft.model.assumptions import first_violation
 from rvaft.model.expressions import CLAUSES, GATES
-from rvaft.model.guards import FUNCTIONS, NUMERIC, ORDERINGS, POINTS, Operation, Operator, holds, walk
+from rvaft.model.guards import FUNCTIONS, NUMERIC, ORDERINGS, POINTS, Operation, Operator, walk
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Causality, Gate, Kind
-from rvaft.model.patterns import ListPattern, Literal, Pattern, Variable, match, variables
+from rvaft.model.patterns import ListPattern, Literal, Pattern, SomeItem, Variable, match, variables
 from rvaft.model.patterns import walk as walk_pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -80,7 +80,7 @@ CONSTRUCTS: Final = frozenset(
         *POINTS,
         *(clause for clause in CLAUSES if clause not in (*Kind, "label")),
         *(pattern.__name__ for pattern in get_args(Pattern)),
-        *("ignore", "late", "shared", "a variable over two events", "when, on a gate"),
+        *("ignore", "late", "shared", "a variable over two events", "a variable of some item", "when, on a gate"),
     }
 )
 """All constructs of trees except operators of guards, and kinds and labels, which change no
@@ -269,7 +269,7 @@ def scattered_by_single_events(example: Example, semantics: Semantics) -> bool:
         if (p := example.tree.pattern(name)) is not None
         for part in walk_pattern(p)
     )
-    simple = all(not isinstance(part, ListPattern) and part != Literal(None) for part in parts)
+    simple = all(not isinstance(part, ListPattern | SomeItem) and part != Literal(None) for part in parts)
     return semantics is Semantics.SCATTERED and without_variables(example, semantics) and simple
 
 
@@ -557,7 +557,7 @@ def _answer(question: Observed, event: Json) -> object:
     names = [*variables(question.pattern), *guard_variables(question.when)]
     if binding is None or any(not name.startswith("_") for name in names):
         return None if binding is None else tuple((name, repr(value)) for name, value in binding.items())
-    return question.when is None or (set(names) <= binding.keys() and holds(question.when, binding))
+    return question.fits(event)
 
 
 def _effect(monitor: Monitor, event: Json) -> object:

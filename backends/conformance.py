@@ -33,7 +33,7 @@ from rvaft.model.expressions import CLAUSES, GATES
 from rvaft.model.guards import FUNCTIONS, NUMERIC, ORDERINGS, POINTS, Operation, Operator, walk
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Causality, Gate, Kind
-from rvaft.model.patterns import ListPattern, Literal, Pattern, SomeItem, Variable, match, variables
+from rvaft.model.patterns import ListPattern, Literal, Pattern, SomeItem, Variable, variables, ways
 from rvaft.model.patterns import walk as walk_pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -553,10 +553,10 @@ def _variants(traces: Sequence[Trace]) -> list[Json]:
 
 
 def _answer(question: Observed, event: Json) -> object:
-    binding = match(question.pattern, event, {})
+    bindings = [*ways(question.pattern, event, {})]
     names = [*variables(question.pattern), *guard_variables(question.when)]
-    if binding is None or any(not name.startswith("_") for name in names):
-        return None if binding is None else tuple((name, repr(value)) for name, value in binding.items())
+    if any(not name.startswith("_") for name in names):
+        return [[(name, repr(value)) for name, value in one.items()] for one in bindings]
     return question.fits(event)
 
 

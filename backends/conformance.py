@@ -33,7 +33,7 @@ from rvaft.model.expressions import CLAUSES, GATES
 from rvaft.model.guards import FUNCTIONS, NUMERIC, ORDERINGS, POINTS, Operation, Operator, walk
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Causality, Gate, Kind
-from rvaft.model.patterns import ListPattern, Literal, Pattern, SomeItem, Variable, variables, ways
+from rvaft.model.patterns import ListPattern, Literal, Pattern, SomeItem, Variable, rigid_variables, variables, ways
 from rvaft.model.patterns import walk as walk_pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -238,6 +238,16 @@ def everything(example: Example, semantics: Semantics) -> bool:  # noqa: ARG001 
     return True
 
 
+def no_variables_of_items(example: Example, semantics: Semantics) -> bool:  # noqa: ARG001 -- a `Required`
+    """Require every tree, except variables inside `[..., P, ...]`."""
+    return not any(rigid_variables(part.item) for part in _some_items(example.tree))
+
+
+def _some_items(tree: RVAFT) -> Iterator[SomeItem]:
+    patterns = (pattern for name in tree.occurrences if (pattern := tree.pattern(name)) is not None)
+    return (part for pattern in patterns for part in walk_pattern(pattern) if isinstance(part, SomeItem))
+
+
 def no_texts_of_several(example: Example, semantics: Semantics) -> bool:
     """Require every tree, except guards that search a string of one event in that of another."""
     functions = (Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS)
@@ -255,7 +265,7 @@ def without_variables_or_determinate(example: Example, semantics: Semantics) -> 
 
     Trees that test strings or times are not required.
     """
-    if asks_of_strings(example.tree, semantics) or example.tree.time is not None:
+    if asks_of_strings(example.tree, semantics) or example.tree.time is not None or any(_some_items(example.tree)):
         return False
     anywhere = semantics in (Semantics.SCATTERED, Semantics.CONSECUTIVE)
     return not example.tree.variables or (example.determinate and not anywhere)

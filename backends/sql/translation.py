@@ -30,7 +30,16 @@ from rvaft.core.times import untimed
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.event_time import TIME
 from rvaft.model.guards import Guard, Operation, Operator, variables
-from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, rigid_variables
+from rvaft.model.patterns import (
+    Anything,
+    ListPattern,
+    Literal,
+    ObjectPattern,
+    Pattern,
+    SomeItem,
+    Variable,
+    rigid_variables,
+)
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits
 
@@ -270,39 +279,58 @@ class SqlQuery:
         return f"v{self.variables.index(variable) + 1}"
 
     def _condition(self, pattern: Pattern, guards: Iterable[Guard]) -> str:
-        dialect, conditions, places = self.dialect, list[str](), dict[str, Path]()
-        todo: list[tuple[Path, Pattern]] = [((), pattern)]
-        while todo:
-            path, part = todo.pop()
-            match part:
-                case Variable(name) if path == (TIME,):
-                    places[name] = path
-                case Literal() | ListPattern() if not path:  # an event is an object
-                    conditions.append("false")
-                case Literal(str() as value):
-                    conditions.append(dialect.is_text(value, "event", path))
-                case Literal(value):
-                    conditions.append(self.guards.equal(self._term(path), self.guards.literal(value)))
-                case Variable() | Anything():
-                    if path:
-                        conditions.append(f"{dialect.kind('event', path)} IS NOT NULL")
-                    if isinstance(part, Variable) and (first := places.setdefault(part.name, path)) != path:
-                        conditions.append(f"{dialect.key('event', first)} = {dialect.key('event', path)}")
-                case ObjectPattern(fields):
-                    conditions += [dialect.is_a("object", "event", path)] if path else []
-                    todo += reversed([((*path, name), inner) for name, inner in fields])
-                case ListPattern(items):
-                    length = dialect.value("length", "event", path)
-                    conditions.append(f"{dialect.is_a('list', 'event', path)} AND {length} = {len(items)}")
-                    todo += reversed([((*path, place), item) for place, item in enumerate(items)])
+        places: dict[str, tuple[str, Path]] = {}
+        conditions = self._tests([("event", (), pattern)], places, 1)
         for guard in guards:
             conditions.append(
-                self.guards.condition(guard, {name: self._term(places[name]) for name in variables(guard)})
+                self.guards.condition(guard, {name: self._term(*places[name]) for name in variables(guard)})
             )
         return " AND ".join(dict.fromkeys(conditions)) or "true"
 
-    def _term(self, path: Path) -> SqlTerm:
-        return SqlTerm(whole="time") if path == (TIME,) else self.guards.variable("event", path)
+    def _tests(
+        self, todo: list[tuple[str, Path, Pattern]], places: dict[str, tuple[str, Path]], depth: int
+    ) -> list[str]:
+        """Return conditions that values at places (column and path) match patterns.
+
+        The tests of a list with some matching item are nested, so that they can share variables.
+        """
+        dialect, conditions, lists = self.dialect, list[str](), list[tuple[str, Path, SomeItem]]()
+        while todo:
+            at, path, part = todo.pop()
+            whole = at == "event" and not path
+            match part:
+                case Variable(name) if path == (TIME,):
+                    places[name] = at, path
+                case Literal() | ListPattern() | SomeItem() if whole:  # an event is an object
+                    conditions.append("false")
+                case Literal(str() as value):
+                    conditions.append(dialect.is_text(value, at, path))
+                case Literal(value):
+                    conditions.append(self.guards.equal(self._term(at, path), self.guards.literal(value)))
+                case Variable() | Anything():
+                    if not whole:
+                        conditions.append(f"{dialect.kind(at, path)} IS NOT NULL")
+                    if isinstance(part, Variable) and (first := places.setdefault(part.name, (at, path))) != (at, path):
+                        conditions.append(f"{dialect.key(*first)} = {dialect.key(at, path)}")
+                case ObjectPattern(fields):
+                    conditions += [] if whole else [dialect.is_a("object", at, path)]
+                    todo += reversed([(at, (*path, name), inner) for name, inner in fields])
+                case ListPattern(items):
+                    length = dialect.value("length", at, path)
+                    conditions.append(f"{dialect.is_a('list', at, path)} AND {length} = {len(items)}")
+                    todo += reversed([(at, (*path, place), item) for place, item in enumerate(items)])
+                case SomeItem():
+                    conditions.append(dialect.is_a("list", at, path))
+                    lists.append((at, path, part))
+        if lists:
+            (at, path, some), *others = lists
+            inside = self._tests([*others, (item := f"item_{depth}", (), some.item)], places, depth + 1)
+            table = dialect.items.format(*dialect.way(at, path), item)
+            conditions.append(f"EXISTS (SELECT 1 FROM {table} WHERE {' AND '.join(inside) or 'true'})")
+        return conditions
+
+    def _term(self, at: str, path: Path) -> SqlTerm:
+        return SqlTerm(whole="time") if path == (TIME,) else self.guards.variable(at, path)
 
     # The query of a scenario.
 

@@ -297,7 +297,7 @@ _DUCKDB: Final = Dialect(
         "whole": "{0} IN ('BIGINT', 'UBIGINT')",
     },
     facets={"whole": "CAST({0} AS BIGINT)", "real": "CAST({0} AS DOUBLE)", "truth": "{0} = 'true'"},
-    items="(SELECT value AS {2} FROM json_each({0}, {1}))",
+    items="(SELECT value AS {2} FROM json_each(json_extract({0}, {1})))",
     keys=(
         "CASE WHEN {0} IN ('BIGINT', 'UBIGINT') THEN 'n' || {1} "
         f"WHEN {{0}} = 'DOUBLE' THEN {_KEY.format('CAST({1} AS DOUBLE)')} WHEN {{0}} = 'VARCHAR' THEN 's' || {{1}} "

@@ -566,7 +566,7 @@ def _answer(question: Observed, event: Json) -> object:
     bindings = [*ways(question.pattern, event, {})]
     names = [*variables(question.pattern), *guard_variables(question.when)]
     if any(not name.startswith("_") for name in names):
-        return [[(name, repr(value)) for name, value in one.items()] for one in bindings]
+        return tuple(tuple((name, repr(value)) for name, value in one.items()) for one in bindings)
     return question.fits(event)
 
 

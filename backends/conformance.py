@@ -31,10 +31,10 @@ from rvaft.language.parser import parse
 from rvaft.model.assumptions import first_violation
 from rvaft.model.event_time import TimeFormat
 from rvaft.model.expressions import CLAUSES, GATES
-from rvaft.model.guards import FUNCTIONS, NUMERIC, ORDERINGS, POINTS, Operation, Operator, holds, walk
+from rvaft.model.guards import FUNCTIONS, NUMERIC, ORDERINGS, POINTS, Operation, Operator, walk
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Causality, Gate, Kind
-from rvaft.model.patterns import ListPattern, Literal, Pattern, Variable, match, variables
+from rvaft.model.patterns import ListPattern, Literal, Pattern, SomeItem, Variable, rigid_variables, variables, ways
 from rvaft.model.patterns import walk as walk_pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -81,7 +81,7 @@ CONSTRUCTS: Final = frozenset(
         *POINTS,
         *(clause for clause in CLAUSES if clause not in (*Kind, "label")),
         *(pattern.__name__ for pattern in get_args(Pattern)),
-        *("ignore", "late", "shared", "a variable over two events", "when, on a gate"),
+        *("ignore", "late", "shared", "a variable over two events", "a variable of some item", "when, on a gate"),
     }
 )
 """All constructs of trees except operators of guards, and kinds and labels, which change no
@@ -243,6 +243,16 @@ def everything(example: Example, semantics: Semantics) -> bool:  # noqa: ARG001 
     return True
 
 
+def no_variables_of_items(example: Example, semantics: Semantics) -> bool:  # noqa: ARG001 -- a `Required`
+    """Require every tree, except variables inside `[..., P, ...]`."""
+    return not any(rigid_variables(part.item) for part in _some_items(example.tree))
+
+
+def _some_items(tree: RVAFT) -> Iterator[SomeItem]:
+    patterns = (pattern for name in tree.occurrences if (pattern := tree.pattern(name)) is not None)
+    return (part for pattern in patterns for part in walk_pattern(pattern) if isinstance(part, SomeItem))
+
+
 def no_texts_of_several(example: Example, semantics: Semantics) -> bool:
     """Require every tree, except guards that search a string of one event in that of another."""
     functions = (Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS)
@@ -260,7 +270,7 @@ def without_variables_or_determinate(example: Example, semantics: Semantics) -> 
 
     Trees that test strings or times are not required.
     """
-    if asks_of_strings(example.tree, semantics) or example.tree.time is not None:
+    if asks_of_strings(example.tree, semantics) or example.tree.time is not None or any(_some_items(example.tree)):
         return False
     anywhere = semantics in (Semantics.SCATTERED, Semantics.CONSECUTIVE)
     return not example.tree.variables or (example.determinate and not anywhere)
@@ -274,7 +284,7 @@ def scattered_by_single_events(example: Example, semantics: Semantics) -> bool:
         if (p := example.tree.pattern(name)) is not None
         for part in walk_pattern(p)
     )
-    simple = all(not isinstance(part, ListPattern) and part != Literal(None) for part in parts)
+    simple = all(not isinstance(part, ListPattern | SomeItem) and part != Literal(None) for part in parts)
     return semantics is Semantics.SCATTERED and without_variables(example, semantics) and simple
 
 
@@ -560,11 +570,11 @@ def _variants(traces: Sequence[Trace]) -> list[Json]:
 
 
 def _answer(question: Observed, event: Json) -> object:
-    binding = match(question.pattern, event, {})
+    bindings = [*ways(question.pattern, event, {})]
     names = [*variables(question.pattern), *guard_variables(question.when)]
-    if binding is None or any(not name.startswith("_") for name in names):
-        return None if binding is None else tuple((name, repr(value)) for name, value in binding.items())
-    return question.when is None or (set(names) <= binding.keys() and holds(question.when, binding))
+    if any(not name.startswith("_") for name in names):
+        return tuple(tuple((name, repr(value)) for name, value in one.items()) for one in bindings)
+    return question.fits(event)
 
 
 def _effect(monitor: Monitor, event: Json) -> object:

@@ -21,7 +21,7 @@ from rvaft.core.conditions import (
 from rvaft.errors import NotExpressible
 from rvaft.model.assumptions import Declared
 from rvaft.model.guards import OPERATORS, Guard, Operation, Operator, Sort, variables
-from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.values import Json, is_finite
 
 FieldPath: TypeAlias = tuple[str | int, ...]
@@ -137,7 +137,7 @@ class FieldConditions(ABC):
                 yield "", self.length.format(p=self.path(way), n=len(items)) if way else self.never
                 for place, inner in enumerate(items):
                     yield from self._tests(inner, (*way, place), paths)
-            case ObjectPattern() | ListPattern():
+            case ObjectPattern() | ListPattern() | SomeItem():
                 raise self.lacks(Lack.CONTAINER)
 
     def guard(self, guard: Guard, paths: Mapping[str, str]) -> str:

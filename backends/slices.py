@@ -82,16 +82,16 @@ def advance(
     return after
 
 
-def fits(matched: Callable[[Binding], Binding | None], bound: Binding, before: Binding) -> bool:
-    """Return whether an event matches under a binding.
+def fits(ways: Callable[[Binding], Iterable[Binding]], bound: Binding, before: Binding) -> bool:
+    """Return whether an event matches under a binding; `ways` yields the extensions that match it.
 
     A new value that does not equal itself, such as NaN, is compared by identity.
     """
-    if matched(bound) is not None or bound is before:
-        return matched(bound) is not None
+    if any(True for _ in ways(bound)):
+        return True
     lost = [name for name in bound.keys() - before.keys() if not equal(bound[name], bound[name])]
-    found = matched({name: value for name, value in bound.items() if name not in lost}) if lost else None
-    return found is not None and all(found.get(name, bound[name]) is bound[name] for name in lost)
+    found = ways({name: value for name, value in bound.items() if name not in lost}) if lost else ()
+    return any(all(one.get(name, bound[name]) is bound[name] for name in lost) for one in found)
 
 
 def passes(guard: Guard, binding: Binding) -> bool:

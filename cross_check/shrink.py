@@ -30,6 +30,7 @@ from rvaft.model.patterns import (
     Literal,
     ObjectPattern,
     Pattern,
+    SomeItem,
     Variable,
     match,
     substitute,
@@ -268,6 +269,8 @@ def _opened(whole: Any) -> tuple[list[tuple[Any, Any]], Callable[[Iterable[tuple
             return list(fields), lambda parts: ObjectPattern(tuple(parts))
         case ListPattern(items):
             return list(enumerate(items)), lambda parts: ListPattern(tuple(part for _, part in parts))
+        case SomeItem(item):
+            return [(0, item)], lambda parts: next((SomeItem(part) for _, part in parts), Anything())
         case Operation(operator, operands):
             return list(enumerate(operands)), lambda parts: Operation(operator, tuple(part for _, part in parts))
         case _:
@@ -336,6 +339,9 @@ def _fitted(pattern: Pattern, binding: Mapping[str, Json], value: Json) -> Json:
         case ListPattern(items):
             known = [*(value if isinstance(value, list) else ()), *[0] * len(items)]
             return [_fitted(item, binding, inner) for item, inner in zip(items, known, strict=False)]
+        case SomeItem(item):
+            first, *others = value if isinstance(value, list) and value else [0]
+            return [_fitted(item, binding, first), *others]
 
 
 # Reductions: candidates in a fixed order; those that are not smaller or not trees are not tried.

@@ -119,10 +119,11 @@ class Observed:
 
     def fits(self, event: Json) -> bool:
         """Whether an event passes on its own; a guard with unbound variables does not hold."""
-        bound = patterns.match(self.pattern, event, {})
-        if bound is None or self.when is None:
-            return bound is not None
-        return set(guards.variables(self.when)) <= bound.keys() and guards.holds(self.when, bound)
+        if self.when is None:
+            return patterns.match(self.pattern, event, {}) is not None
+        if not set(guards.variables(self.when)) <= set(patterns.variables(self.pattern)):
+            return False
+        return any(guards.holds(self.when, bound) for bound in patterns.ways(self.pattern, event, {}))
 
     def untied(self, names: Iterable[str] | None = None) -> "Observed":
         """Return the test with these variables (default: all) made local.

@@ -30,7 +30,7 @@ from rvaft.errors import NotExpressible
 from rvaft.model import patterns
 from rvaft.model.guards import Duration, Guard, Operation, Operator, conjuncts, holds, time_points, variables, walk
 from rvaft.model.nodes import Assumption
-from rvaft.model.patterns import ListPattern, Literal, ObjectPattern, Pattern
+from rvaft.model.patterns import ListPattern, Literal, ObjectPattern, Pattern, SomeItem
 from rvaft.model.verdict import Semantics
 
 
@@ -53,6 +53,8 @@ class Value(Enum):
     BOOLEAN = "true and false"
     NULL = "null"
     LIST = "lists"
+    SOME_ITEM = "tests of some item of a list (`[..., P, ...]`)"
+    SOME_VARIABLE = "variables inside `[..., P, ...]`"
 
 
 class Feature(Enum):
@@ -236,6 +238,10 @@ def _values(pattern: Pattern) -> Iterator[Value]:
                 yield Value.NUMBER
             case ListPattern():
                 yield Value.LIST
+            case SomeItem(item):
+                yield Value.SOME_ITEM
+                if patterns.rigid_variables(item):
+                    yield Value.SOME_VARIABLE
             case Literal(str()) | ObjectPattern() | patterns.Variable() | patterns.Anything():
                 pass
             case _:

@@ -33,8 +33,9 @@ from rvaft.model.patterns import (
     ObjectPattern,
     Pattern,
     match,
-    rigid,
     rigid_variables,
+    rigid_ways,
+    ways,
 )
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
@@ -429,14 +430,12 @@ class HoaMonitor(Monitor):
         def extensions(state: int, bound: Binding) -> Iterator[Binding]:
             for number in run.seen(state):
                 if number in events and not events[number][1] <= bound.keys():
-                    found = match(events[number][0], event, bound)
-                    if found is not None:
-                        yield rigid(found)
+                    yield from rigid_ways(ways(events[number][0], event, bound))
 
         def is_true(number: int, bound: Binding, before: Binding) -> bool:
             if number in events:
                 pattern, shared = events[number]
-                return shared <= bound.keys() and slices.fits(partial(match, pattern, event), bound, before)
+                return shared <= bound.keys() and slices.fits(partial(ways, pattern, event), bound, before)
             return slices.passes(program.guards[number], bound) if number in program.guards else relevant
 
         def step(state: int, bound: Binding, before: Binding) -> tuple[Verdict, int]:

@@ -72,7 +72,7 @@ class FeasibleLetters:
         near = self._all
         for atom in bits(atoms):
             near &= self._near[atom]
-        return None if event is None else self._satisfied(event, near)
+        return None if event is None else self._satisfied(event, near) | atoms
 
     def _implying(self, atom: int) -> int:
         candidates = bits(self._all & self._near[atom])
@@ -132,7 +132,7 @@ class FeasibleLetters:
             if not letter & ~self._near[index]:
                 event = least([*own, self._decisive[index]])
                 if event is not None and not self._is_ignored(event):
-                    yield self._satisfied(event, self._all & self._near[index])
+                    yield self._satisfied(event, self._all & self._near[index]) | letter
 
     def _is_ignored(self, event: LeastEvent | None) -> bool:
         return event is not None and any(event.satisfies(ignored) for ignored in self._ignored)

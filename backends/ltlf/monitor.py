@@ -32,8 +32,8 @@ class Atom:
     """Variables that must be bound for the atom to be true."""
     mentions: frozenset[str]
     """All variables that affect the atom."""
-    extended: Callable[[Json, Binding], Binding | None]
-    """The smallest extension of a binding that makes the atom true at an event, or None."""
+    extended: Callable[[Json, Binding], Iterable[Binding]]
+    """The smallest extensions of a binding that make the atom true at an event."""
 
     def holds(self, event: Json, binding: Binding, before: Binding) -> bool:
         """Return whether the atom is true at an event; `before` is the binding before the event."""
@@ -61,13 +61,10 @@ def _event_atom(observation: Observation) -> Atom:
 
     conditions = [(guard, frozenset(guards.variables(guard))) for guard in observation.guards]
 
-    def extended(event: Json, binding: Binding) -> Binding | None:
-        found = patterns.match(pattern, event, binding)
-        if found is None:
-            return None
-        bound = patterns.rigid(found)
-        failed = any(names <= bound.keys() and not guards.holds(guard, bound) for guard, names in conditions)
-        return None if failed else bound
+    def extended(event: Json, binding: Binding) -> Iterator[Binding]:
+        for bound in patterns.rigid_ways(patterns.ways(pattern, event, binding)):
+            if all(guards.holds(guard, bound) for guard, names in conditions if names <= bound.keys()):
+                yield bound
 
     return Atom(pattern, binds, binds.union(*(names for _, names in conditions)), extended)
 
@@ -81,9 +78,9 @@ def _relevance(relevant: Sequence[Observation], ignored: Sequence[Observation]) 
 
     relevance, ignorance = fitting(relevant), fitting(ignored)
 
-    def extended(event: Json, binding: Binding) -> Binding | None:
+    def extended(event: Json, binding: Binding) -> tuple[Binding, ...]:
         fits = isinstance(event, Mapping) and any(one.admits(event) for one in relevance.of(event))
-        return binding if fits and not any(one.admits(event) for one in ignorance.of(event)) else None
+        return (binding,) if fits and not any(one.admits(event) for one in ignorance.of(event)) else ()
 
     return Atom(patterns.Anything(), frozenset(), frozenset(), extended)
 
@@ -156,9 +153,7 @@ class LtlfMonitor(Monitor):
                 residuals.ask(len(atoms_now))
                 for name in sorted(atoms_now):
                     if not atoms[name].binds <= binding.keys():
-                        extended = atoms[name].extended(event, binding)
-                        if extended is not None:
-                            yield extended
+                        yield from atoms[name].extended(event, binding)
 
         def step(residual: int, binding: Binding, before: Binding) -> tuple[Verdict, int]:
             atoms_now = residuals.now(residual) & candidates

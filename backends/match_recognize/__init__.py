@@ -48,7 +48,7 @@ class MatchRecognizeBackend(Backend):
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
-    values: ClassVar[frozenset[Value]] = JSON_VALUES
+    values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM}
     ties: ClassVar[Ties] = Ties.ANY
     default_limit: ClassVar[int] = 2_000
 

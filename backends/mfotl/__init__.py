@@ -46,7 +46,7 @@ class MfotlBackend(Backend):
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
-    values: ClassVar[frozenset[Value]] = JSON_VALUES
+    values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM}
     ties: ClassVar[Ties] = Ties.ANY
     default_limit: ClassVar[int] = 5_000
 

@@ -32,7 +32,7 @@ class MtlCapabilities(Backend):
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
-    values: ClassVar[frozenset[Value]] = JSON_VALUES
+    values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM}
     ties: ClassVar[Ties] = Ties.NONE
     reasons: ClassVar[Mapping[Capability, str]] = {
         Semantics: "a chain of `once` cannot forbid events between its own",

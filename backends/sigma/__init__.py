@@ -71,6 +71,7 @@ class SigmaBackend(Backend):
         Feature.TIME_POINTS: "the timespan is the only condition on time of a correlation",
         Value.NULL: _UNTYPED,
         Value.LIST: "a rule cannot test the length of a list, or whether a value is an object",
+        Value.SOME_ITEM: "a rule cannot say which fields belong to one item of a list",
     }
     default_limit: ClassVar[int] = 100
 

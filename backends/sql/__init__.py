@@ -49,7 +49,7 @@ class SqlBackend(Backend):
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.LATE})
-    values: ClassVar[frozenset[Value]] = JSON_VALUES
+    values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM}
     ties: ClassVar[Ties] = Ties.ANY
     highlighting: ClassVar[Highlighting | None] = Highlighting("SQL")
     default_limit: ClassVar[int] = 2_000
@@ -116,6 +116,7 @@ class SqlPostgresBackend(SqlBackend):
     dialect: ClassVar[str] = "postgres"
     form_of: ClassVar[str | None] = "sql"
     readable: ClassVar[bool] = False
+    values: ClassVar[frozenset[Value]] = JSON_VALUES
     tools: ClassVar[tuple[str, ...]] = ()
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:

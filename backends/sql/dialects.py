@@ -61,6 +61,8 @@ class Dialect:
     values: Mapping[str, str]
     types: Mapping[str, str]
     facets: Mapping[str, str]
+    items: str
+    """A table of the items of a list as JSON, from a value, a path and the name of the column."""
     keys: str
     looks: re.Pattern[str]
     whole: str
@@ -159,19 +161,21 @@ def _named(**types: str) -> dict[str, str]:
     return {what: f"{{0}} = '{name}'" for what, name in types.items()}
 
 
+_EACH: Final = (
+    "CASE WHEN type IN ('true', 'false', 'null') THEN type ELSE CASE type WHEN 'text' THEN json_quote(value) "
+    "WHEN 'real' THEN printf('%!.17g', value) ELSE coalesce(atom, value, type) END END"
+)
+"""The JSON of a row of `json_each` in SQLite."""
+
+
 @lru_cache(maxsize=256)
 def _sqlite_way(event: str, path: Path) -> tuple[str, str]:
     """Field names that SQLite paths do not support are searched with `json_each`."""
     steps = "$"
     for place, step in enumerate(path):
         if isinstance(step, str) and not _PLAIN.fullmatch(step):
-            value = (
-                "CASE type WHEN 'text' THEN json_quote(value) WHEN 'real' THEN printf('%!.17g', value) "
-                "ELSE coalesce(atom, value, type) END"
-            )
-            value = f"CASE WHEN type IN ('true', 'false', 'null') THEN type ELSE {value} END"
             found = f"json_each({event}, {quoted(steps, 'char')}) WHERE key = {quoted(step, 'char')}"
-            return _sqlite_way(f"(SELECT {value} FROM {found})", path[place + 1 :])
+            return _sqlite_way(f"(SELECT {_EACH} FROM {found})", path[place + 1 :])
         word = isinstance(step, str) and re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", step)
         steps += f"[{step}]" if isinstance(step, int) else f".{step}" if word else f'."{step}"'
     return event, quoted(steps, "char")
@@ -229,6 +233,7 @@ _SQLITE: Final = Dialect(
         "truth": "{0} IN ('true', 'false')",
     },
     facets={},
+    items=f"(SELECT {_EACH} AS {{2}} FROM json_each({{0}}, {{1}}))",
     keys=(
         "CASE {0} WHEN 'integer' THEN {1} WHEN 'real' THEN {1} WHEN 'text' THEN 's' || ({1}) "
         "WHEN 'true' THEN 'true' WHEN 'false' THEN 'false' WHEN 'null' THEN 'null' "
@@ -296,6 +301,7 @@ _DUCKDB: Final = Dialect(
         "whole": "{0} IN ('BIGINT', 'UBIGINT')",
     },
     facets={"whole": "CAST({0} AS BIGINT)", "real": "CAST({0} AS DOUBLE)", "truth": "{0} = 'true'"},
+    items="(SELECT value AS {2} FROM json_each(json_extract({0}, {1})))",
     keys=(
         "CASE WHEN {0} IN ('BIGINT', 'UBIGINT') THEN 'n' || {1} "
         f"WHEN {{0}} = 'DOUBLE' THEN {_KEY.format('CAST({1} AS DOUBLE)')} WHEN {{0}} = 'VARCHAR' THEN 's' || {{1}} "

@@ -19,7 +19,7 @@ from rvaft.errors import NotExpressible, OptionError
 from rvaft.model.assumptions import has_type, places, used_events
 from rvaft.model.event_time import UNITS, EventTime, TimeFormat
 from rvaft.model.nodes import Assumption, ValueType
-from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.values import Json, at, has_surrogate, is_finite
 
 ROWID: Final = "rowid"
@@ -176,6 +176,7 @@ class JsonRows:
     trace: str = "trace"
     position: str = "pos"
     time: str = "time"
+    column: str = "event"
 
     def header(self) -> Iterator[str]:
         """Yield the lines of the comment that describe the table."""
@@ -185,29 +186,37 @@ class JsonRows:
         """Return the columns for a table of numbered events, and the rows of that table."""
         return "trace, pos, event, time", self
 
+    def is_event(self, path: Path) -> bool:
+        """Whether a path leads to a whole event."""
+        return self.column == "event" and not path
+
     def is_text(self, value: str, path: Path) -> str:
         """Return the test that a value is this string."""
-        return self.dialect.is_text(value, "event", path)
+        return self.dialect.is_text(value, self.column, path)
 
     def there(self, path: Path) -> list[str]:
         """Return the tests that an event has a value."""
-        return [f"{self.dialect.kind('event', path)} IS NOT NULL"] if path else []
+        return [] if self.is_event(path) else [f"{self.dialect.kind(self.column, path)} IS NOT NULL"]
 
     def is_object(self, path: Path) -> list[str]:
         """Return the tests that a value is an object."""
-        return [self.dialect.is_a("object", "event", path)] if path else []
+        return [] if self.is_event(path) else [self.dialect.is_a("object", self.column, path)]
 
-    def is_list(self, path: Path, length: int) -> str:
-        """Return the test that a value is a list of this length."""
-        size = self.dialect.value("length", "event", path)
-        return f"{self.dialect.is_a('list', 'event', path)} AND {size} = {length}"
+    def is_list(self, path: Path, length: int | None = None) -> str:
+        """Return the test that a value is a list, of this length."""
+        size = f" AND {self.dialect.value('length', self.column, path)} = {length}"
+        return f"{self.dialect.is_a('list', self.column, path)}{'' if length is None else size}"
+
+    def items(self, path: Path, name: str) -> "tuple[str, JsonRows]":
+        """Return the table of the items of a list, and the rows of that table."""
+        return self.dialect.items.format(*self.dialect.way(self.column, path), name), replace(self, column=name)
 
     def facets(self, path: Path) -> dict[str, str]:
         """Return the columns of a variable at a path."""
         dialect = self.dialect
-        facets = {kind: dialect.facet(kind, "event", path) for kind in FACETS[:4]}
-        facets |= {"null": dialect.is_a("null", "event", path), "key": dialect.key("event", path)}
-        return {**facets, "json": dialect.value("json", "event", path)}
+        facets = {kind: dialect.facet(kind, self.column, path) for kind in FACETS[:4]}
+        facets |= {"null": dialect.is_a("null", self.column, path), "key": dialect.key(self.column, path)}
+        return {**facets, "json": dialect.value("json", self.column, path)}
 
     def term(self, path: Path) -> SqlTerm:
         """Return the value at a path."""
@@ -277,6 +286,10 @@ class TableRows:
         trace, time = ("trace" if self.trace else ""), ("time" if self.time else "")
         return ", ".join(shown), replace(self, trace=trace, position="pos", time=time, names=inner)
 
+    def is_event(self, path: Path) -> bool:
+        """Whether a path leads to a whole event."""
+        return not path
+
     def is_text(self, value: str, path: Path) -> str:
         """Return the test that a value is this string."""
         return f"{self.names[path]} = {self.dialect.text(value)}"
@@ -289,9 +302,13 @@ class TableRows:
         """Return no test: a column inside the object has a value."""
         return []
 
-    def is_list(self, path: Path, length: int) -> str:
+    def is_list(self, path: Path, length: int | None = None) -> str:
         """Raise `NotExpressible`."""
-        raise NotExpressible(f"a column holds no list of {length} items, as in {path[-1]}")
+        raise NotExpressible(f"a column holds no list{'' if length is None else f' of {length} items'}: {path[-1]}")
+
+    def items(self, path: Path, name: str) -> "tuple[str, TableRows]":  # noqa: ARG002
+        """Raise `NotExpressible`."""
+        raise NotExpressible(self.is_list(path))
 
     def facets(self, path: Path) -> dict[str, str]:
         """Return the column of a variable at a path."""
@@ -358,7 +375,7 @@ def _types(prop: Property) -> dict[Path, ValueType]:
                     raise NotExpressible(f"a column does not distinguish null from an absent field: {what}")
                 case ObjectPattern(()) if path:
                     raise NotExpressible(f"a column holds no object, as {written} of event {name} is")
-                case ListPattern():
+                case ListPattern() | SomeItem():
                     raise NotExpressible(f"a column holds no list, as {written} of event {name} is")
                 case Literal() | ObjectPattern():
                     pass

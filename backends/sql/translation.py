@@ -31,7 +31,16 @@ from rvaft.core.times import untimed
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.event_time import TIME
 from rvaft.model.guards import Guard, Operation, Operator, variables
-from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, rigid_variables
+from rvaft.model.patterns import (
+    Anything,
+    ListPattern,
+    Literal,
+    ObjectPattern,
+    Pattern,
+    SomeItem,
+    Variable,
+    rigid_variables,
+)
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits
 
@@ -303,37 +312,57 @@ class SqlQuery:
         return f"v{self.variables.index(variable) + 1}"
 
     def _condition(self, pattern: Pattern, guards: Iterable[Guard]) -> str:
-        rows, conditions, places = self.rows, list[str](), dict[str, Path]()
-        todo: list[tuple[Path, Pattern]] = [((), pattern)]
+        places: dict[str, tuple[Rows, Path]] = {}
+        conditions = self._tests([(self.rows, (), pattern)], places, 1)
+        for guard in guards:
+            conditions.append(
+                self.guards.condition(guard, {name: self._term(*places[name]) for name in variables(guard)})
+            )
+        return " AND ".join(dict.fromkeys(conditions)) or "true"
+
+    def _tests(
+        self, todo: list[tuple[Rows, Path, Pattern]], places: dict[str, tuple[Rows, Path]], depth: int
+    ) -> list[str]:
+        """Return conditions that values at places (rows and path) match patterns.
+
+        The tests of a list with some matching item are nested, so that they can share variables.
+        """
+        conditions, lists = list[str](), list[tuple[Rows, Path, SomeItem]]()
         while todo:
-            path, part = todo.pop()
+            rows, path, part = todo.pop()
             match part:
                 case Variable(name) if path == (TIME,):
-                    places[name] = path
-                case Literal() | ListPattern() if not path:  # an event is an object
+                    places[name] = rows, path
+                case Literal() | ListPattern() | SomeItem() if rows.is_event(path):  # an event is an object
                     conditions.append("false")
                 case Literal(str() as value):
                     conditions.append(rows.is_text(value, path))
                 case Literal(value):
-                    conditions.append(self.guards.equal(self._term(path), self.guards.literal(value)))
+                    conditions.append(self.guards.equal(self._term(rows, path), self.guards.literal(value)))
                 case Variable() | Anything():
                     conditions += rows.there(path)
-                    if isinstance(part, Variable) and (first := places.setdefault(part.name, path)) != path:
-                        conditions.append(f"{rows.facets(first)['key']} = {rows.facets(path)['key']}")
+                    if isinstance(part, Variable):
+                        known, first = places.setdefault(part.name, (rows, path))
+                        if (known, first) != (rows, path):
+                            conditions.append(f"{known.facets(first)['key']} = {rows.facets(path)['key']}")
                 case ObjectPattern(fields):
                     conditions += rows.is_object(path)
-                    todo += reversed([((*path, name), inner) for name, inner in fields])
+                    todo += reversed([(rows, (*path, name), inner) for name, inner in fields])
                 case ListPattern(items):
                     conditions.append(rows.is_list(path, len(items)))
-                    todo += reversed([((*path, place), item) for place, item in enumerate(items)])
-        for guard in guards:
-            conditions.append(
-                self.guards.condition(guard, {name: self._term(places[name]) for name in variables(guard)})
-            )
-        return " AND ".join(dict.fromkeys(conditions)) or "true"
+                    todo += reversed([(rows, (*path, place), item) for place, item in enumerate(items)])
+                case SomeItem():
+                    conditions.append(rows.is_list(path))
+                    lists.append((rows, path, part))
+        if lists:
+            (rows, path, some), *others = lists
+            table, item = rows.items(path, f"item_{depth}")
+            inside = self._tests([*others, (item, (), some.item)], places, depth + 1)
+            conditions.append(f"EXISTS (SELECT 1 FROM {table} WHERE {' AND '.join(inside) or 'true'})")
+        return conditions
 
-    def _term(self, path: Path) -> SqlTerm:
-        return SqlTerm(whole=self.rows.time) if path == (TIME,) else self.rows.term(path)
+    def _term(self, rows: Rows, path: Path) -> SqlTerm:
+        return SqlTerm(whole=self.rows.time) if path == (TIME,) else rows.term(path)
 
     # The query of a scenario.
 

@@ -66,6 +66,7 @@ class StixBackend(Backend):
         Feature.TIME_POINTS: "WITHIN is the only condition on time of a pattern",
         Value.NULL: "STIX has no null",
         Value.LIST: "a comparison cannot test the length of a list, or whether a value is an object",
+        Value.SOME_ITEM: "comparisons with `[*]` do not say which properties belong to one item",
         Ties.ALL_EVENTS: "a pattern cannot compare two observations",
         Ties.ANY: "a pattern cannot compare two observations",
         **dict.fromkeys(

@@ -17,7 +17,7 @@ from rvaft.errors import TreeError
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint
 from rvaft.model.nodes import Argument, Assumption, Causality, Gate, Ignore, Kind, Node, On, Topic, ValueType
-from rvaft.model.patterns import Anything, Literal, Variable
+from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
@@ -67,12 +67,14 @@ class Shape:
     """A guard on variables gets a function."""
     assumptions: float = 0.15
     """Parameters have types, and the tree states assumptions."""
+    lists: float = 0.1
+    """Event types look for some item of a list."""
 
 
 PLAIN: Final = Shape(**{part.name: 0 for part in fields(Shape) if isinstance(part.default, float)})
 """Trees over default events, without sharing."""
 
-VARIABLE_FREE: Final = Shape(variables=0, times=0)
+VARIABLE_FREE: Final = Shape(variables=0, times=0, lists=0)
 """Everything except variables and times; guards are constant."""
 
 
@@ -108,7 +110,13 @@ class _Growth:
         ignores = [self._ignore()] if self.random.random() < self.shape.ignores else []
         causality = self.random.choice(list(Causality))
         used = {node.on.event for node in self.nodes if node.on} | {ignore.on.event for ignore in ignores}
-        events = [event for event in EVENTS if event.name in used]
+        apart = _apart(self.random)
+        lists = apart.random() < self.shape.lists
+        events = [
+            replace(event, pattern=_with_lists(apart, event.pattern)) if lists else event
+            for event in EVENTS
+            if event.name in used
+        ]
         return RVAFT("n0", self.nodes, events, ignores=ignores, topics=self._topics(), causality=causality)
 
     def _topics(self) -> list[Topic]:
@@ -180,6 +188,14 @@ class _Growth:
         names = VARIABLES[: len(event.parameters)]
         on = On(event.name, tuple(map(Variable, names)))
         return Ignore(on, self._comparison(names) if self.random.random() < 0.8 else None)
+
+
+def _with_lists(random: Random, pattern: Pattern) -> Pattern:
+    """Return a pattern of a list in place of some values and objects."""
+    if isinstance(pattern, ObjectPattern):
+        pattern = ObjectPattern(tuple((name, _with_lists(random, inner)) for name, inner in pattern.fields))
+        return ObjectPattern((("x", SomeItem(pattern)),)) if random.random() < 0.4 else pattern
+    return SomeItem(pattern) if isinstance(pattern, Variable) and random.random() < 0.4 else pattern
 
 
 # Additions for real logs, drawn separately from the tree.

@@ -22,7 +22,17 @@ from rvaft.model.guards import ARITHMETIC, COMPARISONS, Duration, Guard, Operati
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.guards import walk as guard_walk
 from rvaft.model.nodes import Assumption
-from rvaft.model.patterns import Anything, Binding, ListPattern, Literal, ObjectPattern, Pattern, Variable, walk
+from rvaft.model.patterns import (
+    Anything,
+    Binding,
+    ListPattern,
+    Literal,
+    ObjectPattern,
+    Pattern,
+    SomeItem,
+    Variable,
+    walk,
+)
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, is_number
 
@@ -76,8 +86,11 @@ def operations(guard: Guard | None) -> Iterator[Operation]:
     return (part for part in guard_walk(guard) if isinstance(part, Operation))
 
 
-def built(pattern: Pattern, binding: Binding, free: Callable[[str], Json]) -> Json:
-    """Return a value that matches the pattern under a binding; `free` gives the rest by field."""
+def built(random: Random, pattern: Pattern, binding: Binding, free: Callable[[str], Json]) -> Json:
+    """Return a value that matches the pattern under a binding; `free` gives the rest by field.
+
+    A list with some matching item may have another one, and an item that need not match.
+    """
     chosen = dict(binding)
 
     def build(part: Pattern, field: str) -> Json:
@@ -92,13 +105,16 @@ def built(pattern: Pattern, binding: Binding, free: Callable[[str], Json]) -> Js
                 return {name: build(inner, name) for name, inner in fields}
             case ListPattern(items):
                 return [build(item, field) for item in items]
+            case SomeItem(item):
+                others = [built(random, item, {}, free), free(field)][: random.randrange(3)]
+                return random.sample(found := [build(item, field), *others], len(found))
 
     return build(pattern, "event")
 
 
 def fitting(random: Random, pattern: Pattern, values: Sequence[Json], binding: Binding | None = None) -> Json:
     """Return a value that matches the pattern under a binding, otherwise random."""
-    return built(pattern, binding or {}, lambda _: random.choice(values))
+    return built(random, pattern, binding or {}, lambda _: random.choice(values))
 
 
 def around(bound: Json) -> list[Json]:
@@ -154,6 +170,8 @@ def leaves(pattern: Pattern, field: str = "event") -> Iterator[tuple[str, Patter
         case ListPattern(items):
             for item in items:
                 yield from leaves(item, field)
+        case SomeItem(item):
+            yield from leaves(item, field)
         case _:
             yield field, pattern
 
@@ -384,7 +402,10 @@ class LogValues:
     def event(self, pattern: Pattern, binding: Binding) -> Json:
         """Return an event that matches under a binding; open times are placeholders."""
         return built(
-            pattern, binding, lambda field: LATER if field in self._times else self.random.choice(self._of(field))
+            self.random,
+            pattern,
+            binding,
+            lambda field: LATER if field in self._times else self.random.choice(self._of(field)),
         )
 
     def noise(self) -> Json:

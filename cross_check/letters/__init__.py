@@ -18,7 +18,7 @@ from rvaft.backend import Observed
 from rvaft.errors import TooLarge
 from rvaft.model.guards import holds
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.patterns import Literal, Pattern, Variable, substitute, variables, walk
+from rvaft.model.patterns import Literal, Pattern, SomeItem, Variable, substitute, variables, walk
 from rvaft.model.values import Json, Scalar, is_number, key
 
 __all__ = ["TIMES", "UNBOUND", "VARIABLES", "Answers", "Letters", "answers", "letters", "ties", "with_twins"]
@@ -28,6 +28,7 @@ Answers: TypeAlias = tuple[bool, ...]
 VARIABLES: Final = "variables may tie events together"
 TIMES: Final = "times tie events together"
 UNBOUND: Final = "a guard has a variable that is not in its pattern"
+SOME: Final = "a pattern asks for some item of a list"
 
 _SETS: Final = 8
 """Closed sets per letter of the limit: patterns added for guards distinguish more than the
@@ -57,7 +58,10 @@ def letters(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
     >>> letters([Observed(parse_pattern("{v: V}"), parse_guard("V > 3")).untied()]).events
     ({}, {'v': 4})
     """
-    questions = tuple(dict.fromkeys(observed))
+    every = tuple(dict.fromkeys(observed))
+    questions = tuple(question for question in every if not _asks_for_some_item(question))
+    if len(questions) < len(every):
+        return Letters(letters(questions, limit=limit).events, SOME)
     shared = [question for question in questions if ties(question)]
     found, gap = _complete([question for question in questions if not ties(question)], limit)
     if not shared:
@@ -77,7 +81,7 @@ def with_twins(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
     values do.
     """
     questions = tuple(dict.fromkeys(observed))
-    if not any(map(ties, questions)):
+    if not any(map(ties, questions)) or any(map(_asks_for_some_item, questions)):
         return letters(questions, limit=limit)
     own = tuple(dict.fromkeys(map(Observed.untied, questions)))
     guards = [question.when for question in own if question.when is not None]
@@ -112,6 +116,10 @@ def with_twins(observed: Iterable[Observed], *, limit: int = 4096) -> Letters:
 def answers(questions: Iterable[Observed], event: Json) -> Answers:
     """Return the answers of an event to questions without shared variables."""
     return tuple(question.fits(event) for question in questions)
+
+
+def _asks_for_some_item(question: Observed) -> bool:
+    return any(isinstance(part, SomeItem) for part in walk(question.pattern))
 
 
 def ties(question: Observed) -> bool:

@@ -46,6 +46,7 @@ from rvaft.model.patterns import (
     Literal,
     ObjectPattern,
     Pattern,
+    SomeItem,
     Variable,
     rigid_variables,
     substitute,
@@ -191,6 +192,8 @@ class PaperTypes:
                 return f"{{{', '.join(f'{quoted(name)}: {self._pattern(p, node)}' for name, p in fields)}}}"
             case ListPattern(items):
                 return f"[{', '.join(self._pattern(item, node) for item in items)}]"
+            case SomeItem():
+                raise _refusal("RML has no pattern for some item of a list", self._semantics, node)
 
     def _data(self, guard: Guard, node: str) -> str:
         match guard:

@@ -8,7 +8,7 @@ present fields; other candidates are *open* and matched against each event.
 import sys
 from bisect import bisect_left, bisect_right
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 from functools import cached_property
@@ -17,7 +17,20 @@ from typing import Final, Generic, NamedTuple, TypeAlias, TypeVar
 from rvaft.model.assumptions import fields_read
 from rvaft.model.guards import OPERATORS, ORDERINGS, Guard, Operation, Predicate, predicate, renamed
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match, rigid
+from rvaft.model.patterns import (
+    Anything,
+    ListPattern,
+    Literal,
+    ObjectPattern,
+    Pattern,
+    SomeItem,
+    Variable,
+    has_ways,
+    match,
+    rigid,
+    rigid_ways,
+    ways,
+)
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, is_finite, is_number, key
@@ -271,6 +284,9 @@ class Reads:
                 case ListPattern(items):
                     reads.items = reads.items or Reads()
                     agenda.extend((reads.items, inner) for inner in items)
+                case SomeItem(item):
+                    reads.items = reads.items or Reads()
+                    agenda.append((reads.items, item))
                 case Variable():
                     reads.whole = True
                 case Literal() | Anything():
@@ -351,6 +367,8 @@ class Reader(NamedTuple):
     """The values of the rigid variables in a matching event."""
     fields: Mapping[str, str] | None
     """The fields of these values; None if the shape does not decide the match."""
+    ways: Callable[[Mapping[str, Json]], list[dict[str, Json]]] | None = None
+    """All values of the rigid variables with which an event is the letter, if there may be several."""
 
     def read(self, event: Mapping[str, Json]) -> dict[str, Json] | None:
         """Return the values of the variables in an event, or None if it is not this letter."""
@@ -363,6 +381,8 @@ def reader(number: int, letter: Letter) -> Reader:
     plain = flat(pattern)
     if when is not None and not set(guard_variables(when)) <= set(pattern_variables(pattern)):
         when = Literal(False)
+    if has_ways(pattern):
+        return _reader_of_ways(number, letter, when)
     if plain is None:
         return Reader(
             number, pattern, EventTest(letter, admits := _admits(pattern, when)), admits, _bound(pattern), None
@@ -372,6 +392,23 @@ def reader(number: int, letter: Letter) -> Reader:
     test = None if when is None else renamed(when, named)
     admits = (lambda _: True) if test is None else predicate(test)
     return Reader(number, pattern, test, admits, _values(tuple(fields.items())), fields)
+
+
+def _reader_of_ways(number: int, letter: Letter, when: Guard | None) -> Reader:
+    pattern, holds = letter.pattern, None if when is None else predicate(when)
+
+    def fitting(event: Mapping[str, Json]) -> Iterator[dict[str, Json]]:
+        return (found for found in ways(pattern, event, {}) if holds is None or holds(found))
+
+    def admits(event: Mapping[str, Json]) -> bool:
+        return any(True for _ in fitting(event))
+
+    def values(event: Mapping[str, Json]) -> dict[str, Json]:
+        found = next(fitting(event), None)
+        return rigid(found or match(pattern, event, {}) or {})
+
+    test = EventTest(letter, admits)
+    return Reader(number, pattern, test, admits, values, None, lambda event: rigid_ways(fitting(event)))
 
 
 def _admits(pattern: Pattern, when: Guard | None) -> Predicate:

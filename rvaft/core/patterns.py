@@ -4,6 +4,9 @@ Patterns never exclude fields or values. So the events that match several patter
 event: undetermined values are unique, and objects have a unique additional field. A pattern that
 matches the least event matches all of them.
 
+The least event is said to match `[..., P, ...]` only if this very pattern is required there, and two
+such patterns never exclude each other. So there may be no event as small as the least one.
+
 Patterns share rigid variables. `compatible` and `implies` are quick one-sided tests that treat
 variables as wildcards.
 """
@@ -20,6 +23,7 @@ from rvaft.model.patterns import (
     Literal,
     ObjectPattern,
     Pattern,
+    SomeItem,
     Variable,
     rigid_variables,
     substitute,
@@ -44,7 +48,7 @@ def _opened(pattern: Pattern) -> tuple[Head, Iterable[tuple[str | int, Pattern]]
             return "object", fields
         case ListPattern(items):
             return len(items), enumerate(items)
-        case Variable() | Anything():
+        case Variable() | Anything() | SomeItem():
             return None, ()
 
 
@@ -92,6 +96,7 @@ class Unknown:
 
     head: Head = None
     parts: "dict[str | int, Unknown]" = field(default_factory=dict)
+    some: frozenset[SomeItem] = frozenset()
     same: "Unknown | None" = None
 
     def find(self) -> "Unknown":
@@ -118,6 +123,11 @@ class LeastEvent:
             known = value.find()
             if isinstance(part, Variable):
                 _unify(self.bound.setdefault(part.name, known), known)
+            if isinstance(part, SomeItem):
+                if variables(part) == rigid_variables(part):
+                    known.find().some |= {part}
+                for variable in rigid_variables(part):
+                    self.bound.setdefault(variable, Unknown())
             head, parts = _opened(part)
             if head is not None:
                 inside: dict[str | int, Unknown] = {}
@@ -150,7 +160,7 @@ class LeastEvent:
             if isinstance(part, Variable) and not _equal(bound.setdefault(part.name, known), known):
                 return False
             head, parts = _opened(part)
-            if head is not None and head != known.head:
+            if (isinstance(part, SomeItem) and part not in known.some) or (head is not None and head != known.head):
                 return False
             for name, inner in parts:
                 if name not in known.parts:
@@ -183,6 +193,7 @@ def _unify(one: Unknown, other: Unknown) -> None:
         if a is b:
             continue
         b.same = a
+        a.some |= b.some
         if a.head is None:
             a.head, a.parts = b.head, b.parts
         elif b.head is not None:

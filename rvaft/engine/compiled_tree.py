@@ -24,7 +24,7 @@ from rvaft.core.classifier import EventTest, GuardTable, Letter, PatternIndex, R
 from rvaft.core.part_numbers import PartKind, op_of
 from rvaft.core.property import Part, Property, Source, fewest
 from rvaft.core.times import TimeDifference, differences
-from rvaft.model.guards import Guard, TimePoint, conjuncts, predicate, renamed, time_points
+from rvaft.model.guards import Guard, Predicate, TimePoint, conjuncts, predicate, renamed, time_points
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.model.values import Json
@@ -282,6 +282,8 @@ class Admission(NamedTuple):
     time: str | None
     decided: tuple[tuple[int, Guard | EventTest], ...]
     """The guards that the event alone decides, by node bit."""
+    own: tuple[tuple[int, Predicate], ...] = ()
+    """These guards for a letter with several ways to match; each way decides them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -294,6 +296,7 @@ class EventClass:
     held: tuple[int, ...] = ()
     """The decided guards that hold, as bits, for each serving letter."""
     timed: bool = False
+    """Whether a letter needs the time of the event, or may match in several ways."""
     parts: tuple["EventClass", ...] = ()
 
 
@@ -351,8 +354,11 @@ class TreeLetters(EngineLetters):
             known = None if self._time is None else time
             plain = Admission(number, nodes, (letter, time) in alphabet, own, known, ())
             guards = compiled.decided_by(nodes).items() if decide else ()
-            tests = tuple((1 << node, self._test(plain, guard)) for node, guard in guards)
-            self._admissions.append(plain._replace(decided=tests))
+            if own.ways is None:
+                tests = tuple((1 << node, self._test(plain, guard)) for node, guard in guards)
+                self._admissions.append(plain._replace(decided=tests))
+            else:
+                self._admissions.append(plain._replace(own=tuple((1 << n, predicate(guard)) for n, guard in guards)))
         self._ignored = [
             reader(number, Letter(one.pattern, one.when)) for number, one in enumerate(prop.ignored, len(found))
         ]
@@ -373,6 +379,13 @@ class TreeLetters(EngineLetters):
             found[admission.time] = self._time.read(event)
         return found
 
+    def ways(self, admission: Admission, event: Mapping[str, Json]) -> list[dict[str, Json]]:
+        """Return the values of a letter's variables for each way in which the event matches."""
+        if admission.reader.ways is None:
+            return [self.values(admission, event)]
+        time = {} if admission.time is None or self._time is None else {admission.time: self._time.read(event)}
+        return [{**found, **time} for found in admission.reader.ways(event)]
+
     def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
         """Return the table from events to classes."""
         letters = [one for one in self._admissions if one.reader.pattern in possible]
@@ -391,7 +404,7 @@ class TreeLetters(EngineLetters):
                 place += len(one.decided)
             if any(holds[len(letters) : first]):
                 relevant = False
-            timed = any(one.time is not None for one in serving)
+            timed = any(one.time is not None or one.reader.ways is not None for one in serving)
             return EventClass(tuple(serving), relevant, tuple(held), timed)
 
         return guard_table([*(one.reader.test for one in letters), *(one.test for one in ignored), *decided], derive)
@@ -402,10 +415,5 @@ class TreeLetters(EngineLetters):
         if not event_class.timed:
             hits = [_new(Hit, (one[0], one[1], one[3].values(event))) for one in serving]
             return _new(Reading, (event_class.relevant, hits))
-        time, hits = None if self._time is None else self._time.read(event), list[Hit]()
-        for one in serving:
-            values = one.reader.values(event)
-            if one.time is not None:
-                values[one.time] = time
-            hits.append(Hit(one.letter, one.nodes, values))
+        hits = [Hit(one.letter, one.nodes, values) for one in serving for values in self.ways(one, event)]
         return Reading(event_class.relevant, hits)

@@ -345,6 +345,10 @@ class CandidateMove(NamedTuple):
     fields: tuple[str, ...] | None
 
 
+def _quiet_name(letter: int, values: Iterable[Json]) -> Hashable:
+    return (letter, *[v if type(v) is str or type(v) is int else exact(v) for v in values])
+
+
 class ScatteredMatches(Following):
     """The partial matches by stage; an added partial match does not change."""
 
@@ -437,14 +441,16 @@ class ScatteredMatches(Following):
         candidates = self._candidates.get(event_class)
         loud = list[RelevantHit]()
         for admission, watch, held, fields in self._find(event_class) if candidates is None else candidates:
-            if fields is None:
-                values = self.letters.values(admission, event)
-                plain = [values[name] for name in watch.names]
-            else:
-                plain = [event[field] for field in fields]
-            name = (admission[0], *[v if type(v) is str or type(v) is int else exact(v) for v in plain])
-            if name not in self._quiet:
-                loud.append(RelevantHit(self.letters.values(admission, event), watch, held, name))
+            if fields is not None:
+                name = _quiet_name(admission.letter, [event[field] for field in fields])
+                if name not in self._quiet:
+                    loud.append(RelevantHit(self.letters.values(admission, event), watch, held, name))
+                continue
+            for values in self.letters.ways(admission, event):
+                name = _quiet_name(admission.letter, [values[name] for name in watch.names])
+                if name not in self._quiet:
+                    own = sum([bit for bit, holds in admission.own if holds(values)])
+                    loud.append(RelevantHit(values, watch, held | own, name))
         return Reading(False, loud) if loud else QUIET
 
     def inert(self, event_class: EventClass) -> Inert:
@@ -457,7 +463,8 @@ class ScatteredMatches(Following):
         found = []
         for one, held in zip(event_class.serving, event_class.held, strict=True):
             watch = self._watch(one.letter, one.nodes)
-            if any(self._stages.is_hopeful(move, held) for _, move, _ in watch.moves):
+            # the guards of a letter with several ways are not decided yet
+            if any(one.reader.ways is not None or self._stages.is_hopeful(move, held) for _, move, _ in watch.moves):
                 by_name = one.reader.fields
                 named = None if by_name is None or one.time else tuple(by_name[name] for name in watch.names)
                 found.append(CandidateMove(one, watch, held, named))

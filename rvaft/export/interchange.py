@@ -12,7 +12,7 @@ from rvaft.errors import OptionError
 from rvaft.export.layout import turn
 from rvaft.model.expressions import WORD, bare_value, guard_text
 from rvaft.model.nodes import Causality, Gate, Node
-from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 
@@ -67,6 +67,8 @@ def _pattern(pattern: Pattern) -> Json:
             return {"object": {name: _pattern(inner) for name, inner in fields}}
         case ListPattern(items):
             return {"list": list(map(_pattern, items))}
+        case SomeItem(item):
+            return {"some": _pattern(item)}
         case _ as never:
             assert_never(never)
 

@@ -16,6 +16,7 @@ from lark import Token, Transformer
 from rvaft.errors import OptionError
 from rvaft.language.diagnostics import FORMATS, WHOLE_NUMBER, shown
 from rvaft.language.draft import Draft, DraftNode, DraftTopic, GateUse, Located
+from rvaft.model.assumptions import places
 from rvaft.model.event_time import EventTime, TextFormat, TimeFormat, scaled
 from rvaft.model.guards import (
     COMPARISONS,
@@ -30,7 +31,7 @@ from rvaft.model.guards import (
     time_points,
 )
 from rvaft.model.nodes import Assumption, Causality, EventType, Ignore, Kind, On, Place, ValueType
-from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.values import Scalar, has_surrogate, is_number
 from rvaft.model.verdict import Semantics
 
@@ -319,6 +320,10 @@ class Build(Transformer[Token, Any]):
         for word in term.words:
             if word not in parameters:
                 raise Slip(f"{shown(word)} is not a parameter of {shown(name)}; write text in quotes", word)
+        typable = {part.name for _, part, _ in places(term.value) if isinstance(part, Variable)}
+        for word, type_ in declared:
+            if type_ is not ValueType.ANY and word in term.words and word not in typable:
+                raise Slip(f"{shown(word)} is only inside `[..., P, ...]`, which has no types; remove the type", word)
 
         return lambda page: page.draft.events.append(
             EventType(name.value, parameters, term.value, page.place(name), types)
@@ -432,6 +437,9 @@ class Build(Transformer[Token, Any]):
     def sequence(self, items: Items) -> Operand:
         parts: list[Operand] = items[1] or []
         return _compound(ListPattern(_values(parts)), parts, "pattern", items[0])
+
+    def some_item(self, items: Items) -> Operand:
+        return _compound(SomeItem(items[3].value), [items[3]], "pattern", items[0])
 
     # Guards.
 

@@ -52,7 +52,7 @@ _GROUPS: Final = (
     *(
         (f"`{sign}`", name, "")
         for sign, name in zip(
-            ";,.:=(){}[]",
+            [*";,.:=(){}[]", "..."],
             [
                 "SEMICOLON",
                 "COMMA",
@@ -65,6 +65,7 @@ _GROUPS: Final = (
                 "RBRACE",
                 "LBRACKET",
                 "RBRACKET",
+                "DOTS",
             ],
             strict=True,
         )

@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple, TypeAlias, assert_never, cast
 from rvaft.model.event_time import EventTime, duration_text
 from rvaft.model.guards import UNDEFINED, Guard, Operation, Operator, Sort, value, walk
 from rvaft.model.nodes import Assumption, On, ValueType
-from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, equal, is_number
 
@@ -259,7 +259,7 @@ def _shape(tree: RVAFT, name: str) -> _Shape:
                 lengths.extend(one for one in around if one not in lengths)
             case Variable(parameter):
                 parameters.append((path, parameter, event.type_of(parameter)))
-            case Anything() | ObjectPattern() | ListPattern():
+            case Anything() | ObjectPattern() | ListPattern() | SomeItem():
                 pass
             case _:
                 assert_never(part)
@@ -269,7 +269,10 @@ def _shape(tree: RVAFT, name: str) -> _Shape:
 def places(
     pattern: Pattern, path: Path = (), around: tuple[tuple[Path, int], ...] = ()
 ) -> Iterator[tuple[Path, Pattern, tuple[tuple[Path, int], ...]]]:
-    """Yield the parts of a pattern with their paths, and the lists around them with their lengths."""
+    """Yield the parts of a pattern with their paths, and the lists around them with their lengths.
+
+    The parts inside `[..., P, ...]` have no path.
+    """
     yield path, pattern, around
     match pattern:
         case ObjectPattern(fields):
@@ -278,7 +281,7 @@ def places(
         case ListPattern(items):
             for number, inner in enumerate(items):
                 yield from places(inner, (*path, number), (*around, (path, len(items))))
-        case Literal() | Variable() | Anything():
+        case Literal() | Variable() | Anything() | SomeItem():
             pass
         case _:
             assert_never(pattern)
@@ -297,7 +300,7 @@ def _case_tests(tree: RVAFT) -> Iterator[tuple[Path, Callable[[str], bool], str]
                 case Variable(name):
                     for guard in tests:
                         yield from ((path, *one) for one in _guard_tests(guard, name))
-                case Literal() | Anything() | ObjectPattern() | ListPattern():
+                case Literal() | Anything() | ObjectPattern() | ListPattern() | SomeItem():
                     pass
                 case _:
                     assert_never(part)

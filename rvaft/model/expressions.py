@@ -20,7 +20,7 @@ from rvaft.model.guards import (
     TimePoint,
 )
 from rvaft.model.nodes import Argument, Assumption, Gate, Node, On
-from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.values import Scalar, has_surrogate
 
 STATEMENTS: Final = ("toplevel", "event", "ignore", "import", "prune", "causality", "param")
@@ -115,6 +115,8 @@ def pattern_text(pattern: Pattern, depth: int = 0) -> str:
             return f"{{ {inner} }}" if depth == 0 else f"{{{inner}}}"
         case ListPattern(items):
             return f"[{', '.join(pattern_text(item, depth + 1) for item in items)}]"
+        case SomeItem(item):
+            return f"[..., {pattern_text(item, depth + 1)}, ...]"
 
 
 SIGNS: Final = {operator: facts.sign for operator, facts in OPERATORS.items()}

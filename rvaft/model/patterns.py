@@ -5,13 +5,17 @@ are local to one pattern. In the pattern of an event type, the lower-case parame
 too; `substitute` replaces them by arguments.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
-from rvaft.model.values import Json, Scalar, equal, key
+from rvaft.errors import TooLarge
+from rvaft.model.values import Json, Scalar, equal, fingerprint, key
 
 Binding: TypeAlias = Mapping[str, Json]
+
+MOST_ITEMS: Final = 1_000_000
+"""The maximum number of list items tried for one event."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +62,14 @@ class ListPattern:
     items: tuple["Pattern", ...]
 
 
-Pattern: TypeAlias = Literal | Variable | Anything | ObjectPattern | ListPattern
+@dataclass(frozen=True, slots=True)
+class SomeItem:
+    """`[..., item, ...]`: matches a list in which at least one item matches."""
+
+    item: "Pattern"
+
+
+Pattern: TypeAlias = Literal | Variable | Anything | ObjectPattern | ListPattern | SomeItem
 
 
 def walk(pattern: Pattern) -> Iterator[Pattern]:
@@ -71,6 +82,8 @@ def walk(pattern: Pattern) -> Iterator[Pattern]:
             todo.extend(inner for _, inner in reversed(part.fields))
         elif isinstance(part, ListPattern):
             todo.extend(reversed(part.items))
+        elif isinstance(part, SomeItem):
+            todo.append(part.item)
 
 
 def variables(pattern: Pattern) -> tuple[str, ...]:
@@ -92,17 +105,73 @@ def substitute(pattern: Pattern, by: Mapping[str, Pattern]) -> Pattern:
             return ObjectPattern(tuple((field, substitute(inner, by)) for field, inner in fields))
         case ListPattern(items):
             return ListPattern(tuple(substitute(inner, by) for inner in items))
+        case SomeItem(item):
+            return SomeItem(substitute(item, by))
         case _:
             return pattern
 
 
+def has_ways(pattern: Pattern) -> bool:
+    """Whether an event can match with several bindings: a variable stands inside `[..., P, ...]`."""
+    return any(isinstance(part, SomeItem) and variables(part.item) for part in walk(pattern))
+
+
 def match(pattern: Pattern, event: Json, binding: Binding) -> dict[str, Json] | None:
-    """Return a copy of the binding extended to match the event, or None.
+    """Return a copy of the binding extended to match the event in the first way, or None.
 
     The result includes local variables; `rigid` removes them.
     """
     bound = dict(binding)
-    todo: list[tuple[Pattern, Json]] = [(pattern, event)]
+    lists = _extend(bound, [(pattern, event)])
+    return bound if lists == [] else None if lists is None else next(_ways(bound, lists), None)
+
+
+def ways(pattern: Pattern, event: Json, binding: Binding) -> Iterator[dict[str, Json]]:
+    """Yield all bindings, with local variables, that extend a binding and match the event.
+
+    Several choices of list items may yield one binding. Raises `TooLarge` beyond `MOST_ITEMS`.
+
+    >>> list(ways(SomeItem(Variable("X")), [1, 2], {}))
+    [{'X': 1}, {'X': 2}]
+    """
+    bound = dict(binding)
+    lists = _extend(bound, [(pattern, event)])
+    return _ways(bound, lists) if lists is not None else iter(())
+
+
+def _ways(bound: dict[str, Json], lists: "_Lists") -> Iterator[dict[str, Json]]:
+    agenda = [_chosen(bound, lists)] if lists else []
+    tried = 0
+    if not lists:
+        yield bound
+    while agenda:
+        found = next(agenda[-1], None)
+        if found is None:
+            agenda.pop()
+            continue
+        tried += 1
+        if tried > MOST_ITEMS:
+            raise TooLarge("list items tried for one event", limit=MOST_ITEMS)
+        extended, todo = found
+        left = _extend(extended, todo)
+        if left:
+            agenda.append(_chosen(extended, left))
+        elif left is not None:
+            yield extended
+
+
+_Lists: TypeAlias = list[tuple[SomeItem, list[Json]]]
+
+
+def _chosen(bound: dict[str, Json], lists: _Lists) -> Iterator[tuple[dict[str, Json], list[tuple[Pattern, Json]]]]:
+    """Yield, for each item of the first list, a copy of the binding and what has to match."""
+    (some, items), *others = lists
+    return ((dict(bound), [*others, (some.item, item)]) for item in items)
+
+
+def _extend(bound: dict[str, Json], todo: list[tuple[Pattern, Json]]) -> _Lists | None:
+    """Extend a binding in place by what has one way to match; return the other parts, or None."""
+    lists: _Lists = []
     while todo:
         part, value = todo.pop()
         match part:
@@ -125,9 +194,18 @@ def match(pattern: Pattern, event: Json, binding: Binding) -> dict[str, Json] | 
                 if not (isinstance(value, list) and len(value) == len(items)):
                     return None
                 todo.extend(zip(items, value, strict=True))
+            case SomeItem():
+                if not isinstance(value, list):
+                    return None
+                lists.append((part, value))
             case Anything():
                 pass
-    return bound
+    return lists
+
+
+def rigid_ways(found: Iterable[Binding]) -> list[dict[str, Json]]:
+    """Return the different bindings without local variables."""
+    return list({fingerprint(one): one for one in map(rigid, found)}.values())
 
 
 def rigid(binding: Binding) -> dict[str, Json]:

@@ -12,7 +12,7 @@ from typing import Any
 from rvaft.model.event_time import EventTime, TextFormat
 from rvaft.model.guards import Guard, Operation, TimePoint
 from rvaft.model.nodes import Node, On
-from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
 
 Binding = Mapping[str, Any]
@@ -190,46 +190,50 @@ def arguments(tree: RVAFT, on: On) -> dict[str, Pattern]:
     return dict(zip(parameters, fresh, strict=True))
 
 
-def matches(pattern: Pattern, value: Any, binding: Binding, given: Mapping[str, Pattern]) -> Binding | None:
-    """Return the binding extended so that the pattern with the given arguments matches, or None.
+def matches(pattern: Pattern, value: Any, binding: Binding, given: Mapping[str, Pattern]) -> list[Binding]:
+    """Return the binding extended in each way in which the pattern with the given arguments matches.
 
     Clause: an object pattern matches an object that has at least its fields, a list pattern a list
     of the same length; `_` and parameters match any value, null included, but not an absent field.
-    One used twice demands equal values.
+    One used twice demands equal values. Clause: `[..., P, ...]` matches a list in which at least
+    one element matches P.
     """
-    found: Binding | None = binding
+    found = [binding]
     match pattern:
         case Anything():
-            return binding
+            return [binding]
         case Literal(expected):
-            return binding if same(expected, value) else None
+            return [binding] if same(expected, value) else []
         case Variable(name) if name in given:
             return matches(given[name], value, binding, {})
         case Variable(name):
-            return {name: value} | dict(binding) if name not in binding or same(binding[name], value) else None
+            return [{name: value} | dict(binding)] if name not in binding or same(binding[name], value) else []
+        case SomeItem(item):
+            elements = value if isinstance(value, list) else []
+            return [one for element in elements for one in matches(item, element, binding, given)]
         case ObjectPattern(fields):
             if not isinstance(value, dict) or any(name not in value for name, _ in fields):
-                return None
+                return []
             parts = [(inner, value[name]) for name, inner in fields]
         case ListPattern(items):
             if not isinstance(value, list) or len(value) != len(items):
-                return None
+                return []
             parts = list(zip(items, value, strict=True))
     for inner, part in parts:
-        found = None if found is None else matches(inner, part, found, given)
+        found = [more for one in found for more in matches(inner, part, one, given)]
     return found
 
 
-def observe(tree: RVAFT, node: Node, event: Any, binding: Binding) -> Binding | None:
-    """Return the binding extended so that the event is the node's runtime event, or None.
+def observe(tree: RVAFT, node: Node, event: Any, binding: Binding) -> list[Binding]:
+    """Return the binding extended in each way in which the event is the node's runtime event.
 
     Clause: a leaf with neither event nor guard observes the default event `{"event": "<its
     name>"}`.
     """
     if node.on is None:
-        return binding if isinstance(event, dict) and "event" in event and same(event["event"], node.name) else None
+        return [binding] if isinstance(event, dict) and "event" in event and same(event["event"], node.name) else []
     found = matches(tree.events[node.on.event].pattern, event, binding, arguments(tree, node.on))
-    return None if found is None else {name: value for name, value in found.items() if not name.startswith("_")}
+    return [{name: value for name, value in one.items() if not name.startswith("_")} for one in found]
 
 
 class Undefined(Exception):
@@ -365,6 +369,8 @@ def names(term: Guard | Pattern) -> set[str]:
             return {name for _, inner in fields for name in names(inner)}
         case ListPattern(items):
             return {name for inner in items for name in names(inner)}
+        case SomeItem(item):
+            return names(item)
         case _:
             return set()
 

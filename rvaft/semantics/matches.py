@@ -94,7 +94,6 @@ def _served(
             tried += 1
             if tried > limit:
                 raise TooLarge("events tried for the occurrences of a match", limit=limit)
-            bound = None if position in taken else observe(scenario.tree, node, trace[position - 1], binding)
-            if bound is not None:
-                agenda.append(((*taken, position), bound))
+            found = [] if position in taken else observe(scenario.tree, node, trace[position - 1], binding)
+            agenda += [((*taken, position), bound) for bound in found]
     yield None, tried

@@ -238,21 +238,19 @@ class PropertyReference(Monitor):
         for one, before in scenario.orders[partial.order].items():
             if one in partial.times or not before <= partial.times.keys():
                 continue
-            found = matches(scenario.patterns[one], event, partial.binding, {})
-            if found is None:
-                continue
-            binding = {name: value for name, value in found.items() if not name.startswith("_")}
             times = {**partial.times, one: time}
-            if scenario.allows(binding, times):
-                yield _Partial(partial.scenario, partial.order, binding, times)
+            for found in matches(scenario.patterns[one], event, partial.binding, {}):
+                binding = {name: value for name, value in found.items() if not name.startswith("_")}
+                if scenario.allows(binding, times):
+                    yield _Partial(partial.scenario, partial.order, binding, times)
 
     def _relevant(self, event: Any) -> bool:
         for pattern, when in self.prop.ignored:
             found = matches(pattern, event, {}, {})
-            if found is not None and (when is None or holds(when, found)):
+            if any(when is None or holds(when, one) for one in found):
                 return False
         for entry in self.prop.alphabet:
             found = matches(entry.pattern, event, {}, {})
-            if found is not None and (entry.when is None or holds(entry.when, found)):
+            if any(entry.when is None or holds(entry.when, one) for one in found):
                 return True
         return False

@@ -114,8 +114,7 @@ class Reference(Monitor):
         before = scenario.orders[partial.order]
         for occurrence in sorted(scenario.occurrences - partial.assigned):
             if before[occurrence] <= partial.assigned:
-                binding = observe(self.tree, scenario.observing[occurrence], event, partial.binding)
-                if binding is not None:
+                for binding in observe(self.tree, scenario.observing[occurrence], event, partial.binding):
                     times = {**partial.times, occurrence: time} if scenario.points else {}
                     found = partial._replace(assigned=partial.assigned | {occurrence}, binding=binding, times=times)
                     if guards_hold(scenario, found):
@@ -159,7 +158,7 @@ def relevant(tree: RVAFT, event: Any) -> bool:
     for ignore in tree.ignores:
         # Clause: the variables of an `ignore` are its own.
         found = matches(tree.events[ignore.on.event].pattern, event, {}, arguments(tree, ignore.on))
-        if found is not None and (ignore.when is None or holds(ignore.when, found)):
+        if any(ignore.when is None or holds(ignore.when, one) for one in found):
             return False
     if tree.restricted:
         return any(_served(entry, event) for entry in tree.alphabet)
@@ -175,12 +174,12 @@ def _relevant_to(tree: RVAFT, name: str, event: Any) -> bool:
         return False
     found = observe(tree, node, event, {})
     own = node.when is not None and names(node.when) <= bound_by(node)
-    return found is not None and (node.when is None or not own or holds(node.when, found))
+    return any(node.when is None or not own or holds(node.when, one) for one in found)
 
 
 def _served(entry: Relevant, event: Any) -> bool:
     found = matches(entry.pattern, event, {}, {})
-    return found is not None and (entry.when is None or holds(entry.when, found))
+    return any(entry.when is None or holds(entry.when, one) for one in found)
 
 
 def chosen_scenarios(tree: RVAFT, branch: int | None, kind: Kind | None) -> list[Scenario]:

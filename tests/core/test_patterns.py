@@ -1,5 +1,6 @@
 """The pattern algebra against brute force: a small universe of events, and the least events themselves written out."""
 
+from collections.abc import Sequence
 from functools import partial
 from itertools import combinations, product
 from random import Random
@@ -9,7 +10,18 @@ import pytest
 
 from rvaft import RvaftError
 from rvaft.core.patterns import LeastEvent, Overlaps, Unknown, compatible, implies, least, overlaps
-from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, match, rigid
+from rvaft.model.patterns import (
+    Anything,
+    ListPattern,
+    Literal,
+    ObjectPattern,
+    Pattern,
+    SomeItem,
+    Variable,
+    match,
+    rigid,
+    ways,
+)
 from rvaft.support.bits import bits
 from rvaft.support.budget import Budget
 
@@ -30,9 +42,9 @@ UNIVERSE = [
 SEEDS = range(2)
 
 
-def random_pattern(random: Random) -> Pattern:
+def random_pattern(random: Random, leaves: Sequence[Pattern] = LEAVES) -> Pattern:
     fields = random.choice(("a", "b", "ab", "ab"))
-    return ObjectPattern(tuple((name, random.choice(LEAVES)) for name in fields))
+    return ObjectPattern(tuple((name, random.choice(leaves)) for name in fields))
 
 
 def matches_all(patterns: list[Pattern], event: Any) -> dict[str, Any] | None:
@@ -117,6 +129,37 @@ def test_what_is_implied_holds(seed: int) -> None:
             fitting = partial(match, binding=bound)
             assert all(fitting(general, event) is not None for event in UNIVERSE if fitting(special, event) is not None)
     assert implied > 10
+
+
+SOME: tuple[Pattern, ...] = tuple(
+    map(SomeItem, (LEAVES[0], LEAVES[1], Variable("X"), Variable("_1"), ObjectPattern(())))
+)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_some_item_of_a_list_only_weakens_what_is_certain(seed: int) -> None:
+    random, certain = Random(seed), 0
+    for _ in range(200):
+        one, other = (random_pattern(random, LEAVES + 3 * SOME) for _ in range(2))
+        both = [(event, own) for event in UNIVERSE for own in map(rigid, ways(one, event, {}))]
+        found = [(event, own) for event, own in both if match(other, event, own) is not None]
+        assert overlaps(one, other) or not found
+        assert not implies(one, other) or all(match(other, event, {}) is not None for event, _ in both)
+        smallest = least([one])
+        if smallest is not None and smallest.satisfies(other):
+            certain += one != other
+            assert len(found) == len(both)
+    assert certain > 5
+
+
+def test_all_ways_to_match_are_found_and_their_number_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    pair = ObjectPattern((("a", SomeItem(Variable("X"))), ("b", SomeItem(Variable("Y")))))
+    event = {"a": [1, 2], "b": [3, 4, 3]}
+    found = [(one["X"], one["Y"]) for one in ways(pair, event, {})]
+    assert sorted(found) == sorted(product([1, 2], [3, 4, 3]))
+    monkeypatch.setattr("rvaft.model.patterns.MOST_ITEMS", 5)
+    with pytest.raises(RvaftError, match="list items tried"):
+        list(ways(pair, event, {}))
 
 
 def test_patterns_that_are_no_objects() -> None:

@@ -149,7 +149,7 @@ def check_nodes(tree: RVAFT, events: Events, semantics: str, coverage: Coverage)
     for name in tree.order:
         node = tree.nodes[name]
         if node.has_event and name in reached:
-            fits = any(observe(tree, node, event, {}) is not None for event in counted)
+            fits = any(observe(tree, node, event, {}) for event in counted)
             assert fits or name in unseen
             assert node.when is not None or fits != (name in unseen)
     assert report.seen + len(report.unseen) == report.nodes == len(reached & set(tree.occurrences))

@@ -1,6 +1,6 @@
 """Hold an engine against the reference: verdicts after every event, and explanations."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Any
 
@@ -9,6 +9,7 @@ from rvaft.engine import Engine
 from rvaft.errors import TreeError
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
+from rvaft.model.values import is_finite, key
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation
 from rvaft.semantics import Reference, Scenario, branches, feasible_scenarios
@@ -125,17 +126,17 @@ def _is_match(scenario: Scenario, explanation: Explanation, prefix: Trace) -> bo
     matched = matched_occurrences(scenario.tree, explanation)
     if scenario.occurrences != set(matched):
         return False
-    binding: Any = {}
+    bindings: list[Any] = [{}]
     for name, position in matched.items():
-        binding = (
-            binding
-            if binding is None
-            else observe(scenario.tree, scenario.observing[name], prefix[position - 1], binding)
-        )
-    if binding is None or set(binding) != set(explanation.variables):
-        return False
+        node, event = scenario.observing[name], prefix[position - 1]
+        bindings = [more for one in bindings for more in observe(scenario.tree, node, event, one)]
+    told = [one for one in bindings if _written(one) == _written(explanation.variables)]
     orders = (all(matched[a] < matched[b] for b in order for a in order[b]) for order in scenario.orders)
     times = {name: time_of(scenario.tree.time, prefix[position - 1]) for name, position in matched.items()}
-    whole = Partial(0, 0, scenario.occurrences, binding, times)
+    holding = (guards_hold(scenario, Partial(0, 0, scenario.occurrences, one, times)) for one in told)
     kinds = frozenset(node.kind for node in scenario.nodes if node.kind is not None)
-    return any(orders) and guards_hold(scenario, whole) and kinds == explanation.kinds
+    return any(orders) and any(holding) and kinds == explanation.kinds
+
+
+def _written(binding: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: key(value) for name, value in binding.items() if is_finite(value)}

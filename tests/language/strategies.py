@@ -20,7 +20,7 @@ from rvaft.model.guards import (
     time_points,
 )
 from rvaft.model.nodes import Assumption, ValueType
-from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 
 WORDS = [
     "",
@@ -63,6 +63,7 @@ def patterns(leaves: st.SearchStrategy[Any]) -> st.SearchStrategy[Pattern]:
         leaves,
         lambda inner: (
             st.lists(inner, max_size=3).map(lambda items: ListPattern(tuple(items)))
+            | inner.map(SomeItem)
             | st.dictionaries(names, inner, max_size=3).map(lambda fields: ObjectPattern(tuple(fields.items())))
         ),
         max_leaves=8,

@@ -31,7 +31,7 @@ from rvaft.model.guards import (
     variables,
 )
 from rvaft.model.nodes import Argument, On
-from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import is_number
 
@@ -454,6 +454,8 @@ class RmlTypes:
                     return f"{{ {inner} }}" if inner else "{}"
                 case ListPattern(items):
                     return f"[{', '.join(text(item) for item in items)}]"
+                case SomeItem():
+                    raise AssertionError("refused by the capabilities")
 
         body = text(event.pattern)
         name = self._names.fresh(call.event)

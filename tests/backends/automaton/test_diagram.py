@@ -170,7 +170,7 @@ def test_what_is_left_out_makes_no_difference(semantics: Semantics) -> None:
         5 if semantics is Semantics.CONSECUTIVE else 7,
     )  # every state has all of the start's
     different, automata = 0, AutomatonBackend()
-    for _ in range(30):
+    for _ in range(40):
         shape = Shape(max_nodes=size, sharing=0.3, variables=1, guards=0.6, typed_events=0.9, times=0)
         tree, work = random_tree(random, shape), Work(100_000)
         prop = automata.prepared(tree, semantics)

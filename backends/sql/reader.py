@@ -124,7 +124,7 @@ _PROGRAMS: Final[Mapping[str, Callable[[], SqliteTable | DuckDb]]] = {"sqlite": 
 
 
 @cache
-def _running(program: str, process: int, kind: type) -> SqliteTable | DuckDb:  # noqa: ARG001
+def _running(program: str, process: int, kind: str) -> SqliteTable | DuckDb:  # noqa: ARG001
     """Return the program of this process, with the table of a kind of query."""
     return _PROGRAMS[program]()
 
@@ -162,7 +162,7 @@ class Query:
             raise LanguageError(" ".join(str(error).split("\n\n", maxsplit=1)[0].split())) from None
 
     def _running(self) -> SqliteTable | DuckDb:
-        return _running(self._program, os.getpid(), type(self.table))
+        return _running(self._program, os.getpid(), "JSON" if self.table is None else "columns")
 
     def _ask(
         self, traces: Iterable[tuple[int, Sequence[Json]]], select: str = "", group: str = ""

@@ -109,13 +109,14 @@ class _OnDetection(Listener):
         settings, watch = self._settings, change.watch
         again = {"again": True} if change.number <= self.reported_before else {}
         about = {"tree": settings.name, "trace": watch.trace, **settings.key(watch), "event": change.number, **again}
+        about["line"] = change.line
         for explanation, kinds, count in change.detections:
             self.count += 1
             if settings.hooks:
                 with suppress(BrokenPipeError):  # also if standard output is closed
                     self._sink.flush()
                 counted = {} if count is None else count.fields
-                record = detection({**about, **counted}, explanation, change.events, settings.tree)
+                record = detection({**about, **counted}, explanation, change.events, settings.tree, change.lines)
                 for failure in settings.hooks.run(record, kinds):
                     self._sink.warn(str(failure))
             if settings.drawing is None or explanation is None or self.first is not None or self.failed:

@@ -110,6 +110,7 @@ class MonitorSettings:
     checkpoints: CheckpointFile | None
     follow: bool
     unchosen: bool = False
+    template: str | None = None
     others: Sequence[Listener] = ()
 
     @property

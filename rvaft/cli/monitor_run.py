@@ -12,7 +12,8 @@ from typing import BinaryIO, Final, NamedTuple, cast
 import click
 
 from rvaft.cli import FAILED, FOUND
-from rvaft.cli.monitor_output import REPORTERS, MonitorSettings, Reporter, Sink, SummaryRow
+from rvaft.cli.alerts import ALL_REPORTERS
+from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow
 from rvaft.errors import OptionError, RvaftError, TooLarge, TraceError
 from rvaft.export import PICTURES, fired_dot, fired_text, picture
 from rvaft.model.values import Json
@@ -160,7 +161,7 @@ class _Run(Listener):
         self.jobs = jobs
         self.progress = progress
         monitors, tried = settings.plan.monitors, settings.checkpoints is None
-        self.reporter = reporter or REPORTERS[settings.form](settings, sink)
+        self.reporter = reporter or ALL_REPORTERS[settings.form](settings, sink)
         sums = self.reporter.sums
         self.totals = Totals(
             Statistics(monitors.types) if sums or not tried else None,  # for this summary, or that of a resumed run

@@ -99,9 +99,8 @@ class RVAFT:
                 _check_call(node.on, self.events, [node.name])
         for ignore in self.ignores:
             _check_call(ignore.on, self.events, [])
-        known = {name for node in self.nodes.values() for name in (node.on.variables if node.on else ())}
         for name in self.shows if part_of is None else ():
-            if name not in known:
+            if not any(node.on is not None and name in node.on.variables for node in self.nodes.values()):
                 raise TreeError(f"`show` lists {name}, which no event of a node binds", rule="shown-variable")
         if root not in self.nodes:
             raise TreeError(f"the root {root} is not a node of the tree", rule="no-root", nodes=[root])

@@ -29,7 +29,7 @@ OCSF: Final = "1.4.0"
 _LEVELS: Final = ("", "informational", "low", "medium", "high", "critical")
 """The levels of Sigma, in the order of the severities of OCSF."""
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
-_TACTICS: Final[Mapping[str, str]] = {
+_TACTICS: Final = {
     "reconnaissance": "TA0043",
     "resource_development": "TA0042",
     "initial_access": "TA0001",
@@ -45,8 +45,7 @@ _TACTICS: Final[Mapping[str, str]] = {
     "exfiltration": "TA0010",
     "impact": "TA0040",
 }
-_CATEGORIES: Final[Mapping[str, str]] = {
-    "authentication": "authentication",
+_CATEGORIES: Final = {
     "process_creation": "process",
     "network_connection": "network",
     "dns_query": "network",
@@ -54,6 +53,7 @@ _CATEGORIES: Final[Mapping[str, str]] = {
     "registry_event": "registry",
     "webserver": "web",
     "proxy": "web",
+    "authentication": "authentication",
 }
 """The log sources of Sigma whose category ECS has."""
 _RELATED: Final[Mapping[str, Sequence[str]]] = {
@@ -76,11 +76,7 @@ class Alert(NamedTuple):
 
     @classmethod
     def of(
-        cls,
-        settings: MonitorSettings,
-        change: VerdictChange,
-        explanation: Explanation,
-        counts: Mapping[str, Json],
+        cls, settings: MonitorSettings, change: VerdictChange, explanation: Explanation, counts: Mapping[str, Json]
     ) -> "Alert":
         """Return the alert for an explanation."""
         about = {"tree": settings.name, "trace": change.watch.trace, **settings.key(change.watch)}
@@ -88,8 +84,7 @@ class Alert(NamedTuple):
         own = json.dumps([about, explanation.branch, explanation.matched])
         found = detection({**about, **counts}, explanation, change.events, settings.tree, change.lines)
         rule = rule_metadata(settings.tree)
-        times = [_moment(settings, change.events.get(number)) for number in sorted(change.events)]
-        known = [time for time in times if time is not None]
+        known = [time for event in change.events.values() if (time := _moment(settings, event)) is not None]
         now = _moment(settings, change.event) or datetime.now(tz=UTC)
         return cls(settings, rule, str(uuid5(NAMESPACE_URL, f"{rule['id']} {own}")), found, now, sorted(known))
 
@@ -136,8 +131,7 @@ def _ecs(alert: Alert) -> dict[str, Any]:
         event["category"] = [_CATEGORIES[attributes["category"]]]
     event |= {"severity": _LEVELS.index(level)} if level in _LEVELS[1:] else {}
     event |= {"start": _iso(alert.times[0]), "end": _iso(alert.times[-1])} if alert.times else {}
-    about: dict[str, Any] = {"id": rule["id"], "uuid": rule["id"], "name": rule["title"]}
-    about |= {"description": rule["description"]}
+    about: dict[str, Any] = {"id": rule["id"], "name": rule["title"], "description": rule["description"]}
     about |= {"reference": attributes["reference"]} if "reference" in attributes else {}
     about |= {"author": [rule["author"]]} if "author" in rule else {}
     made = {"@timestamp": _iso(alert.time), "ecs": {"version": ECS}, "message": rule["title"]}
@@ -150,18 +144,14 @@ def _ecs(alert: Alert) -> dict[str, Any]:
         made["threat"] = {"framework": "MITRE ATT&CK"}
         made["threat"] |= {"tactic": {"id": [_TACTICS[one] for one in tactics], "name": names}} if tactics else {}
         made["threat"] |= {"technique": technique} if techniques else {}
-    values = {
-        name: sorted({one[0] for event in alert.found["events"].values() for one in _texts(event, fields)})
-        for name, fields in _RELATED.items()
-    }
-    made |= {"related": related} if (related := {name: some for name, some in values.items() if some}) else {}
+    related: dict[str, list[str]] = {}
+    for name, fields in _RELATED.items():
+        values = [Field.parse(field).of(event) for field in fields for event in alert.found["events"].values()]
+        if texts := {one[0] for one in values if one is not None and isinstance(one[0], str)}:
+            related[name] = sorted(texts)
+    made |= {"related": related} if related else {}
     made |= {"tags": rule["tags"]} if "tags" in rule else {}
     return {**made, "rvaft": {name: value for name, value in alert.found.items() if name != "events"}}
-
-
-def _texts(event: Json, fields: Sequence[str]) -> list[tuple[str]]:
-    found = (Field.parse(name).of(event) for name in fields)
-    return [(one[0],) for one in found if one is not None and isinstance(one[0], str)]
 
 
 def _ocsf(alert: Alert) -> dict[str, Any]:
@@ -262,8 +252,7 @@ class Template:
         if not text.strip():
             raise OptionError("--template: the text is empty")
         self._settings = settings
-        start = text.lstrip()
-        self._is_json = start[0] == "[" or (start[0] == "{" and start[1:].lstrip()[:1] in ('"', "}"))
+        self._is_json = re.match(r'\s*\{\s*["}]', text) is not None
         self._parts: list[tuple[str, tuple[str, ...] | None, bool]] = []
         """Texts, or placeholders with whether they are in a JSON string."""
         at = 0
@@ -292,7 +281,7 @@ class Template:
         if name not in known:
             guess = did_you_mean(name, known) or f"; known are {', '.join(known[:_LISTED])}"
             raise OptionError(f"--template: unknown placeholder {place[0]}{guess}")
-        return name, field or "", of or ""
+        return name, "" if field is None else Field.parse(field).text, of or ""
 
     def _value(self, alert: Alert, name: str, field: str, of: str) -> Json:
         if not field and not of:

@@ -247,7 +247,7 @@ def test_what_a_match_consisted_of_is_read_again(tmp_path: Path, monkeypatch: py
     )
     told = run("monitor", SAND, log, "--semantics", "scattered").stdout
     assert "event 1 (line 2) at 0 is a" in told
-    assert "event 10 at 9 is c" in told
+    assert "event 10 (line 11) at 9 is c" in told
 
 
 def test_a_year_is_that_of_the_file(tmp_path: Path) -> None:

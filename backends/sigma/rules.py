@@ -21,6 +21,7 @@ from rvaft.core.conditions import (
     TruthTest,
 )
 from rvaft.errors import NotExpressible
+from rvaft.export.rule_metadata import ODD
 from rvaft.model.assumptions import Declared
 from rvaft.model.guards import OPERATORS, Guard, Operation, Operator, Sort
 from rvaft.model.nodes import ValueType
@@ -31,7 +32,6 @@ Selection: TypeAlias = dict[str, Any]
 """The tests of fields: a field with modifiers, and its value or values."""
 Key: TypeAlias = tuple[str, ...]
 
-ODD: Final = re.compile(r"[\0-\2\ud800-\udfff]")
 _COLUMN: Final = re.compile(r"rowid|oid|_rowid_|rvaft_.*", re.IGNORECASE)
 """Table columns that are not fields."""
 _NAME: Final = re.compile(r"[^.|\0-\x1f\ud800-\udfff]+")

@@ -13,18 +13,17 @@ from dataclasses import replace
 from functools import reduce
 from itertools import chain, combinations, product, takewhile
 from typing import Any, Final, NamedTuple, NoReturn, TypeAlias
-from uuid import NAMESPACE_URL, uuid5
 
 from backends.field_conditions import naming
 from backends.nests import NEVER, WINDOW, Nest, Nesting, in_every_order
-from backends.sigma.rules import ODD, EventRule, detection_of
+from backends.sigma.rules import EventRule, detection_of
 from rvaft.core.part_numbers import PartKind
 from rvaft.core.property import Property, Within
 from rvaft.errors import NotExpressible, TooLarge, installed
-from rvaft.language.printer import dumps
+from rvaft.export.rule_metadata import about, origin, rule_id, rule_metadata
 from rvaft.model.assumptions import Declared, declared
 from rvaft.model.expressions import time_text
-from rvaft.model.nodes import Assumption, Kind, Node
+from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.values import equal
 
@@ -68,8 +67,7 @@ class SigmaRules:
         nest = Nesting(self._prop, self._inseparable, limit=10 * self._limit, unit=_UNIT, free=self._groups).nest()
         if nest == NEVER:
             self._refuse("a guard never holds, and no rule can express that", [self._prop.tree.root])
-        root = self._prop.tree.nodes[self._prop.tree.root]
-        about = {**self._about("", root), **self._metadata()}
+        about = rule_metadata(self._prop.tree)
         if nest.within is None and self._is_step(nest):
             return self._alone(about, nest)
         whole = {**about, "correlation": self._correlation(nest)}
@@ -164,7 +162,12 @@ class SigmaRules:
         if (key := str(correlation)) not in self._names:
             times = "_times" if correlation["type"] == "event_count" else ""
             name = self._named(key, "_".join(correlation["rules"])[:60] + times)
-            self._documents[name] = {"title": name, "id": self._id(name), "name": name, "correlation": correlation}
+            self._documents[name] = {
+                "title": name,
+                "id": rule_id(self._prop.tree, name),
+                "name": name,
+                "correlation": correlation,
+            }
             self._fits(len(self._documents))
         return self._names[key]
 
@@ -267,9 +270,10 @@ class SigmaRules:
 
     def _detecting(self, name: str, number: int, leaves: list[Nest]) -> dict[str, Any]:
         """Return the rule of a correlation's event; equal events get numbered titles."""
-        about = self._about(name, self._prop.tree.nodes[leaves[0].nodes()[0]])
-        about["title"] += f" {number + 1}" if number else ""
-        return {**about, **self._origin(), "level": "informational", "name": name, **self._detected(leaves)}
+        tree = self._prop.tree
+        found = about(tree, name, tree.nodes[leaves[0].nodes()[0]])
+        found["title"] += f" {number + 1}" if number else ""
+        return {**found, **origin(tree), "level": "informational", "name": name, **self._detected(leaves)}
 
     def _detected(self, leaves: list[Nest]) -> dict[str, Any]:
         return {"logsource": self._logsource(leaves[0]), "detection": detection_of(map(self._event_rule, leaves))}
@@ -281,34 +285,6 @@ class SigmaRules:
             key: attributes[key] for key in ("category", "product", "service") if key in attributes
         }
         return found or {"category": "rvaft"}
-
-    def _origin(self) -> dict[str, Any]:
-        return {key: self._attributes[key] for key in ("author", "date") if key in self._attributes}
-
-    def _id(self, name: str) -> str:
-        """Return a UUID that depends on the tree and the name of the rule."""
-        return str(uuid5(NAMESPACE_URL, f"{name} {dumps(self._prop.tree)}"))
-
-    def _about(self, name: str, node: Node) -> dict[str, Any]:
-        """Return title, id and description of a rule, or of the whole with an empty name."""
-        shown = ODD.sub("?", node.label or node.name.replace("_", " ")).strip()[:100] or "tree"
-        title = " ".join(word[:1].upper() + word[1:] for word in shown.split())
-        what = f"The event {name} of the" if name else "The"
-        root = ODD.sub("?", self._prop.tree.root)[:100]
-        return {
-            "title": title,
-            "id": self._id(name),
-            "status": self._attributes.get("status", "experimental"),
-            "description": f"{what} attack-fault tree {root}",
-        }
-
-    def _metadata(self) -> dict[str, Any]:
-        """Return author, date, tags and level, from the attributes of the root."""
-        found = self._origin()
-        if "tags" in self._attributes:
-            found["tags"] = self._attributes["tags"].split(",")
-        kinds = {node.kind for node in self._prop.tree.top_down()}
-        return {**found, "level": self._attributes.get("level", "high" if Kind.ATTACK in kinds else "medium")}
 
     def _event_rule(self, leaf: Nest) -> EventRule:
         assert leaf.event is not None, "a leaf"

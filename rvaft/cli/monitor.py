@@ -11,6 +11,7 @@ import click
 
 from rvaft.api import monitor, narrowed, resolve_semantics, translate
 from rvaft.cli import FAILED, Failures, options, warn
+from rvaft.cli.alerts import FORMS, Template
 from rvaft.cli.monitor_output import REPORTERS, MonitorSettings
 from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
 from rvaft.engine.monitor import DEFAULT_LIMIT
@@ -88,7 +89,8 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 @click.option("--word", metavar='"b a c"', help="Monitor the default events of these names instead of a trace.")
 @click.option("--backend", metavar="BACKEND", help="Run the specification of this backend instead of the engine.")
 @options.choice("--per", words=Per, default=Per.TREE, text="Also monitor each branch or each kind.")
-@options.output_format(*REPORTERS)
+@options.output_format(*REPORTERS, *FORMS)
+@click.option("--template", metavar="TEXT|@FILE", help="Print each detection as this text with placeholders.")
 @click.option("--detections", is_flag=True, help="With --format jsonl, print only events that detect.")
 @click.option(
     "--explain", metavar="[FILE]", callback=_drawable, help="Draw the detections in the text, or the first one to FILE."
@@ -168,7 +170,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         plan,
         whole,
         name=click.format_filename(tree),
-        **{option: given[option] for option in ("per", "form", "detections")},
+        **{option: given[option] for option in ("per", "detections", "template")},
+        form=given["form"] if given["template"] is None else "template",
         follow=given["follow"] or traces.live,
         several=traces.several,
         drawn=given["explain"] == TERMINAL,
@@ -177,6 +180,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         checkpoints=checkpoints,
         unchosen=given["semantics"] is None and whole.semantics is None and backend is None,
     )
+    if given["template"] is not None:
+        Template(given["template"], settings)
     if given["foxglove"] is not None:
         endless = traces.live or given["follow"] or (traces.streams and given["word"] is None)
         status = _with_foxglove(settings, traces.sources, given["foxglove"], given["jobs"], endless=endless)
@@ -240,8 +245,12 @@ def _check(given: dict[str, Any]) -> None:
         wrong = given["backend"] is not None and given[name] is not None
         refuse(wrong, f"--{name.replace('_', '-')} needs the engine: omit --backend")
     require_companions(given)
-    why = "--explain draws among the text: name a FILE for it with --format jsonl"
-    refuse(explain == TERMINAL and form == "jsonl", why)
+    chosen = "--template" if given["template"] is not None else f"--format {form}"
+    refuse(given["template"] is not None and form != "text", f"--template and --format {form} exclude each other")
+    alerts = given["template"] is not None or form in FORMS
+    refuse(alerts and given["backend"] is not None, f"{chosen} needs the engine: omit --backend")
+    why = f"--explain draws among the text: name a FILE for it with {chosen}"
+    refuse(explain == TERMINAL and (alerts or form == "jsonl"), why)
     refuse(form == "table" and given["key"], "--format table is for whole traces, not for --key")
     why = "--detections needs --format jsonl: text output already has only changes of the verdict"
     refuse(given["detections"] and form != "jsonl", why)

@@ -110,6 +110,7 @@ class MonitorSettings:
     checkpoints: CheckpointFile | None
     follow: bool
     unchosen: bool = False
+    template: str | None = None
     others: Sequence[Listener] = ()
 
     @property
@@ -218,14 +219,16 @@ class _JsonLines(Reporter):
     def change(self, change: VerdictChange) -> None:
         if not self.every and not change.detected:
             return
-        record = self._record(change.watch, change.number, change.verdicts)
+        record = {**self._record(change.watch, change.number, change.verdicts), "line": change.line}
         if change.number <= self.reported_before:
             record["again"] = True
         details: dict[int, dict[str, Json]] = {column: {} for column in change.columns}
         for column, count in change.counts.items():
             details[column] |= count.fields
         for column, explanation in change.explanations.items():
-            details[column] |= detection.explained(explanation, self.settings.tree, change.events, self.fields)
+            details[column] |= detection.explained(
+                explanation, self.settings.tree, change.events, self.fields, change.lines
+            )
         for column, ended in self.ends(change).items():
             details[column] = {"expected": detection.expected(ended.pending)}
         record |= details.pop(0, {})
@@ -276,14 +279,15 @@ class _Text(Reporter):
         new_verdicts = {place: f"{verdicts[place]}{_numbered(change.counts.get(place))}" for place in change.columns}
         changed = ", ".join(f"{titles[place]} {verdict}" for place, verdict in new_verdicts.items())
         again = " (reported before)" if change.number <= self.reported_before else ""
-        yield f"{where}event {change.number}: {changed if many else new_verdicts[0]}{again}"
+        at = _line(change.number, change.line)
+        yield f"{where}event {change.number}{at}: {changed if many else new_verdicts[0]}{again}"
         for which, explanation in detection.unlike(change.explanations):
             title = f"{', '.join(titles[place] for place in which)}: " if many else ""
             if self.settings.drawn:
                 drawing = fired_text(self.settings.tree, explanation, change.events)
                 yield from (f"  {line}" for line in (title.strip(), *drawing.splitlines()) if line)
             else:
-                yield from (f"  {line}" for line in self._explained(explanation, change.events, title))
+                yield from (f"  {line}" for line in self._explained(explanation, change, title))
         for place, ended in self.ends(change).items():
             title = f"  {titles[place]}: " if many else "  "
             for record in ended.pending[:WAITING]:
@@ -296,7 +300,8 @@ class _Text(Reporter):
             if len(ended.pending) > WAITING:
                 yield f"{title}and {len(ended.pending) - WAITING} more"
 
-    def _explained(self, explanation: Explanation, events: Mapping[int, Json], title: str) -> Iterator[str]:
+    def _explained(self, explanation: Explanation, change: VerdictChange, title: str) -> Iterator[str]:
+        events = change.events
         kinds = ", ".join(sorted(kind.value for kind in explanation.kinds))
         branch = "" if explanation.branch is None else f"branch {explanation.branch}"
         if head := title + ": ".join(part for part in (branch, kinds) if part):
@@ -305,6 +310,7 @@ class _Text(Reporter):
         for node, numbers in explanation.events.items():
             label, number = tree.nodes[node].label if node in tree.nodes else None, numbers[-1]
             place = " (no longer stored)"
+            line = _line(number, change.lines.get(number))
             if number in events:
                 known = detection.places(events[number], tree)
                 if isinstance(known.get("time"), Mapping) and tree.time and (time := tree.time.read(events[number])):
@@ -315,9 +321,10 @@ class _Text(Reporter):
                 others = detection.other_fields(node, events[number], tree, self.fields)
                 more = ", ".join(f"{name} {_short(value)}" for name, value in others.items())
                 place = "".join(details) + (f" with {more}" if more else "")
-            shown = [*map(str, numbers[:LISTED]), *["…"] * (len(numbers) > LISTED + 1)][: len(numbers) - 1]
+            shown = [f"{one}{_line(one, change.lines.get(one))}" for one in numbers[:LISTED]]
+            shown = [*shown, *["…"] * (len(numbers) > LISTED + 1)][: len(numbers) - 1]
             earlier = f"events {', '.join(shown)} and " if shown else "event "
-            yield f"{earlier}{number}{place} {'are' if shown else 'is'} {node}{f' ({label})' if label else ''}"
+            yield f"{earlier}{number}{line}{place} {'are' if shown else 'is'} {node}{f' ({label})' if label else ''}"
         for variable, value in explanation.bound(tree).items():
             yield f"{variable} = {_json(value)}"
 
@@ -423,6 +430,10 @@ def _summary(settings: MonitorSettings, rows: Sequence[SummaryRow]) -> Iterator[
     if hidden:
         counts = ((verdict, hidden.count(verdict)) for verdict in Verdict)
         yield f"and {len(hidden)} more: {', '.join(f'{count} {verdict}' for verdict, count in counts if count)}"
+
+
+def _line(number: int, line: int | None) -> str:
+    return "" if line is None or line == number else f" (line {line})"
 
 
 def _numbered(count: DetectionCount | None) -> str:

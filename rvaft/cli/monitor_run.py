@@ -12,7 +12,8 @@ from typing import BinaryIO, Final, NamedTuple, cast
 import click
 
 from rvaft.cli import FAILED, FOUND
-from rvaft.cli.monitor_output import REPORTERS, MonitorSettings, Reporter, Sink, SummaryRow
+from rvaft.cli.alerts import ALL_REPORTERS
+from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow
 from rvaft.errors import OptionError, RvaftError, TooLarge, TraceError
 from rvaft.export import PICTURES, fired_dot, fired_text, picture
 from rvaft.model.values import Json
@@ -109,13 +110,14 @@ class _OnDetection(Listener):
         settings, watch = self._settings, change.watch
         again = {"again": True} if change.number <= self.reported_before else {}
         about = {"tree": settings.name, "trace": watch.trace, **settings.key(watch), "event": change.number, **again}
+        about["line"] = change.line
         for explanation, kinds, count in change.detections:
             self.count += 1
             if settings.hooks:
                 with suppress(BrokenPipeError):  # also if standard output is closed
                     self._sink.flush()
                 counted = {} if count is None else count.fields
-                record = detection({**about, **counted}, explanation, change.events, settings.tree)
+                record = detection({**about, **counted}, explanation, change.events, settings.tree, change.lines)
                 for failure in settings.hooks.run(record, kinds):
                     self._sink.warn(str(failure))
             if settings.drawing is None or explanation is None or self.first is not None or self.failed:
@@ -159,7 +161,7 @@ class _Run(Listener):
         self.jobs = jobs
         self.progress = progress
         monitors, tried = settings.plan.monitors, settings.checkpoints is None
-        self.reporter = reporter or REPORTERS[settings.form](settings, sink)
+        self.reporter = reporter or ALL_REPORTERS[settings.form](settings, sink)
         sums = self.reporter.sums
         self.totals = Totals(
             Statistics(monitors.types) if sums or not tried else None,  # for this summary, or that of a resumed run

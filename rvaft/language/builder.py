@@ -262,6 +262,9 @@ class Build(Transformer[Token, Any]):
 
         return add
 
+    def show(self, items: Items) -> Statement:
+        return lambda page: page.draft.shows.extend(page.names(items[1::2]))
+
     def moment(self, items: Items) -> tuple[Token, EventTime]:
         start, path, _, form = items
         if isinstance(form, Token):

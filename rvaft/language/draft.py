@@ -194,6 +194,7 @@ class Draft:
     times: list[Located[EventTime]] = field(default_factory=list)
     assumes: list[Located[Assumption]] = field(default_factory=list)
     orders: list[Located[int]] = field(default_factory=list)
+    shows: list[Located[str]] = field(default_factory=list)
     parameters: list[Located[str]] = field(default_factory=list)
     prunes: list[Located[str]] = field(default_factory=list)
     broken_prunes: list[BrokenPrune] = field(default_factory=list)
@@ -252,6 +253,7 @@ class Draft:
             time=self.time,
             semantics=_first(self.semantics),
             assumes=[said.value for said in self.assumes],
+            shows=[shown.value for shown in self.shows],
         )
 
     def settings(self) -> dict[str, Sequence[Located[object]]]:

@@ -40,7 +40,8 @@ class RVAFT:
     `nodes` has the order of declaration. A restricted tree has its origin in `part_of` and keeps
     the `alphabet` of the whole tree. `topics` are the ROS topics by absolute name; `time` and
     `semantics` may be None. `assumes` are the stated assumptions; ORDER is among them if `time` has
-    a lateness. Trees with equal content are equal regardless of order and positions.
+    a lateness. `shows` are the variables of `show`. Trees with equal content are equal regardless of
+    order and positions.
 
     Raises `TreeError` for an unknown root or child, a cycle, a duplicate child, a threshold out of
     range, an unknown event type, a wrong number of arguments, an unused parameter, a duplicate or
@@ -67,6 +68,7 @@ class RVAFT:
         time: EventTime | None = None,
         semantics: Semantics | None = None,
         assumes: Iterable[Assumption] = (),
+        shows: Iterable[str] = (),
         part_of: "Whole | None" = None,
     ) -> None:
         self.root = root
@@ -79,6 +81,7 @@ class RVAFT:
         self.semantics = semantics
         order = {Assumption.ORDER} if time is not None and time.late is not None else set()
         self.assumes = (frozenset(map(Assumption, assumes)) - {Assumption.ORDER}) | order
+        self.shows = tuple(dict.fromkeys(shows))
         self.part_of = part_of
         for event in self.events.values():
             used = pattern_variables(event.pattern)
@@ -96,6 +99,9 @@ class RVAFT:
                 _check_call(node.on, self.events, [node.name])
         for ignore in self.ignores:
             _check_call(ignore.on, self.events, [])
+        for name in self.shows if part_of is None else ():
+            if not any(node.on is not None and name in node.on.variables for node in self.nodes.values()):
+                raise TreeError(f"`show` lists {name}, which no event of a node binds", rule="shown-variable")
         if root not in self.nodes:
             raise TreeError(f"the root {root} is not a node of the tree", rule="no-root", nodes=[root])
         if len(self.order) < len(self.nodes) and (cycle := find_cycle({n: self.nodes[n].children for n in self.nodes})):
@@ -213,7 +219,7 @@ class RVAFT:
     @cached_property
     def _identity(self) -> tuple[object, ...]:
         unordered = (frozenset(stated.values()) for stated in (self.nodes, self.events, self.topics))
-        settings = self.ignores, self.causality, self.time, self.semantics, self.assumes
+        settings = self.ignores, self.causality, self.time, self.semantics, self.assumes, self.shows
         return (self.root, *unordered, *settings, self.part_of)
 
     def __eq__(self, other: object) -> bool:
@@ -292,7 +298,7 @@ def knots(children: Mapping[T, Iterable[T]]) -> list[set[T]]:
 
 
 def _stated(tree: RVAFT) -> dict[str, Any]:
-    names = ("root", "ignores", "causality", "time", "semantics", "assumes", "part_of")
+    names = ("root", "ignores", "causality", "time", "semantics", "assumes", "shows", "part_of")
     kept = {name: getattr(tree, name) for name in names}
     return {**kept, **{name: tuple(getattr(tree, name).values()) for name in ("nodes", "events", "topics")}}
 

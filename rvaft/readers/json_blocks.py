@@ -51,13 +51,15 @@ class EventBlock(NamedTuple):
     """Consecutive events: the total, and the possibly relevant ones with their places, from 0.
 
     If a reader keeps fields of all events, `passed` has the places of the others, and `kept` their
-    values (or tuples of values), with `msgspec.UNSET` for missing ones.
+    values (or tuples of values), with `msgspec.UNSET` for missing ones. `lines` has the line of each
+    event, or is empty.
     """
 
     total: int
     events: Sequence[tuple[int, JsonObject]]
     passed: Sequence[int] = ()
     kept: Sequence[Json] = ()
+    lines: Sequence[int | None] = ()
 
 
 def _blocks(
@@ -217,7 +219,7 @@ class JsonBlockReader:
             if sound is not None:
                 reached(size, len(lines) - (not text.endswith(b"\n")))
                 events = [(place, sound[place]) for place in places] if dead else list(enumerate(sound))
-                yield EventBlock(len(found), events, passed, kept)
+                yield EventBlock(len(found), events, passed, kept, range(first, first + len(found)))
                 continue
             events = []
             blank: list[int] = []
@@ -238,14 +240,16 @@ class JsonBlockReader:
                     except TraceError:
                         before = bisect_left(passed, place)
                         reached(size - len(text) + sum(map(len, lines[:place])) + place, place)
-                        yield EventBlock(place - len(blank), events, _without(blank, passed[:before]), kept[:before])
+                        passed, kept = _without(blank, passed[:before]), kept[:before]
+                        yield EventBlock(place - len(blank), events, passed, kept, _lines(first, place, blank))
                         raise
                 if event is None:
                     blank.append(place)
                 else:
                     events.append((place - len(blank), event))
             reached(size, len(lines) - (not text.endswith(b"\n")))
-            yield EventBlock(len(found) - len(blank), events, _without(blank, passed), kept)
+            every = _lines(first, len(found), blank)
+            yield EventBlock(len(found) - len(blank), events, _without(blank, passed), kept, every)
 
     def _sound(self, text: bytes, lines: list[bytes]) -> list[_Line] | None:
         """Return the decoded events of a block, or None if there may be hidden errors.
@@ -346,6 +350,11 @@ def _gets(fields: Sequence[str]) -> Callable[[dict[str, Json]], _Values]:
 def _without(blank: Sequence[int], places: Sequence[int]) -> Sequence[int]:
     """Convert places of lines to places without blank lines."""
     return [place - bisect_left(blank, place) for place in places] if blank else places
+
+
+def _lines(first: int, count: int, blank: Sequence[int]) -> Sequence[int]:
+    every = range(first, first + count)
+    return sorted({*every} - {first + place for place in blank}) if blank else every
 
 
 def _doubtful(text: bytes, lines: list[bytes]) -> set[int]:

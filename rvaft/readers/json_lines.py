@@ -54,7 +54,7 @@ def read(
         with opened(Path(source)) as stream:
             yield from read(stream, name=name or os.fspath(source), reads=reads, line=line, strict=strict)
         return
-    for _, event in _numbered(source, name or "<trace>", reads, line, strict=strict):
+    for _, event in numbered(source, name or "<trace>", reads, line, strict=strict):
         yield event
 
 
@@ -72,12 +72,13 @@ class JsonLinesReader(LogReader):
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
         """Yield the events with their line numbers."""
-        return _numbered(log.stream, log.name, log.reads, log.line, strict=log.strict)
+        return numbered(log.stream, log.name, log.reads, log.line, strict=log.strict)
 
 
-def _numbered(
+def numbered(
     source: BinaryIO, file: str, reads: Scope | None, line: int, *, strict: bool
 ) -> Iterator[tuple[int, dict[str, Json]]]:
+    """Yield the events with their line numbers, as `read` does."""
     for number, text in lines_of(source, file, line):
         event = event_on(text.removesuffix(b"\n"), file, number, reads, strict=strict)
         if event is not None:

@@ -216,6 +216,11 @@ class Log:
         assert isinstance(self.source, str), "only a reader of URLs is given one"
         return self.source
 
+    @property
+    def line_read(self) -> int | None:
+        """The line, or the row of a table, of the last event; None for other formats."""
+        return self.place if self.reader.unit in ("line", "row") else None
+
     def events(self) -> Iterator[dict[str, Json] | None]:
         """Yield the events, None if irrelevant; raises `TraceError` and `ToolMissing`."""
         failures = failures_of(self.name)

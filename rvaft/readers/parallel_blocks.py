@@ -95,7 +95,10 @@ def read_in_processes(
             for batch, (size, lines) in zip(found, sizes, strict=True):
                 line += lines
                 reached(size, lines)
-                yield _unpacked(batch)
+                block = _unpacked(batch)
+                later = before - (1 if start == 0 else 2)
+                every = [one + later for one in block.lines if one is not None]
+                yield block._replace(lines=every or range(line - lines, line - lines + block.total))
             if failure is not None:
                 message, place = failure
                 raise TraceError(message, file=file, line=None if place is None else before + place)
@@ -103,7 +106,7 @@ def read_in_processes(
 
 def _packed(batch: EventBlock) -> bytes:
     """Serialise a block, if possible with `marshal`."""
-    found = tuple(map(list, batch[1:]))
+    found = tuple([] if one is batch.lines and isinstance(one, range) else list(one) for one in batch[1:])
     try:
         return b"m" + marshal.dumps((batch.total, *found))
     except ValueError:

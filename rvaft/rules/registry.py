@@ -37,6 +37,7 @@ DRAFT_RULES: Final = (
     Rule("unknown-event", Severity.ERROR, structure.unknown_event),
     Rule("event-arity", Severity.ERROR, structure.event_arity),
     Rule("ignore-variable", Severity.ERROR, structure.ignore_variable),
+    Rule("shown-variable", Severity.ERROR, structure.shown_variable),
     Rule("duplicate-topic", Severity.ERROR, structure.duplicate_topic),
     Rule("malformed-topic", Severity.ERROR, structure.malformed_topic),
     Rule("no-time", Severity.ERROR, structure.no_time),

@@ -223,6 +223,15 @@ def ignore_variable(tree: Draft | RVAFT) -> Iterator[RuleReport]:
             yield RuleReport(ignore.place, message)
 
 
+def shown_variable(draft: Draft) -> Iterator[RuleReport]:
+    """The event of some node binds every variable of a `show`."""
+    known = {name for node in draft.nodes.values() for on in node.ons for name in on.value.variables}
+    for name, place in draft.shows:
+        if name not in known:
+            guess = did_you_mean(name, known) or "; remove it, or add it to the `on` of a node"
+            yield RuleReport(place, f"`show` lists {name}, which no event of a node binds{guess}")
+
+
 def variable_once(space: ScenarioSpace) -> Iterator[RuleReport]:
     """No variable is used only once, except at a counted leaf, whose events share it."""
     tree = space.tree
@@ -234,7 +243,7 @@ def variable_once(space: ScenarioSpace) -> Iterator[RuleReport]:
             where.setdefault(name, (node.place("on"), name, (node.name,)))
         uses.update(own * min(node.times, 2))
         uses.update(guard_variables(node.when))
-    once = [found for name, found in where.items() if uses[name] == 1]
+    once = [found for name, found in where.items() if uses[name] == 1 and name not in tree.shows]
     for ignore in tree.ignores:
         inside = Counter([*ignore.on.variables, *guard_variables(ignore.when)])
         once += [(ignore.place, name, ()) for name in inside if inside[name] == 1]

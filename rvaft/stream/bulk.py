@@ -54,7 +54,8 @@ T = TypeVar("T")
 H = TypeVar("H")
 KeyValues: TypeAlias = tuple[Json, ...]
 """An irrelevant event: its values in the key fields, or () if it lacks one."""
-Turn: TypeAlias = JsonObject | KeyValues
+Turn: TypeAlias = tuple[int | None, JsonObject | KeyValues]
+"""An event, or what stands for an irrelevant one, after its line."""
 
 
 def read(
@@ -112,31 +113,29 @@ def block_reader(plan: MonitoringPlan, *, whole: bool = False) -> JsonBlockReade
     return JsonBlockReader(plan.reads, possible, fields, time=time, strict=plan.strict_json, kept=names, whole=whole)
 
 
-def _blocks_of(events: Iterable[JsonObject | None]) -> Iterator[EventBlock]:
-    """Yield events in blocks; None is an irrelevant event."""
-    total, held = 0, list[tuple[int, JsonObject]]()
+def _blocks_of(log: Log) -> Iterator[EventBlock]:
+    """Yield the events of a log in blocks."""
+    held, lines = list[tuple[int, JsonObject]](), list[int | None]()
     try:
-        for event in events:
+        for event in log.events():
             if event is not None:
-                held.append((total, event))
-            total += 1
-            if total == BLOCK:
-                yield EventBlock(total, held)
-                total, held = 0, []
+                held.append((len(lines), event))
+            lines.append(log.line_read)
+            if len(lines) == BLOCK:
+                yield EventBlock(BLOCK, held, lines=lines)
+                held, lines = [], []
     except RvaftError:
-        yield EventBlock(total, held)
+        yield EventBlock(len(lines), held, lines=lines)
         raise
-    yield EventBlock(total, held)
+    yield EventBlock(len(lines), held, lines=lines)
 
 
 def _block_of(turns: Sequence[Turn]) -> EventBlock:
-    found = [(place, event) for place, event in enumerate(turns) if type(event) is not tuple]
-    if not found:
-        return EventBlock(len(turns), (), range(len(turns)), turns)
-    passed = [place for place, event in enumerate(turns) if type(event) is tuple]
-    return EventBlock(
-        len(turns), cast("list[tuple[int, JsonObject]]", found), passed, [turns[place] for place in passed]
-    )
+    lines, events = [line for line, _ in turns], [event for _, event in turns]
+    found = [(place, event) for place, event in enumerate(events) if type(event) is not tuple]
+    passed = [place for place, event in enumerate(events) if type(event) is tuple]
+    kept = [events[place] for place in passed]
+    return EventBlock(len(turns), cast("list[tuple[int, JsonObject]]", found), passed, kept, lines)
 
 
 class EventGroup:
@@ -337,19 +336,20 @@ class BulkOrdering:
         self._as_they_came = False
         """Whether held events are sorted both by place and by number."""
 
-    def add(self, block: EventBlock, values: Sequence[Json], others: Sequence[Turn]) -> list[Turn]:
+    def add(self, block: EventBlock, values: Sequence[Json], others: Sequence[KeyValues]) -> list[Turn]:
         """Add the events of a block and return the events that are due.
 
         `values` and `others` are the order fields and the stand-ins of the irrelevant events.
         """
         ordering = self._ordering
-        came = _in_places(block, others, [event for _, event in block.events])
+        own: list[JsonObject | KeyValues] = [event for _, event in block.events]
+        came = list(zip(block.lines, _in_places(block, others, own), strict=True))
         places: list[Place | None]
         if ordering.time is None and ordering.holds_times is False and _NUMBERS.issuperset(map(type, values)):
             places = _in_places(block, values, [ordering.place(event) for _, event in block.events])
         else:  # the first value fixes the type of the field
             known, name = dict(zip(block.passed, values, strict=True)), ordering.field.text
-            stand_ins = ({name: known[place]} if place in known else event for place, event in enumerate(came))
+            stand_ins = ({name: known[place]} if place in known else one for place, (_, one) in enumerate(came))
             places = list(map(ordering.place, stand_ins))
         if None not in places and (found := self._add_sorted(cast("list[Place]", places), came)) is not None:
             return found
@@ -425,7 +425,7 @@ class BulkReading:
             if run.ordering is not None:
                 return None
             source.interest = interest(plan, whole=whole) if quickly else ALL
-            return _blocks_of(source.events())
+            return _blocks_of(source)
         reader = block_reader(plan, whole=whole) if quickly and isinstance(source, IOBase) else None
         if reader is None:
             return None
@@ -480,6 +480,7 @@ class BulkReading:
     def _process(self, block: EventBlock) -> None:
         """Process a block as a batch if only counts change, else event by event."""
         run, before = self.run, self.run.number
+        run.lines = before, block.lines
         events = block.events if run.keys is None or not block.passed else self._with_new_keys(block)
         monitors = run.plan.monitors
         together = not (run.audience.each or monitors.counts_all or monitors.may_be_late)
@@ -630,4 +631,4 @@ class BulkReading:
         while monitors.live and run.number + 1 < number:
             run.number += 1
             if changed := monitors.step(_NO_EVENT, run.number, kind):
-                run.notify(VerdictChange(run.watch, run.number, _NO_EVENT, changed))
+                run.notify(VerdictChange(run.watch, run.number, _NO_EVENT, changed, run.line_of(run.number)))

@@ -55,7 +55,7 @@ _GRACE: Final = 1.0
 """Seconds beyond which checkpoints become rarer than other work permits."""
 _EDGE: Final = 1 << 16
 """Bytes hashed at the start of a trace and before the offset."""
-_MAGIC: Final = b"rvaft checkpoint 5\n"
+_MAGIC: Final = b"rvaft checkpoint 6\n"
 _BLOCK: Final = 1 << 20
 _ANEW: Final = "remove it to begin anew"
 _BUILT_IN: Final = (dict, frozenset, list, set, Counter, OrderedDict)

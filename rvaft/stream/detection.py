@@ -84,14 +84,19 @@ def other_fields(node: str, event: Json, tree: RVAFT, fields: Sequence[str]) -> 
 
 
 def explained(
-    explanation: Explanation, tree: RVAFT, events: Mapping[int, Json], fields: Sequence[str]
+    explanation: Explanation,
+    tree: RVAFT,
+    events: Mapping[int, Json],
+    fields: Sequence[str],
+    lines: Mapping[int, int | None] | None = None,
 ) -> dict[str, Json]:
-    """Return an explanation as JSON; `events` has the known events."""
+    """Return an explanation as JSON; `events` and `lines` have the known events."""
     matched = []
     for node, occurrence, number in explanation.matched:
         event = events.get(number)
         others = other_fields(node, event, tree, fields)
         occurrence_of = {"node": node, "occurrence": occurrence, "event": number}
+        occurrence_of |= {} if lines is None else {"line": lines.get(number)}
         matched.append({**occurrence_of, **places(event, tree), **({"fields": others} if others else {})})
     return {
         "branch": explanation.branch,
@@ -122,7 +127,11 @@ def unlike(explanations: Mapping[int, Explanation]) -> Collection[tuple[list[int
 
 
 def detection(
-    about: Mapping[str, Json], explanation: Explanation | None, events: Mapping[int, Json], tree: RVAFT
+    about: Mapping[str, Json],
+    explanation: Explanation | None,
+    events: Mapping[int, Json],
+    tree: RVAFT,
+    lines: Mapping[int, int | None] | None = None,
 ) -> dict[str, Json]:
     """Return the JSON object for a command: `about`, the explanation, and the known events by
     number as text.
@@ -131,7 +140,8 @@ def detection(
     """
     found, numbers = _UNEXPLAINED, set[int]()
     if explanation is not None:
-        found, numbers = explained(explanation, tree, events, identifying_fields(tree)), matched_events([explanation])
+        found = explained(explanation, tree, events, identifying_fields(tree), lines)
+        numbers = matched_events([explanation])
     known = {str(number): finite(events[number]) for number in sorted(numbers) if number in events}
     return {**about, **found, "events": known}
 

@@ -60,6 +60,8 @@ class FollowedFile(io.IOBase):
         self._changed = changed
         self._idle = idle
         self.line = line
+        self.given = line
+        """The number of the line returned last, in its file."""
         self.file = _opened(self.path)
         self._next: BinaryIO | None = None
         self._ending = False
@@ -103,6 +105,7 @@ class FollowedFile(io.IOBase):
                 del self._ready[: len(given)]
                 self._searched = 0
                 self.line += given.endswith(b"\n")
+                self.given = self.line
                 if self._ending:  # the caller had room for the whole line
                     self._replace()
                 return given

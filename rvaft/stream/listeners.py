@@ -49,12 +49,14 @@ class EventBuffer:
         self.reads = reads
         self.reader = reader
         self.known: OrderedDict[int, Json] = OrderedDict()  # a dict finds its first key slowly after removals
+        self.lines: dict[int, int | None] = {}
+        """The lines of known events."""
 
-    def remember(self, number: int, event: Json) -> None:
+    def remember(self, number: int, event: Json, line: int | None = None) -> None:
         """Keep an event that may become part of a match."""
         if len(self.known) >= BOUND:
-            self.known.popitem(last=False)
-        self.known[number] = event
+            self.lines.pop(self.known.popitem(last=False)[0], None)
+        self.known[number], self.lines[number] = event, line
 
     def events(self, numbers: Collection[int], *, ended: bool = False) -> Mapping[int, Json]:
         """Return the available events with these numbers; `ended` after the run."""
@@ -62,14 +64,17 @@ class EventBuffer:
         missing = set(numbers) - set(known) if ended or not self.late else set()
         if missing and self.path is not None and self.reader is not None:
             with suppress(RvaftError, OSError), source_of(self.reader, str(self.path)) as source:
-                found = enumerate(Log(self.reader, source, str(self.path), self.reads).events(), 1)
-                known.update((number, event) for number, event in islice(found, max(missing)) if number in missing)
+                log = Log(self.reader, source, str(self.path), self.reads)
+                for number, event in islice(enumerate(log.events(), 1), max(missing)):
+                    if number in missing:
+                        known[number], self.lines[number] = event, log.line_read
         elif missing and self.path is not None:
             with suppress(RvaftError, ValueError, *failures_of(str(self.path))), opened(self.path) as stream:
                 first = stream.readline().removeprefix(BOM)
-                lines = (line for line in chain([first], stream) if line.strip(BLANK))
-                for number, line in enumerate(lines, 1):
+                lines = ((at, line) for at, line in enumerate(chain([first], stream), 1) if line.strip(BLANK))
+                for number, (at, line) in enumerate(lines, 1):
                     if number in missing:
+                        self.lines[number] = at
                         known[number] = decode(line.removesuffix(b"\n"), reads=self.reads)
                         if len(known) == len(numbers):
                             break
@@ -90,10 +95,13 @@ class MonitoredTrace:
 class VerdictChange:
     """The verdicts changed by one event."""
 
-    def __init__(self, watch: MonitoredTrace, number: int, event: Json, columns: Sequence[int]) -> None:
+    def __init__(
+        self, watch: MonitoredTrace, number: int, event: Json, columns: Sequence[int], line: int | None = None
+    ) -> None:
         self.watch = watch
         self.number = number
         self.event = event
+        self.line = line
         self.columns = columns
         self.verdicts = watch.monitors.verdicts
         self.detected = [column for column in columns if self.verdicts[column] is Verdict.TRUE]
@@ -110,6 +118,12 @@ class VerdictChange:
         """The available events in the explanations."""
         wanted = matched_events(self.explanations.values()) - {self.number}
         return {**self.watch.buffer.events(wanted), self.number: self.event}
+
+    @cached_property
+    def lines(self) -> Mapping[int, int | None]:
+        """The lines, or rows of a table, of `events` in the input; None if it has no lines."""
+        known = {number: self.watch.buffer.lines.get(number) for number in self.events}
+        return {**known, self.number: self.line}
 
     @cached_property
     def detections(self) -> Sequence[tuple[Explanation | None, frozenset[Kind], DetectionCount | None]]:

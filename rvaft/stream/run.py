@@ -9,10 +9,11 @@ from typing import BinaryIO, TypeAlias, cast
 from rvaft.errors import RvaftError, TooLarge
 from rvaft.model.values import Json, JsonObject
 from rvaft.model.verdict import Verdict
-from rvaft.readers.json_lines import read
+from rvaft.readers.json_lines import numbered
 from rvaft.readers.log import ALL, Log
 from rvaft.stream.data_warnings import DataWarnings, checked
 from rvaft.stream.detection import counted
+from rvaft.stream.follow import FollowedFile
 from rvaft.stream.keys import KeyedTraces
 from rvaft.stream.listeners import Audience, EventBuffer, Listener, MonitoredTrace, VerdictChange
 from rvaft.stream.monitor_set import Snapshots
@@ -21,15 +22,17 @@ from rvaft.stream.plan import TIME, MonitoringPlan, Totals
 from rvaft.stream.statistics import Statistics
 
 Source: TypeAlias = BinaryIO | Log | Iterable[Json]
+Lined: TypeAlias = tuple[int | None, JsonObject]
+"""An event after its line."""
 RunState: TypeAlias = tuple[
     list[tuple[tuple[Json, ...] | None, Snapshots, int]],
     tuple[int, int],
-    OrderedDict[int, JsonObject],
+    tuple[OrderedDict[int, JsonObject], dict[int, int | None]],
     Backwards | None,
-    Ordering[JsonObject] | None,
+    Ordering[Lined] | None,
     tuple[Statistics | None, DataWarnings],
 ]
-"""Monitors by key, events without a key, buffer, clock, order, totals."""
+"""Monitors by key, events without a key, buffer with lines, clock, order, totals."""
 
 
 @dataclass(eq=False)
@@ -52,13 +55,15 @@ class TraceRun:
         if self.totals.semantics_hint is not None:
             self.totals.semantics_hint.forget()
         monitors, by = self.plan.monitors, self.plan.order_by
-        self.ordering: Ordering[JsonObject] | None = None
+        self.ordering: Ordering[Lined] | None = None
         if by is not None:
             self.ordering = Ordering(by, window=self.plan.window, time=monitors.time)
         name = TIME if monitors.time is None else ".".join(monitors.time.field)
         self.clock = None if by is not None or monitors.may_be_late else Backwards(name, monitors.time)
         self.assumed = checked(monitors.types.tree, order=not monitors.engines)
         self.number = self.detected = 0
+        self.lines: tuple[int, Sequence[int | None]] = 0, ()
+        """A number, and the lines of the events after it."""
         self.begun = self.ended = False
         self.watch = MonitoredTrace(self.trace, monitors.fork(), buffer=self.buffer)
         """The monitored trace; with a key, the template for each value."""
@@ -88,6 +93,11 @@ class TraceRun:
         """The monitored trace, or that of each key in order of first occurrence."""
         return [self.watch] if self.keys is None else self.keys.traces
 
+    def line_of(self, number: int) -> int | None:
+        """Return the line of a current event in the input; None if it has no lines."""
+        before, lines = self.lines
+        return lines[number - before - 1] if before < number <= before + len(lines) else None
+
     def begin(self) -> None:
         """Notify listeners that the trace begins or continues."""
         self.begun = True
@@ -101,27 +111,33 @@ class TraceRun:
         first line of a stream. Raises what `rvaft.readers.json_lines.read` raises.
         """
         self.prepare()
-        events: Iterable[JsonObject]
-        if isinstance(source, Log):
-            source.interest = ALL
-            events = cast("Iterable[JsonObject]", source.events())
-        elif isinstance(source, IOBase):
-            stream, plan = cast("BinaryIO", source), self.plan
-            events = read(stream, name=name, reads=plan.reads, line=line, strict=plan.strict_json)
-        else:
-            events = cast("Iterable[JsonObject]", source)
-        for event in self._in_turn(events):
-            if event is not None:
-                self.take(((0, event),), self.number)
+        for lined in self._in_turn(self._lined(source, name, line)):
+            if lined is not None:
+                self.lines = self.number, lined[:1]
+                self.take(((0, lined[1]),), self.number)
                 self.notify_unchanged(self.number)
-            yield event is not None
+            yield lined is not None
 
-    def _in_turn(self, events: Iterable[JsonObject]) -> Iterator[JsonObject | None]:
+    def _lined(self, source: Source, name: str, line: int) -> Iterator[Lined]:
+        stream, plan = source, self.plan
+        found: Iterator[tuple[int | None, Json]]
+        if isinstance(source, Log):
+            source.interest, stream = ALL, cast("Source", source.source)
+            found = ((source.line_read, event) for event in source.events())
+        elif isinstance(source, IOBase):
+            found = numbered(cast("BinaryIO", source), name, plan.reads, line, strict=plan.strict_json)
+        else:
+            found = ((None, event) for event in cast("Iterable[Json]", source))
+        for number, event in found:
+            # a followed file may be replaced by another
+            yield stream.given if isinstance(stream, FollowedFile) else number, cast("JsonObject", event)
+
+    def _in_turn(self, events: Iterable[Lined]) -> Iterator[Lined | None]:
         """Yield events in time order, then None; an error comes last."""
         ordering, failure = self.ordering, None
         try:
             for event in events:
-                turn = event if ordering is None else ordering.add(event)
+                turn = event if ordering is None else ordering.put(ordering.place(event[1]), event)
                 if turn is not None:
                     yield turn
         except (RvaftError, OSError) as error:
@@ -185,9 +201,9 @@ class TraceRun:
                     if clock is not None and monitors.concerned:
                         clock.see(number, event)
                     if monitors.serves:
-                        watch.buffer.remember(number, event)
+                        watch.buffer.remember(number, event, self.line_of(number))
                     if changed:
-                        self.notify(VerdictChange(watch, number, event, changed))
+                        self.notify(VerdictChange(watch, number, event, changed, self.line_of(number)))
                         continue
                     if of_concern and monitors.live and (monitors.concerned or (event_kind.relevant and not skips)):
                         for listener in of_concern:
@@ -225,17 +241,18 @@ class TraceRun:
         watches = [(watch.key, watch.monitors.snapshot, watch.events) for watch in self.watches]
         lacking = (0, 0) if self.keys is None else (self.keys.lacking, self.keys.first_lacking)
         totals = (self.totals.statistics, self.totals.data_warnings)
-        return watches, lacking, self.buffer.known, self.clock, self.ordering, totals
+        return watches, lacking, (self.buffer.known, self.buffer.lines), self.clock, self.ordering, totals
 
     def restore(self, state: RunState, number: int) -> None:
         """Continue from a state after the event of that number."""
-        watches, lacking, known, self.clock, self.ordering, (statistics, self.totals.data_warnings) = state
+        watches, lacking, (known, lines), self.clock, self.ordering, (statistics, self.totals.data_warnings) = state
         self.totals.data_warnings.attach(self.plan.monitors.types)
         self.number = number
         if statistics is not None:
             self.totals.statistics = statistics
             statistics.attach(self.plan.monitors.types)
         self.buffer.known.update(known)
+        self.buffer.lines.update(lines)
         for key, snapshot, events in watches:
             monitors = self.plan.monitors.resumed(snapshot)
             watch = MonitoredTrace(self.trace, monitors, key, self.buffer, events)

@@ -28,9 +28,12 @@ def test_jsonl_is_one_object_per_event_and_nothing_else() -> None:
     assert last == {
         "event": 5,
         "verdict": "true",
+        "line": 5,
         "branch": 3,
         "kinds": ["attack"],
-        "matched": [{"node": node, "occurrence": 1, "event": i + 1, **places[i]} for i, node in enumerate(nodes)],
+        "matched": [
+            {"node": node, "occurrence": 1, "event": i + 1, "line": i + 1, **places[i]} for i, node in enumerate(nodes)
+        ],
         "variables": {"Waypoint": 0, "Value": 257.0, "T1": 14.1, "NewWp": 1, "T2": 20.2, "MBGoal": 2},
     }
 
@@ -60,8 +63,9 @@ def test_events_of_a_stream_that_are_forgotten_are_not_made_up(monkeypatch: pyte
     assert "  event 1 (no longer stored) is ev1" in said
     assert "  event 4 at 30.241 on /command is ev6" in said
     last = jsonl(PRUNED, data=data)[-1]
-    assert last["matched"][0] == {"node": "ev1", "occurrence": 1, "event": 1}
-    assert last["matched"][3] == {"node": "ev6", "occurrence": 1, "event": 4, "time": 30.241, "topic": "/command"}
+    assert last["matched"][0] == {"node": "ev1", "occurrence": 1, "event": 1, "line": None}
+    sixth = {"node": "ev6", "occurrence": 1, "event": 4, "line": 4, "time": 30.241, "topic": "/command"}
+    assert last["matched"][3] == sixth
     assert "no longer stored" not in run("monitor", PRUNED, ROW1).stdout
 
 

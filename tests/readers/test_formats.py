@@ -246,8 +246,8 @@ def test_what_a_match_consisted_of_is_read_again(tmp_path: Path, monkeypatch: py
         "time,event\n" + "".join(f"{n},{'a' if n == 0 else 'b' if n < 9 else 'c'}\n" for n in range(10)),
     )
     told = run("monitor", SAND, log, "--semantics", "scattered").stdout
-    assert "event 1 at 0 is a" in told
-    assert "event 10 at 9 is c" in told
+    assert "event 1 (line 2) at 0 is a" in told
+    assert "event 10 (line 11) at 9 is c" in told
 
 
 def test_a_year_is_that_of_the_file(tmp_path: Path) -> None:
@@ -481,7 +481,7 @@ def test_a_format_of_somebody_else(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(registry, "all_readers", lambda: known)
     log = written(tmp_path / "l.shout", "A b B C")
     result = run("monitor", SAND, log)
-    assert (result.exit_code, result.stdout.splitlines()[0]) == (2, "event 3: true")
+    assert (result.exit_code, result.stdout.splitlines()[0]) == (2, "event 3 (line 4): true")
     assert result.stderr == f"rvaft: error: {log}:2: too quiet (1 line left out)\n"
     failed(run("monitor", SAND, log, "--input", "broken"), "the reader of broken failed: it cannot be loaded")
     failed(run("monitor", SAND, log, "--input", "xml"), "unknown format xml; known: bag, csv,", "shouting")

@@ -111,9 +111,9 @@ def test_each_key_repeats_as_in_a_log_of_its_own(options: str, tmp_path: Path) -
         places = [place for place, event in enumerate(events, 1) if (event["user"], event["ip"]) == (user, ip)]
         alone = jsonl(tree, written(tmp_path / "own", lines([events[at - 1] for at in places])), *words, "--detections")
         for one in alone:
-            one["event"] = places[one["event"] - 1]
+            one["event"] = one["line"] = places[one["event"] - 1]
             for match in (m for part in (one, *one.get("columns", {}).values()) for m in part.get("matched", ())):
-                match["event"] = places[match["event"] - 1]
+                match["event"] = match["line"] = places[match["event"] - 1]
         mine = [dict(one) for one in told if one["key"] == {"user": user, "ip": ip}]
         for one in mine:
             del one["key"]

@@ -35,6 +35,7 @@ from cross_check.participants import (
     reports_detections_only,
     translated,
 )
+from cross_check.plain import plainer
 from cross_check.product import Exploration
 from cross_check.published_monitor import NAME as PUBLISHED
 from cross_check.published_monitor import published_of
@@ -184,6 +185,7 @@ class _Row:
     masked: int = 0
     matched: int = 0
     match: str = ""
+    reason: str = ""
     detected: bool = False
     limited: str = ""
     """How many traces were compared within the time limit, if not all."""
@@ -318,6 +320,22 @@ class _Row:
                     continue
                 self.compare(fewer, baseline.verdicts_of(fewer), self.verdicts_of(fewer))
                 position += len(self.difference[0]) == len(trace)
+
+    def simplify(self, baseline: "_Row") -> None:
+        """Give the differing trace ordinary times and values."""
+        if self.difference is None or self.match:
+            return
+
+        def differs(trace: Trace) -> bool:
+            if self.leaves_open(trace):
+                return False
+            wanted, got = baseline.verdicts_of(trace), self.verdicts_of(trace)
+            wanted = detections(wanted) if self.detections_only else wanted
+            return wanted[:-1] == got[:-1] and wanted[-1:] != got[-1:]
+
+        with suppress(Exception, Expired), within(self.patience):
+            trace, self.reason = plainer(self.tree, self.difference[0], differs)
+            self.difference = trace, self.verdicts_of(trace)
 
 
 @dataclass(slots=True)
@@ -460,6 +478,7 @@ class Comparison:
                     row.compare_matches(self._matches(judged))
                 if row.participant is not None:
                     row.shorten(baseline)
+                    row.simplify(baseline)
             elif row.status is None:
                 row.end(Status.COULD_NOT_RUN, "there is no trace to test")
             row.status, row.limited = row.status or Status.TESTED, row.limited or baseline.limited
@@ -503,7 +522,7 @@ class Comparison:
         difference = None
         if row.difference is not None and baseline is not None:
             trace, got = row.difference
-            difference = Difference(trace, baseline.name, baseline.verdicts_of(trace), got, row.match)
+            difference = Difference(trace, baseline.name, baseline.verdicts_of(trace), got, row.match, row.reason)
         names = ("seconds", "verdicts", "traces", "longest", "why", "masked", "matched")
         known = {name: getattr(row, name) for name in names}
         if source is not None and source.specification is not None:

@@ -89,7 +89,8 @@ class Difference:
     """A trace on which a participant and the baseline disagree, with their verdicts after every
     prefix.
 
-    If only the matches differ, `match` is the first missing or additional match.
+    If only the matches differ, `match` is the first missing or additional match. `reason` is a value
+    that makes the difference, if one is known.
     """
 
     trace: tuple[Json, ...]
@@ -97,6 +98,7 @@ class Difference:
     expected: tuple[Verdict, ...]
     got: tuple[Verdict, ...]
     match: str = ""
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -328,7 +330,7 @@ def difference_lines(result: Result) -> list[str]:
     for event, expected, got in zip(found.trace, found.expected, found.got, strict=True):
         rows.append((json.dumps(event, ensure_ascii=False), expected.symbol, got.symbol))
     lines = columns(rows) if found.trace else ["they differ before any event"]
-    return [*lines, found.match] if found.match else lines
+    return [*lines, *filter(None, (found.match, found.reason))]
 
 
 # Files: each format gets the results and a note.
@@ -375,7 +377,7 @@ def _object(result: Result) -> dict[str, Json]:
 
 
 def _difference(found: Difference) -> dict[str, Json]:
-    return {name: value for name, value in asdict(found).items() if name != "match" or value}
+    return {name: value for name, value in asdict(found).items() if value or name not in ("match", "reason")}
 
 
 def junit_text(results: Iterable[Result], note: str = "") -> str:

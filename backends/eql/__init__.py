@@ -52,7 +52,7 @@ class EqlBackend(Backend):
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Within}
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends)
     operators: ClassVar[frozenset[Operator]] = (
-        LOGICAL | COMPARING | {Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS}
+        LOGICAL | COMPARING | {Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS, Operator.LIKE}
     )
     values: ClassVar[frozenset[Value]] = frozenset({Value.NUMBER, Value.BOOLEAN, Value.LIST})
     ties: ClassVar[Ties] = Ties.ALL_EVENTS

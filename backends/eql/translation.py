@@ -162,6 +162,7 @@ class EqlConditions(FieldConditions):
         Lack.CALCULATION: "a condition of EQL compares a field with a constant",
         Lack.NULL: "EQL does not distinguish a null field from a missing one",
         Lack.SURROGATE: "an EQL string cannot contain half of a surrogate pair",
+        Lack.TEXT_FUNCTION: "EQL has `like` for a prefix, a suffix or a part of a text alone: `a*`, `*a`, `*a*`",
         Lack.FIELD_NAME: "an EQL field name needs a character, and cannot contain a line break or `",
     }
 
@@ -193,6 +194,17 @@ class EqlConditions(FieldConditions):
                 return f'"{value.translate(_ESCAPES)}"'
             case _:
                 return repr(value)
+
+    def function(self, operator: Operator, path: str, text: str, *, wanted: bool) -> str:
+        """Return the test of a text function; `like` is one for a prefix, a suffix or a part."""
+        if operator is Operator.LIKE:
+            inner = text.strip("*")
+            before, after = text.startswith("*"), text.endswith("*")
+            if not (before or after) or not inner or "*" in inner or "?" in inner:
+                raise self.lacks(Lack.TEXT_FUNCTION)
+            both = Operator.CONTAINS if before else Operator.STARTSWITH
+            operator, text = both if after else Operator.ENDSWITH, inner
+        return super().function(operator, path, text, wanted=wanted)
 
     def all(self, texts: Iterable[str]) -> str:
         """Return the conjunction, and spend its length."""

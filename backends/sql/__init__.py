@@ -129,9 +129,16 @@ class SqlTableBackend(SqlBackend):
     `time` besides those of the fields, or of any table (`mapped`).
 
     >>> from rvaft import loads
-    >>> text = "event login(u: text) = { event: \\"login\\", user: u }; assume types, present; top on login(U);"
+    >>> text = "event login(u: text) = { login: true, user: u }; assume types, present; top on login(U);"
     >>> auth = SqlTableBackend().mapped({"table": "auth", "columns": {"user": "user_name"}, "dialect": "duckdb"})
     >>> print(auth.translate(loads(text), Semantics.SCATTERED).text.partition("WITH")[2], end="")
+    <BLANKLINE>
+      n1 AS (
+        SELECT rowid AS pos, user_name AS "U" FROM auth WHERE (login = true)
+      )
+    SELECT e1.pos AS detected, 1 AS branch,
+      '{"top": ' || CAST(e1.pos AS TEXT) || '}' AS nodes, e1."U" AS "U"
+    FROM n1 AS e1
     """
 
     name: ClassVar[str] = "sql-table"

@@ -254,6 +254,9 @@ class TableRows:
         columns = tuple(
             Column(table.columns.get(name, name.replace(".", "_")), types[path], path) for name, path in names.items()
         )
+        for column in columns:
+            if re.search('["\x00-\x1f\x7f]', column.name):
+                raise NotExpressible(f"the field {column.name!a} is no name of a column: name one for it")
         taken = [*(column.name.lower() for column in columns), *filter(None, (table.trace.lower(),))]
         if twice := next((name for name in taken if taken.count(name) > 1), ""):
             raise OptionError(f"two fields have the column {twice}: name their columns")

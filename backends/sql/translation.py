@@ -195,7 +195,8 @@ class SqlQuery:
         self.late = None if prop.time is None else prop.time.late
         self.timed = any(untimed(event.pattern)[1] is not None for event in prop.events)
         self.scenarios = _scenarios(prop, limit, minimal=True) if semantics is Semantics.SCATTERED else ()
-        self.first = all(one.loose for one in self.scenarios) or any(one.counts for one in self.scenarios)
+        several = any(len(one.before) > 1 for one in self.scenarios)
+        self.first = (several and all(one.loose for one in self.scenarios)) or any(one.counts for one in self.scenarios)
         """Whether the query finds first matches only."""
         if not (self.first and self.scenarios):
             self.first, self.scenarios = False, _scenarios(prop, limit, minimal=False)

@@ -30,6 +30,7 @@ from rvaft.capabilities import (
 from rvaft.core.passes import Pass, expand_times, order_ends
 from rvaft.core.property import Condition, Part, Property, Within
 from rvaft.model.guards import Operator
+from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -61,6 +62,7 @@ class StixBackend(Backend):
     operators: ClassVar[frozenset[Operator]] = LOGICAL | COMPARING | TEXTUAL - {Operator.LOWER}
     values: ClassVar[frozenset[Value]] = frozenset({Value.NUMBER, Value.BOOLEAN})
     ties: ClassVar[Ties] = Ties.NONE
+    relies: ClassVar[frozenset[Assumption]] = frozenset({Assumption.PRESENT})
     reasons: ClassVar[Mapping[Capability, str]] = {
         Semantics: "a pattern cannot forbid observations between its own",
         Feature.TIME_POINTS: "WITHIN is the only condition on time of a pattern",
@@ -87,7 +89,7 @@ class StixBackend(Backend):
         >>> print(stix.translate(loads("top or a;"), Semantics.SCATTERED).text)
         /* rvaft {"objects":{"user-account:account_login":["event"]}} */ [user-account:account_login = 'a']
         """
-        return StixBackend(StixHeader.mapped(mapping))
+        return MappedStixBackend(StixHeader.mapped(mapping))
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
         """Return the pattern; raises `OptionError` if the mapping lacks a type or a field."""
@@ -114,3 +116,9 @@ class StixBackend(Backend):
         """
         self.require()
         return StixMonitor(text)
+
+
+class MappedStixBackend(StixBackend):
+    """STIX patterns over mapped objects, whose properties select the objects too."""
+
+    relies: ClassVar[frozenset[Assumption]] = frozenset()

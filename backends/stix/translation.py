@@ -13,6 +13,7 @@ from backends.stix.observations import EVENT, StixHeader, Way, property_of
 from rvaft.core.part_numbers import PartKind
 from rvaft.core.property import Property, Within
 from rvaft.errors import NotExpressible
+from rvaft.model.assumptions import declared
 from rvaft.model.patterns import Literal, ObjectPattern
 
 _SECOND: Final = 1_000_000_000
@@ -86,4 +87,5 @@ class StixPattern:
             return self._header.path(kind, way) if self._header.types else f"{EVENT}:{names}"
 
         with naming(node):
-            return f"[{StixConditions(path).of(pattern, nest.guards)}]"
+            known = declared(self._prop.tree, node, self._prop.assumes)
+            return f"[{StixConditions(path).of(pattern, nest.guards, known)}]"

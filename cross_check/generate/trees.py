@@ -14,9 +14,10 @@ from typing import Any, Final
 from cross_check.generate.times import FORMATS
 from rvaft.api import loads
 from rvaft.errors import TreeError
+from rvaft.model.assumptions import places
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint
-from rvaft.model.nodes import Argument, Assumption, Causality, Gate, Ignore, Kind, Node, On, Topic, ValueType
+from rvaft.model.nodes import Argument, Assumption, Causality, EventType, Gate, Ignore, Kind, Node, On, Topic, ValueType
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -229,6 +230,12 @@ def _in_practice(random: Random, tree: RVAFT, shape: Shape) -> RVAFT:
     return tree
 
 
+def _types(event: EventType, type_: ValueType) -> tuple[ValueType, ...]:
+    """Return the type for each parameter that does not stand inside of lists of some item alone."""
+    outside = {part.name for _, part, _ in places(event.pattern) if isinstance(part, Variable)}
+    return tuple(type_ if name in outside else ValueType.ANY for name in event.parameters)
+
+
 def _assuming(random: Random, tree: RVAFT) -> RVAFT:
     """Return the tree with types and assumptions, and literals of the type; itself if it is then not
     valid.
@@ -240,6 +247,8 @@ def _assuming(random: Random, tree: RVAFT) -> RVAFT:
         match guard:
             case Literal() if not isinstance(guard, Duration) and guard.value not in literals:
                 return Literal(random.choice(literals))
+            case Operation(Operator.LIKE, (text, glob)):
+                return Operation(Operator.LIKE, (typed(text), glob))
             case Operation(operator, operands):
                 return Operation(operator, tuple(map(typed, operands)))
             case _:
@@ -255,7 +264,7 @@ def _assuming(random: Random, tree: RVAFT) -> RVAFT:
         replace(node, on=called(node.on), when=None if node.when is None else typed(node.when))
         for node in tree.nodes.values()
     ]
-    events = [replace(event, types=(type_,) * len(event.parameters)) for event in tree.events.values()]
+    events = [replace(event, types=_types(event, type_)) for event in tree.events.values()]
     with suppress(TreeError):
         found = tree.changed(nodes=nodes, events=events, assumes=frozenset(assumes))
         require_valid(found)

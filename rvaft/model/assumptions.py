@@ -209,7 +209,7 @@ class AssumptionCheck:
                         yield Violation(Assumption.PRESENT, number, message, path, type_)
                     continue
                 if Assumption.TYPES in assumed and not has_type(found, type_, self._time):
-                    message = f"{name} is {_described(found)}, not of type {type_}"
+                    message = f"{name} is {described(found)}, not of type {type_}"
                     yield Violation(Assumption.TYPES, number, message, path, type_)
                 if Assumption.EXACT in assumed and type(found) is int and abs(found) >= EXACT:
                     message = f"{name} is {found}, which a double may not hold exactly"
@@ -356,7 +356,8 @@ def quoted(text: str) -> str:
     return json.dumps(text if len(text) <= 40 else f"{text[:39]}…", ensure_ascii=False)
 
 
-def _described(found: Json) -> str:
+def described(found: Json) -> str:
+    """Return a value of an event in the words of types, for a message."""
     match found:
         case bool():
             return "a boolean"

@@ -45,7 +45,9 @@ def test_no_text_ends_a_listing_or_escapes_from_it(text: str) -> None:
 def test_every_backend_is_listed_and_hard_strings_stay_inside(name: str) -> None:
     semantics = "projected" if Semantics.PROJECTED in backend(name).semantics else "scattered"
     source = (
-        PRUNED.parents[1] / "gates" / "vot.rvaft" if name in ("eql", "mtl", "mtl-r2u2", "sigma", "stix") else PRUNED
+        PRUNED.parents[1] / "gates" / "vot.rvaft"
+        if name in ("eql", "mtl", "mtl-r2u2", "sigma", "sql-table", "sql-table-duckdb", "stix")
+        else PRUNED
     )  # they have no variables of several events
     emitting = ("emit", source, "--to", name, "--semantics", semantics)
     found = run(*emitting, "--format", "latex")

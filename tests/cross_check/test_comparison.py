@@ -18,7 +18,7 @@ from cross_check.participants import (
     observed_by,
     reference_of,
 )
-from cross_check.results import Difference, Job, Result, Status, exit_status
+from cross_check.results import Difference, Job, Result, Status, difference_lines, exit_status
 from cross_check.traces import Effort
 from rvaft import (
     Metrics,
@@ -322,3 +322,32 @@ def test_a_signal_that_a_callback_swallows_is_repeated() -> None:
 
     with pytest.raises(Expired), within(0.1):
         run()
+
+
+@pytest.mark.parametrize(
+    ("rule", "shown", "reason"),
+    [
+        ('sequence by user [any where kind == "x"] [any where kind == "y"]', '"at": "a"', "they agree if at of event"),
+        (
+            'sequence by user, at [any where kind == "x" and user : "*"] [any where kind == "y"]',
+            '"time": "2026-01-01T00:00:00Z"',
+            "they agree if user of event 1 is a text instead of",
+        ),
+    ],
+)
+def test_a_counterexample_has_ordinary_times_and_values_and_says_what_differs(
+    rule: str, shown: str, reason: str, tmp_path: Path
+) -> None:
+    pytest.importorskip("eql", reason="the extra eql is not installed")
+    tree = loads(
+        "time time as iso8601; semantics scattered; event e(kind, user, at) = { kind: kind, user: user, at: at };"
+        'top sand a b within 10 s; a on e("x", U, A); b on e("y", U, A);'
+    )
+    file = tmp_path / "rule.eql"
+    file.write_text(f"// time time as iso8601\n{rule}\n", "utf-8")
+    [_, found] = cross_check(tree, Semantics.SCATTERED, against=[str(file)])
+    text = "\n".join(difference_lines(found))
+    assert shown in text
+    assert reason in text
+    assert found.difference is not None
+    assert all(event["time"].startswith("2026-01-01T00:00:0") for event in found.difference.trace)

@@ -124,7 +124,8 @@ _PROGRAMS: Final[Mapping[str, Callable[[], SqliteTable | DuckDb]]] = {"sqlite": 
 
 
 @cache
-def _running(program: str, process: int, typed: bool = False) -> SqliteTable | DuckDb:  # noqa: ARG001 (a connection is of one process)
+def _running(program: str, process: int, kind: str) -> SqliteTable | DuckDb:  # noqa: ARG001
+    """Return the program of this process, with the table of a kind of query."""
     return _PROGRAMS[program]()
 
 
@@ -161,7 +162,7 @@ class Query:
             raise LanguageError(" ".join(str(error).split("\n\n", maxsplit=1)[0].split())) from None
 
     def _running(self) -> SqliteTable | DuckDb:
-        return _running(self._program, os.getpid(), self.table is not None)
+        return _running(self._program, os.getpid(), "JSON" if self.table is None else "columns")
 
     def _ask(
         self, traces: Iterable[tuple[int, Sequence[Json]]], select: str = "", group: str = ""

@@ -406,7 +406,7 @@ def _function_slips(at: _Situation) -> Advice:
 
 
 def _term_slips(at: _Situation) -> Advice:
-    bad, last = at.bad, at.last
+    bad, last, following = at.bad, at.last, at.following
     if bad.text in COMPARISONS and at.can("PLUS") and not at.can("COMPARISON"):
         yield "comparisons do not chain: write `A < B and B < C`", bad.start
     if bad.text in _FOREIGN_SIGNS and (at.can("PLUS") or at.can("VARIABLE", "LPAR")):
@@ -421,6 +421,8 @@ def _term_slips(at: _Situation) -> Advice:
         mend = f": {bare[:1].upper()}{bare[1:]}" if bare[:1].isalpha() else ""
         message = f'{shown(bad.text)} is not a variable, which starts with a capital{mend}; for text write "{bad.text}"'
         yield message if len(bad.text) <= 40 else "a variable starts with a capital", bad.start
+    if (bad.text == "." == following.text) or last.text == "..." or [one.text for one in at.before[-3:]] == [*"..."]:
+        yield "dots stand on both sides of one pattern: `[..., P, ...]`, a list in which some item matches P", bad.start
     if at.can("NUMBER") and (bad.text[:1].isdigit() or bad.text in (".", "+")):
         yield "a number is written as in JSON: 10, -0.5, 1e-3", bad.start
     if at.possible == {"LPAR"} and at.before:

@@ -28,7 +28,7 @@ MAX_DEPTH: Final = 500
 BLANK: Final = b" \t\r\n"
 
 HINT: Final = "a trace has one JSON object per line"
-_OTHER: Final = "; for lines of text name --input syslog, or --input regex and a --pattern"
+_OTHER: Final = "; for lines of text name a --profile, --input syslog, or --input regex and a --pattern"
 _STRING_OR_BRACKET: Final = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[\]{}]', re.DOTALL)
 _SURROGATE: Final = re.compile(r"\\u[dD][89a-fA-F]")
 _ESCAPE: Final = re.compile(r"\\(?:u[dD][89abAB]..\\u[dD][c-fC-F]..|(u[dD][89a-fA-F]..)|.)")

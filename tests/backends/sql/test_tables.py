@@ -12,9 +12,10 @@ import pytest
 from backends.sql import SqlBackend
 from cross_check.comparison import cross_check
 from cross_check.results import Status
-from rvaft import RVAFT, NotExpressible, OptionError, Semantics, Verdict, loads
+from rvaft import RVAFT, NotExpressible, OptionError, Semantics, Verdict, load, loads, monitor
 from rvaft.backend import backend
 from rvaft.model.assumptions import first_violation
+from rvaft.readers.json_lines import read
 from rvaft.semantics import Reference, matches
 from tests.cli.runs import run
 
@@ -94,6 +95,23 @@ def test_all_matches_are_those_of_the_definition_and_assumptions_are_stated(name
         if result.participant == "sql-table":
             assert result.status in (Status.TESTED, Status.VACUOUS), result
             assert result.status is Status.VACUOUS or "assumes types, present" in result.text
+
+
+@pytest.mark.parametrize("language", ["sql-table", pytest.param("sql-table-duckdb", marks=needs_duckdb)])
+@pytest.mark.parametrize("file", sorted(Path("trees/detections").resolve().glob("*.rvaft")), ids=lambda file: file.stem)
+def test_detections_of_public_content_are_those_of_the_engine(file: Path, language: str) -> None:
+    tree = load(file)
+    if file.stem == "ros_goal":
+        with pytest.raises(NotExpressible, match="columns of numbers are doubles, and need `assume exact;`"):
+            backend(language).translate(tree, Semantics.SCATTERED)
+        return
+    text = backend(language).translate(tree, Semantics.SCATTERED).text
+    traces = [[*read(log)] for log in sorted(file.with_suffix(".traces").iterdir())]
+    traces = [trace for trace in traces if first_violation(tree, trace, tree.assumes) is None]
+    found = backend(language).read(text).first_detections(traces)  # type: ignore[attr-defined]
+    verdicts = [[*monitor(tree, semantics="scattered").run(trace)] for trace in traces]
+    assert found == [run.index(Verdict.TRUE) + 1 if Verdict.TRUE in run else None for run in verdicts]
+    assert any(found)
 
 
 @needs_duckdb

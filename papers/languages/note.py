@@ -278,20 +278,21 @@ def _finding(finding: Finding, rows: Sequence[Measurement]) -> str:
 
 
 def _large(rows: Sequence[Measurement]) -> Iterator[str]:
-    """Yield the gates beyond limits per language and semantics: their number, and the smallest
-    ones.
-    """
+    """Yield the gates beyond limits per language, with the smallest ones, and under which semantics."""
     kinds = dict.fromkeys(
         (row.ended, row.language, row.semantics) for row in rows if row.ended in (Outcome.TOO_LARGE, Outcome.TIMEOUT)
     )
     yield from [""] * bool(kinds)
+    found: dict[tuple[str, str], list[str]] = {}
     for outcome, language, semantics in kinds:
         met = [row for row in rows if (row.ended, row.language, row.semantics) == (outcome, language, semantics)]
         least = {gate: min(row.children or 0 for row in met if row.gate is gate) for gate in {row.gate for row in met}}
         first = [row.tree for row in met if row.children == least[row.gate]]
         why = met[0].reason or met[0].run_reason
-        smallest = f"the smallest {', '.join(first)} ({why.strip()})"
-        yield f"- {outcome} in `{language}` under `{semantics}`: {len(met)} gates, {smallest}."
+        smallest = f"{len(met)} gates, the smallest {', '.join(first)} ({why.strip()})"
+        found.setdefault((f"{outcome} in `{language}`", smallest), []).append(f"`{semantics}`")
+    for (where, smallest), under in found.items():
+        yield f"- {where} under {', '.join(under)}: {smallest}."
 
 
 def _sizes_and_times(rows: Sequence[Measurement]) -> Iterator[str]:

@@ -115,7 +115,7 @@ def test_detections_of_public_content_are_those_of_the_engine(file: Path, langua
 
 
 @needs_duckdb
-def test_a_text_runs_on_a_table_that_somebody_made() -> None:
+def test_a_text_runs_on_a_table_that_somebody_made(tmp_path: Path) -> None:
     import duckdb
 
     log = duckdb.connect()
@@ -130,8 +130,8 @@ def test_a_text_runs_on_a_table_that_somebody_made() -> None:
         cells = [number, start + datetime.timedelta(seconds=number), *row]
         log.execute("INSERT INTO auth VALUES (?, ?, ?, ?, ?, ?, ?, ?)", cells)
     options = ("--columns", "event=kind,user=user_name,inner.n=m", "--time", "ts:timestamp", "--position", "id")
-    Path("joined.rvaft").write_text(EVENTS + TREES["joined"], "utf-8")
-    done = run("emit", "joined.rvaft", "--to", "sql", "--dialect", "duckdb", "--table", "auth", *options)
+    (file := tmp_path / "joined.rvaft").write_text(EVENTS + TREES["joined"], "utf-8")
+    done = run("emit", file, "--to", "sql", "--dialect", "duckdb", "--table", "auth", *options)
     assert done.exit_code == 0, done.stderr
     assert log.execute(done.stdout).fetchall() == [(2, 1, '{"a": 0, "b": 1, "c": 2}', "anna", 1, 2)]
 
@@ -198,9 +198,9 @@ WRONG = {
 
 
 @pytest.mark.parametrize("options", WRONG)
-def test_a_wrong_description_of_a_table_is_an_error(options: str) -> None:
-    Path("joined.rvaft").write_text(EVENTS + TREES["joined"], "utf-8")
-    done = run("emit", "joined.rvaft", "--to", "sql", *options.split(" "))
+def test_a_wrong_description_of_a_table_is_an_error(options: str, tmp_path: Path) -> None:
+    (file := tmp_path / "joined.rvaft").write_text(EVENTS + TREES["joined"], "utf-8")
+    done = run("emit", file, "--to", "sql", *options.split(" "))
     assert (done.exit_code, done.stdout) == (2, "")
     assert WRONG[options] in done.stderr
 

@@ -88,5 +88,6 @@ class KqlBackend(Backend):
         return DetectionMonitor(query.first_detections, query.left_open)
 
     def matches(self, text: str, traces: Sequence[Sequence[Any]]) -> Sequence[frozenset[Match]] | None:
-        """Return all matches per trace."""
-        return compiled(text).matches(traces)
+        """Return all matches per trace, or None if the query has only the smallest ones."""
+        query = compiled(text)
+        return query.matches(traces) if query.every else None

@@ -30,10 +30,10 @@ tabular: name step* | "union" name ("," name)* -> union
     | "|" "project" column ("," column)* -> project
     | "|" "join" "kind" "=" "inner" name "on" pair ("," pair)* -> join
 column: name "=" or_
-pair: "$left" "." name "==" "$right" "." name
+pair: "$left" "." name EQUAL "$right" "." name
 ?or_: and_ | and_ ("or" and_)+ -> either
 ?and_: test | test ("and" test)+ -> both
-?test: sum | sum COMPARE sum -> compare
+?test: sum | sum (EQUAL | COMPARE) sum -> compare
     | sum TEXTUAL STRING -> textual
     | sum "in" "(" sum ("," sum)* ")" -> among
     | sum "matches" "regex" STRING -> like
@@ -43,7 +43,8 @@ pair: "$left" "." name "==" "$right" "." name
     | name -> variable
     | STRING -> text | SPAN -> span | REAL -> real | WHOLE -> whole | TRUTH -> truth
 name: NAME | QUOTED
-COMPARE: "==" | "!=" | "<=" | ">=" | "<" | ">"
+EQUAL: "=="
+COMPARE: "!=" | "<=" | ">=" | "<" | ">"
 TEXTUAL: "startswith_cs" | "endswith_cs" | "contains_cs"
 FUNCTION.2: /(not|abs|max_of|min_of|bag_pack|pack_array)(?=\()/
 SIGN: "+" | "-"
@@ -107,6 +108,7 @@ class KqlProgram:
 
     def __init__(self, text: str) -> None:
         self._depth = 0
+        self.every = re.search(r"^// .*: every match\.$", text, re.MULTILINE) is not None
         self.source, header, self.time = text, TableHeader.read(text, "//"), declared_time(text, "//")
         if header is None:
             raise LanguageError("no comment defines the table: // table NAME, position COLUMN", file=_FILE)
@@ -230,7 +232,7 @@ class KqlProgram:
     def _join(self, left: _Tabular, step: Any) -> _Tabular:
         right, pairs = self._table(step.children[0]), list[tuple[str, str]]()
         for pair in step.children[1:]:
-            a, b = map(self._name, pair.children)
+            a, b = map(self._name, pair.children[::2])
             if a not in left.types or b not in right.types or left.types[a] != right.types[b]:
                 raise self._wrong(f"{a} and {b} are no columns of one type on the two sides", pair)
             pairs.append((a, b))

@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 from backends.joins import JoinedScenario, joined_scenarios, variable_paths
 from backends.tables import Path, Table, TableHeader, column_types
 from rvaft.backend import Metrics
-from rvaft.core.property import Event, Property
+from rvaft.core.property import AtLeast, Event, Property, chooses
 from rvaft.core.times import Extreme, differences, untimed
 from rvaft.errors import NotExpressible, TreeError
 from rvaft.model.assumptions import places
@@ -128,8 +128,10 @@ class KqlQuery:
         return f"{''.join(f'// {line}{chr(10)}' for line in self._header())}{text}", Metrics(len(_TOKEN.findall(text)))
 
     def _header(self) -> Iterator[str]:
+        votes = any(isinstance(part, AtLeast) and chooses(part) for part in self.prop.parts)
+        fewest = " with as few events as its votes need" if votes else ""
         yield "rvaft kql"
-        yield f"The attack-fault tree {json.dumps(self.prop.tree.root)} under scattered: every match."
+        yield f"The attack-fault tree {json.dumps(self.prop.tree.root)} under scattered: every match{fewest}."
         yield from self.header.lines()
         if self.prop.time is not None:
             yield f"time {json.dumps(self.prop.time.field)} as {self.prop.time.format}"

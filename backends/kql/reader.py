@@ -13,7 +13,7 @@ from itertools import pairwise
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from lark import Lark, Token, Tree
-from lark.exceptions import UnexpectedInput
+from lark.exceptions import UnexpectedInput, UnexpectedToken
 
 from backends.tables import TableHeader, declared_time
 from rvaft.backend import Match
@@ -116,9 +116,9 @@ class KqlProgram:
         try:
             tree: Any = _parser().parse(text)
         except UnexpectedInput as error:
-            place = -1 if error.pos_in_stream is None else error.pos_in_stream
-            wrong = "not in the subset of KQL that rvaft reads"
-            raise self._wrong(wrong, len(text) if place < 0 else place) from None
+            ended = isinstance(error, UnexpectedToken) and error.token.type == "$END"
+            place = len(text) if ended or error.pos_in_stream is None else error.pos_in_stream
+            raise self._wrong("not in the subset of KQL that rvaft reads", place) from None
         time = {"timestamp": "datetime"}.get(header.kind, "long")
         types = {header.trace: "long", header.position: "long", header.time: time}
         types |= {name: _TYPES[type_] for name, type_, _ in header.columns if type_ in _TYPES}

@@ -293,7 +293,8 @@ class KqlQuery:
             for pair in self._pairs(one, plus, minus, most):
                 found[pair] = min(most, found.get(pair, most))
         for (later, sooner), most in found.items():
-            difference = f"time_{self.number[later]} - time_{self.number[sooner]}"
+            first, second = (later, sooner) if most >= 0 else (sooner, later)
+            difference = f"time_{self.number[first]} - time_{self.number[second]}"
             if most >= 0 and later != sooner and found.get((sooner, later)) == most:
                 if self.number[later] < self.number[sooner]:
                     continue
@@ -314,6 +315,8 @@ class KqlQuery:
         datetimes = self.header.kind == "timestamp"
         unit = _TICK if datetimes else UNITS[self.header.kind]
         sign, length = ("<", most + 1) if most % unit and not (most + 1) % unit else ("<=", most - most % unit)
+        if most < 0:  # a bound of the opposite difference
+            sign, length = sign.replace("<", ">"), -length
         if not datetimes:
             return f"{sign} {length // unit}"
         word = next(word for word, size in _SPANS.items() if not length % size)
@@ -394,7 +397,7 @@ class KqlQuery:
             if {left.type, right.type} != _NUMBERS:
                 raise NotExpressible(f"KQL does not compare {left.type} with {right.type}")
             whole, other = (left, right) if left.type is ValueType.INTEGER else (right, left)
-            if whole.most >= _EXACT and not other.constant:
+            if whole.most > _EXACT and not other.constant:
                 raise NotExpressible("KQL rounds integers that it compares with doubles: `assume exact;`")
         return left.text, right.text
 

@@ -139,7 +139,7 @@ class TableHeader(NamedTuple):
 
     @classmethod
     def read(cls, text: str, comment: str = "--") -> "TableHeader | None":
-        """Return the table that the comment of a text defines, or None."""
+        """Return the table that the comment of a text defines, or None; raises `LanguageError`."""
         word = r'("(?:[^"\\]|\\.)*")'
         first = re.search(
             rf"^{comment} table {word}, position {word}(?:, trace {word})?(?:, time {word} as (\w+))?$",
@@ -148,11 +148,16 @@ class TableHeader(NamedTuple):
         )
         if first is None:
             return None
-        columns = [
-            Column(json.loads(name), ValueType(type_), tuple(json.loads(path)))
-            for name, type_, path in re.findall(rf"^{comment} column {word} (\w+) of (\[.*\])$", text, re.MULTILINE)
-        ]
-        table, position, trace, time = (json.loads(one or '""') for one in first.groups()[:4])
+        try:
+            columns = [
+                Column(json.loads(name), ValueType(type_), tuple(json.loads(path)))
+                for name, type_, path in re.findall(rf"^{comment} column {word} (\w+) of (\[.*\])$", text, re.MULTILINE)
+            ]
+            table, position, trace, time = (json.loads(one or '""') for one in first.groups()[:4])
+        except (ValueError, TypeError):
+            raise LanguageError("the comment has an invalid name, type or path of a column") from None
+        if first[5] and first[5] not in TIMES:
+            raise LanguageError(f"the comment has an unknown type of times: {first[5]}")
         return cls(table, position, trace, time, first[5] or "", tuple(columns))
 
 

@@ -29,7 +29,7 @@ class KqlBackend(Backend):
 
     >>> from rvaft import loads
     >>> print(KqlBackend().translate(loads("r or a b;"), Semantics.SCATTERED).text.splitlines()[4])
-    let a_1 = events
+    let a_1 = ['events']
     """
 
     name: ClassVar[str] = "kql"

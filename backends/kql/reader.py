@@ -110,6 +110,8 @@ class KqlProgram:
         self._depth = 0
         self.every = re.search(r"^// .*: every match\.$", text, re.MULTILINE) is not None
         self.source, header, self.time = text, TableHeader.read(text, "//"), declared_time(text, "//")
+        if header is not None and header.kind == "double":
+            raise LanguageError("KQL rounds times in seconds: use a column of datetime", file=_FILE)
         if header is None:
             raise LanguageError("no comment defines the table: // table NAME, position COLUMN", file=_FILE)
         self.header = header

@@ -159,7 +159,10 @@ WRONG = {
 
 
 @pytest.mark.parametrize("options", WRONG)
-def test_a_wrong_description_of_a_table_is_an_error(options: str) -> None:
+def test_a_wrong_description_of_a_table_is_an_error(
+    options: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     Path("joined.rvaft").write_text(f"semantics scattered; {EVENTS}{TREES['joined']}", "utf-8")
     done = run("emit", "joined.rvaft", "--to", "kql", *options.split(" "))
     assert (done.exit_code, done.stdout) == (2, "")

@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 
 from backends.sql.dialects import DIALECTS, TRANSPILED, transpiled
 from backends.sql.reader import dialect_of, query
-from backends.sql.rows import Table
 from backends.sql.translation import SqlQuery
+from backends.tables import Table
 from rvaft.backend import Backend, Highlighting, Match, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
 from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards

@@ -16,17 +16,15 @@ from functools import cache, lru_cache
 from threading import Lock
 from typing import Any, Final
 
-from backends.sql.rows import COLUMN_TYPES, ROWID, TableHeader, identifier
+from backends.sql.rows import COLUMN_TYPES, identifier
+from backends.tables import ROWID, TableHeader, declared_time
 from rvaft.backend import Match
 from rvaft.errors import LanguageError, ToolFailed, TraceError, installed
-from rvaft.language.parser import parse_time
-from rvaft.model.event_time import EventTime
 from rvaft.model.values import Json, has_larger
 from rvaft.support.budget import Expired
 
 _TABLE: Final = "CREATE TABLE events (trace INTEGER, pos INTEGER, event {}, time {})"
 _SQLITE_TYPES: Final = {"TEXT": "TEXT", "BIGINT": "INTEGER", "DOUBLE PRECISION": "REAL", "BOOLEAN": "INTEGER"}
-_TIME: Final = re.compile(r"^-- time (\[.*\]) as (.+?)(?: late \d+ ns)?$", re.MULTILINE)
 _NULL: Final = re.compile(r"(?<!\\)(?:\\\\)*\\u0000")
 _HALF: Final = re.compile("[\ud800-\udfff]")
 _JSON: Final = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
@@ -135,7 +133,7 @@ class Query:
     def __init__(self, text: str, program: str) -> None:
         self._program = program
         self.every = bool(re.search(r"^-- .*: every match\.$", text, re.MULTILINE))
-        self.time, self.table = _declared(text), TableHeader.read(text)
+        self.time, self.table = declared_time(text), TableHeader.read(text)
         self.body = re.sub(r"(?:\s|;|^\s*--[^\n]*$)*\Z", "", text, flags=re.MULTILINE)
         self.many = True
         """Whether the query has a column `trace`."""
@@ -147,6 +145,11 @@ class Query:
             raise LanguageError("the query contains half of a surrogate pair")
         if self.table is not None and "." in self.table.table:
             raise LanguageError("rvaft runs queries on tables without a schema")
+        if self.table is not None and self.table.position in {
+            self.table.time,
+            *(one.name for one in self.table.columns),
+        }:
+            raise LanguageError("rvaft runs queries whose position is a column of its own")
         errors = self._running().errors
         try:
             try:
@@ -281,18 +284,6 @@ def _written(event: Json, position: int) -> str:
     if re.search(r"\d{19}", text) and has_larger(event, BITS):
         raise TraceError("an integer of more than 64 bits, which SQL programs round", line=position)
     return _HALF.sub(lambda half: f"\\u{ord(half[0]):04x}", text)
-
-
-def _declared(text: str) -> EventTime | None:
-    found = _TIME.search(text)
-    if found is None:
-        return None
-    try:
-        return EventTime(tuple(json.loads(found[1])), parse_time(f"time t as {found[2]}").format)
-    except ValueError:
-        raise LanguageError(
-            "the header has an invalid field or format of times", line=text.count("\n", 0, found.start()) + 1
-        ) from None
 
 
 @lru_cache(maxsize=64)

@@ -19,14 +19,13 @@ from functools import cached_property
 from itertools import combinations
 from typing import Final
 
+from backends.joins import JoinedScenario, joined_scenarios, variable_paths
 from backends.sql.dialects import Dialect, Path
 from backends.sql.guards import FACETS, Guards, SqlTerm
-from backends.sql.rows import OWN, JsonRows, Rows, Table, TableRows
+from backends.sql.rows import OWN, JsonRows, Rows, TableRows
+from backends.tables import Table
 from rvaft.backend import Metrics
-from rvaft.core.branches import number_of
-from rvaft.core.patterns import compatible
-from rvaft.core.property import Event, One, Property
-from rvaft.core.scenarios import Kept, scenarios
+from rvaft.core.property import Event, Property
 from rvaft.core.times import untimed
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.event_time import TIME
@@ -42,7 +41,6 @@ from rvaft.model.patterns import (
     rigid_variables,
 )
 from rvaft.model.verdict import Semantics
-from rvaft.support.bits import bits
 
 _TOKEN: Final = re.compile(r"'(?:[^']|'')*'|[\w.]+|->>|[<>]=?|<>|\|\||\S")
 _LENGTH: Final = 400
@@ -55,52 +53,8 @@ TABLES: Final = 60
 
 
 @dataclass(frozen=True)
-class QueriedScenario:
-    """The predecessors of each event in topological order, and guards with variables."""
-
-    branch: int
-    before: Mapping[Event, frozenset[Event]]
-    guards: tuple[Guard, ...]
-
-    @cached_property
-    def binders(self) -> dict[str, list[Event]]:
-        """The events that bind each variable."""
-        found: dict[str, list[Event]] = {}
-        for event in self.before:
-            for variable in rigid_variables(event.pattern):
-                found.setdefault(variable, []).append(event)
-        return found
-
-    def near(self, event: Event) -> list[Event]:
-        """Return the direct predecessors of an event."""
-        before = self.before[event]
-        return [other for other in self.before if other in before and not any(other in self.before[c] for c in before)]
-
-    @cached_property
-    def apart(self) -> list[tuple[Event, Event]]:
-        """Unordered pairs of events that one event can match."""
-        pairs = ((a, b) for a, b in combinations(self.before, 2) if a not in self.before[b] and b not in self.before[a])
-        return [(a, b) for a, b in pairs if compatible(a.pattern, b.pattern)]
-
-    @cached_property
-    def homes(self) -> list[tuple[Guard, Event | None]]:
-        """Each guard with the occurrence that binds all its variables, if any.
-
-        Among equal values the earliest counts (1 or 1.0).
-        """
-        found: list[tuple[Guard, Event | None]] = []
-        for guard in self.guards:
-            binders = {name: self.binders.get(name, []) for name in variables(guard)}
-            every = {name: None for names in binders.values() for name in names}
-            own = (name for name in every if all(name in names for names in binders.values()))
-            home = (name for name in own if all(name == other or name in self.before[other] for other in every))
-            found.append((guard, next(home, None)))
-        return found
-
-    @cached_property
-    def times(self) -> dict[str, Event]:
-        """The variables of times, each with its event."""
-        return {time: event for event in self.before if (time := untimed(event.pattern)[1]) is not None}
+class QueriedScenario(JoinedScenario):
+    """A scenario with its windows, and with the events that the query joins one by one."""
 
     @cached_property
     def windows(self) -> dict[Guard, tuple[frozenset[Event], int]]:
@@ -144,32 +98,6 @@ class QueriedScenario:
         return any(number > 2 for number in Counter(patterns).values())
 
 
-def _scenarios(prop: Property, limit: int, *, minimal: bool) -> tuple[QueriedScenario, ...]:
-    found, joined = list[QueriedScenario](), 0
-    for scenario in scenarios(prop, minimal=minimal, limit=limit):
-        joined += max(len(scenario.events), 1)
-        if joined > limit or len(scenario.events) > TABLES:
-            what = "events joined in the scenarios" if joined > limit else "events joined in a scenario"
-            raise TooLarge(what, limit=limit if joined > limit else TABLES)
-        before = {
-            event: frozenset(scenario.events[one] for one in bits(earlier))
-            for event, earlier in zip(scenario.events, scenario.before, strict=True)
-        }
-        order = {event: before[event] for event in sorted(before, key=lambda event: len(before[event]))}
-        guards = tuple(condition.guard for condition in scenario.conditions)
-        found.append(QueriedScenario(_branch(prop, scenario.kept), order, guards))
-    return tuple(found)
-
-
-def _branch(prop: Property, kept: Kept) -> int:
-    if prop.branch is not None:
-        return prop.branch
-    gates = [part for part in kept if isinstance(part, One) and part.source is not None]
-    chosen = ((gate.source, kept[gate][0].source) for gate in gates)
-    choices = {gate.node: child.node for gate, child in chosen if gate is not None and child is not None}
-    return number_of(prop.tree, choices, kind=prop.kind) or 0
-
-
 @dataclass(frozen=True)
 class QueriedRow:
     """The table of an occurrence, and the columns that it shares, by shared name."""
@@ -194,12 +122,19 @@ class SqlQuery:
         """Table names by query."""
         self.late = None if prop.time is None else prop.time.late
         self.timed = any(untimed(event.pattern)[1] is not None for event in prop.events)
-        self.scenarios = _scenarios(prop, limit, minimal=True) if semantics is Semantics.SCATTERED else ()
+        self.scenarios = (
+            joined_scenarios(QueriedScenario, prop, limit, most=TABLES, minimal=True)
+            if semantics is Semantics.SCATTERED
+            else ()
+        )
         several = any(len(one.before) > 1 for one in self.scenarios)
         self.first = (several and all(one.loose for one in self.scenarios)) or any(one.counts for one in self.scenarios)
         """Whether the query finds first matches only."""
         if not (self.first and self.scenarios):
-            self.first, self.scenarios = False, _scenarios(prop, limit, minimal=False)
+            self.first, self.scenarios = (
+                False,
+                joined_scenarios(QueriedScenario, prop, limit, most=TABLES, minimal=False),
+            )
         if not self.scenarios:
             root = prop.tree.root
             raise TreeError(f"no scenario of {root} is feasible", rule="no-scenario", nodes=[root])
@@ -290,7 +225,7 @@ class SqlQuery:
         pattern = name.pattern
         where = [self._condition(pattern, [guard for guard, home in one.homes if home == name])]
         columns = [_named(self.rows.trace, "trace"), _named(self.rows.position, "pos")]
-        paths = _paths(pattern)
+        paths = variable_paths(pattern)
         for variable, path in ((name, paths[name]) for name in rigid_variables(pattern) if name not in one.times):
             facets = self.rows.facets(path)
             named = {f"{self._column(variable)}_{kind}": expression for kind, expression in facets.items()}
@@ -387,7 +322,7 @@ class SqlQuery:
                     sooner = f"CASE WHEN {alias[name]}.pos < {earliest} THEN"
                     facets |= {kind: f"{sooner} {column}_{kind} ELSE {facets[kind]} END" for kind in FACETS[:2]}
                     earliest = f"{sooner} {alias[name]}.pos ELSE {earliest} END"
-            terms[variable] = self.rows.variable(facets, _paths(names[0].pattern)[variable])
+            terms[variable] = self.rows.variable(facets, variable_paths(names[0].pattern)[variable])
             first_of[variable] = columns[0]
         windows = one.windows if self.first else {}
         for guard, home in one.homes:
@@ -556,18 +491,3 @@ class SqlQuery:
 
 def _named(expression: str, name: str) -> str:
     return expression if expression in ("", name) else f"{expression} AS {name}"
-
-
-def _paths(pattern: Pattern) -> dict[str, Path]:
-    found: dict[str, Path] = {}
-    todo: list[tuple[Path, Pattern]] = [((), pattern)]
-    while todo:
-        path, part = todo.pop(0)
-        match part:
-            case Variable(name):
-                found.setdefault(name, path)
-            case ObjectPattern(fields):
-                todo[:0] = [((*path, name), inner) for name, inner in fields]
-            case ListPattern(items):
-                todo[:0] = [((*path, place), item) for place, item in enumerate(items)]
-    return found

@@ -249,12 +249,15 @@ def table_options(function: F) -> F:
             return function(dialect=dialect, mapping=mapping, **given)
         refuse(mapping is not None, "--table describes the columns: omit --mapping")
         language = given["language"]
-        refuse(language == "dot" or backend(language).language != "sql", f"--table is for sql, not for {language}")
+        typed = language != "dot" and backend(language).language in ("sql", "kql")
+        refuse(not typed, f"--table is for sql and kql, not for {language}")
         options = {"table": table, **stated, **({} if dialect is None else {"dialect": dialect})}
         return function(dialect=None, mapping=options, **given)
 
     every = [
-        click.option("--table", metavar="NAME", help="For sql: a table whose columns hold the fields of events."),
+        click.option(
+            "--table", metavar="NAME", help="For sql and kql: a table whose columns hold the fields of events."
+        ),
         click.option(
             "--columns",
             metavar="FIELD=COLUMN,...",

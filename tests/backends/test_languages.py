@@ -52,7 +52,7 @@ def rows_of(table: str, *names: str) -> list[ParameterSet]:
 
 
 @pytest.mark.parametrize(
-    ("name", "row"), rows_of("refused.txt", "eql", "match-recognize", "mfotl", "mtl", "sigma", "sql", "stix")
+    ("name", "row"), rows_of("refused.txt", "eql", "kql", "match-recognize", "mfotl", "mtl", "sigma", "sql", "stix")
 )
 def test_what_a_language_cannot_say_is_refused(name: str, row: list[Any]) -> None:
     """A row is a tree, perhaps a semantics, and a piece of the reason; null for a size."""
@@ -65,7 +65,7 @@ def test_what_a_language_cannot_say_is_refused(name: str, row: list[Any]) -> Non
         assert not isinstance(raised.value, NotExpressible) or raised.value.backend == language
 
 
-@pytest.mark.parametrize(("name", "row"), rows_of("malformed.txt", "eql", "ltlf", "mtl", "sigma", "sql", "stix"))
+@pytest.mark.parametrize(("name", "row"), rows_of("malformed.txt", "eql", "kql", "ltlf", "mtl", "sigma", "sql", "stix"))
 def test_what_is_malformed_is_said_in_one_line(name: str, row: list[Any]) -> None:
     """A row is a text, perhaps the line and the column of the fault, and a piece of the message."""
     text, *place, message = row
@@ -102,7 +102,7 @@ def test_without_its_package_a_language_is_written_and_the_error_says_what_to_in
         backend(name).read(text).step({})
 
 
-@pytest.mark.parametrize("name", readable("automaton", "eql", "ltlf", "mtl", "rml", "sigma", "sql", "stix"))
+@pytest.mark.parametrize("name", readable("automaton", "eql", "kql", "ltlf", "mtl", "rml", "sigma", "sql", "stix"))
 def test_what_users_write_stays_in_its_place(name: str) -> None:
     """An odd text is a label and a value, and then also the name of a field, a node and an event type."""
     said, language = 0, backend(name)
@@ -119,10 +119,10 @@ def test_what_users_write_stays_in_its_place(name: str) -> None:
         wrong: list[Json] = [{field: value, "x": 1} for value in ("a", odd[:-1], f"{odd.swapcase()}x", 7)]
         trace: list[Json] = [{field: odd, "x": 1}, {"event": "first"}, *wrong, {field: odd}, {"x": 1}]
         assert signs(monitor, [*trace, {field: odd, "x": 1}]) == "?" * len(trace) + "T", odd
-    assert said > (30 if name == "sigma" else 50), said
+    assert said > (30 if name in ("kql", "sigma") else 50), said
 
 
-@pytest.mark.parametrize("name", ["eql", "sql", "stix"])
+@pytest.mark.parametrize("name", ["eql", "kql", "sql", "stix"])
 def test_half_a_surrogate_pair_is_refused(name: str) -> None:
     event = EventType("seen", (), ObjectPattern((("field", Literal("\ud800")),)))
     made = RVAFT("top", [Node("top", Gate.SAND, ("a", "b")), Node("a"), Node("b", on=On("seen", ()))], [event])

@@ -193,7 +193,7 @@ WRONG = {
     "--table x --time ts --dialect spark": "rows have no order in spark",
     "--table x --time ts --dialect oracle": "unknown dialect oracle; known: sqlite, duckdb, postgres, athena, bigquery",
     '--table x" --time ts': "is no name of a column or table",
-    "--to rml --table x": "--table is for sql, not for rml",
+    "--to rml --table x": "--table is for sql and kql, not for rml",
 }
 
 

@@ -1,0 +1,114 @@
+"""Scenarios as joins of events, for the languages that query tables."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from typing import TypeVar
+
+from backends.tables import Path
+from rvaft.core.branches import number_of
+from rvaft.core.patterns import compatible
+from rvaft.core.property import Event, One, Property
+from rvaft.core.scenarios import Kept, scenarios
+from rvaft.core.times import untimed
+from rvaft.errors import TooLarge
+from rvaft.model.guards import Guard, variables
+from rvaft.model.patterns import ListPattern, ObjectPattern, Pattern, Variable, rigid_variables
+from rvaft.support.bits import bits
+
+S = TypeVar("S", bound="JoinedScenario")
+
+
+@dataclass(frozen=True)
+class JoinedScenario:
+    """The predecessors of each event in topological order, and guards with variables."""
+
+    branch: int
+    before: Mapping[Event, frozenset[Event]]
+    guards: tuple[Guard, ...]
+
+    @cached_property
+    def binders(self) -> dict[str, list[Event]]:
+        """The events that bind each variable."""
+        found: dict[str, list[Event]] = {}
+        for event in self.before:
+            for variable in rigid_variables(event.pattern):
+                found.setdefault(variable, []).append(event)
+        return found
+
+    def near(self, event: Event) -> list[Event]:
+        """Return the direct predecessors of an event."""
+        before = self.before[event]
+        return [other for other in self.before if other in before and not any(other in self.before[c] for c in before)]
+
+    @cached_property
+    def apart(self) -> list[tuple[Event, Event]]:
+        """Unordered pairs of events that one event can match."""
+        pairs = ((a, b) for a, b in combinations(self.before, 2) if a not in self.before[b] and b not in self.before[a])
+        return [(a, b) for a, b in pairs if compatible(a.pattern, b.pattern)]
+
+    @cached_property
+    def homes(self) -> list[tuple[Guard, Event | None]]:
+        """Each guard with the occurrence that binds all its variables, if any.
+
+        Among equal values the earliest counts (1 or 1.0).
+        """
+        found: list[tuple[Guard, Event | None]] = []
+        for guard in self.guards:
+            binders = {name: self.binders.get(name, []) for name in variables(guard)}
+            every = {name: None for names in binders.values() for name in names}
+            own = (name for name in every if all(name in names for names in binders.values()))
+            home = (name for name in own if all(name == other or name in self.before[other] for other in every))
+            found.append((guard, next(home, None)))
+        return found
+
+    @cached_property
+    def times(self) -> dict[str, Event]:
+        """The variables of times, each with its event."""
+        return {time: event for event in self.before if (time := untimed(event.pattern)[1]) is not None}
+
+
+def joined_scenarios(kind: type[S], prop: Property, limit: int, *, most: int, minimal: bool = True) -> tuple[S, ...]:
+    """Return the feasible scenarios; raises `TooLarge` for more than `most` events in one, or
+    `limit` in all.
+    """
+    found, joined = list[S](), 0
+    for scenario in scenarios(prop, minimal=minimal, limit=limit):
+        joined += max(len(scenario.events), 1)
+        if joined > limit or len(scenario.events) > most:
+            what = "events joined in the scenarios" if joined > limit else "events joined in a scenario"
+            raise TooLarge(what, limit=limit if joined > limit else most)
+        before = {
+            event: frozenset(scenario.events[one] for one in bits(earlier))
+            for event, earlier in zip(scenario.events, scenario.before, strict=True)
+        }
+        order = {event: before[event] for event in sorted(before, key=lambda event: len(before[event]))}
+        guards = tuple(condition.guard for condition in scenario.conditions)
+        found.append(kind(_branch(prop, scenario.kept), order, guards))
+    return tuple(found)
+
+
+def _branch(prop: Property, kept: Kept) -> int:
+    if prop.branch is not None:
+        return prop.branch
+    gates = [part for part in kept if isinstance(part, One) and part.source is not None]
+    chosen = ((gate.source, kept[gate][0].source) for gate in gates)
+    choices = {gate.node: child.node for gate, child in chosen if gate is not None and child is not None}
+    return number_of(prop.tree, choices, kind=prop.kind) or 0
+
+
+def variable_paths(pattern: Pattern) -> dict[str, Path]:
+    """Return the first place of each variable in a pattern."""
+    found: dict[str, Path] = {}
+    todo: list[tuple[Path, Pattern]] = [((), pattern)]
+    while todo:
+        path, part = todo.pop(0)
+        match part:
+            case Variable(name):
+                found.setdefault(name, path)
+            case ObjectPattern(fields):
+                todo[:0] = [((*path, name), inner) for name, inner in fields]
+            case ListPattern(items):
+                todo[:0] = [((*path, place), item) for place, item in enumerate(items)]
+    return found

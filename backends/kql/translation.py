@@ -1,0 +1,434 @@
+"""Properties to queries of the Kusto Query Language (KQL).
+
+An event is a `let`, a scenario a chain of joins, and a guard a condition as soon as its events are
+joined. The translation depends on these facts of the documentation:
+
+- `join` without `kind=inner` drops rows of the left table that have equal keys.
+- `==`, `in` and the functions that end in `_cs` are case-sensitive; `=~` and `startswith` are not.
+- A text is never null: an absent one is empty. So no event can be required to have an empty text.
+- `x != null` is true, `null or true` too. So `or`, `not` and `!=` apply to values that are present,
+  and never to times. `max_of` and `min_of` skip null, so bounds of times are bounds of pairs.
+- Keys of a join have one type; other variables are compared after the join.
+"""
+
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from decimal import Decimal
+from itertools import product
+from typing import Final, NamedTuple
+
+from backends.joins import JoinedScenario, joined_scenarios, variable_paths
+from backends.tables import Path, Table, TableHeader, column_types
+from rvaft.backend import Metrics
+from rvaft.core.property import AtLeast, Event, Property, chooses
+from rvaft.core.times import Extreme, differences, untimed
+from rvaft.errors import NotExpressible, TreeError
+from rvaft.model.assumptions import places
+from rvaft.model.event_time import UNITS
+from rvaft.model.guards import COMPARISONS, UNDEFINED, Guard, Operation, Operator, conjuncts, value, variables
+from rvaft.model.nodes import Assumption, ValueType
+from rvaft.model.patterns import Literal, Variable, rigid_variables
+from rvaft.model.values import has_surrogate
+
+EVENTS: Final = 20
+"""Maximum number of events of a scenario: each is a join."""
+_TOKEN: Final = re.compile(r'"(?:[^"\\]|\\.)*"|[\w.$]+|[<>=!]=|\S')
+_PLAIN: Final = re.compile(r"(?!has_|.*_cs$|.*__$)(?:[A-Z]|_(?!_)|[a-z]+[A-Z0-9_])[A-Za-z0-9_]*")
+"""Names that are no keywords: most keywords are one word in small letters."""
+_WORD: Final = re.compile("[A-Za-z][A-Za-z0-9_]*")
+_OWN: Final = ("pos", "time", "trace", "one")
+_NAME: Final = re.compile("[A-Za-z0-9_ .-]{1,1000}")
+_SPANS: Final = {
+    "d": UNITS["d"],
+    "h": UNITS["h"],
+    "m": UNITS["min"],
+    "s": UNITS["s"],
+    "ms": UNITS["ms"],
+    "microsecond": UNITS["us"],
+    "tick": 100,
+}
+_TICK: Final = 100
+"""Nanoseconds: the resolution of a datetime."""
+_NUMBERS: Final = frozenset({ValueType.INTEGER, ValueType.NUMBER})
+_KEYS: Final = frozenset({ValueType.TEXT, ValueType.INTEGER})
+_EXACT: Final = 2**53
+_TESTS: Final = {one: f"{one.value}_cs" for one in (Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS)}
+_SIGNS: Final = {"*": ".*", "?": "."}
+
+
+class _Term(NamedTuple):
+    """An expression of a type, with the greatest magnitude of an integer."""
+
+    type: ValueType
+    text: str
+    most: int = 0
+    constant: bool = False
+
+
+class _Condition(NamedTuple):
+    """A condition with its events, to be tested when all of them are joined."""
+
+    events: frozenset[Event]
+    text: str
+
+
+def identifier(name: str) -> str:
+    """Return the name of a table or column, quoted where it may be a keyword.
+
+    >>> identifier("UserId"), identifier("type"), identifier("src ip")
+    ('UserId', "['type']", "['src ip']")
+    """
+    if _PLAIN.fullmatch(name):
+        return name
+    if not _NAME.fullmatch(name) or name.startswith("__") or name.endswith("__"):
+        raise NotExpressible(f"{json.dumps(name)} is no name in KQL: name another column with --columns")
+    return f"['{name}']"
+
+
+def text_literal(text: str) -> str:
+    """Return a string in KQL; raises `NotExpressible` for characters without an escape."""
+    escapes = {"\\": "\\\\", '"': '\\"', "\n": "\\n", "\r": "\\r", "\t": "\\t"}
+    if has_surrogate(text) or re.search("[\0-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029]", text):
+        raise NotExpressible(f"KQL has no escape for a character of {json.dumps(text)}")
+    return f'"{"".join(escapes.get(one, one) for one in text)}"'
+
+
+class KqlQuery:
+    """One translation; raises `NotExpressible`, `TooLarge`, and `TreeError` without a feasible
+    scenario.
+    """
+
+    def __init__(self, prop: Property, limit: int, table: Table) -> None:
+        self.prop, self.types = prop, column_types(prop)
+        units = prop.time is not None and prop.time.format in UNITS
+        kind = table.kind or (str(prop.time.format) if prop.time is not None and units else "timestamp")
+        self.header = TableHeader.of(table, prop, self.types, kind)
+        if self.header.time and kind == "double":
+            raise NotExpressible("KQL rounds times in seconds: use a column of datetime, as in --time t:timestamp")
+        self.columns = {column.path: identifier(column.name) for column in self.header.columns}
+        self.scenarios = joined_scenarios(JoinedScenario, prop, limit, most=EVENTS)
+        if not self.scenarios:
+            root = prop.tree.root
+            raise TreeError(f"no scenario of {root} is feasible", rule="no-scenario", nodes=[root])
+        self.number = {event: place for place, event in enumerate(prop.events, 1)}
+        self.timed = any(one.times for one in self.scenarios)
+        self.lets: dict[str, str] = {}
+        """The queries of events, by their names."""
+
+    def text(self) -> tuple[str, Metrics]:
+        """Return the text and its metrics."""
+        queries = [self._scenario(one) for one in self.scenarios]
+        lets = [f"let {name} = {query};\n" for name, query in self.lets.items()]
+        if len(queries) > 1:
+            names = [self._free(f"scenario_{number}") for number in range(1, len(queries) + 1)]
+            lets += [f"let {name} = {query};\n" for name, query in zip(names, queries, strict=True)]
+            queries = [f"union {', '.join(names)}"]
+        text = f"{''.join(lets)}{queries[0]}\n"
+        return f"{''.join(f'// {line}{chr(10)}' for line in self._header())}{text}", Metrics(len(_TOKEN.findall(text)))
+
+    def _header(self) -> Iterator[str]:
+        votes = any(isinstance(part, AtLeast) and chooses(part) for part in self.prop.parts)
+        fewest = " with as few events as its votes need" if votes else ""
+        yield "rvaft kql"
+        yield f"The attack-fault tree {json.dumps(self.prop.tree.root)} under scattered: every match{fewest}."
+        yield from self.header.lines()
+        if self.prop.time is not None:
+            yield f"time {json.dumps(self.prop.time.field)} as {self.prop.time.format}"
+        if self.header.position == self.header.time:
+            yield f"Rows with equal {json.dumps(self.header.position)} are not ordered."
+
+    def _free(self, name: str) -> str:
+        own = {f"{column}_" for column in (*_OWN, *self._names)}
+        while name in {*self.lets, *self.columns.values(), self.header.table} or name.rstrip("0123456789") in own:
+            name = f"{name}_1"
+        return name
+
+    # Events.
+
+    def _leaf(self, event: Event, guards: Iterable[Guard], *, alone: bool) -> str:
+        """Return the name of the `let` of an event; `alone` adds a constant to join on."""
+        pattern, own = untimed(event.pattern)[0], self.number[event]
+        where, columns = list[str](), variable_paths(pattern)
+        for path, part, _ in places(pattern):
+            if isinstance(part, Literal):
+                where.append(self._literal_test(path, part))
+            elif isinstance(part, Variable) and columns[part.name] != path:
+                where.append(f"{self.columns[columns[part.name]]} == {self.columns[path]}")
+        terms = {name: self._variable(path, self.columns[path]) for name, path in columns.items()}
+        where += [self._truth(guard, terms) for guard in guards]
+        project = {f"trace_{own}": self.header.trace, f"pos_{own}": self.header.position}
+        shown = [f"{name} = {identifier(column)}" for name, column in project.items() if column]
+        shown += [f"{self._column(name, event)} = {self.columns[columns[name]]}" for name in rigid_variables(pattern)]
+        shown += [f"time_{own} = {identifier(self.header.time)}"] if self.timed else []
+        shown += [f"one_{own} = 1"] if alone else []
+        tests = f"\n| where {' and '.join(dict.fromkeys(where))}" if where else ""
+        query = f"{identifier(self.header.table)}{tests}\n| project {', '.join(shown)}"
+        for name, known in self.lets.items():
+            if known == query:
+                return name
+        node = event.source.node if _WORD.fullmatch(event.source.node) else "event"
+        name = self._free(f"{node}_{own}".replace("__", "_"))
+        self.lets[name] = query
+        return name
+
+    def _literal_test(self, path: Path, literal: Literal) -> str:
+        column = self.columns[path]
+        if literal.value == "":
+            raise NotExpressible(f"KQL does not distinguish an empty text from an absent one, as in {column}")
+        return f"{column} == {self._mixed(self._variable(path, column), self._literal(literal.value))[1]}"
+
+    def _column(self, variable: str, event: Event) -> str:
+        plain = _WORD.fullmatch(variable) and variable not in _OWN
+        name = variable if plain else f"v{[*self._names].index(variable) + 1}"
+        return f"{name}_{self.number[event]}"
+
+    @property
+    def _names(self) -> dict[str, None]:
+        """The variables of events."""
+        return {name: None for one in self.scenarios for name in one.binders if name not in one.times}
+
+    # Scenarios.
+
+    def _scenario(self, one: JoinedScenario) -> str:
+        conditions = [*self._conditions(one)]
+        homes: dict[Event, list[Guard]] = {event: [] for event in one.before}
+        for guard, home in one.homes:
+            if home is not None:
+                homes[home] += [part for part in conjuncts(guard) if not one.times.keys() & {*variables(part)}]
+        joined, todo, steps = list[Event](), [*one.before], list[str]()
+        pairs: dict[Event, list[tuple[str, str]]] = {}
+        constant = set[Event]()
+        while todo:
+            keys = {event: [*self._keys(one, event, joined)] for event in todo}
+            event = max(todo, key=lambda event: len(keys[event]))
+            pairs[event] = keys[event]
+            if joined and not keys[event]:
+                pairs[event] = [(f"one_{self.number[joined[0]]}", f"one_{self.number[event]}")]
+                constant |= {joined[0], event}
+            joined.append(event)
+            todo.remove(event)
+        seen = set[Event]()
+        for event in joined:
+            name = self._leaf(event, homes[event], alone=event in constant)
+            keys_ = ", ".join(f"$left.{left} == $right.{right}" for left, right in pairs[event])
+            steps.append(f"join kind=inner {name} on {keys_}" if steps else name)
+            seen.add(event)
+            ready = [condition for condition in conditions if condition.events <= seen]
+            conditions = [condition for condition in conditions if condition not in ready]
+            if ready:
+                steps.append(f"where {' and '.join(dict.fromkeys(condition.text for condition in ready))}")
+        steps.append(f"project {', '.join(self._result(one))}")
+        return "\n| ".join(steps)
+
+    def _keys(self, one: JoinedScenario, event: Event, joined: list[Event]) -> Iterator[tuple[str, str]]:
+        if joined and self.header.trace:
+            yield f"trace_{self.number[joined[0]]}", f"trace_{self.number[event]}"
+        for variable, binders in one.binders.items():
+            first = next((other for other in joined if other in binders), None)
+            if event in binders and first is not None and self._type(one, variable) in _KEYS:
+                yield self._column(variable, first), self._column(variable, event)
+
+    def _type(self, one: JoinedScenario, variable: str) -> ValueType:
+        """Return the type of a variable; NUMBER where its columns are integers and numbers."""
+        if variable in one.times:
+            return ValueType.TIME
+        found = {self.types[variable_paths(event.pattern)[variable]] for event in one.binders[variable]}
+        if len(found) > 1 and not found <= _NUMBERS:
+            raise NotExpressible(f"variable {variable} is of two types: columns of two types are not compared")
+        return ValueType.NUMBER if len(found) > 1 else next(iter(found))
+
+    def _conditions(self, one: JoinedScenario) -> Iterator[_Condition]:
+        row = self.number
+        for event in one.before:
+            for other in one.near(event):
+                yield _Condition(frozenset({event, other}), f"pos_{row[other]} < pos_{row[event]}")
+        for a, b in one.apart:
+            yield _Condition(frozenset({a, b}), f"pos_{row[a]} != pos_{row[b]}")
+        terms: dict[str, _Term] = {}
+        for variable, (first, *others) in one.binders.items():
+            if (type_ := self._type(one, variable)) is not ValueType.TIME:
+                column = self._column(variable, first)
+                terms[variable] = self._variable(variable_paths(first.pattern)[variable], column)
+                for other in others if type_ not in _KEYS else ():
+                    yield _Condition(frozenset({first, other}), f"{column} == {self._column(variable, other)}")
+        for guard, home in one.homes:
+            for part in conjuncts(guard):
+                if any(name in one.times for name in variables(part)):
+                    yield from self._times(one, part)
+                elif home is None:
+                    events = frozenset(one.binders[name][0] for name in variables(part))
+                    yield _Condition(events, self._truth(part, terms))
+
+    def _result(self, one: JoinedScenario) -> Iterator[str]:
+        early = frozenset[Event]().union(*one.before.values())
+        lasts = [f"pos_{self.number[event]}" for event in one.before if event not in early]
+        if self.header.trace:
+            yield f"trace = trace_{self.number[next(iter(one.before))]}"
+        yield f"detected = {_several('max_of', lasts)}"
+        yield f"branch = {one.branch}"
+        rows: dict[str, list[str]] = {}
+        for event in sorted(one.before, key=lambda event: event.source.number):
+            rows.setdefault(event.source.node, []).append(f"pos_{self.number[event]}")
+        nodes = (f"{text_literal(node)}, {_several('pack_array', found)}" for node, found in rows.items())
+        yield f"nodes = bag_pack({', '.join(nodes)})"
+        for number, name in enumerate(self._names, 1):
+            if name in one.binders:
+                own = {"trace", "detected", "branch", "nodes"} | {f"v{place}" for place in range(len(self._names) + 1)}
+                plain = _NAME.fullmatch(name) and name not in own and not name.startswith("__")
+                yield f"{identifier(name) if plain else f'v{number}'} = {self._column(name, one.binders[name][0])}"
+
+    # Times.
+
+    def _times(self, one: JoinedScenario, guard: Guard) -> Iterator[_Condition]:
+        """Yield a guard on times as bounds of pairs of times."""
+        bounds = differences(guard) if set(variables(guard)) <= one.times.keys() else None
+        if bounds is None:
+            raise NotExpressible("in KQL a guard on times is a comparison of two times, without `or` and `!=`")
+        found: dict[tuple[Event, Event], int] = {}
+        for plus, minus, most in bounds:
+            wrong = {Operator.MIN: plus, Operator.MAX: minus}
+            if any(len(side.names) > 1 and side.operator is extreme for extreme, side in wrong.items()):
+                raise NotExpressible("KQL cannot bound the first of several times from above, or the last from below")
+            for pair in self._pairs(one, plus, minus, most):
+                found[pair] = min(most, found.get(pair, most))
+        for (later, sooner), most in found.items():
+            first, second = (later, sooner) if most >= 0 else (sooner, later)
+            difference = f"time_{self.number[first]} - time_{self.number[second]}"
+            if most >= 0 and later != sooner and found.get((sooner, later)) == most:
+                if self.number[later] < self.number[sooner]:
+                    continue
+                difference = f"abs({difference})"
+            yield _Condition(frozenset({later, sooner}), f"{difference} {self._bound(most)}")
+
+    def _pairs(self, one: JoinedScenario, plus: Extreme, minus: Extreme, most: int) -> Iterator[tuple[Event, Event]]:
+        """Yield the pairs that decide a bound; positions that are times decide some of them."""
+        ends, starts = ([one.times[name] for name in side.names] for side in (plus, minus))
+        sorted_ = self.header.position == self.header.time and most >= 0
+        if sorted_:
+            ends = [end for end in ends if not any(end in one.before[other] for other in ends)]
+            starts = [start for start in starts if not one.before[start].intersection(starts)]
+        pairs = [(end, start) for end, start in product(ends, starts) if not (sorted_ and end in one.before[start])]
+        yield from ((a, b) for a, b in pairs if a != b or most < 0 or len({*ends, *starts}) == 1)
+
+    def _bound(self, most: int) -> str:
+        datetimes = self.header.kind == "timestamp"
+        unit = _TICK if datetimes else UNITS[self.header.kind]
+        sign, length = ("<", most + 1) if most % unit and not (most + 1) % unit else ("<=", most - most % unit)
+        if most < 0:  # a bound of the opposite difference
+            sign, length = sign.replace("<", ">"), -length
+        if not datetimes:
+            return f"{sign} {length // unit}"
+        word = next(word for word, size in _SPANS.items() if not length % size)
+        return f"{sign} {length // _SPANS[word]}{word}" if length else f"{sign} 0s"
+
+    # Guards.
+
+    def _truth(self, guard: Guard, terms: Mapping[str, _Term]) -> str:
+        found = self._term(guard, terms)
+        if found.type is not ValueType.BOOLEAN:
+            raise NotExpressible(f"a condition in KQL is a Boolean, not {found.type}")
+        return found.text
+
+    def _term(self, guard: Guard, terms: Mapping[str, _Term]) -> _Term:
+        match guard:
+            case Literal(constant):
+                return self._literal(constant)
+            case Variable(name):
+                return terms[name]
+            case Operation() if not variables(guard):
+                if (constant := value(guard, {})) is UNDEFINED:
+                    raise NotExpressible("a part of a guard is undefined")
+                return self._literal(constant)
+            case Operation(Operator.AND | Operator.OR as word, parts):
+                found = f" {word.value} ".join(self._truth(part, terms) for part in parts)
+                return _Term(ValueType.BOOLEAN, f"({found})")
+            case Operation(Operator.NOT, (part,)):
+                return _Term(ValueType.BOOLEAN, f"not({self._truth(part, terms)})")
+            case Operation(Operator.IN, (part, *parts)):
+                left, among = self._term(part, terms), [self._term(one, terms) for one in parts]
+                if left.type in _KEYS and all(one.constant and one.type is left.type for one in among):
+                    return _Term(ValueType.BOOLEAN, f"{left.text} in ({', '.join(one.text for one in among)})")
+                found = " or ".join(self._compared(left, Operator.EQ, one) for one in among)
+                return _Term(ValueType.BOOLEAN, f"({found})")
+            case Operation(Operator.LIKE, (part, Literal(str() as glob))):
+                found = "".join(_SIGNS.get(sign, re.sub(r"([\\.+*?()|\[\]{}^$])", r"\\\1", sign)) for sign in glob)
+                regex = text_literal(rf"\A(?s:{found})\z")
+                return _Term(ValueType.BOOLEAN, f"{self._text(part, terms)} matches regex {regex}")
+            case Operation(operator, (part, Literal(str() as constant))) if operator in _TESTS and constant:
+                tested = f"{self._text(part, terms)} {_TESTS[operator]} {text_literal(constant)}"
+                return _Term(ValueType.BOOLEAN, tested)
+            case Operation(operator, (left_, right_)) if operator in COMPARISONS:
+                compared = self._compared(self._term(left_, terms), operator, self._term(right_, terms))
+                return _Term(ValueType.BOOLEAN, compared)
+            case Operation(operator, parts) if operator not in _TESTS:
+                return self._calculated(operator, [self._term(part, terms) for part in parts])
+            case Operation(operator):
+                raise NotExpressible(f"`{operator.value}` needs a text that is not empty as its second operand")
+        raise NotExpressible("KQL has no such guard")
+
+    def _text(self, part: Guard, terms: Mapping[str, _Term]) -> str:
+        found = self._term(part, terms)
+        if found.type is not ValueType.TEXT:
+            raise NotExpressible(f"KQL tests the characters of a text, not of {found.type}")
+        return found.text
+
+    def _variable(self, path: Path, column: str) -> _Term:
+        exact = Assumption.EXACT in self.prop.assumes
+        return _Term(self.types[path], column, _EXACT - 1 if exact else 2**63)
+
+    @staticmethod
+    def _literal(constant: object) -> _Term:
+        match constant:
+            case bool():
+                return _Term(ValueType.BOOLEAN, "true" if constant else "false", constant=True)
+            case str():
+                return _Term(ValueType.TEXT, text_literal(constant), constant=True)
+            case int() | float() if abs(constant) < 2**63 and constant == int(constant):
+                return _Term(ValueType.INTEGER, str(int(constant)), int(abs(constant)), constant=True)
+            case float() if abs(constant) < 2**63:
+                return _Term(ValueType.NUMBER, f"{Decimal(repr(constant)):f}", constant=True)
+        raise NotExpressible(f"{constant} is no number of 64 bits")
+
+    @staticmethod
+    def _mixed(left: _Term, right: _Term) -> tuple[str, str]:
+        """Return two terms that KQL compares exactly: it converts an integer beside a double."""
+        if left.type is not right.type:
+            if {left.type, right.type} != _NUMBERS:
+                raise NotExpressible(f"KQL does not compare {left.type} with {right.type}")
+            whole, other = (left, right) if left.type is ValueType.INTEGER else (right, left)
+            if whole.most > _EXACT and not other.constant:
+                raise NotExpressible("KQL rounds integers that it compares with doubles: `assume exact;`")
+        return left.text, right.text
+
+    def _compared(self, left: _Term, operator: Operator, right: _Term) -> str:
+        a, b = self._mixed(left, right)
+        if operator not in (Operator.EQ, Operator.NE) and left.type not in _NUMBERS:
+            raise NotExpressible(f"KQL does not order values of type {left.type}")
+        return f"{a} {operator.value} {b}"
+
+    @staticmethod
+    def _calculated(operator: Operator, terms: list[_Term]) -> _Term:
+        """Return a calculation with integers that does not exceed 64 bits."""
+        if any(term.type is not ValueType.INTEGER for term in terms):
+            raise NotExpressible(f"`{operator.value}` needs integers in KQL")
+        first, *others = [term.text for term in terms]
+        most = sum(term.most for term in terms)
+        match operator:
+            case Operator.ADD | Operator.SUB:
+                found = f"({first} {operator.value} {others[0]})"
+            case Operator.NEGATE:
+                found = f"(0 - {first})"
+            case Operator.ABS:
+                found = f"abs({first})"
+            case Operator.MIN | Operator.MAX:
+                found, most = _several(f"{operator.value}_of", [first, *others]), max(term.most for term in terms)
+            case _:
+                raise NotExpressible(f"KQL has no exact `{operator.value}`")
+        if most >= 2**63 and operator not in (Operator.MIN, Operator.MAX):
+            raise NotExpressible(f"`{operator.value}` may exceed the 64 bits of KQL: `assume exact;`")
+        return _Term(ValueType.INTEGER, found, most)
+
+
+def _several(function: str, parts: Sequence[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{function}({', '.join(parts)})"

@@ -98,6 +98,7 @@ _VALUES: Final = {
     "--signature": "tree.sig",
     "--states": "1000",
     "--table": "auth",
+    "--template": "'{title}: {event}'",
     "--time": "ts",
     "--timeout": "60",
     "--to": "sql",

@@ -252,7 +252,7 @@ def test_a_reader(made: Made) -> None:
     tree = copy.write("tree.rvaft", f'{SAY}top sand a b; a on say("x y"); b;')
     log = copy.write("log.logfmt", 'say="x y" n=1\n\nevent=b n=2\n')
     found = copy.rvaft("monitor", tree, log)
-    assert found.stdout.startswith("event 2: true"), found
+    assert found.stdout.startswith("event 2 (line 3): true"), found
     named = copy.rvaft("monitor", tree, "-", "--input", "logfmt", stdin="say=x\nno field\n")
     assert named.returncode == 2
     assert "2: no line of logfmt: fields are written key=value" in named.stderr

@@ -24,7 +24,8 @@ def rows() -> list[Measurement]:
 
 def test_all_was_measured(rows: list[Measurement]) -> None:
     assert len(rows) == (5 * 8 + 36 + len(TREES)) * len(Semantics) * len(LANGUAGES)
-    assert {row.language for row in rows} == {*LANGUAGES} >= {*default_languages()}
+    untyped = {*default_languages()} - {"kql"}  # KQL needs types, which these trees do not declare
+    assert {row.language for row in rows} == {*LANGUAGES} >= untyped
     assert {row.children for row in rows} == {None, *range(1, 9)}
     assert not any(row.broken for row in rows)
     assert {Path(row.tree) for row in rows if row.gate is None} == {

@@ -13,8 +13,9 @@ from rvaft.core.property import Event, One, Property
 from rvaft.core.scenarios import Kept, scenarios
 from rvaft.core.times import untimed
 from rvaft.errors import TooLarge
+from rvaft.model.assumptions import places
 from rvaft.model.guards import Guard, variables
-from rvaft.model.patterns import ListPattern, ObjectPattern, Pattern, Variable, rigid_variables
+from rvaft.model.patterns import Pattern, Variable, rigid_variables
 from rvaft.support.bits import bits
 
 S = TypeVar("S", bound="JoinedScenario")
@@ -101,14 +102,7 @@ def _branch(prop: Property, kept: Kept) -> int:
 def variable_paths(pattern: Pattern) -> dict[str, Path]:
     """Return the first place of each variable in a pattern."""
     found: dict[str, Path] = {}
-    todo: list[tuple[Path, Pattern]] = [((), pattern)]
-    while todo:
-        path, part = todo.pop(0)
-        match part:
-            case Variable(name):
-                found.setdefault(name, path)
-            case ObjectPattern(fields):
-                todo[:0] = [((*path, name), inner) for name, inner in fields]
-            case ListPattern(items):
-                todo[:0] = [((*path, place), item) for place, item in enumerate(items)]
+    for path, part, _ in places(pattern):
+        if isinstance(part, Variable):
+            found.setdefault(part.name, path)
     return found

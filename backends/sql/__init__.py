@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from backends.sql.dialects import DIALECTS, TRANSPILED, transpiled
-from backends.sql.reader import dialect_of, query
+from backends.sql.reader import PROGRAMS, Query, dialect_of, query
 from backends.sql.translation import SqlQuery
 from backends.tables import Table
 from rvaft.backend import Backend, Highlighting, Match, SpecificationText
@@ -62,8 +62,11 @@ class SqlBackend(Backend):
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """Return a monitor for any query."""
-        compiled = query(text, self.dialect)
+        compiled = self._query(text)
         return DetectionMonitor(compiled.first_detections, compiled.left_open)
+
+    def _query(self, text: str) -> Query:
+        return query(text, self.dialect)
 
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         """Return a monitor that runs a query in `duckdb`."""
@@ -74,7 +77,7 @@ class SqlBackend(Backend):
 
     def matches(self, text: str, traces: Sequence[Sequence[Json]]) -> Sequence[frozenset[Match]] | None:
         """Return all matches per trace, or None if the rows of the query are not all matches."""
-        compiled = query(text, self.dialect)
+        compiled = self._query(text)
         return compiled.matches(traces) if compiled.every else None
 
     def mapped(self, mapping: Mapping[str, Any]) -> "SqlTableBackend":
@@ -85,7 +88,7 @@ class SqlBackend(Backend):
         dialect = mapping.get("dialect", self.dialect)
         if dialect not in (*DIALECTS, *TRANSPILED):
             raise OptionError(f"unknown dialect {dialect}; known: {', '.join((*DIALECTS, *TRANSPILED))}")
-        if "position" not in mapping and dialect not in ("sqlite", "duckdb"):
+        if "position" not in mapping and dialect not in PROGRAMS:
             raise OptionError(f"rows have no order in {dialect}: name the column that orders them as the position")
         return SqlTableBackend(Table.of(mapping), dialect)
 
@@ -155,24 +158,17 @@ class SqlTableBackend(SqlBackend):
         """Return the query; raises `NotExpressible` for fields that columns cannot hold, `TooLarge`
         and `ToolMissing`.
         """
-        dialect = DIALECTS.get(self._dialect, DIALECTS["duckdb"])
+        dialect = DIALECTS["duckdb" if self._dialect in TRANSPILED else self._dialect]
         text, metrics = SqlQuery(prop, semantics, dialect, limit, self._table).text()
         if self._dialect in TRANSPILED:
             text = transpiled(text, self._dialect)
         return SpecificationText(text, metrics)
 
-    def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
-        """Return a monitor for any query in a dialect that rvaft runs."""
+    def _query(self, text: str) -> Query:
         dialect = dialect_of(text) or self._dialect
-        if dialect not in ("sqlite", "duckdb"):
+        if dialect not in PROGRAMS:
             raise OptionError(f"{self.name} is only emitted for {dialect}: rvaft runs texts for SQLite and DuckDB")
-        compiled = query(text, dialect)
-        return DetectionMonitor(compiled.first_detections, compiled.left_open)
-
-    def matches(self, text: str, traces: Sequence[Sequence[Json]]) -> Sequence[frozenset[Match]] | None:
-        """Return all matches per trace, or None if the rows of the query are not all matches."""
-        compiled = query(text, dialect_of(text) or self._dialect)
-        return compiled.matches(traces) if compiled.every else None
+        return query(text, dialect)
 
 
 class SqlTableDuckdbBackend(SqlTableBackend):

@@ -118,13 +118,14 @@ class DuckDb:
         return [column[0] for column in found.description or ()], found.fetchall()
 
 
-_PROGRAMS: Final[Mapping[str, Callable[[], SqliteTable | DuckDb]]] = {"sqlite": SqliteTable, "duckdb": DuckDb}
+PROGRAMS: Final[Mapping[str, Callable[[], SqliteTable | DuckDb]]] = {"sqlite": SqliteTable, "duckdb": DuckDb}
+"""The dialects that rvaft runs; they number their rows themselves."""
 
 
 @cache
 def _running(program: str, process: int, kind: str) -> SqliteTable | DuckDb:  # noqa: ARG001
     """Return the program of this process, with the table of a kind of query."""
-    return _PROGRAMS[program]()
+    return PROGRAMS[program]()
 
 
 class Query:

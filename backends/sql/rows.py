@@ -55,6 +55,11 @@ def identifier(name: str) -> str:
     )
 
 
+def renamed(expression: str, name: str) -> str:
+    """Return a column of a selection; empty without an expression."""
+    return expression if expression in ("", name) else f"{expression} AS {name}"
+
+
 @dataclass(frozen=True)
 class JsonRows:
     """Events as JSON in a column `event`."""
@@ -151,10 +156,8 @@ class TableRows:
             path: f"{name.strip(chr(34))}_" if name.strip('"').lower() in OWN else name
             for path, name in self.names.items()
         }
-        own = {"trace": self.trace, "pos": self.position, "time": self.time}
-        columns = {**{expression: name for name, expression in own.items() if expression}}
-        shown = [*(name if name == expression else f"{expression} AS {name}" for expression, name in columns.items())]
-        shown += [name if inner[path] == name else f"{name} AS {inner[path]}" for path, name in self.names.items()]
+        own = [renamed(self.trace, "trace"), renamed(self.position, "pos"), renamed(self.time, "time")]
+        shown = [*filter(None, own), *(renamed(name, inner[path]) for path, name in self.names.items())]
         trace, time = ("trace" if self.trace else ""), ("time" if self.time else "")
         return ", ".join(shown), replace(self, trace=trace, position="pos", time=time, names=inner)
 

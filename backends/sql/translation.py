@@ -22,7 +22,7 @@ from typing import Final
 from backends.joins import JoinedScenario, joined_scenarios, variable_paths
 from backends.sql.dialects import Dialect, Path
 from backends.sql.guards import FACETS, Guards, SqlTerm
-from backends.sql.rows import OWN, JsonRows, Rows, TableRows
+from backends.sql.rows import OWN, JsonRows, Rows, TableRows, renamed
 from backends.tables import Table
 from rvaft.backend import Metrics
 from rvaft.core.property import Event, Property
@@ -224,7 +224,7 @@ class SqlQuery:
     def _leaf(self, one: QueriedScenario, name: Event, places: str, wanted: Set[str]) -> str:
         pattern = name.pattern
         where = [self._condition(pattern, [guard for guard, home in one.homes if home == name])]
-        columns = [_named(self.rows.trace, "trace"), _named(self.rows.position, "pos")]
+        columns = [renamed(self.rows.trace, "trace"), renamed(self.rows.position, "pos")]
         paths = variable_paths(pattern)
         for variable, path in ((name, paths[name]) for name in rigid_variables(pattern) if name not in one.times):
             facets = self.rows.facets(path)
@@ -232,7 +232,7 @@ class SqlQuery:
             names = [column for column in named if column in wanted]
             columns += [f"{named[column]} AS {column}" for column in (names[:1] if self.typed else names)]
         if self.timed:
-            columns.append(_named(self.rows.time, "time"))
+            columns.append(renamed(self.rows.time, "time"))
         if self.late is not None:
             where.insert(0, "NOT late")
         if self.semantics is Semantics.CONSECUTIVE:
@@ -487,7 +487,3 @@ class SqlQuery:
             for number, (name, value) in enumerate(items)
         ]
         return f"{' || '.join(fields)} || '}}'" if fields else "'{}'"
-
-
-def _named(expression: str, name: str) -> str:
-    return expression if expression in ("", name) else f"{expression} AS {name}"

@@ -76,14 +76,18 @@ class Alert(NamedTuple):
 
     @classmethod
     def of(
-        cls, settings: MonitorSettings, change: VerdictChange, explanation: Explanation, counts: Mapping[str, Json]
+        cls,
+        settings: MonitorSettings,
+        rule: Mapping[str, Any],
+        change: VerdictChange,
+        explanation: Explanation,
+        counts: Mapping[str, Json],
     ) -> "Alert":
-        """Return the alert for an explanation."""
+        """Return the alert of a rule for an explanation."""
         about = {"tree": settings.name, "trace": change.watch.trace, **settings.key(change.watch)}
         about |= {"event": change.number, "line": change.line}
         own = json.dumps([about, explanation.branch, explanation.matched])
         found = detection({**about, **counts}, explanation, change.events, settings.tree, change.lines)
-        rule = rule_metadata(settings.tree)
         known = [time for event in change.events.values() if (time := _moment(settings, event)) is not None]
         now = _moment(settings, change.event) or datetime.now(tz=UTC)
         return cls(settings, rule, str(uuid5(NAMESPACE_URL, f"{rule['id']} {own}")), found, now, sorted(known))
@@ -196,14 +200,14 @@ class _Alerts(Reporter):
 
     def __init__(self, settings: MonitorSettings, sink: Sink, made: Callable[[Alert], str]) -> None:
         super().__init__(settings, sink)
-        self._made = made
+        self._made, self._rule = made, rule_metadata(settings.tree)
 
     def change(self, change: VerdictChange) -> None:
         for explanation, _, count in change.detections:
             assert explanation is not None, "backends are refused"
             counts: dict[str, Json] = {} if count is None else dict(count.fields)
             counts |= {"again": True} if change.number <= self.reported_before else {}
-            alert = Alert.of(self.settings, change, explanation, counts)
+            alert = Alert.of(self.settings, self._rule, change, explanation, counts)
             self.sink.write(f"{self._made(alert)}\n")
 
 

@@ -415,5 +415,8 @@ class TreeLetters(EngineLetters):
         if not event_class.timed:
             hits = [_new(Hit, (one[0], one[1], one[3].values(event))) for one in serving]
             return _new(Reading, (event_class.relevant, hits))
-        hits = [Hit(one.letter, one.nodes, values) for one in serving for values in self.ways(one, event)]
+        time, hits = None if self._time is None else self._time.read(event), list[Hit]()
+        for one in serving:
+            for values in [one.reader.values(event)] if one.reader.ways is None else one.reader.ways(event):
+                hits.append(Hit(one.letter, one.nodes, values if one.time is None else {**values, one.time: time}))
         return Reading(event_class.relevant, hits)

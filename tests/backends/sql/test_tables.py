@@ -223,6 +223,14 @@ def test_what_a_column_does_not_hold_exactly_is_said(event: Any) -> None:
     assert "which the table cannot hold" in monitor.left_open([event])  # type: ignore[attr-defined]
 
 
+def test_the_position_may_be_the_column_of_the_time() -> None:
+    language = SqlBackend().mapped({"table": "log", "position": "t", "time": "t:ms", "dialect": "duckdb"})
+    text = language.translate(tree("joined"), Semantics.PROJECTED).text
+    assert "SELECT t AS pos, t * 1000000 AS time, " in text
+    language = SqlBackend().mapped({"table": "log", "position": "t", "time": "t:ns", "dialect": "duckdb"})
+    assert "SELECT t AS pos, t AS time, " in language.translate(tree("joined"), Semantics.PROJECTED).text
+
+
 def test_a_mapping_that_is_no_table_is_an_error() -> None:
     for mapping in ({}, {"table": ""}, {"table": "x", "colums": {}}, {"table": "x", "columns": []}):
         with pytest.raises(OptionError):

@@ -1,20 +1,16 @@
 """The general strategy for `scattered`: each partial match stays beside its extensions, because it
 may skip any event.
 
-The progress of a partial match depends only on the outcomes of its decided guards, not on the bound
-values. So the effect of an event is computed once per *stage*, node and outcomes. Letters, outcomes
-and values without effect are cached while the partial matches stay the same. Otherwise an index
-finds the partial matches that an event can extend. Subsumed partial matches are dropped (see
-`subsumption`).
+Letters, outcomes and values without effect are cached while the partial matches stay the same.
+Otherwise an index finds the partial matches of a stage (see `stages`) that an event can extend.
+Subsumed partial matches are dropped (see `subsumption`).
 """
 
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import chain, islice, product
 from typing import Final, NamedTuple
 
-from rvaft.core.times import Extreme, TimeDifference
 from rvaft.engine.compiled_tree import (
     NOTHING,
     QUIET,
@@ -27,26 +23,20 @@ from rvaft.engine.compiled_tree import (
 )
 from rvaft.engine.configuration import SURE, Configuration, Snapshot, Witness, history
 from rvaft.engine.independent_parts import IndependentPart, independent_parts
-from rvaft.engine.partial_matches import Following, Matching
+from rvaft.engine.partial_matches import Following
 from rvaft.engine.settled_choices import SettledChoices
-from rvaft.engine.stage_group import Bound, Member, StageGroup, in_order
-from rvaft.engine.subsumption import Rank, Ranking, Term, commits, ranking, repeats, tendency
+from rvaft.engine.stage_group import Member, StageGroup, in_order
+from rvaft.engine.stages import Scan, Stage, StageMove, Stages
+from rvaft.engine.subsumption import Rank, Term
 from rvaft.errors import TooLarge
 from rvaft.model.guards import (
-    OPERATORS,
-    ORDERINGS,
     UNDEFINED,
-    Guard,
-    Operation,
-    Operator,
-    Predicate,
-    predicate,
     value,
 )
 from rvaft.model.patterns import Variable
-from rvaft.model.values import Json, exact, is_number
+from rvaft.model.values import Json, exact
 from rvaft.model.verdict import Verdict
-from rvaft.support.bits import bits, mask_of, union
+from rvaft.support.bits import bits, union
 
 MEMORY: Final = 500_000
 """The maximum number of nodes with flags in cached stages."""
@@ -57,248 +47,8 @@ MIN_STAGES: Final = 1_000
 STAGE_COST: Final = 10
 """The cost of a stage, in partial matches."""
 _MANY: Final = 4
-"""The maximum number of guards to enumerate, and of members to visit without the index."""
+"""The maximum number of members to visit without the index."""
 _UNKNOWN: Final = Verdict.UNKNOWN
-
-
-@dataclass(slots=True, eq=False)
-class Stage:
-    """The progress of partial matches; `sample` is one with dummy values."""
-
-    sample: Configuration
-    is_match: bool
-    names: tuple[str, ...]
-    """The remembered variables."""
-    ranking: Ranking
-    deadlines: tuple[TimeDifference, ...]
-    """The time differences that must hold."""
-    settled: bool
-    """Whether settled choices may differ."""
-    moves: dict[int, "StageMove | None"] = field(default_factory=dict)
-
-
-class Scan(NamedTuple):
-    """Necessary conditions for the partial matches that an event may extend."""
-
-    names: tuple[str, ...]
-    """The remembered variables that must equal `terms`, which are over the event's values."""
-    terms: tuple[Guard, ...]
-    orders: tuple["Order", ...]
-    """The possible orders for the search; any order suffices."""
-
-
-class Order(NamedTuple):
-    """An order of partial matches, with the bounds of an event on it and a stop condition."""
-
-    term: Term | None
-    """None is the order of arrival."""
-    bounds: tuple[Bound, ...]
-    last_first: bool
-    """Whether the last members are the best."""
-    enough: tuple[Term, ...] | None
-    """The search stops when these terms have the event's own values; None: a full scan."""
-
-    @classmethod
-    def of(cls, term: Term, bounds: Iterable[Bound], target: Stage | None, equal_names: Collection[str]) -> "Order":
-        """Return the order by a term.
-
-        `target` is the common stage of all extensions; `equal_names` have equal values in all of
-        them.
-        """
-        if target is None or not {*equal_names}.issuperset((*target.ranking.exact, *target.ranking.excluded)):
-            return cls(term, tuple(bounds), False, None)
-        last_first, ordered, others = True, False, list[Term]()
-        for one in target.ranking.terms:
-            sign, (operator, names) = one
-            far = {name for name in names if name not in equal_names}
-            if not ordered and far == {*term.extreme.names} and (len(far) == 1 or operator is term.extreme.operator):
-                last_first, ordered = sign > 0, True
-            elif far and (far.issuperset(names) or (operator is Operator.MIN) is not (sign > 0)):
-                return cls(term, tuple(bounds), False, None)
-            elif far:
-                others.append(one)
-        return cls(term, tuple(bounds), last_first, tuple(others))
-
-
-@dataclass(slots=True, eq=False)
-class StageMove:
-    """The bound variables whose values the event must repeat."""
-
-    stage: Stage
-    node: int
-    compared: tuple[str, ...]
-    """The bound variables that the event must repeat."""
-    alone: int
-    """The guards that the event alone decides, as bits."""
-    joint: dict[int, Predicate]
-    """The guards that depend on remembered values too."""
-    scan: Scan | None = None
-    outcomes: dict[tuple[int, tuple[bool, ...]], tuple[Stage, bool] | None] = field(default_factory=dict)
-    """By outcomes: the target stage, and whether it subsumes the original."""
-
-
-class Stages:
-    """The stages of a tree, computed when first needed."""
-
-    def __init__(self, matching: Matching, choices: SettledChoices) -> None:
-        self.matching = matching
-        self.choices = choices
-        self.size = 0
-        self._known: dict[Hashable, Stage] = {}
-
-    def of(self, configuration: Configuration) -> Stage:
-        """Return the stage of a partial match."""
-        place, settled = self.choices.place(configuration, self.matching.progress)
-        found = self._known.get(place)
-        if found is None:
-            self.size += 1 + len(configuration.flags)
-            sample = configuration.copy()
-            sample.binding, sample.witness = dict.fromkeys(configuration.binding), None
-            is_match, _ = self.matching.standing(sample)
-            names, ranks = tuple(sorted(sample.binding)), ranking(self.matching.compiled, sample)
-            open_nodes = [node for node in self.matching.early_differences if not sample.closed >> node & 1]
-            needed = [node for node in open_nodes if self._has_to_hold(sample, node)]
-            deadlines = tuple(one for node in needed for one in self.matching.early_differences[node])
-            found = self._known[place] = Stage(sample, is_match, names, ranks, deadlines, settled)
-        return found
-
-    def rank(self, stage: Stage, binding: Mapping[str, Json], last: Witness | None, node: int | None = None) -> Rank:
-        """Return the rank after these steps and a node's event."""
-        rank = stage.ranking.of(binding)
-        if not stage.settled:
-            return rank
-        steps = last if node is None else Witness(last, node, 0, binding)
-        return rank._replace(values=(*rank.values, -self.choices.number(steps)))
-
-    def _has_to_hold(self, sample: Configuration, node: int) -> bool:
-        trial = sample.copy()
-        return self.matching.compiled.certain >> node & 1 > 0 or not (
-            self.matching.fail(trial, node) and any(self.matching.standing(trial))
-        )
-
-    def move(self, stage: Stage, node: int) -> StageMove | None:
-        """Return the move by a node's event from a stage, or None."""
-        if node not in stage.moves:
-            found = None
-            self.size += 1
-            if self.matching.admits(stage.sample, node):
-                compiled, remembered = self.matching.compiled, stage.sample.binding
-                names = compiled.exported[node]
-                bound = stage.sample.copy()
-                bound.binding.update(dict.fromkeys(names))
-                closing = list(self.matching.closing(bound, names))
-                alone = mask_of(guard for guard in closing if remembered.keys().isdisjoint(compiled.needs[guard]))
-                decided = ((guard, compiled.predicates[guard]) for guard in closing if not alone >> guard & 1)
-                joint = {guard: holds for guard, holds in decided if holds is not None}
-                for guard in self.matching.narrowed(bound, names):
-                    if not remembered.keys().isdisjoint(compiled.needs[guard]):
-                        joint[guard] = partial(self.matching.may_hold, guard)
-                found = StageMove(stage, node, tuple(name for name in names if name in remembered), alone, joint)
-            stage.moves[node] = found
-        return stage.moves[node]
-
-    def outcome(self, move: StageMove, held: int, outcomes: tuple[bool, ...]) -> tuple[Stage, bool] | None:
-        """Return the target of a move for these outcomes: `held` of guards on the event alone,
-        `outcomes` of joint guards.
-        """
-        place = (held & move.alone, outcomes)
-        if place not in move.outcomes:
-            self.size += 1
-            judged = {guard: bool(held >> guard & 1) for guard in bits(move.alone)}
-            judged.update(zip(move.joint, outcomes, strict=True))
-            before, node = move.stage.sample, move.node
-            values = dict.fromkeys(self.matching.compiled.exported[node])
-            after = self.matching.extended(before, node, values, 0, judged=judged)
-            found = (
-                None
-                if after is None
-                else (self.of(after), commits(self.matching, before, after, node, firsts=self.choices.firsts))
-            )
-            move.outcomes[place] = found
-        return move.outcomes[place]
-
-    def scan(self, move: StageMove) -> Scan:
-        """Return the query for a move."""
-        if move.scan is None:
-            compiled, joint = self.matching.compiled, [*move.joint]
-            own, joined = compiled.exported[move.node], dict[str, Guard]()
-            orders: dict[Term, list[Bound]] = {}
-            needed = [
-                one
-                for one in joint
-                if compiled.certain >> one & 1
-                or not self.outcome(move, move.alone, tuple(other != one for other in joint))
-            ]
-            far = set(move.stage.names).difference(own)
-            for part, names, over_times, differences in chain(*(compiled.conditions[one] for one in needed)):
-                if over_times:
-                    for difference in differences or ():
-                        for term, bound in _time_bounds(difference, far, own):
-                            orders.setdefault(term, []).append(bound)
-                    continue
-                distant = [name for name in names if name in far]
-                if len(distant) == 1 and {*own, *distant}.issuperset(names):
-                    name = distant[0]
-                    if (other := repeats(part, name)) is not None and name not in joined:
-                        joined[name] = other
-                    elif isinstance(part, Operation) and part.operator in ORDERINGS and (sign := tendency(part, name)):
-                        orders.setdefault(Term(1, Extreme(Operator.MAX, (name,))), []).append(_bound(part, name, sign))
-            found = self.outcome(move, move.alone, (True,) * len(joint))
-            target = found[0] if found and len(needed) == len(joint) and not found[0].settled else None
-            terms = (*map(Variable, move.compared), *joined.values())
-            equal_names = {*own, *joined}
-            ranged = [Order.of(term, bounds, target, equal_names) for term, bounds in orders.items()]
-            if terms and not ranged:
-                ranged = [Order(None, (), last_first=False, enough=None)]
-            move.scan = Scan((*move.compared, *joined), terms, tuple(ranged))
-        return move.scan
-
-    def is_hopeful(self, move: StageMove, held: int) -> bool:
-        """Whether a move is possible for some outcomes of the joint guards."""
-        ways = product((True, False), repeat=len(move.joint))
-        return len(move.joint) > _MANY or any(self.outcome(move, held, outcomes) for outcomes in ways)
-
-
-def _time_bounds(
-    difference: TimeDifference, far: Collection[str], own: Collection[str]
-) -> Iterator[tuple[Term, Bound]]:
-    """Return the bounds of a time difference on remembered times (`far`), given the event's
-    (`own`).
-    """
-    plus, minus = difference.plus, difference.minus
-    for rising, ours, theirs in ((True, plus, minus), (False, minus, plus)):
-        mine, distant = ours.among(own), theirs.among(far)
-        some_ours, some_theirs = (Operator.MAX, Operator.MIN) if rising else (Operator.MIN, Operator.MAX)
-        bounded = ours.operator is some_ours or len(mine.names) == len(ours.names)
-        bounded &= theirs.operator is some_theirs or len(distant.names) == len(theirs.names)
-        if bounded and mine.names and distant.names:
-            operator = distant.operator if len(distant.names) > 1 else Operator.MAX
-
-            def holds(
-                event: Mapping[str, Json], mine: Extreme = mine, sign: int = 1 if rising else -1
-            ) -> Callable[[Json], bool]:
-                time = mine.of(event)
-                return lambda value: time is not None and bool(sign * (time - value) <= difference.most)
-
-            yield Term(1, Extreme(operator, distant.names)), Bound(rising, holds)
-
-
-def _bound(part: Operation, name: str, sign: int) -> Bound:
-    left, right = part.operands
-    facts, holds = OPERATORS[part.operator], predicate(part)
-    other = right if left == Variable(name) else left
-    operator = part.operator if other is right else facts.mirrored
-    compare = OPERATORS[operator].compare if operator is not None and Variable(name) in part.operands else None
-
-    def by(event: Mapping[str, Json]) -> Callable[[Json], bool]:
-        if compare is None:
-            return lambda one: holds({**event, name: one})
-        than = value(other, event)
-        if is_number(than) and than - than == 0:
-            return lambda one: type(one) is not str and compare(one, than)
-        return lambda one: type(than) is str and type(one) is str and compare(one, than)
-
-    return Bound(sign > 0, by)
 
 
 @dataclass(slots=True)

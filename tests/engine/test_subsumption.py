@@ -8,7 +8,7 @@ from typing import Any, Final
 import pytest
 
 import rvaft
-from rvaft.engine import Engine, scattered_general
+from rvaft.engine import Engine, stages
 from rvaft.engine.scattered_general import ScatteredMatches
 from rvaft.engine.subsumption import Ranking, scale, tendency
 from rvaft.errors import TreeError
@@ -151,7 +151,7 @@ def test_nothing_is_lost(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
         trace = [random_event(random, values) for _ in range(10)]
         lean, full = compare(tree, trace, "scattered"), Engine(tree, "scattered")
         with monkeypatch.context() as patch:
-            patch.setattr(scattered_general, "ranking", lambda _, sample: Ranking(tuple(sorted(sample.binding))))
+            patch.setattr(stages, "ranking", lambda _, sample: Ranking(tuple(sorted(sample.binding))))
             list(full.run(trace))
         assert lean is not None
         dropped += lean.state != full.state

@@ -161,3 +161,46 @@ def test_shared_choices_do_not_double(capsys: pytest.CaptureFixture[str]) -> Non
     with capsys.disabled():
         sys.stdout.write("\n" + "\n".join(rows) + "\n")
     assert not failures
+
+
+GATES: Final = {
+    "sand": ("sand {x} y z", "sand {x} y", "sand p z"),
+    "and": ("and {x} y z", "and {x} y", "and p z"),
+    "pand": ("pand q z", "and {x} y", "pand p z"),
+    "or inside": ("sand o y z", "sand o y", "sand p z"),
+}
+"""The gate over three leaves; over two; and over the gate of two and the third."""
+GUARDS: Final = {
+    "no guard": ("_, _", "_, _"),
+    "==": ("_, U", "_, U"),
+    "!=": ("V, _", "W, _) when (W != V"),
+    "<": ("V, _", "W, _) when (W > V + 1000000000"),
+    "two guards": ("V, A", "W, B) when (W < V and A != B"),
+}
+WINDOWS: Final = {
+    "no window": "top sand g never; g {three};",
+    "one": "top sand g never; g {three} within 20 s;",
+    "nested": "top sand g never; g {outer} within 30 s; p {two} within 20 s;",
+    "two": "top sand f never; f and g h; g {two} within 20 s; h {last} within 20 s;",
+}
+
+
+def relation(gate: str, guard: str, window: str, times: int, *, ordered: bool) -> str:
+    """A tree in which two or three events are related in these ways."""
+    three, two, outer = (one.format(x="x") for one in GATES[gate])
+    earlier, later = GUARDS[guard]
+    order = "sand" if gate == "or inside" else gate
+    text = WINDOWS[window].format(three=three, two=two, outer=outer, last=f"{order} u z")
+    text += " q and x y;" if gate == "pand" and window in ("no window", "one") else ""
+    text += " o or x w;" if gate == "or inside" else ""
+    nodes = {
+        "x": f'f("x", {earlier})',
+        "w": f'f("w", {earlier})',
+        "y": f'f("y", {later})',
+        "z": f'e("z", _) times {times}',
+        "u": f'f("u", {earlier if guard == "==" else "_, _"})',
+    }
+    text += "".join(
+        f" {name} on {event};" for name, event in nodes.items() if f" {name} " in text or f" {name};" in text
+    )
+    return f"{' assume order 0 s;' if ordered else ''} {text}"

@@ -1,16 +1,16 @@
 """Independent parts: parts of a tree whose partial matches are followed separately.
 
 *Joints* are the silent AND and SAND gates from the root on; the subtrees below them are *units*. Units
-form one *part* if an event can serve both, if a guard relates their times, or if both have choices,
-because the branch depends on all choices. No event of one part can be used by another. So the numbers
-of their partial matches add instead of multiplying.
+form one *part* if they share a node, if an event can serve both, if a guard relates their times, or
+if both have choices, because the branch depends on all choices. No event of one part can be used by
+another. So the numbers of their partial matches add instead of multiplying.
 
 Parts with common variables or guards form a *component*. Its matches join matches of its parts that
 agree. What one component does has no effect on another, so the first match of a component serves all
 later events. If a component must end before another begins, its first match is the best.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain, permutations
 from typing import NamedTuple
 
@@ -21,10 +21,10 @@ from rvaft.support.bits import bits, mask_of, union
 
 
 class IndependentPart(NamedTuple):
-    """Some units, and all nodes below them."""
+    """The nodes of some units, and those of them that have an event."""
 
-    units: tuple[int, ...]
     nodes: int
+    events: int
 
 
 class Component(NamedTuple):
@@ -61,28 +61,25 @@ class _Sets:
 
 def components(compiled: CompiledTree, letters: TreeLetters) -> tuple[Component, ...]:
     """Return the components of a tree, or an empty tuple if fewer than two parts have variables."""
-    if compiled.core:
-        return ()
-    units, unit_of, before = _units(compiled)
-    parts, whole = _Sets(len(units)), _Sets(len(units))
-    nodes = [0] * len(units)
-    for node, unit in unit_of.items():
-        nodes[unit] |= 1 << node
-    for tied in _ties(compiled, letters, unit_of):
+    nodes, before = _units(compiled)
+    units_of: dict[int, list[int]] = {}
+    for unit, below in enumerate(nodes):
+        for node in bits(below):
+            units_of.setdefault(node, []).append(unit)
+    parts, whole = _Sets(len(nodes)), _Sets(len(nodes))
+    for tied in _ties(compiled, letters, units_of):
         parts.unite(tied)
     sharing: dict[str, list[int]] = {}
-    for node, unit in unit_of.items():
+    for node, units in units_of.items():
         for name in (*compiled.exported[node], *compiled.needs[node]):
-            sharing.setdefault(name, []).append(unit)
+            sharing.setdefault(name, []).extend(units)
     for together in chain(sharing.values(), map(bits, parts.masks())):
         whole.unite(together)
-    with_events = [any(compiled.own[node] for node in bits(one)) for one in nodes]
-    chooses = mask_of(unit for unit, one in enumerate(nodes) if one & compiled.chooses)
-    if (
-        sum(any(compiled.exported[node] for unit in bits(one) for node in bits(nodes[unit])) for one in parts.masks())
-        < 2
-    ):
+    remembering = mask_of(node for node in units_of if compiled.exported[node])
+    if sum(any(nodes[unit] & remembering for unit in bits(one)) for one in parts.masks()) < 2:
         return ()
+    events = mask_of(node for node, own in enumerate(compiled.own) if own)
+    chooses = mask_of(unit for unit, below in enumerate(nodes) if below & compiled.chooses)
     _keep_orders(whole, before, chooses)
     found = []
     for component in whole.masks():
@@ -90,60 +87,60 @@ def components(compiled: CompiledTree, letters: TreeLetters) -> tuple[Component,
         for one, other in permutations(some, 2):
             if component & chooses or any(before[unit] & one for unit in bits(other)):
                 parts.unite((*bits(one), *bits(other)))
-        eventless = [unit for unit in bits(component) if not with_events[unit]]
-        if len(eventless) < component.bit_count():
-            for unit in eventless:
-                parts.unite((next(one for one in bits(component) if with_events[one]), unit))
-            some = [one & component for one in parts.masks() if one & component]
-            made = [
-                IndependentPart(tuple(units[unit] for unit in bits(one)), union(nodes[u] for u in bits(one)))
-                for one in some
-            ]
-            found.append(Component(tuple(made), union(one.nodes for one in made), bool(component & chooses)))
+        with_events = [unit for unit in bits(component) if nodes[unit] & events]
+        if with_events:  # conditions on events of this component belong to any part
+            parts.unite((with_events[0], *(unit for unit in bits(component) if unit not in with_events)))
+            made = (union(nodes[unit] for unit in bits(one)) for one in parts.masks() if one & component)
+            all_ = tuple(IndependentPart(below, below & events) for below in made)
+            found.append(Component(all_, union(one.nodes for one in all_), bool(component & chooses)))
     return tuple(found) if sum(len(one.parts) for one in found) > 1 else ()
 
 
-def _units(compiled: CompiledTree) -> tuple[list[int], dict[int, int], list[int]]:
-    """Return the units, the unit of each node below, and the units that must precede each one."""
-    joints, units, unit_of = set[int](), list[int](), dict[int, int]()
-    for node, children in enumerate(compiled.children):  # parents come first
-        if node == compiled.root or compiled.parent[node] in joints:
-            silent = compiled.guards[node] is None and not compiled.own[node]
-            if silent and children and compiled.ops[node] in (PartKind.ALL, PartKind.SEQUENCE):
-                joints.add(node)
-                continue
-            unit_of[node] = len(units)
-            units.append(node)
-        else:
-            unit_of[node] = unit_of[compiled.parent[node]]
-    below = [1 << unit_of[node] if node in unit_of else 0 for node in range(len(compiled.names))]
+def _units(compiled: CompiledTree) -> tuple[list[int], list[int]]:
+    """Return the nodes of each unit, and the units that must precede each one."""
+    joints, roots, agenda = set[int](), list[int](), [compiled.root]
+    below = [1 << node for node in range(len(compiled.names))]
+    for node in range(len(below) - 1, -1, -1):  # parents come first
+        below[node] |= union(below[child] for child in compiled.children[node])
+    while agenda:
+        node = agenda.pop()
+        children, silent = compiled.children[node], compiled.guards[node] is None and not compiled.own[node]
+        if silent and children and compiled.ops[node] in (PartKind.ALL, PartKind.SEQUENCE):
+            agenda += [child for child in children if child not in joints]
+            joints.add(node)
+        elif node not in roots:
+            roots.append(node)
+    units = [0] * len(below)
+    for unit, node in enumerate(roots):
+        units[node] = 1 << unit
     for node in sorted(joints, reverse=True):
-        below[node] = union(below[child] for child in compiled.children[node])
-    before = [0] * len(units)
+        units[node] = union(units[child] for child in compiled.children[node])
+    before = [0] * len(roots)
     for node in joints:
         earlier = 0
         for child in compiled.children[node] if compiled.ops[node] is PartKind.SEQUENCE else ():
-            for unit in bits(below[child]):
+            for unit in bits(units[child]):
                 before[unit] |= earlier
-            earlier |= below[child]
-    return units, unit_of, before
+            earlier |= units[child]
+    return [below[node] for node in roots], before
 
 
-def _ties(compiled: CompiledTree, letters: TreeLetters, unit_of: dict[int, int]) -> Iterator[list[int]]:
+def _ties(compiled: CompiledTree, letters: TreeLetters, units_of: Mapping[int, list[int]]) -> Iterator[list[int]]:
     """Iterate over units of one part."""
-    yield [unit for node, unit in unit_of.items() if compiled.chooses >> node & 1]
+    yield from units_of.values()
+    yield [units[0] for node, units in units_of.items() if compiled.chooses >> node & 1]
     exporting: dict[str, list[int]] = {}
-    for node, unit in unit_of.items():
+    for node, units in units_of.items():
         for name in compiled.exported[node]:
-            exporting.setdefault(name, []).append(unit)
-    for node, unit in unit_of.items():
+            exporting.setdefault(name, []).append(units[0])
+    for node, units in units_of.items():
         if not compiled.times.isdisjoint(compiled.needs[node]):
-            yield [unit, *(one for name in compiled.needs[node] for one in exporting.get(name, ()))]
+            yield [units[0], *(one for name in compiled.needs[node] for one in exporting.get(name, ()))]
     serving = [(letter.pattern, nodes) for letter, nodes in zip(letters.letters, letters.serves, strict=True) if nodes]
     for _, nodes in serving:
-        yield [unit_of[node] for node in nodes]
+        yield [units_of[node][0] for node in nodes]
     for one, other in Overlaps([pattern for pattern, _ in serving]).pairs():
-        yield [unit_of[serving[one][1][0]], unit_of[serving[other][1][0]]]
+        yield [units_of[serving[one][1][0]][0], units_of[serving[other][1][0]][0]]
 
 
 def _keep_orders(whole: _Sets, before: Sequence[int], chooses: int) -> None:

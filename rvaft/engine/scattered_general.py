@@ -21,7 +21,7 @@ from rvaft.engine.compiled_tree import (
     Reading,
     TreeLetters,
 )
-from rvaft.engine.configuration import DONE, SURE, Configuration, Snapshot, Witness, history
+from rvaft.engine.configuration import Configuration, Snapshot, Witness, history
 from rvaft.engine.independent_parts import Component, IndependentPart, components
 from rvaft.engine.partial_matches import Following
 from rvaft.engine.settled_choices import SettledChoices
@@ -369,16 +369,15 @@ class ScatteredMatches(Following):
                     return
 
     def _is_complete(self, stage: Stage, part: IndependentPart) -> bool:
-        return all(self.matching.progress.flags(stage.sample, unit) & DONE for unit in part.units)
+        return not part.events & ~stage.sample.taken
 
     def _match(
         self, component: Component, configuration: Configuration, parts: Sequence[IndependentPart]
     ) -> Configuration | None:
         """Return a match of a component that extends a partial match by matches of these parts."""
         if not parts:
-            units = (unit for part in component.parts for unit in part.units)
-            sure = all(self.matching.progress.flags(configuration, unit) & SURE for unit in units)
-            return configuration if sure else None
+            holds = not component.nodes & (configuration.dead | ~configuration.closed)
+            return configuration if holds else None
         ways = [(part, [*self._agreeing(part, configuration.binding)]) for part in parts]
         part, lanes = min(ways, key=lambda way: sum(end - start for _, start, end in way[1]))
         rest = [one for one in parts if one is not part]

@@ -130,7 +130,7 @@ class Stages:
             sample = configuration.copy()
             sample.binding, sample.witness = dict.fromkeys(configuration.binding), None
             is_match, _ = self.matching.standing(sample)
-            names, ranks = tuple(sorted(sample.binding)), ranking(self.matching.compiled, sample)
+            names, ranks = tuple(sorted(sample.binding)), ranking(self.matching, sample)
             open_nodes = [node for node in self.matching.early_differences if not sample.closed >> node & 1]
             needed = [node for node in open_nodes if self._has_to_hold(sample, node)]
             deadlines = tuple(one for node in needed for one in self.matching.early_differences[node])

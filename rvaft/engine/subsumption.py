@@ -53,7 +53,6 @@ from typing import Final, NamedTuple, assert_never
 
 from rvaft.core.part_numbers import PartKind
 from rvaft.core.times import Extreme
-from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration
 from rvaft.engine.partial_matches import Matching
 from rvaft.model.guards import ORDERINGS, Guard, Operation, Operator, variables, walk
@@ -216,10 +215,10 @@ MOST_EXCLUDED: Final = 9
 """Beyond this product of variables and inequalities, values must be equal."""
 
 
-def ranking(compiled: CompiledTree, configuration: Configuration) -> Ranking:
+def ranking(matching: Matching, configuration: Configuration) -> Ranking:
     """Return the ranking of a stage."""
-    binding = configuration.binding
-    fixed = {name for name in binding if compiled.mentions[name] & ~configuration.taken}
+    compiled, binding = matching.compiled, configuration.binding
+    fixed = {name for name in binding if matching.progress.mentioned(configuration, name)}
     terms: dict[Term, None] = {}
     differing: dict[Guard, list[str]] = {}
     above_watermark = True

@@ -29,7 +29,7 @@ from tests.tables import rows, spelled
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
 BACKEND, SCATTERED = CBackend(), Semantics.SCATTERED
-READERS = Path(__file__).parents[2] / "readers" / "test_json_lines.py"
+READERS = str(Path(__file__).parents[2] / "readers" / "test_json_lines.py")
 LINES = [(kind, name, spelled(text)) for kind, name, text in rows(READERS, "lines.txt")]
 REPEATED = rows(READERS, "repeated_keys.txt")
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")

@@ -31,7 +31,7 @@ _UNMATCHED: Final[tuple[Mapping[str, Json], EventClass]] = ({}, EventClass())
 _new: Final = tuple.__new__  # twice as fast as the constructors of the classes
 
 
-class Member(NamedTuple):
+class Follower(NamedTuple):
     """The remembered values of a partial match, and its last step."""
 
     binding: Mapping[str, Json]
@@ -41,7 +41,7 @@ class Member(NamedTuple):
 _NO_VALUES: Final[Mapping[str, Json]] = {}
 
 
-class Move(NamedTuple):
+class NodeMove(NamedTuple):
     """The event of a node after a stage: it must repeat the values of the `compared` variables.
 
     The outcomes of the guards decide the next stage.
@@ -50,22 +50,22 @@ class Move(NamedTuple):
     node: int
     compared: tuple[str, ...]
     guards: Mapping[int, Callable[[Mapping[str, Json]], bool]]
-    targets: dict[tuple[bool, ...], "Stage | None"]
+    targets: dict[tuple[bool, ...], "Progress | None"]
 
 
 @dataclass(slots=True, eq=False)
-class Stage:
+class Progress:
     """What partial matches with the same progress have in common; `sample` has dummy values."""
 
     sample: Configuration
     is_match: bool
     names: tuple[str, ...]
     """The remembered variables."""
-    moves: dict[int, Move] = field(default_factory=dict)
-    steps: dict[EventClass, Sequence[tuple[Admission, Move]]] = field(default_factory=dict)
+    moves: dict[int, NodeMove] = field(default_factory=dict)
+    steps: dict[EventClass, Sequence[tuple[Admission, NodeMove]]] = field(default_factory=dict)
 
 
-class Plan(NamedTuple):
+class FrontierPlan(NamedTuple):
     """The effect of the events of a class on a frontier.
 
     A step is the place of a partial match, the number of a letter, and a move. Unless `after` is
@@ -73,7 +73,7 @@ class Plan(NamedTuple):
     """
 
     letters: tuple[Admission, ...]
-    steps: tuple[tuple[int, int, Move], ...]
+    steps: tuple[tuple[int, int, NodeMove], ...]
     after: "Frontier | None"
 
 
@@ -81,29 +81,29 @@ class Plan(NamedTuple):
 class Frontier:
     """The stages of the partial matches, in order, with the places of those that are matches."""
 
-    stages: tuple[Stage, ...]
+    stages: tuple[Progress, ...]
     matches: tuple[int, ...]
-    plans: dict[EventClass, Plan] = field(default_factory=dict)
+    plans: dict[EventClass, FrontierPlan] = field(default_factory=dict)
 
 
-class Stages:
+class FrontierTable:
     """The stages and frontiers of a tree, made when first needed; copies of a strategy share them."""
 
     def __init__(self, matching: Matching, *, begins: bool) -> None:
         self._matching = matching
         self._begins = begins
         self._size = 0
-        self.start: tuple[Stage, ...] = ()
+        self.start: tuple[Progress, ...] = ()
         """The stage before any event, if a match may begin anywhere."""
-        self._known: dict[Hashable, Stage] = {}
-        self._frontiers: dict[tuple[Stage, ...], Frontier] = {}
+        self._known: dict[Hashable, Progress] = {}
+        self._frontiers: dict[tuple[Progress, ...], Frontier] = {}
         self._begin()
 
     def _begin(self) -> None:
         if self._begins:
             self.start = (self.of(self._matching.start()),)
 
-    def of(self, configuration: Configuration) -> Stage:
+    def of(self, configuration: Configuration) -> Progress:
         """Return the stage of a partial match."""
         place = configuration.taken, configuration.dead, configuration.closed, configuration.inversions
         found = self._known.get(place)
@@ -112,10 +112,10 @@ class Stages:
             sample = configuration.copy()
             sample.binding, sample.witness = dict.fromkeys(configuration.binding), None
             is_match, _ = self._matching.standing(sample)
-            found = self._known[place] = Stage(sample, is_match, tuple(sample.binding))
+            found = self._known[place] = Progress(sample, is_match, tuple(sample.binding))
         return found
 
-    def frontier(self, stages: tuple[Stage, ...]) -> Frontier:
+    def frontier(self, stages: tuple[Progress, ...]) -> Frontier:
         """Return the frontier of partial matches with these stages."""
         found = self._frontiers.get(stages)
         if found is None:
@@ -124,7 +124,7 @@ class Stages:
             found = self._frontiers[stages] = Frontier(stages, matches)
         return found
 
-    def plan(self, frontier: Frontier, event_class: EventClass) -> Plan:
+    def plan(self, frontier: Frontier, event_class: EventClass) -> FrontierPlan:
         """Return the effect of the events of a class on a frontier."""
         steps = [
             (place, letter, move)
@@ -133,7 +133,7 @@ class Stages:
         ]
         after = None
         if all(_is_certain(letter, move) for _, letter, move in steps):
-            first: dict[Stage | None, tuple[int, Admission, Move]] = {}
+            first: dict[Progress | None, tuple[int, Admission, NodeMove]] = {}
             for step in steps:
                 first.setdefault(step[2].targets[()], step)
             steps = list(first.values())
@@ -142,15 +142,15 @@ class Stages:
         letters = {letter.letter: letter for _, letter, _ in steps}
         numbers = {number: place for place, number in enumerate(letters)}
         numbered = tuple([(place, numbers[letter.letter], move) for place, letter, move in steps])
-        found = frontier.plans[event_class] = Plan(tuple(letters.values()), numbered, after)
+        found = frontier.plans[event_class] = FrontierPlan(tuple(letters.values()), numbered, after)
         return found
 
-    def _possible(self, stage: Stage, event_class: EventClass) -> Sequence[tuple[Admission, Move]]:
+    def _possible(self, stage: Progress, event_class: EventClass) -> Sequence[tuple[Admission, NodeMove]]:
         """Return the moves by events of a class that are possible for some values."""
         known = stage.steps.get(event_class)
         if known is not None:
             return known
-        found = list[tuple[Admission, Move]]()
+        found = list[tuple[Admission, NodeMove]]()
         for letter in event_class.serving:
             for node in letter.nodes:
                 if not stage.sample.taken >> node & 1:
@@ -161,7 +161,7 @@ class Stages:
         stage.steps[event_class] = found
         return found
 
-    def _move(self, stage: Stage, node: int) -> Move:
+    def _move(self, stage: Progress, node: int) -> NodeMove:
         matching, names = self._matching, self._matching.compiled.exported[node]
         guards: dict[int, Callable[[Mapping[str, Json]], bool]] = {}
         if names:
@@ -173,10 +173,10 @@ class Stages:
                     guards[guard] = holds
             guards.update((guard, partial(matching.may_hold, guard)) for guard in matching.narrowed(bound, names))
         compared = tuple([name for name in names if name in stage.sample.binding])
-        found = stage.moves[node] = Move(node, compared, guards, {})
+        found = stage.moves[node] = NodeMove(node, compared, guards, {})
         return found
 
-    def target(self, stage: Stage, move: Move, outcomes: tuple[bool, ...]) -> Stage | None:
+    def target(self, stage: Progress, move: NodeMove, outcomes: tuple[bool, ...]) -> Progress | None:
         """Return the stage after a move, or None."""
         if outcomes not in move.targets:
             self._grow(1)
@@ -200,7 +200,7 @@ class Stages:
             self._begin()
 
 
-def _is_certain(letter: Admission, move: Move) -> bool:
+def _is_certain(letter: Admission, move: NodeMove) -> bool:
     """Whether each event of a letter makes the move, and nothing is remembered of it."""
     if move.compared or move.guards or letter.reader.ways is not None:
         return False
@@ -215,10 +215,10 @@ class ContiguousMatches(Following):
         super().__init__(compiled, letters, limit=limit, early=semantics is Semantics.CONSECUTIVE)
         self._projected = semantics is not Semantics.STRICT
         begins = semantics is Semantics.CONSECUTIVE
-        self._stages = Stages(self.matching, begins=begins)
-        self._start = [Member(_NO_VALUES, None)] if begins else []
-        self._members: list[Member] = []
-        self._deferred = deque[tuple[Plan, Mapping[str, Json], int]](maxlen=max(1, sum(compiled.own)))
+        self._stages = FrontierTable(self.matching, begins=begins)
+        self._start = [Follower(_NO_VALUES, None)] if begins else []
+        self._members: list[Follower] = []
+        self._deferred = deque[tuple[FrontierPlan, Mapping[str, Json], int]](maxlen=max(1, sum(compiled.own)))
         """The last certain steps, which `_members` does not have yet; a match has at most so many."""
         self._begin()
 
@@ -226,7 +226,7 @@ class ContiguousMatches(Following):
         """Replace the partial matches."""
         followed = list(configurations)
         self._deferred.clear()
-        self._members = [Member(one.binding, one.witness) for one in followed]
+        self._members = [Follower(one.binding, one.witness) for one in followed]
         self._frontier = self._stages.frontier(tuple([self._stages.of(one) for one in followed]))
 
     @property
@@ -239,12 +239,12 @@ class ContiguousMatches(Following):
             found.append(Configuration(sample.dead, sample.closed, sample.taken, dict(binding), *progress, last))
         return found
 
-    def _settled(self) -> list[Member]:
+    def _settled(self) -> list[Follower]:
         """Return the partial matches with all steps."""
         for plan, event, position in self._deferred:
             members, values = self._members, [self.letters.values(letter, event) for letter in plan.letters]
             self._members = [
-                Member(_NO_VALUES, Witness(members[place].last if members else None, move.node, position, values[at]))
+                Follower(_NO_VALUES, Witness(members[place].last if members else None, move.node, position, values[at]))
                 for place, at, move in plan.steps
             ]
             self._members += self._start
@@ -293,9 +293,11 @@ class ContiguousMatches(Following):
         self.follow([])
         return Verdict.TRUE
 
-    def _extended(self, plan: Plan, event: Mapping[str, Json], position: int) -> tuple[Frontier, list[Member]]:
+    def _extended(
+        self, plan: FrontierPlan, event: Mapping[str, Json], position: int
+    ) -> tuple[Frontier, list[Follower]]:
         """Return the partial matches after an event whose values decide."""
-        stages, members, made = self._stages, self._settled(), dict[tuple[Any, ...], Member]()
+        stages, members, made = self._stages, self._settled(), dict[tuple[Any, ...], Follower]()
         ways = [self.letters.ways(letter, event) for letter in plan.letters]
         for place, at, move in plan.steps:
             node, compared, guards, targets = move
@@ -316,7 +318,7 @@ class ContiguousMatches(Following):
                         kept = {name: bound[name] for name in target.names}
                         own = (target, *[value if type(value) in _PLAIN else exact(value) for value in kept.values()])
                         if own not in made:
-                            made[own] = _new(Member, (kept, _new(Witness, (last, node, position, values))))
+                            made[own] = _new(Follower, (kept, _new(Witness, (last, node, position, values))))
             self._bound(len(made))
         self.noted = bool(made)
         return stages.frontier((*[own[0] for own in made], *stages.start)), [*made.values(), *self._start]

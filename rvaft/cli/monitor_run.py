@@ -19,7 +19,7 @@ from rvaft.export import PICTURES, fired_dot, fired_text, picture
 from rvaft.model.values import Json
 from rvaft.readers.json_lines import LinesRead
 from rvaft.readers.log import Live, Log, LogReader, LogSource, open_log, source_of, suffix
-from rvaft.stream import bulk
+from rvaft.stream import bulk, whole_log
 from rvaft.stream.checkpoint import open_at
 from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.detection import detection
@@ -29,6 +29,7 @@ from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import RunState, Source, TraceRun
 from rvaft.stream.semantics_hint import SemanticsHint
 from rvaft.stream.statistics import Statistics
+from rvaft.stream.whole_log import Declined, LogAnswer
 from rvaft.support.files import SUFFIXES as COMPRESSED
 from rvaft.support.files import deliver
 from rvaft.support.processes import Killed, in_processes
@@ -236,6 +237,21 @@ class _Run(Listener):
         self.sink.flush()
         return self.jobs
 
+    def _answer(self, run: TraceRun, trace: TraceSource) -> LogAnswer | None:
+        """Return the answer of the engine for a trace, or None to read the trace; warn of it."""
+        if self.settings.engine is None or trace.file is None:
+            return None
+        answer = None
+        try:
+            answer = self.settings.engine.ask(Path(trace.file), trace.reader)
+            whole_log.count(run, answer)
+        except Declined as reason:
+            if answer is not None:
+                answer.close()
+            self.sink.warn(f"{trace.name} is read without the engine: {reason}")
+            return None
+        return answer
+
     def _read(self, run: TraceRun, trace: TraceSource) -> None:
         """Read all events since the last checkpoint; save and flush after each batch."""
         follow, kept, sink = self.settings.follow, self.settings.checkpoints, self.sink
@@ -270,6 +286,11 @@ class _Run(Listener):
             kept.save(run.state, 0, LinesRead(BytesIO()))
         run.begin()
         with ExitStack() as stack:
+            if (answer := self._answer(run, trace)) is not None:
+                stack.callback(answer.close)
+                for going_on in whole_log.read(run, answer):
+                    keep(ended=not going_on)
+                return
             source: Iterable[Json] | LogSource = trace.events
             if trace.file is not None and follow and not trace.live:
                 stop, idle = stack.enter_context(stopping()), partial(keep, idle=True)

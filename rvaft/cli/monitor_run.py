@@ -1,12 +1,14 @@
 """Runs `rvaft monitor` over its traces, in one or several processes."""
 
 import gc
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from functools import partial
 from io import BytesIO
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
+from threading import Timer
 from typing import BinaryIO, Final, NamedTuple, cast
 
 import click
@@ -39,6 +41,8 @@ SUFFIXES: Final = (".svg", ".dot", ".gv", ".pdf", ".png", ".txt")
 _OFTEN: Final = 1_000
 """Minimum checkpoint interval, in events, for reading in blocks."""
 _CHUNK: Final = 1 << 20
+_SILENCE: Final = 2.0
+"""Seconds before a terminal shows what an engine does."""
 
 
 class TraceSource(NamedTuple):
@@ -196,7 +200,13 @@ class _Run(Listener):
         before, failed, ended = reaction.count, False, False
         self._log = None
         try:
-            self._read(run, trace)
+            if (answer := self._answer(run, trace)) is None:
+                self._read(run, trace)
+            else:
+                with closing(answer):
+                    run.begin()
+                    for _ in whole_log.read(run, answer):
+                        self.reporter.pause(run)
             run.end()
             ended = True
         except (RvaftError, OSError) as error:
@@ -238,18 +248,23 @@ class _Run(Listener):
         return self.jobs
 
     def _answer(self, run: TraceRun, trace: TraceSource) -> LogAnswer | None:
-        """Return the answer of the engine for a trace, or None to read the trace; warn of it."""
-        if self.settings.engine is None or trace.file is None:
+        """Return the answer of the engine for a trace; without one, warn and return None."""
+        engine, answer = self.settings.engine, None
+        if engine is None or trace.file is None:
             return None
-        answer = None
+        waiting = Timer(_SILENCE, click.echo, [f"rvaft: {engine.name} is reading {trace.name}"], {"err": True})
+        if sys.stderr is not None and sys.stderr.isatty():
+            waiting.start()
         try:
-            answer = self.settings.engine.ask(Path(trace.file), trace.reader)
+            answer = engine.ask(Path(trace.file), trace.reader)
             whole_log.count(run, answer)
         except Declined as reason:
             if answer is not None:
                 answer.close()
-            self.sink.warn(f"{trace.name} is read without the engine: {reason}")
+            self.sink.warn(f"{trace.name} is read without {engine.name}: {reason}")
             return None
+        finally:
+            waiting.cancel()
         return answer
 
     def _read(self, run: TraceRun, trace: TraceSource) -> None:
@@ -286,11 +301,6 @@ class _Run(Listener):
             kept.save(run.state, 0, LinesRead(BytesIO()))
         run.begin()
         with ExitStack() as stack:
-            if (answer := self._answer(run, trace)) is not None:
-                stack.callback(answer.close)
-                for going_on in whole_log.read(run, answer):
-                    keep(ended=not going_on)
-                return
             source: Iterable[Json] | LogSource = trace.events
             if trace.file is not None and follow and not trace.live:
                 stop, idle = stack.enter_context(stopping()), partial(keep, idle=True)

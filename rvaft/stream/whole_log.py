@@ -40,7 +40,7 @@ class Declined(RvaftError, RuntimeError):
 class EventCount(NamedTuple):
     """Events that match the same patterns and guards: how many, and the numbers of the `FIRST`."""
 
-    count: int
+    total: int
     first: Sequence[int]
 
 
@@ -66,11 +66,14 @@ class LogAnswer(ABC):
 
 
 class QueryEngine(ABC):
-    """An engine for one monitoring plan; `formats` are the names of the readers that it replaces.
+    """An engine for one monitoring plan.
+
+    `name` is for messages, and `formats` are the names of the readers that it replaces.
 
     Raises `NotExpressible`, `TooLarge`, `OptionError` and `ToolMissing` for a plan.
     """
 
+    name: ClassVar[str]
     formats: ClassVar[frozenset[str]]
 
     @abstractmethod
@@ -120,7 +123,7 @@ def count(run: TraceRun, answer: LogAnswer) -> None:
             kinds = {types.of(events[number]).admitted for number in group.first}
             if len(kinds) > 1:
                 raise Declined(f"{run.prefix}event {group.first[0]} is not counted with equal events")
-            kind, others = types.of(events[group.first[0]]), group.count - len(group.first)
+            kind, others = types.of(events[group.first[0]]), group.total - len(group.first)
             if statistics is not None and others:
                 statistics.events += others
                 if kind.entries and kind.relevant is not None:

@@ -39,7 +39,7 @@ from rvaft.model.patterns import walk as walk_pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import DetectionMonitor, Monitor
+from rvaft.monitors import DetectionMonitor, LeftOpen, Monitor
 
 # The trees, each with its relevant events: gates with one to three children, with and without an
 # event, under both causalities; every gate in every other; shared nodes; events that match several
@@ -390,8 +390,8 @@ def run(
                     first = specification.monitor()
                     if first.verdict is not Verdict.UNKNOWN:
                         found.append(("start", "the verdict before any event is not unknown", ()))
-                    if isinstance(first, DetectionMonitor):
-                        found += _left_open(example, first, specification)
+                    if first.left_open is not None:
+                        found += _left_open(example, first.left_open, specification)
                         tried = [trace for trace in tried if not first.left_open(trace)]
                 except LanguageError as error:
                     found.append(("readable", f"the backend cannot read its own text: {error.message}", ()))
@@ -443,9 +443,9 @@ def _breaks(specification: Specification, tree: RVAFT, trace: Trace) -> bool:
     return bool(specification.assumes) and first_violation(tree, trace, specification.assumes) is not None
 
 
-def _left_open(example: Example, first: DetectionMonitor, specification: Specification) -> Iterator[Finding]:
+def _left_open(example: Example, left_open: LeftOpen, specification: Specification) -> Iterator[Finding]:
     for trace in (example.detects, example.misses):
-        if trace and not _breaks(specification, example.tree, trace) and (why := first.left_open(trace)):
+        if trace and not _breaks(specification, example.tree, trace) and (why := left_open(trace)):
             yield "left open", f"the text has no verdict for the trace of a row: {why}", trace
 
 
@@ -514,7 +514,7 @@ def _independent(
 
 def _states(specification: Specification, tried: Sequence[Trace]) -> Iterator[Finding]:
     def futures(prefix: Trace, monitor: Monitor) -> list[list[Verdict]]:
-        left_open = monitor.left_open if isinstance(monitor, DetectionMonitor) else lambda _: ""
+        left_open = monitor.left_open or (lambda _: "")
         some = [future for future in tried[-2:] if not left_open([*prefix, *future])]
         return [[monitor.verdict, *monitor.fork().run(future)] for future in some]
 

@@ -55,8 +55,8 @@ class Participant:
     - `observed`: the patterns that it depends on, apart from times; None if unknown.
     - `timed`: it depends on times.
     - `json_alone`: it does not get non-finite numbers.
-    - `first_detections`: it reports only detections, on whole traces; `left_open` gives the reason
-      if a trace has no verdict.
+    - `first_detections`: it reports only detections, on whole traces.
+    - `left_open`: gives the reason if a trace has no verdict.
     - `matches`: returns all matches per trace, or None.
     - `specification`: its text, if any.
     - `tree`: another tree that it monitors.
@@ -246,7 +246,7 @@ def translated(
 
 
 def _of_whole_traces(monitor: Monitor) -> tuple[FirstDetections | None, LeftOpen | None]:
-    return (monitor.first_detections, monitor.left_open) if isinstance(monitor, DetectionMonitor) else (None, None)
+    return monitor.first_detections if isinstance(monitor, DetectionMonitor) else None, monitor.left_open
 
 
 def reports_detections_only(one: Enlisted) -> bool:

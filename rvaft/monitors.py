@@ -115,6 +115,10 @@ DEFAULT_BRANCHES: Final = 100
 """The maximum number of branches that `Monitor.pending` lists separately."""
 
 
+LeftOpen: TypeAlias = Callable[[Sequence[Json]], str]
+"""Returns why a language leaves a trace undefined (such as unordered events), or ""."""
+
+
 class Monitor(ABC):
     """Reads events one by one. After a final verdict it ignores further events.
 
@@ -123,6 +127,9 @@ class Monitor(ABC):
     >>> watching.step({"event": "b"}).symbol, watching.step({"event": "a"}).symbol, watching.verdict.final
     ('?', '⊤', True)
     """
+
+    left_open: LeftOpen | None = None
+    """Why a new monitor has no verdict for a trace; None if it has one for every trace."""
 
     def __init__(self) -> None:
         self._verdict = Verdict.UNKNOWN
@@ -205,10 +212,6 @@ FirstDetections: TypeAlias = Callable[[Sequence[Sequence[Json]]], Sequence[int |
 """Returns for each whole trace the number, from 1, of the first detecting event, if any."""
 
 
-LeftOpen: TypeAlias = Callable[[Sequence[Json]], str]
-"""Returns why a language leaves a trace undefined (such as unordered events), or ""."""
-
-
 class DetectionMonitor(Monitor):
     """Applies a function of whole traces after each event; never returns ⊥.
 
@@ -224,7 +227,7 @@ class DetectionMonitor(Monitor):
     def __init__(self, first_detections: FirstDetections, left_open: LeftOpen = lambda _: "") -> None:
         super().__init__()
         self.first_detections = first_detections
-        self.left_open = left_open
+        self.left_open: LeftOpen = left_open
         self._events: tuple[Json, ...] = ()
 
     def _advance(self, event: Json) -> Verdict:

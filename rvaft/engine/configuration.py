@@ -22,6 +22,7 @@ from typing import Final, NamedTuple, Optional, TypeAlias
 from rvaft.core.part_numbers import PartKind
 from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.model.values import Json, fingerprint
+from rvaft.support.bits import bits
 
 
 class Witness(NamedTuple):
@@ -178,6 +179,21 @@ class PartProgress:
             if self.flags(configuration, gate) & (TOUCHED | DONE) == TOUCHED:
                 return False
             frozen = compiled.freezer[gate]
+        return False
+
+    def mentioned(self, configuration: Configuration, name: str) -> bool:
+        """Whether a variable occurs in an event that may still come."""
+        later = self.compiled.mentions[name] & ~configuration.taken
+        return any(not self._excluded(configuration, node) for node in bits(later))
+
+    def _excluded(self, configuration: Configuration, node: int) -> bool:
+        """Whether a choice in the part of a node has been made against it."""
+        parent = self.compiled.parent[node]
+        while parent >= 0:
+            chosen = self.compiled.ops[parent] is PartKind.ONE and self.flags(configuration, parent) & TOUCHED
+            if chosen and not self.flags(configuration, node) & TOUCHED:
+                return True
+            node, parent = parent, self.compiled.parent[parent]
         return False
 
     def refresh(self, configuration: Configuration, node: int) -> bool:

@@ -1,72 +1,160 @@
-"""Independent parts of an AND (also of nested ANDs): no common variable, guard or event.
+"""Independent parts: parts of a tree whose partial matches are followed separately.
 
-Their partial matches are followed separately, so that their numbers add instead of multiplying. All
-parts with choices are joined, because the branch depends on all choices.
+*Joints* are the silent AND and SAND gates from the root on; the subtrees below them are *units*. Units
+form one *part* if they share a node, if an event can serve both, if a guard relates their times, or
+if both have choices, because the branch depends on all choices. No event of one part can be used by
+another. So the numbers of their partial matches add instead of multiplying.
+
+Parts with common variables or guards form a *component*. Its matches join matches of its parts that
+agree. What one component does has no effect on another, so the first match of a component serves all
+later events. If a component must end before another begins, its first match is the best.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain, permutations
 from typing import NamedTuple
 
 from rvaft.core.part_numbers import PartKind
 from rvaft.core.patterns import Overlaps
 from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
-from rvaft.support.bits import bits, union
+from rvaft.support.bits import bits, mask_of, union
 
 
 class IndependentPart(NamedTuple):
-    """Some children of the root's conjunction, and all nodes below them."""
+    """The nodes of some units, and those of them that have an event."""
 
-    children: tuple[int, ...]
+    nodes: int
+    events: int
+
+
+class Component(NamedTuple):
+    """Parts with common variables or guards; one with choices has one part."""
+
+    parts: tuple[IndependentPart, ...]
     nodes: int
     chooses: bool
 
 
-def independent_parts(compiled: CompiledTree, letters: TreeLetters) -> tuple[IndependentPart, ...]:
-    """Return the independent parts of a tree, or an empty tuple if there is only one."""
-    if compiled.core:
-        return ()
-    joins, below, part_of = set[int](), dict[int, int](), dict[int, int]()
-    for node, children in enumerate(compiled.children):  # parents come first
-        if node == compiled.root or compiled.parent[node] in joins:
-            silent = compiled.guards[node] is None and not compiled.own[node]
-            if silent and children and compiled.ops[node] is PartKind.ALL:
-                joins.add(node)
-                continue
-            part_of[node], below[node] = node, 0
-        else:
-            part_of[node] = part_of[compiled.parent[node]]
-        below[part_of[node]] |= 1 << node
-    if len(below) < 2:
-        return ()
-    together = {child: child for child in below}
+class _Sets:
+    """Disjoint sets of numbers."""
 
-    def first(child: int) -> int:
-        while together[child] != child:
-            child = together[child]
-        return child
+    def __init__(self, size: int) -> None:
+        self._above = list(range(size))
 
-    ties: dict[str, list[int]] = {"": [node for node in part_of if compiled.chooses >> node & 1]}
-    for node in part_of:
+    def first(self, one: int) -> int:
+        while self._above[one] != one:
+            one = self._above[one]
+        return one
+
+    def unite(self, some: Iterable[int]) -> None:
+        firsts = [self.first(one) for one in some]
+        for one in firsts[1:]:
+            self._above[self.first(one)] = self.first(firsts[0])
+
+    def masks(self) -> list[int]:
+        """Return the sets as bits."""
+        found: dict[int, int] = {}
+        for one in range(len(self._above)):
+            found[self.first(one)] = found.get(self.first(one), 0) | 1 << one
+        return list(found.values())
+
+
+def components(compiled: CompiledTree, letters: TreeLetters) -> tuple[Component, ...]:
+    """Return the components of a tree, or an empty tuple if fewer than two parts have variables."""
+    nodes, before = _units(compiled)
+    units_of: dict[int, list[int]] = {}
+    for unit, below in enumerate(nodes):
+        for node in bits(below):
+            units_of.setdefault(node, []).append(unit)
+    parts, whole = _Sets(len(nodes)), _Sets(len(nodes))
+    for tied in _ties(compiled, letters, units_of):
+        parts.unite(tied)
+    sharing: dict[str, list[int]] = {}
+    for node, units in units_of.items():
         for name in (*compiled.exported[node], *compiled.needs[node]):
-            ties.setdefault(name, []).append(node)
-    serving = [(letter.pattern, nodes) for letter, nodes in zip(letters.letters, letters.serves, strict=True) if nodes]
-    overlaps = Overlaps([pattern for pattern, _ in serving]).pairs()
-    tied: list[Sequence[int]] = [*ties.values(), *(nodes for _, nodes in serving)]
-    tied += [(serving[one][1][0], serving[other][1][0]) for one, other in overlaps]
-    for nodes in tied:
-        for node in nodes[1:]:
-            together[first(part_of[node])] = first(part_of[nodes[0]])
-    groups: dict[int, list[int]] = {}
-    for child in below:
-        groups.setdefault(first(child), []).append(child)
-    masks = [(tuple(children), union(below[child] for child in children)) for children in groups.values()]
-    remembering = [one for one in masks if any(compiled.exported[node] for node in bits(one[1]))]
-    others = [one for one in masks if one not in remembering]
-    if len(remembering) < 2:
+            sharing.setdefault(name, []).extend(units)
+    for together in chain(sharing.values(), map(bits, parts.masks())):
+        whole.unite(together)
+    remembering = mask_of(node for node in units_of if compiled.exported[node])
+    if sum(any(nodes[unit] & remembering for unit in bits(one)) for one in parts.masks()) < 2:
         return ()
-    first_children, first_nodes = remembering[0]  # parts without variables do not multiply
-    remembering[0] = (
-        first_children + tuple(child for children, _ in others for child in children),
-        first_nodes | union(nodes for _, nodes in others),
-    )
-    return tuple(IndependentPart(children, nodes, bool(nodes & compiled.chooses)) for children, nodes in remembering)
+    events = mask_of(node for node, own in enumerate(compiled.own) if own)
+    chooses = mask_of(unit for unit, below in enumerate(nodes) if below & compiled.chooses)
+    _keep_orders(whole, before, chooses)
+    found = []
+    for component in whole.masks():
+        some = [one & component for one in parts.masks() if one & component]
+        for one, other in permutations(some, 2):
+            if component & chooses or any(before[unit] & one for unit in bits(other)):
+                parts.unite((*bits(one), *bits(other)))
+        with_events = [unit for unit in bits(component) if nodes[unit] & events]
+        if with_events:  # conditions on events of this component belong to any part
+            parts.unite((with_events[0], *(unit for unit in bits(component) if unit not in with_events)))
+            made = (union(nodes[unit] for unit in bits(one)) for one in parts.masks() if one & component)
+            all_ = tuple(IndependentPart(below, below & events) for below in made)
+            found.append(Component(all_, union(one.nodes for one in all_), bool(component & chooses)))
+    return tuple(found) if sum(len(one.parts) for one in found) > 1 else ()
+
+
+def _units(compiled: CompiledTree) -> tuple[list[int], list[int]]:
+    """Return the nodes of each unit, and the units that must precede each one."""
+    joints, roots, agenda = set[int](), list[int](), [compiled.root]
+    below = [1 << node for node in range(len(compiled.names))]
+    for node in range(len(below) - 1, -1, -1):  # parents come first
+        below[node] |= union(below[child] for child in compiled.children[node])
+    while agenda:
+        node = agenda.pop()
+        children, silent = compiled.children[node], compiled.guards[node] is None and not compiled.own[node]
+        if silent and children and compiled.ops[node] in (PartKind.ALL, PartKind.SEQUENCE):
+            agenda += [child for child in children if child not in joints]
+            joints.add(node)
+        elif node not in roots:
+            roots.append(node)
+    units = [0] * len(below)
+    for unit, node in enumerate(roots):
+        units[node] = 1 << unit
+    for node in sorted(joints, reverse=True):
+        units[node] = union(units[child] for child in compiled.children[node])
+    before = [0] * len(roots)
+    for node in joints:
+        earlier = 0
+        for child in compiled.children[node] if compiled.ops[node] is PartKind.SEQUENCE else ():
+            for unit in bits(units[child]):
+                before[unit] |= earlier
+            earlier |= units[child]
+    return [below[node] for node in roots], before
+
+
+def _ties(compiled: CompiledTree, letters: TreeLetters, units_of: Mapping[int, list[int]]) -> Iterator[list[int]]:
+    """Iterate over units of one part."""
+    yield from units_of.values()
+    yield [units[0] for node, units in units_of.items() if compiled.chooses >> node & 1]
+    exporting: dict[str, list[int]] = {}
+    for node, units in units_of.items():
+        for name in compiled.exported[node]:
+            exporting.setdefault(name, []).append(units[0])
+    for node, units in units_of.items():
+        if not compiled.times.isdisjoint(compiled.needs[node]):
+            yield [units[0], *(one for name in compiled.needs[node] for one in exporting.get(name, ()))]
+    serving = [(letter.pattern, nodes) for letter, nodes in zip(letters.letters, letters.serves, strict=True) if nodes]
+    for _, nodes in serving:
+        yield [units_of[node][0] for node in nodes]
+    for one, other in Overlaps([pattern for pattern, _ in serving]).pairs():
+        yield [units_of[serving[one][1][0]][0], units_of[serving[other][1][0]][0]]
+
+
+def _keep_orders(whole: _Sets, before: Sequence[int], chooses: int) -> None:
+    """Unite components until one precedes another as a whole or not at all.
+
+    A component with choices precedes none, because a later match may have a lower branch.
+    """
+    united = True
+    while united:
+        united = False
+        masks = whole.masks()
+        for one, other in permutations(masks, 2):
+            some = union(before[unit] for unit in bits(other))
+            if some & one and (one & chooses or any(one & ~before[unit] for unit in bits(other))):
+                whole.unite((*bits(one), *bits(other)))
+                united = True
+                break

@@ -94,8 +94,9 @@ class Matching:
                     if not self.fail(new, waiting):
                         return None
             for name in settled:  # drop the variables that no later event or guard mentions
-                if not compiled.mentions[name] & ~new.taken and all(
-                    new.closed >> waiting & 1 for waiting in compiled.guarded_by.get(name, ())
+                waiting_for_it = compiled.guarded_by.get(name, ())
+                if all(new.closed >> waiting & 1 for waiting in waiting_for_it) and not self.progress.mentioned(
+                    new, name
                 ):
                     del new.binding[name]
         new.witness = Witness(configuration.witness, node, position, values)

@@ -6,9 +6,9 @@ Otherwise an index finds the partial matches of a stage (see `stages`) that an e
 Subsumed partial matches are dropped (see `subsumption`).
 """
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain, islice, product
+from itertools import islice
 from typing import Final, NamedTuple
 
 from rvaft.engine.compiled_tree import (
@@ -21,11 +21,11 @@ from rvaft.engine.compiled_tree import (
     Reading,
     TreeLetters,
 )
-from rvaft.engine.configuration import SURE, Configuration, Snapshot, Witness, history
-from rvaft.engine.independent_parts import IndependentPart, independent_parts
+from rvaft.engine.configuration import Configuration, Snapshot, Witness, history
+from rvaft.engine.independent_parts import Component, IndependentPart, components
 from rvaft.engine.partial_matches import Following
 from rvaft.engine.settled_choices import SettledChoices
-from rvaft.engine.stage_group import Member, StageGroup, in_order
+from rvaft.engine.stage_group import LaneMember, Member, StageGroup, in_order
 from rvaft.engine.stages import Scan, Stage, StageMove, Stages
 from rvaft.engine.subsumption import Rank, Term
 from rvaft.errors import TooLarge
@@ -109,7 +109,10 @@ class ScatteredMatches(Following):
     ) -> None:
         super().__init__(compiled, letters, limit=limit, early=True)
         self._stages = Stages(self.matching, choices)
-        self._parts = independent_parts(compiled, letters) if apart else ()
+        self._components = components(compiled, letters) if apart else ()
+        self._part_of = {node: part for one in self._components for part in one.parts for node in bits(part.nodes)}
+        self._base = self.matching.start()
+        """The first matches of components; all partial matches contain them."""
         self._begun = 0
         """The nodes of the parts that need not begin again."""
         self._watermark: int | None = None
@@ -126,8 +129,8 @@ class ScatteredMatches(Following):
         self._candidates: dict[EventClass, tuple[CandidateMove, ...]] = {}
         """By event class, the letters with possible moves at present."""
         self._added = 0
-        self._whole = 0
-        """The nodes of the parts that have a match."""
+        self._complete: dict[IndependentPart, list[tuple[Stage, StageGroup]]] = {}
+        """The matches of each part."""
         # a copy must not drop partial matches earlier
         watermark, self._watermark = self._watermark, None
         for configuration in configurations:
@@ -144,45 +147,57 @@ class ScatteredMatches(Following):
 
     @property
     def combined(self) -> list[Configuration]:
-        """Each partial match of a part, with the first of the others."""
-        if not self._parts:
+        """Each partial match of a part, with the first of the others that agree."""
+        if not self._components:
             return self.partial
-        found: list[list[Configuration]] = [
-            [one for one in self.partial if one.taken & part.nodes] for part in self._parts
-        ]
-        for part, some in zip(self._parts, found, strict=True):
-            if not self._begun & part.nodes and not any(self._is_whole(part, one) for one in some):
-                some.insert(0, self.matching.start())
-        first = [some[:1] for some in found]
-        together = [
-            chain(*first[:place], [one], *first[place + 1 :]) for place, some in enumerate(found) for one in some
-        ]
-        made = (self._together(some) for some in together)
-        return list({one.key: one for one in made if one is not None}.values())
+        found: list[list[Configuration]] = []
+        for part in dict.fromkeys(self._part_of.values()):
+            some = [one for one in self.partial if self._own(one) & part.nodes]
+            begins = not (self._begun | self._base.taken) & part.nodes
+            found.append([self._base, *some] if begins else some)
+        made = dict[Hashable, Configuration]()
+        for place, some in enumerate(found):
+            for one in some:
+                all_ = one
+                for others in (*found[:place], *found[place + 1 :]):
+                    all_ = (self._joined(all_, others[0]) if others else None) or all_
+                made.setdefault(all_.key, self._in_order(all_))
+        return list(made.values())
 
-    def _together(self, configurations: Iterable[Configuration]) -> Configuration | None:
-        steps = sorted(
-            (step for one in configurations for step in history(one.witness)), key=lambda step: step.position
-        )
-        return self.matching.replayed((step.node, step.values, step.position) for step in steps)
+    def _own(self, configuration: Configuration) -> int:
+        """Return the nodes taken that not all partial matches contain."""
+        return configuration.taken & ~self._base.taken
 
-    def _is_whole(self, part: IndependentPart, configuration: Configuration) -> bool:
-        return all(self.matching.progress.flags(configuration, child) & SURE for child in part.children)
+    def _joined(self, one: Configuration, other: Configuration) -> Configuration | None:
+        """Return the partial match with the steps of both, or None; its steps are not in order."""
+        joined: Configuration | None = one
+        for step in history(other.witness):
+            if joined is not None and not one.taken >> step.node & 1:
+                joined = self.matching.extended(joined, step.node, step.values, step.position)
+        return joined
+
+    def _in_order(self, configuration: Configuration) -> Configuration:
+        """Return the same partial match with its steps in order."""
+        steps = sorted(history(configuration.witness), key=lambda step: step.position)
+        made = self.matching.replayed((step.node, step.values, step.position) for step in steps)
+        assert made is not None, "the order of steps of different components does not matter"
+        return made
 
     @property
     def state(self) -> Hashable:
         """Equal states have equal futures."""
-        return (super().state, self._begun) if self._parts else super().state
+        return (super().state, self._begun) if self._components else super().state
 
     def snapshot(self) -> Snapshot:
         """Return the state for `restore`."""
-        return super().snapshot()._replace(begun=self._begun)
+        return Snapshot.of(self.partial, self.matches, self.lost, [self._base])._replace(begun=self._begun)
 
     def restore(self, snapshot: object) -> None:
         """Restore a snapshot of the same tree."""
         assert isinstance(snapshot, Snapshot), "made by the same strategy"
         self._begun = snapshot.begun
-        super().restore(snapshot)
+        partial, self.matches, self.lost, (self._base,) = snapshot.groups_again()
+        self.follow(partial)
 
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
         """Return the letters that may change something now."""
@@ -238,12 +253,10 @@ class ScatteredMatches(Following):
 
     def _may_take(self, stage: Stage, node: int) -> bool:
         """Whether a partial match may take a node of its own part, or begin that part."""
-        for part in self._parts:
-            if part.nodes >> node & 1:
-                taken = stage.sample.taken
-                over = self._whole & part.nodes and not part.chooses
-                return not over and (taken & part.nodes > 0 if taken else not self._begun & part.nodes)
-        return True
+        if not self._components:
+            return True
+        part, own = self._part_of[node], self._own(stage.sample)
+        return own & part.nodes > 0 if own else not self._begun & part.nodes
 
     def advance(self, reading: Reading, position: int) -> Verdict:
         """Return the verdict after one more event."""
@@ -268,8 +281,8 @@ class ScatteredMatches(Following):
                         outcome = self._stages.outcome(move, held, outcomes)
                         if outcome is not None:
                             stage, commits_to_it = outcome
-                            if commits_to_it and self._parts and not before.taken:  # other parts have yet to begin
-                                begun |= next(part.nodes for part in self._parts if part.nodes >> move.node & 1)
+                            if commits_to_it and self._components and not self._own(before):
+                                begun |= self._part_of[move.node].nodes  # other parts have yet to begin
                             elif commits_to_it:
                                 ended[member.number] = group, member
                             binding = {name: bound[name] for name in stage.names}
@@ -312,7 +325,7 @@ class ScatteredMatches(Following):
                 self._bound(others + len(found))
 
     def _change(self, found: Iterable[NewMatch], ended: Iterable[tuple[StageGroup, Member]], position: int) -> Verdict:
-        self.matches = []
+        added = list[tuple[Stage, Configuration]]()
         for new in sorted(found, key=lambda new: new.order):
             group = self._groups.get(new.stage)
             if group is None or not group.excels(new.rank):
@@ -320,22 +333,74 @@ class ScatteredMatches(Following):
                 fields = sample.inversions, sample.flags, sample.tallies
                 made = Configuration(sample.dead, sample.closed, sample.taken, new.binding, *fields, witness)
                 self._add(new.stage, made, new.rank)
-                if new.stage.is_match:
-                    self.matches.append(made)
-        if self._whole and all(self._whole & part.nodes for part in self._parts):
-            follow, parts = self.partial, self._parts
-            whole = [[one for one in follow if one.taken & part.nodes and self._is_whole(part, one)] for part in parts]
-            together = map(self._together, product(*whole))
-            self.matches = [one for one in together if one is not None]
-        if self.matches:
-            self.follow([])
-            return Verdict.TRUE
+                added.append((new.stage, made))
         for group, member in ended:
             group.remove(member)
         self._drop_empty()
+        self._join(added)
+        matches = (made for stage, made in added if stage.is_match)
+        self.matches = [self._in_order(made) if self._components else made for made in matches]
+        if self.matches:
+            self.follow([])
+            return Verdict.TRUE
         if self._stages.size > MEMORY:
             self.follow(self.partial)
         return _UNKNOWN
+
+    def _join(self, added: list[tuple[Stage, Configuration]]) -> None:
+        """Find a match of a component with a new match of a part, and extend all others by it.
+
+        The argument then has all partial matches.
+        """
+        for stage, configuration in added if self._components else ():
+            part = self._part_of[next(bits(self._own(configuration)))]
+            component = next(one for one in self._components if part in one.parts)
+            if not component.chooses and self._is_complete(stage, part):
+                whole = self._match(component, configuration, [one for one in component.parts if one is not part])
+                if whole is not None:
+                    others = [one for one in self.partial if self._own(one) & ~component.nodes]
+                    joined = [self._joined(one, whole) for one in others]
+                    self._base = whole
+                    self.follow([whole, *(one for one in joined if one is not None)])
+                    followed = [
+                        (stage, member) for stage, group in self._groups.items() for member in group.members.values()
+                    ]
+                    added[:] = [(stage, member.configuration) for stage, member in followed]
+                    return
+
+    def _is_complete(self, stage: Stage, part: IndependentPart) -> bool:
+        return not part.events & ~stage.sample.taken
+
+    def _match(
+        self, component: Component, configuration: Configuration, parts: Sequence[IndependentPart]
+    ) -> Configuration | None:
+        """Return a match of a component that extends a partial match by matches of these parts."""
+        if not parts:
+            holds = not component.nodes & (configuration.dead | ~configuration.closed)
+            return configuration if holds else None
+        ways = [(part, [*self._agreeing(part, configuration.binding)]) for part in parts]
+        part, lanes = min(ways, key=lambda way: sum(end - start for _, start, end in way[1]))
+        rest = [one for one in parts if one is not part]
+        for lane in lanes:
+            for member in in_order(*lane, last_first=False):
+                joined = self._joined(configuration, member.configuration)
+                whole = None if joined is None else self._match(component, joined, rest)
+                if whole is not None:
+                    return whole
+        return None
+
+    def _agreeing(
+        self, part: IndependentPart, binding: Mapping[str, Json]
+    ) -> Iterator[tuple[list[LaneMember], int, int]]:
+        """Iterate over the matches of a part that may agree with these values."""
+        if part not in self._complete:
+            stages = [(stage, group) for stage, group in self._groups.items() if self._own(stage.sample) & part.nodes]
+            self._complete[part] = [(stage, group) for stage, group in stages if self._is_complete(stage, part)]
+        for stage, group in self._complete[part]:
+            names, terms = self._stages.equalities(frozenset(binding), stage)
+            required = [value(one, binding) for one in terms]
+            if UNDEFINED not in required:
+                yield from group.between(names, required, None, (), binding)
 
     def forget(self, watermark: int) -> None:
         """Set the watermark and drop what it rules out."""
@@ -347,6 +412,7 @@ class ScatteredMatches(Following):
     def _forget_watches(self) -> None:
         self._watches.clear()
         self._candidates.clear()
+        self._complete.clear()
 
     def _drop_empty(self) -> None:
         for stage in [stage for stage, group in self._groups.items() if not group.members]:
@@ -362,6 +428,7 @@ class ScatteredMatches(Following):
                 raise TooLarge(f"sets of events in partial matches; any of {named} may be skipped", limit=most)
             group = self._groups[stage] = StageGroup(stage.ranking, stage.deadlines)
             self._candidates.clear()
+            self._complete.clear()
             group.watermark = self._watermark
         group.add(
             Member(
@@ -371,12 +438,3 @@ class ScatteredMatches(Following):
             )
         )
         self._added += 1
-        for part in self._parts if configuration.taken else ():
-            if configuration.taken & part.nodes and self._is_whole(part, configuration):
-                self._whole |= part.nodes
-                self._forget_watches()
-                # a complete part without choices needs no other partial match
-                for group in () if part.chooses else self._groups.values():
-                    for member in [*group.members.values()]:
-                        if member.number != self._added - 1 and member.configuration.taken & part.nodes:
-                            group.remove(member)

@@ -66,7 +66,7 @@ class SettledChoices:
         broken = frozenset(
             (settled.get(one, one), settled.get(other, other)) for one, other in configuration.inversions
         )
-        names = tuple(sorted(configuration.binding)) if settled else ()
+        names = tuple(sorted(configuration.binding))
         return (taken, dead, closed, broken, names, mask_of(-1 - one for one in settled.values())), bool(settled)
 
     def number(self, last: Witness | None) -> int:

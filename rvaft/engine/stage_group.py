@@ -41,6 +41,8 @@ class LaneMember(NamedTuple):
     member: Member
 
 
+SORTED: Final = 2
+"""A front of members with so many values is sorted by each of them."""
 NEAR: Final = 64
 """The distance from the end searched stepwise."""
 LOOSE: Final = "loose"
@@ -67,6 +69,7 @@ class StageGroup:
         self._ending: list[tuple[int, int]] = []
         """A heap: the watermark that rules out a member, its number."""
         self._fronts: dict[_Place, list[Member]] = {}
+        """The members by place, sorted by their first value."""
         self._ordered: dict[tuple[tuple[str, ...], Term | None], dict[_Place, _Lanes]] = {}
 
     def excels(self, rank: Rank) -> bool:
@@ -74,47 +77,42 @@ class StageGroup:
         front = self._fronts.get(rank.place)
         if front is None:
             return False
+        if not rank.values and not rank.excluded:
+            return True
+        start, end = self._better(front, rank)
         if rank.excluded:
-            return self.ranking.covers([member.rank for member in front], rank)
-        if len(rank.values) < 2:
-            return not rank.values or bool(front[0].rank.values[0] >= rank.values[0])
-        if len(rank.values) == 2:
-            at = bisect_left(front, rank.values[0], key=_first)
-            return at < len(front) and bool(front[at].rank.values[1] >= rank.values[1])
-        return any(all(map(ge, member.rank.values, rank.values)) for member in front)
+            return self.ranking.covers([front[at].rank for at in range(start, end)], rank)
+        if len(rank.values) <= SORTED:
+            return start < end and all(map(ge, front[start].rank.values, rank.values))
+        return any(all(map(ge, front[at].rank.values, rank.values)) for at in range(start, end))
 
     def add(self, member: Member) -> None:
         """Add a member and remove those that it subsumes."""
         rank = member.rank
         front, surpassed = self._fronts.get(rank.place, []), list[Member]()
+        start, end = self._worse(front, rank)
         if rank.excluded:
-            rivals = [*front, member]
-            for one in front if rank.values else ():
-                if self.ranking.covers([other.rank for other in rivals if other is not one], one.rank):
-                    rivals.remove(one)
+            for one in front[start:end] if rank.values else ():
+                better = slice(*self._better(front, one.rank))
+                rivals = [other.rank for other in front[better] if other is not one and other not in surpassed]
+                if self.ranking.covers([*rivals, rank], one.rank):
                     surpassed.append(one)
-        elif len(rank.values) == 2:  # the better the first value, the worse the second
+        elif len(rank.values) == SORTED:  # the better the first value, the worse the second
             if self.ranking.above_watermark and self.watermark is not None:
                 count = 1
                 while count < len(front) and front[count].rank.values[1] >= -self.watermark:
                     count += 1
                 surpassed = front[: count - 1]
-            until = bisect_right(front, rank.values[0], key=_first)
-            start = until
+            start = end
             while start > len(surpassed) and front[start - 1].rank.values[1] <= rank.values[1]:
                 start -= 1
-            surpassed += front[start:until]
+            surpassed += front[start:end]
         else:
-            surpassed = [one for one in front if all(map(ge, rank.values, one.rank.values))]
+            surpassed = [one for one in front[start:end] if all(map(ge, rank.values, one.rank.values))]
         for one in surpassed:
             self.remove(one)
         front = self._fronts.setdefault(rank.place, [])
-        at = (
-            bisect_left(front, rank.values[0], key=_first)
-            if len(rank.values) == 2 and not rank.excluded
-            else len(front)
-        )
-        front.insert(at, member)
+        front.insert(bisect_left(front, rank.values[0], key=_first) if rank.values else len(front), member)
         self.members[member.number] = member
         for (names, term), ordered in self._ordered.items():
             self._put_ordered(names, term, ordered, member)
@@ -124,16 +122,35 @@ class StageGroup:
             if known:
                 heappush(self._ending, (min(known), member.number))
 
+    def _better(self, front: Sequence[Member], rank: Rank) -> tuple[int, int]:
+        """Return the slice of a front with all members that may be at least as good."""
+        values, duration = rank.values, self.ranking.duration
+        if not values:
+            return 0, len(front)
+        end = len(front) if duration is None else bisect_right(front, -values[duration.end], key=_first)
+        return bisect_left(front, values[0], key=_first), end
+
+    def _worse(self, front: Sequence[Member], rank: Rank) -> tuple[int, int]:
+        """Return the slice of a front with the members that are compared with a better one.
+
+        A member that begins more than a window earlier is not compared.
+        """
+        values, duration = rank.values, self.ranking.duration
+        if not values:
+            return 0, len(front)
+        start = 0 if duration is None else bisect_left(front, -values[duration.end] - duration.most, key=_first)
+        return start, bisect_right(front, values[0], key=_first)
+
     def remove(self, member: Member) -> None:
         """Remove a member, if present."""
         if self.members.pop(member.number, None) is None:
             return
         rank = member.rank
         front = self._fronts[rank.place]
-        if len(rank.values) == 2 and not rank.excluded:
-            del front[bisect_left(front, rank.values[0], key=_first)]
-        else:
-            del front[next(at for at, one in enumerate(front) if one is member)]
+        at = bisect_left(front, rank.values[0], key=_first) if rank.values else 0
+        while front[at] is not member:
+            at += 1
+        del front[at]
         if not front:
             del self._fronts[rank.place]
         for (names, term), ordered in self._ordered.items():

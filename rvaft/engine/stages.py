@@ -25,6 +25,7 @@ from rvaft.model.guards import (
     Predicate,
     predicate,
     value,
+    variables,
 )
 from rvaft.model.patterns import Variable
 from rvaft.model.values import Json, is_number
@@ -118,6 +119,7 @@ class Stages:
         self.choices = choices
         self.size = 0
         self._known: dict[Hashable, Stage] = {}
+        self._equalities: dict[tuple[frozenset[str], Stage], tuple[tuple[str, ...], tuple[Guard, ...]]] = {}
 
     def of(self, configuration: Configuration) -> Stage:
         """Return the stage of a partial match."""
@@ -128,7 +130,7 @@ class Stages:
             sample = configuration.copy()
             sample.binding, sample.witness = dict.fromkeys(configuration.binding), None
             is_match, _ = self.matching.standing(sample)
-            names, ranks = tuple(sorted(sample.binding)), ranking(self.matching.compiled, sample)
+            names, ranks = tuple(sorted(sample.binding)), ranking(self.matching, sample)
             open_nodes = [node for node in self.matching.early_differences if not sample.closed >> node & 1]
             needed = [node for node in open_nodes if self._has_to_hold(sample, node)]
             deadlines = tuple(one for node in needed for one in self.matching.early_differences[node])
@@ -225,6 +227,24 @@ class Stages:
                 ranged = [Order(None, (), last_first=False, enough=None)]
             move.scan = Scan((*move.compared, *joined), terms, tuple(ranged))
         return move.scan
+
+    def equalities(self, names: frozenset[str], stage: Stage) -> tuple[tuple[str, ...], tuple[Guard, ...]]:
+        """Return variables of a stage, and the terms over other variables that they must equal.
+
+        All guards that are open in the stage must hold.
+        """
+        found = self._equalities.get((names, stage))
+        if found is None:
+            compiled = self.matching.compiled
+            joined: dict[str, Guard] = {name: Variable(name) for name in stage.names if name in names}
+            waiting = {node for name in stage.names for node in compiled.guarded_by.get(name, ())}
+            for part in chain(*(compiled.conditions[one] for one in sorted(waiting))):
+                for name in part.names if not part.over_times else ():
+                    other = repeats(part.guard, name) if name in stage.names and name not in joined else None
+                    if other is not None and names.issuperset(variables(other)):
+                        joined[name] = other
+            found = self._equalities[names, stage] = tuple(joined), tuple(joined.values())
+        return found
 
     def is_hopeful(self, move: StageMove, held: int) -> bool:
         """Whether a move is possible for some outcomes of the joint guards."""

@@ -53,7 +53,6 @@ from typing import Final, NamedTuple, assert_never
 
 from rvaft.core.part_numbers import PartKind
 from rvaft.core.times import Extreme
-from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration
 from rvaft.engine.partial_matches import Matching
 from rvaft.model.guards import ORDERINGS, Guard, Operation, Operator, variables, walk
@@ -143,6 +142,18 @@ class _Backwards(str):
     __lt__, __le__, __gt__, __ge__ = str.__gt__, str.__ge__, str.__lt__, str.__le__
 
 
+class Duration(NamedTuple):
+    """The first term is the least time of some variables; term `end` is their greatest.
+
+    So a member that is at least as good has its first value between the two: its times are between
+    them.
+    """
+
+    end: int
+    most: int
+    """The maximum difference of the two in a match; 0 for one variable."""
+
+
 class Ranking(NamedTuple):
     """The comparison of the bindings of partial matches in one stage."""
 
@@ -155,6 +166,7 @@ class Ranking(NamedTuple):
     """By later value, the `excluded` variables that differ from it."""
     above_watermark: bool = False
     """Whether a greatest time matters only above the watermark."""
+    duration: Duration | None = None
 
     def of(self, binding: Mapping[str, Json]) -> Rank:
         """Return the rank of a binding."""
@@ -203,13 +215,14 @@ MOST_EXCLUDED: Final = 9
 """Beyond this product of variables and inequalities, values must be equal."""
 
 
-def ranking(compiled: CompiledTree, configuration: Configuration) -> Ranking:
+def ranking(matching: Matching, configuration: Configuration) -> Ranking:
     """Return the ranking of a stage."""
-    binding = configuration.binding
-    fixed = {name for name in binding if compiled.mentions[name] & ~configuration.taken}
+    compiled, binding = matching.compiled, configuration.binding
+    fixed = {name for name in binding if matching.progress.mentioned(configuration, name)}
     terms: dict[Term, None] = {}
     differing: dict[Guard, list[str]] = {}
     above_watermark = True
+    durations: dict[tuple[Term, Term], int] = {}
     waiting = {node for name in binding for node in compiled.guarded_by.get(name, ())}
     guards = [compiled.conditions[node] for node in sorted(waiting) if not configuration.closed >> node & 1]
     for part, mentioned, over_times, differences in chain(*guards):
@@ -220,8 +233,11 @@ def ranking(compiled: CompiledTree, configuration: Configuration) -> Ranking:
             for one in differences or ():
                 if plus := one.plus.among(binding).names:
                     above_watermark &= one.plus.operator is Operator.MAX and len(plus) < len(one.plus.names)
-                sides = Term(-1, one.plus.among(binding)), Term(1, one.minus.among(binding))
-                terms.update((term, None) for term in sides if term.extreme.names)
+                ends = Term(-1, _plain(one.plus.among(binding))), Term(1, _plain(one.minus.among(binding)))
+                terms.update((term, None) for term in ends if term.extreme.names)
+                if spans := _is_duration(*(term.extreme for term in ends)):
+                    most = one.most if spans > 1 else 0
+                    durations[ends] = min(most, durations.get(ends, most))
             continue
         for name in bound:
             other, sign = _differs(part, name), tendency(part, name)
@@ -242,7 +258,25 @@ def ranking(compiled: CompiledTree, configuration: Configuration) -> Ranking:
     inequalities = [tuple(place for place, name in enumerate(excluded) if name in names) for names in groups]
     rising = sorted((term for term in terms if not fixed.issuperset(term.extreme.names)), key=lambda term: -term.sign)
     above_watermark &= [term.sign for term in rising] == [1, -1] and rising[1].extreme.names[0] in compiled.times
-    return Ranking(tuple(sorted(fixed)), tuple(rising), tuple(excluded), tuple(inequalities), above_watermark)
+    duration = None
+    for (last, first), most in durations.items():
+        if last in rising and first in rising:
+            rising.insert(0, rising.pop(rising.index(first)))
+            duration = Duration(rising.index(last), most)
+            break
+    return Ranking(tuple(sorted(fixed)), tuple(rising), tuple(excluded), tuple(inequalities), above_watermark, duration)
+
+
+def _plain(extreme: Extreme) -> Extreme:
+    return extreme if len(extreme.names) > 1 else Extreme(Operator.MAX, extreme.names)
+
+
+def _is_duration(last: Extreme, first: Extreme) -> int:
+    """Return the number of the variables if these are their greatest and least times, else 0."""
+    if set(last.names) != set(first.names):
+        return 0
+    many = len(last.names) > 1
+    return 0 if many and (last.operator, first.operator) != (Operator.MAX, Operator.MIN) else len(last.names)
 
 
 def _differs(guard: Guard, name: str) -> Guard | None:

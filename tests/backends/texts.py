@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import pytest
 
+from backends.c.library import compiler
 from backends.conformance import asks_of_strings
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape
 from cross_check.participants import detected, detections
@@ -17,6 +18,7 @@ from rvaft.monitors import DetectionMonitor
 from rvaft.semantics import Reference
 
 needs_spot: Final = pytest.mark.skipif(find_spec("spot") is None, reason="needs Spot (spottl)")
+needs_compiler: Final = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
 SPOT: Final = (pytest.mark.spot, needs_spot)
 
 SHAPES = {
@@ -30,8 +32,9 @@ SHAPES = {
 
 
 def readable(*names: str) -> list[Any]:
-    """Names of backends as parameters; what reads by Spot is marked so."""
-    return [pytest.param(name, marks=SPOT if name in ("automaton", "ltlf") else ()) for name in names]
+    """Names of backends as parameters, with marks for the programs that reading needs."""
+    marks = {"automaton": SPOT, "ltlf": SPOT, "c": (needs_compiler,)}
+    return [pytest.param(name, marks=marks.get(name, ())) for name in names]
 
 
 def events(word: str | Iterable[Json]) -> list[Json]:
@@ -78,15 +81,16 @@ def agreeing(translator: Backend, made: RVAFT, semantics: Semantics, traces: Ite
     except NotExpressible:
         if Verdict.FALSE not in translator.verdicts:
             return 0  # what it must express the examples say
-        assert translator.name == "rml"
+        assert translator.name in ("rml", "c")
         text = dumps(made)
         assert made.variables or made.time is not None or "[...," in text or asks_of_strings(made, semantics), text
         return 0
     monitor = specification.monitor()
     wanted = [one for one in traces if not translator.json_alone or all(map(is_finite, one))]
     wanted = [one for one in wanted if first_violation(made, one, specification.assumes) is None]
-    if isinstance(monitor, DetectionMonitor):
+    if monitor.left_open is not None:
         wanted = [one for one in wanted if not monitor.left_open(one)]
+    if isinstance(monitor, DetectionMonitor):
         answers = [*map(detected, wanted, monitor.first_detections(wanted))]
     else:
         answers = [tuple(monitor.fork().run(one)) for one in wanted]

@@ -220,7 +220,8 @@ def test_what_a_column_does_not_hold_exactly_is_said(event: Any) -> None:
     if event["event"] == "login":
         language = SqlBackend().mapped({"table": "log"})
         monitor = language.read(language.translate(tree("unequal"), Semantics.SCATTERED).text)
-    assert "which the table cannot hold" in monitor.left_open([event])  # type: ignore[attr-defined]
+    assert monitor.left_open is not None
+    assert "which the table cannot hold" in monitor.left_open([event])
 
 
 def test_the_position_may_be_the_column_of_the_time() -> None:

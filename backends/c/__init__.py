@@ -1,0 +1,61 @@
+"""The `c` backend: a tree as one self-contained file of C99, for native and embedded monitors.
+
+The `limit` counts downward-closed sets of events of all scenarios. Only reading needs a C compiler.
+"""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from backends.c.events import OPERATORS
+from backends.c.library import CMonitor, require_compiler
+from backends.c.translation import translation
+from rvaft.backend import Backend, Metrics, SpecificationText
+from rvaft.capabilities import GATES, JSON_VALUES, Capability, Feature, Ties, Value
+from rvaft.core.passes import Pass, expand_times, order_ends, simplify, windows_to_guards
+from rvaft.core.property import Condition, Part, Property
+from rvaft.model.guards import Operator
+from rvaft.model.patterns import Pattern
+from rvaft.model.verdict import Semantics
+
+__all__ = ["CBackend"]
+
+
+class CBackend(Backend):
+    """C99 without allocation: tables of stages, and one runtime for all trees.
+
+    >>> from rvaft import loads
+    >>> specification = CBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED)
+    >>> specification.metrics.states, "static const move moves[]" in specification.text
+    (3, True)
+    """
+
+    name: ClassVar[str] = "c"
+    language: ClassVar[str] = "c"
+    suffix: ClassVar[str] = ".c"
+    remark: ClassVar[str] = "/* {} */\n"
+    semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
+    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, simplify)
+    operators: ClassVar[frozenset[Operator]] = OPERATORS
+    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.LATE})
+    values: ClassVar[frozenset[Value]] = JSON_VALUES
+    ties: ClassVar[Ties] = Ties.ANY
+    reasons: ClassVar[Mapping[Capability, str]] = {
+        Operator.LOWER: "`lower` needs the tables of Unicode, which the runtime does not have",
+        Value.SOME_ITEM: "the runtime reads list items at fixed places, and not any item",
+    }
+    default_limit: ClassVar[int] = 5_000
+
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
+        """Return the file; raises `NotExpressible` and `TooLarge`."""
+        written = translation(prop, semantics, limit)
+        sizes = Metrics(written.stages + written.moves, states=written.stages, edges=written.moves)
+        return SpecificationText(written.text, sizes)
+
+    def require(self) -> None:
+        """Raise `ToolMissing` if there is no C compiler."""
+        require_compiler()
+
+    def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> CMonitor:  # noqa: ARG002
+        """Return a monitor that runs the compiled text; raises `LanguageError` and `ToolMissing`."""
+        return CMonitor(text)

@@ -1,0 +1,147 @@
+"""Compiling C, and running the functions of a compiled text in this process."""
+
+import ctypes
+import json
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Hashable, Sequence
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+from sys import executable
+from typing import Final, Self
+
+from rvaft.errors import LanguageError, RvaftError, ToolFailed, ToolMissing
+from rvaft.model.values import Json
+from rvaft.model.verdict import Verdict
+from rvaft.monitors import Monitor
+
+STANDARD: Final = ("-std=c99",)
+_SECONDS: Final = 300
+_FUNCTIONS: Final = ("rvaft_init", "rvaft_line", "rvaft_size", "rvaft_reader_size", "rvaft_state", "rvaft_again")
+_VERDICTS: Final = {0: Verdict.UNKNOWN, 1: Verdict.TRUE, 2: Verdict.FALSE}
+_ERRORS: Final = {
+    -1: "an array is full: compile with a larger RVAFT_CAPACITY",
+    -2: "a number or a time needs more than 64 bits",
+    -3: "the event is not JSON",
+}
+_STATE: Final = 1 << 16
+
+
+def compiler() -> list[str] | None:
+    """Return the command of the C compiler: `$CC`, `cc`, or the one of the package `ziglang`."""
+    named = os.environ.get("CC", "").split()
+    if named and shutil.which(named[0]):
+        return named
+    if shutil.which("cc"):
+        return ["cc"]
+    return [executable, "-m", "ziglang", "cc"] if find_spec("ziglang") else None
+
+
+def require_compiler() -> list[str]:
+    """Return the command of the C compiler; raises `ToolMissing`."""
+    found = compiler()
+    if found is None:
+        raise ToolMissing("a C compiler", remedy="install gcc or clang, or pip install 'rvaft[native]'")
+    return found
+
+
+def fast_compiler() -> list[str]:
+    """Return the command of a compiler for texts that run once: compiling takes longer than running."""
+    named = next((name for name in ("tcc", "clang") if shutil.which(name)), None)
+    return require_compiler() if named is None or os.environ.get("CC") else [named]
+
+
+def compile_c(text: str, to: Path, options: Sequence[str], *, command: Sequence[str] = ()) -> None:
+    """Compile a text to a program or a library; raises `ToolMissing` and `ToolFailed`."""
+    source = to.with_suffix(".c")
+    source.write_text(text, encoding="utf-8")
+    every = [*(command or require_compiler()), *STANDARD, *options, os.fspath(source), "-o", os.fspath(to)]
+    try:
+        done = subprocess.run(every, capture_output=True, timeout=_SECONDS, check=False)  # noqa: S603
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise ToolFailed("the C compiler", reason=str(error)) from None
+    if done.returncode:
+        found = (line for line in done.stderr.decode(errors="replace").splitlines() if "error" in line)
+        raise ToolFailed("the C compiler", reason=next(found, f"exit status {done.returncode}"))
+
+
+@lru_cache(maxsize=64)
+def _library(text: str) -> ctypes.CDLL:
+    with tempfile.TemporaryDirectory(prefix="rvaft-") as folder:
+        path = Path(folder) / "monitor.so"
+        try:
+            compile_c(text, path, ("-O0", "-shared", "-fPIC"), command=fast_compiler())
+            found = ctypes.CDLL(os.fspath(path))
+            for name in _FUNCTIONS:
+                getattr(found, name)
+        except (ToolFailed, OSError, AttributeError) as error:
+            raise LanguageError(f"not a monitor in C: {error}") from None
+    found.rvaft_size.restype = found.rvaft_reader_size.restype = found.rvaft_state.restype = ctypes.c_size_t
+    found.rvaft_init.restype = found.rvaft_again.restype = None
+    found.rvaft_init.argtypes = [ctypes.c_void_p, ctypes.c_uint64]
+    found.rvaft_line.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t]
+    found.rvaft_state.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t]
+    return found
+
+
+class NoVerdict(RvaftError, RuntimeError):
+    """A native monitor has no verdict: an array is full, or a number has more than 64 bits."""
+
+
+class CMonitor(Monitor):
+    """Runs the functions of a compiled text.
+
+    Raises `NoVerdict` where an array is full or a number has too many bits.
+    """
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self._text = text
+        self._functions = _library(text)
+        self._state = ctypes.create_string_buffer(self._functions.rvaft_size())
+        self._reader = ctypes.create_string_buffer(self._functions.rvaft_reader_size())
+        self._functions.rvaft_init(self._state, 1)
+        self.left_open = self._left_open
+
+    def _left_open(self, trace: Sequence[Json]) -> str:
+        try:
+            list(CMonitor(self._text).run(trace))
+        except NoVerdict as error:
+            return str(error)
+        return ""
+
+    def fork(self) -> Self:
+        """Return an independent monitor in the same state."""
+        twin = super().fork()
+        vars(twin)["_state"] = ctypes.create_string_buffer(len(self._state))
+        ctypes.memmove(vars(twin)["_state"], self._state, len(self._state))
+        return twin
+
+    def _advance(self, event: Json) -> Verdict:
+        line = json.dumps(event, default=dict, ensure_ascii=False).encode("utf-8", "surrogatepass")
+        code = self._functions.rvaft_line(self._state, self._reader, line + bytes(16), len(line))
+        if code not in _VERDICTS:
+            raise NoVerdict(f"event {self._read}: {_ERRORS.get(code, code)}")
+        return _VERDICTS[code]
+
+    @property
+    def state(self) -> Hashable:
+        """The verdict and the partial matches; before the first event, only the verdict."""
+        if self._verdict.final:
+            return self._verdict
+        size = _STATE
+        while True:
+            buffer = ctypes.create_string_buffer(size)
+            used = self._functions.rvaft_state(self._state, buffer, size)
+            if used <= size:
+                break
+            size = used
+        records, at, data = set[bytes](), 0, buffer.raw
+        while at < used:
+            length = int.from_bytes(data[at : at + 4], "little")
+            records.add(data[at + 4 : at + 4 + length])
+            at += 4 + length
+        return self._verdict, frozenset(records)

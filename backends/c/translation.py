@@ -1,0 +1,316 @@
+"""The writer of C: the tables of a property, between the two parts of the runtime."""
+
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Final
+
+from backends.c.events import Fields, Step, expression
+from backends.c.stages import Load, Move, Slot, Stage, Stages, Test, slot_of, stages_of
+from rvaft.core.property import Property
+from rvaft.errors import NotExpressible
+from rvaft.model.event_time import EventTime, TextFormat, TimeFormat
+from rvaft.model.guards import Guard, Operator
+from rvaft.model.patterns import Pattern, Variable
+from rvaft.model.verdict import Semantics
+
+CAPACITY: Final = 1024
+"""The default number of partial matches."""
+_MARK: Final = "/* @tables */\n"
+_BUCKETS: Final = range(6, 23)
+_SCALES: Final[Mapping[TimeFormat, int]] = {
+    TimeFormat.SECONDS: 9,
+    TimeFormat.MILLISECONDS: 6,
+    TimeFormat.MICROSECONDS: 3,
+    TimeFormat.NANOSECONDS: 0,
+}
+_LONG: Final = 1 << 62
+_SHORT: Final = 1 << 16
+
+
+class Table:
+    """The rows of a table; equal runs of rows are stored once."""
+
+    def __init__(self) -> None:
+        self.rows: list[str] = []
+        self._known: dict[Hashable, int] = {}
+
+    def place(self, rows: Sequence[str]) -> int:
+        """Return the place of these rows."""
+        key = tuple(rows)
+        if key not in self._known:
+            self._known[key] = len(self.rows)
+            self.rows += rows
+        return self._known[key]
+
+
+@dataclass(frozen=True)
+class Written:
+    """A text of C with its sizes."""
+
+    text: str
+    stages: int
+    moves: int
+
+
+def translation(prop: Property, semantics: Semantics, limit: int) -> Written:
+    """Return one self-contained C file; raises `NotExpressible` and `TooLarge`."""
+    found = stages_of(prop, semantics, limit)
+    if not found.starts:  # no scenario is feasible: one that waits for nothing
+        found = Stages((*found.stages, Stage((), 0, (), (), (), 1)), (len(found.stages),))
+    return _Writer(prop, semantics, found).written()
+
+
+class _Writer:
+    def __init__(self, prop: Property, semantics: Semantics, found: Stages) -> None:
+        self._prop = prop
+        self._semantics = semantics
+        self._found = found
+        self._scattered = semantics is Semantics.SCATTERED
+        self._fields = Fields()
+        self._guards: dict[str, int] = {}
+        self._patterns: dict[Pattern, int] = {}
+        self._tests: list[str] = []
+        self._bound: list[dict[str, int]] = []
+        self._loads, self._joins, self._slots, self._order, self._expiries = (Table() for _ in range(5))
+
+    def _pattern(self, pattern: Pattern) -> int:
+        if pattern not in self._patterns:
+            self._patterns[pattern] = len(self._tests)
+            test, bound = self._fields.tests(pattern)
+            self._tests.append(test)
+            self._bound.append(bound)
+        return self._patterns[pattern]
+
+    def _guard(self, tests: Iterable[Test], bound: Mapping[str, int]) -> int:
+        """Return the number of the conjunction of some tests, 0 for none."""
+        parts = []
+        for test in tests:
+            loads = dict(test.loads)
+
+            def term(guard: Guard, loads: Mapping[Slot, Load] = loads) -> str | None:
+                slot = slot_of(guard)
+                return None if slot is None else _term(slot, loads[slot], bound)
+
+            parts.append(f"holds({expression(test.guard, term)})")
+        text = " && ".join(dict.fromkeys(parts))
+        return self._guards.setdefault(text, len(self._guards) + 1) if text else 0
+
+    def _links(self, stage: Stage) -> list[tuple[int, ...]]:
+        """Return the lists of slots by which partial matches of a stage are found."""
+        exact = tuple(range(stage.exact))
+        joined = (tuple(sorted(slot for slot, _ in move.joins)) for move in stage.moves)
+        return list(dict.fromkeys((exact, *joined))) if self._scattered else [exact]
+
+    def _move(self, number: int, move: Move, links: Sequence[tuple[int, ...]]) -> str:
+        pattern = self._pattern(move.pattern)
+        bound = self._bound[pattern]
+        guard = self._guard(move.tests, bound)
+        loads = self._loads.place([_load(slot, load, bound) for slot, load in move.loads])
+        joins = self._joins.place([f"{{{slot}, {bound[name]}}}" for slot, name in move.joins])
+        link = links.index(tuple(sorted(slot for slot, _ in move.joins))) if self._scattered else 0
+        return f"{{{number}, {move.target}, {pattern}, {guard}, {loads}, {joins}, {len(move.joins)}, {link}}}"
+
+    def _relevance(self) -> str:
+        def fits(pattern: Pattern, when: Guard | None) -> str:
+            test, bound = self._fields.tests(pattern)
+
+            def term(guard: Guard) -> str | None:
+                return f"E({bound[guard.name]})" if isinstance(guard, Variable) else None
+
+            return test if when is None else f"{test} && holds({expression(when, term)})"
+
+        ignored = dict.fromkeys(fits(one.pattern, one.when) for one in self._prop.ignored)
+        relevant = dict.fromkeys(fits(one.pattern, one.when) for one in self._prop.alphabet)
+        any_of = " ||\n           ".join(f"({test})" for test in relevant)
+        lines = [f"    if ({test}) {{\n        return 0;\n    }}\n" for test in ignored]
+        return "".join(
+            (
+                "/* Whether an event is relevant. */\n",
+                "static int relevant(int *error, const rvaft_event *e) {\n    (void)error;\n    (void)e;\n",
+                *lines,
+                f"    return {any_of};\n}}\n\n",
+            )
+        )
+
+    def written(self) -> Written:
+        """Return the text."""
+        stages = self._found.stages
+        rows, moves, owners, most_links = list[str](), list[str](), list[int](), 1
+        for number, stage in enumerate(stages):
+            links = self._links(stage)
+            most_links = max(most_links, len(links))
+            link = self._slots.place([str(one) for slots in links for one in (len(slots), *slots)])
+            order = self._order.place([str(int(one)) for one in stage.smaller])
+            expiries = self._expiries.place([f"{{{slot}, INT64_C({most})}}" for slot, most in stage.expiries])
+            if not self._late:
+                expiries = 0
+            rows.append(
+                f"{{{stage.rank}, {len(stage.slots)}, {stage.exact}, {len(moves)}, {len(stage.moves)}, {len(links)}, "
+                f"{link}, {order}, {expiries}, {len(stage.expiries)}}}"
+            )
+            for move in stage.moves:
+                moves.append(self._move(number, move, links))
+                owners.append(number)
+        relevance = self._relevance() if self._semantics.projects else ""
+        time = self._time()
+        head, tail = files("backends.c").joinpath("runtime.c").read_text("utf-8").split(_MARK)
+        config = self._config(most_links)
+        tables = self._tables(rows, moves, owners) + relevance + time
+        return Written(f"{self._title(len(moves))}{config}{head}{tables}{tail}", len(stages), len(moves))
+
+    @property
+    def _late(self) -> int | None:
+        time = self._prop.time
+        if time is not None and time.late is not None and time.late >= _LONG:
+            raise NotExpressible("a lateness of more than 62 bits")
+        return None if time is None else time.late
+
+    def _title(self, moves: int) -> str:
+        tree, stages = self._prop.tree, self._found.stages
+        slots = max(len(stage.slots) for stage in stages)
+        most = max((len(stage.moves) for stage in stages), default=0)
+        name = "".join(c if c.isprintable() else "?" for c in tree.root).replace("*/", "* /").replace("/*", "/ *")
+        what = f'the tree "{name}" under {self._semantics}'
+        return (
+            f"/* A monitor of {what}, by rvaft.\n"
+            f"   {len(stages)} stages, {moves} moves, at most {slots} values in a partial match.\n"
+            f"   Work per event: at most {most} moves for each partial match, of RVAFT_CAPACITY.\n"
+            "   Memory: sizeof(rvaft_monitor), without allocation; there is no recursion except in the values of\n"
+            "   lists and objects. */\n\n"
+        )
+
+    def _config(self, links: int) -> str:
+        stages = self._found.stages
+        width = max(1, *(len(stage.slots) for stage in stages))
+        exact = all(not stage.slots for stage in stages)
+        values = any(not slot.timed for stage in stages for slot in stage.slots)
+        late = self._late
+        defaults = {
+            "CAPACITY": len(stages) if exact else CAPACITY,
+            "TEXTS": "RVAFT_CAPACITY" if values else 1,
+            "TEXT_BYTES": "(32U * RVAFT_TEXTS)" if values else 8,
+            "SCRATCH": "65536U",
+            "JSON": 1,
+            "MAIN": 0,
+            "API": "",
+        }
+        expiring = self._scattered and late is not None and bool(self._expiries.rows)
+        fixed = {
+            "SCATTERED": int(self._scattered),
+            "PROJECTS": int(self._semantics.projects),
+            "CONSECUTIVE": int(self._semantics is Semantics.CONSECUTIVE),
+            "STORES": 1 if self._scattered else 2,
+            "WIDTH": width,
+            "LINKS": links,
+            "FIELDS": max(1, len(self._fields.paths)),
+            "PATTERNS": max(1, len(self._tests)),
+            "STARTS": len(self._found.starts),
+            "LATE": "(-1)" if late is None else f"INT64_C({late})",
+            "TIMED": int(self._prop.time is not None),
+            "EXPIRIES": int(expiring),
+        }
+        lines = [f"#ifndef RVAFT_{name}\n#define RVAFT_{name} {value}\n#endif\n" for name, value in defaults.items()]
+        lines += [f"#define RVAFT_{name} {value}\n" for name, value in fixed.items()]
+        for bits in _BUCKETS:
+            word = "if" if bits == _BUCKETS[0] else "elif"
+            lines.append(f"#{word} RVAFT_CAPACITY <= {1 << bits - 1}\n#define RVAFT_BUCKETS {1 << bits}U\n")
+        lines.append(f"#else\n#define RVAFT_BUCKETS {1 << _BUCKETS[-1] + 1}U\n#endif\n\n")
+        return "".join(lines)
+
+    def _tables(self, rows: Sequence[str], moves: Sequence[str], owners: Sequence[int]) -> str:
+        found = self._found
+        made = [
+            _array("stage", "stages", rows),
+            _array("move", "moves", moves or ["{0, 0, 0, 0, 0, 0, 0, 0}"]),
+            _array("load", "loads", self._loads.rows or ["{COPY, 0, 0}"]),
+            _array("join", "joins", self._joins.rows or ["{0, 0}"]),
+            _array("uint16_t", "link_slots", self._slots.rows),
+            _array("uint8_t", "slot_order", self._order.rows or ["0"]),
+            _array("uint32_t", "starts", [str(one) for one in found.starts]),
+        ]
+        if self._scattered:
+            order = sorted(range(len(moves)), key=lambda number: found.stages[owners[number]].rank)
+            all_moves = [move for stage in found.stages for move in stage.moves]
+            by_pattern: list[list[int]] = [[] for _ in self._tests] or [[]]
+            for number in order:
+                by_pattern[self._patterns[all_moves[number].pattern]].append(number)
+            begins = [sum(map(len, by_pattern[:place])) for place in range(len(by_pattern) + 1)]
+            made.append(_array("uint32_t", "pattern_moves", [str(one) for one in begins]))
+            flat = [str(one) for some in by_pattern for one in some]
+            made.append(_array("uint32_t", "sorted_moves", flat or ["0"]))
+            if self._late is not None and self._expiries.rows:
+                made.append(_array("expiry", "expiries", self._expiries.rows))
+        tests = "".join(f"    matches[{number}] = ({test}) ? 1 : 0;\n" for number, test in enumerate(self._tests))
+        guards = "".join(
+            f"        case {number}:\n            return {test};\n" for test, number in self._guards.items()
+        )
+        return "".join(
+            (
+                *made,
+                "/* Which patterns an event matches. */\n",
+                "static void match(uint8_t *matches, const rvaft_event *e) {\n    (void)e;\n",
+                tests or "    matches[0] = 0;\n",
+                "}\n\n/* Whether a guard holds for a partial match and an event. */\n",
+                "static int guard(rvaft_monitor *m, uint32_t number, const cell *old, const rvaft_event *e) {\n",
+                "    int *error = &m->error;\n    (void)error;\n    (void)old;\n    (void)e;\n",
+                f"    switch (number) {{\n{guards}        default:\n            return 1;\n    }}\n}}\n\n",
+            )
+        )
+
+    def _time(self) -> str:
+        time = self._prop.time
+        made = ["#if RVAFT_JSON\n"]
+        if time is not None:
+            made.append(f"#define READ_TIME(e, time) {self._reading(time)}\n")
+        rows = self._fields.rows() or ['{"", 0, -1, -1, 0}']
+        first = 0 if self._fields.paths else -1
+        made += [f"#define FIRST_FIELD {first}\n", _array("field_node", "fields", rows), "#endif\n"]
+        return "".join(made)
+
+    def _reading(self, time: EventTime) -> str:
+        field = self._fields.number(time.field)
+        match time.format:
+            case TextFormat():
+                raise NotExpressible(f"the time format {time.format}: only numbers, iso8601, ros and filetime are read")
+            case TimeFormat.ISO8601:
+                return f"iso_time(&(e)->field[{field}], time)"
+            case TimeFormat.FILETIME:
+                return f"filetime(&(e)->field[{field}], time)"
+            case TimeFormat.ROS:
+                names: tuple[Step, ...] = ("sec", "nanosec", "secs", "nsecs")
+                parts = ", ".join(f"&(e)->field[{self._fields.number((*time.field, name))}]" for name in names)
+                return f"ros_time({parts}, time)"
+            case _:
+                return f"decimal_time(&(e)->field[{field}], {_SCALES[time.format]}, time)"
+
+
+def _array(kind: str, name: str, rows: Sequence[str]) -> str:
+    lines, line = [], "   "
+    for row in rows:
+        if len(line) + len(row) > 110:
+            lines.append(line)
+            line = "   "
+        line += f" {row},"
+    body = "\n".join([*lines, line])
+    return f"static const {kind} {name}[] = {{\n{body}\n}};\n\n"
+
+
+def _term(slot: Slot, load: Load, bound: Mapping[str, int]) -> str:
+    if load.variable:
+        return f"E({bound[load.variable]})"
+    if load.slot is None:
+        return "AT"
+    if not load.now:
+        return f"OLD({load.slot})"
+    return f"{'later' if slot.operator is Operator.MAX else 'earlier'}(OLD({load.slot}), AT)"
+
+
+def _load(slot: Slot, load: Load, bound: Mapping[str, int]) -> str:
+    if load.variable:
+        return f"{{FIELD, 0, {bound[load.variable]}}}"
+    if load.slot is None:
+        return "{NOW, 0, 0}"
+    if not load.now:
+        return f"{{COPY, {load.slot}, 0}}"
+    return f"{{{'LATEST' if slot.operator is Operator.MAX else 'EARLIEST'}, {load.slot}, 0}}"

@@ -155,6 +155,7 @@ def test_tables(first: int, tmp_path: Path) -> None:
     assert seen["found"] > 5
 
 
+@pytest.mark.ci
 def test_logs_of_shipped_trees() -> None:
     answered = 0
     for tree in sorted(TREES.rglob("*.rvaft")):

@@ -1798,7 +1798,7 @@ static int canonical(rvaft_reader *r, int *undefined) {
         return error ? error : put(r, ']');
     }
     if (c == '{') {
-        uint32_t first = r->members, i, k;
+        uint32_t first = r->members, begin = r->used, i, k;
         size_t end;
         r->at++;
         skip_blanks(r);
@@ -1844,6 +1844,7 @@ static int canonical(rvaft_reader *r, int *undefined) {
             }
             r->member[k] = moved;
         }
+        start = r->used; /* behind the keys, over which the object then moves */
         error = put(r, '{');
         for (i = first; !error && i < r->members; i++) {
             member one = r->member[i];
@@ -1859,7 +1860,12 @@ static int canonical(rvaft_reader *r, int *undefined) {
         }
         r->members = first;
         r->at = end;
-        return error ? error : put(r, '}');
+        if (error || put(r, '}')) {
+            return error ? error : RVAFT_FULL;
+        }
+        memmove(r->scratch + begin, r->scratch + start, r->used - start);
+        r->used -= start - begin;
+        return 0;
     }
     {
         rvaft_value v;

@@ -46,6 +46,7 @@ _VALUES: Final = {
     "--csv": "results.csv",
     "--depth": "2",
     "--dialect": "duckdb",
+    "--engine": "duckdb",
     "--exec": "./alert.sh",
     "--exec-attack": "./page.sh",
     "--exec-fault": "./mail.sh",

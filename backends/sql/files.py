@@ -94,7 +94,7 @@ def _plain(name: str) -> bool:
     return name.isascii() and name.isprintable() and not set(name) & set('"\\/')
 
 
-class Source(ABC):
+class LogFile(ABC):
     """The rows of a file: expressions of their cells, and the events of some of them."""
 
     time_number: str = "NULL"
@@ -132,7 +132,7 @@ class Source(ABC):
         """Yield the events of rows."""
 
 
-class JsonRows(Source):
+class JsonFile(LogFile):
     """JSON Lines."""
 
     def __init__(self, path: Path, read: Sequence[Place], time: Place | None) -> None:
@@ -264,7 +264,7 @@ class JsonRows(Source):
             yield number, line, event
 
 
-class CsvRows(Source):
+class CsvFile(LogFile):
     """CSV without quotes."""
 
     def __init__(self, path: Path, read: Sequence[Place], time: Place | None) -> None:
@@ -380,7 +380,7 @@ _INSTANTS: Final = {
 }
 
 
-class ParquetRows(Source):
+class ParquetFile(LogFile):
     """Parquet tables with columns of texts, integers, doubles and Booleans."""
 
     def __init__(self, path: Path, read: Sequence[Place], time: Place | None) -> None:
@@ -454,4 +454,4 @@ class ParquetRows(Source):
             yield number, number, event
 
 
-FORMATS: Final[Mapping[str, type[Source]]] = {"csv": CsvRows, "jsonl": JsonRows, "parquet": ParquetRows}
+FORMATS: Final[Mapping[str, type[LogFile]]] = {"csv": CsvFile, "jsonl": JsonFile, "parquet": ParquetFile}

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Final
 
 from backends.sql import SqlTableBackend
 from backends.sql.dialects import DIALECTS
-from backends.sql.files import FORMATS, Source, instant, nanoseconds, quoted
+from backends.sql.files import FORMATS, LogFile, instant, nanoseconds, quoted
 from backends.sql.reader import DuckDb
 from backends.sql.translation import SqlQuery
 from backends.tables import Path as Place
@@ -65,7 +65,7 @@ class _LogBackend(SqlTableBackend):
 
 
 @dataclass(frozen=True)
-class Column:
+class LogColumn:
     """A column of the table of events."""
 
     name: str
@@ -107,7 +107,7 @@ class DuckDbEngine(QueryEngine):
             raise NotExpressible("guards with *, / and number() may be undefined in some events only")
         plain = _LogBackend(None, "duckdb")
         kinds = column_types(plain.prepared(tree, semantics))
-        self.columns = [Column(f"c{number}", place, kind) for number, (place, kind) in enumerate(kinds.items(), 1)]
+        self.columns = [LogColumn(f"c{number}", place, kind) for number, (place, kind) in enumerate(kinds.items(), 1)]
         used = column_types(plain.prepared(part, semantics))
         named = {".".join(map(str, one.place)): one.name for one in self.columns if one.place in used}
         self.backend = _LogBackend(Table("log", named, "pos", "", "time" if tree.time else "", "ns"), "duckdb")
@@ -191,7 +191,7 @@ class DuckDbEngine(QueryEngine):
 class DuckDbAnswer(LogAnswer):
     """A table in DuckDB, and what was asked of it."""
 
-    def __init__(self, engine: DuckDbEngine, source: Source, connection: Any) -> None:
+    def __init__(self, engine: DuckDbEngine, source: LogFile, connection: Any) -> None:
         self.engine, self.source, self.connection = engine, source, connection
         connection.execute(f"SET temp_directory = {quoted(gettempdir())}")
         self._load()

@@ -73,7 +73,7 @@ def build_program(text: str, to: Path, capacity: int) -> None:
 
     Raises `ToolMissing`, `ToolFailed` and `OSError`.
     """
-    options = ("-O2", "-DRVAFT_MAIN=1", f"-DRVAFT_CAPACITY={capacity}")
+    options = ("-O3", "-DRVAFT_MAIN=1", f"-DRVAFT_CAPACITY={capacity}")
     with tempfile.TemporaryDirectory(prefix=".rvaft-", dir=to.resolve().parent) as folder:
         made = Path(folder) / "monitor"
         compile_c(text, made, options)

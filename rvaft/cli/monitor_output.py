@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple, TextIO
 
@@ -58,7 +58,8 @@ class Sink:
 
     def line(self, *lines: str) -> None:
         """Write lines with control characters escaped."""
-        self.write("".join([f"{visible(line)}\n" for line in lines]))
+        shown = lines if "".join(lines).isprintable() else map(visible, lines)
+        self.write("".join([f"{line}\n" for line in shown]))
 
     def flush(self) -> None:
         """Flush standard output."""
@@ -451,8 +452,13 @@ def _ended(own: SummaryRow | MonitorSet, column: int, *, repeat: bool) -> tuple[
     return (str(count.notified), str(count.last or "-"), since) if repeat else (str(own.verdicts[column]), since)
 
 
-_json: Final[Callable[[Json], str]] = json.JSONEncoder(ensure_ascii=False).encode
+_encode: Final = json.JSONEncoder(ensure_ascii=False).encode
+
+
+def _json(value: Json) -> str:
+    is_plain = type(value) is int or (type(value) is float and value - value == 0)
+    return repr(value) if is_plain else _encode(value)
 
 
 def _short(value: Json) -> str:
-    return cut(value if isinstance(value, str) else repr(value) if type(value) is int else _json(value))
+    return cut(value if isinstance(value, str) else _json(value))

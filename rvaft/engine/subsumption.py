@@ -231,8 +231,9 @@ def ranking(matching: Matching, configuration: Configuration) -> Ranking:
             if differences is None:
                 fixed.update(bound)
             for one in differences or ():
-                if plus := one.plus.among(binding).names:
-                    above_watermark &= one.plus.operator is Operator.MAX and len(plus) < len(one.plus.names)
+                if one.plus.among(binding).names:
+                    known = all(matching.is_bound(configuration, name) for name in one.plus.names)
+                    above_watermark &= one.plus.operator is Operator.MAX and not known
                 ends = Term(-1, _plain(one.plus.among(binding))), Term(1, _plain(one.minus.among(binding)))
                 terms.update((term, None) for term in ends if term.extreme.names)
                 if spans := _is_duration(*(term.extreme for term in ends)):

@@ -12,6 +12,7 @@ CALLS: Final = {
     "show": "tree.rvaft",
     "branches": "tree.rvaft",
     "emit": "tree.rvaft --to sql",
+    "build": "tree.rvaft -o monitor",
     "test": "tree.rvaft",
     "monitor": "tree.rvaft log.jsonl",
     "report": "tree.rvaft log.jsonl -o report.html",
@@ -36,6 +37,7 @@ _VALUES: Final = {
     "--backends": "rml,ltlf",
     "--branch": "2",
     "--by": "eventName",
+    "--capacity": "1000",
     "--checkpoint": "state.ckpt",
     "--checkpoint-every": "1000",
     "--columns": "user=user_name",
@@ -44,6 +46,7 @@ _VALUES: Final = {
     "--csv": "results.csv",
     "--depth": "2",
     "--dialect": "duckdb",
+    "--engine": "duckdb",
     "--exec": "./alert.sh",
     "--exec-attack": "./page.sh",
     "--exec-fault": "./mail.sh",
@@ -116,6 +119,7 @@ _VALUES: Final = {
 
 _OWN: Final = {
     ("branches", "--format"): "--format latex",
+    ("build", "--output"): "-o monitor",
     ("check", "--format"): "--format sarif",
     ("compare", "--width"): "--width column",
     ("coverage", "--format"): "--format json",

@@ -8,8 +8,9 @@ from typing import ClassVar
 
 from backends.c.events import OPERATORS
 from backends.c.library import CMonitor, require_compiler
+from backends.c.questions import observed
 from backends.c.translation import translation
-from rvaft.backend import Backend, Metrics, SpecificationText
+from rvaft.backend import Backend, Metrics, Observed, SpecificationText
 from rvaft.capabilities import GATES, JSON_VALUES, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, expand_times, order_ends, simplify, windows_to_guards
 from rvaft.core.property import Condition, Part, Property
@@ -51,6 +52,10 @@ class CBackend(Backend):
         written = translation(prop, semantics, limit)
         sizes = Metrics(written.stages + written.moves, states=written.stages, edges=written.moves)
         return SpecificationText(written.text, sizes)
+
+    def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:  # noqa: ARG002
+        """Return the tests of events that an unchanged text lists; None if it depends on times."""
+        return observed(text)
 
     def require(self) -> None:
         """Raise `ToolMissing` if there is no C compiler."""

@@ -150,6 +150,7 @@ class Fields:
                         found.append(f"E({field}).tag == RVAFT_OBJECT")
                     todo += [(inner, (*path, name)) for name, inner in reversed(fields)]
                 case ListPattern(items):
+                    self.whole.add(field)  # a repeated key is refused in any item
                     found.append(f"(E({field}).tag == RVAFT_LIST && E({field}).integer == {len(items)})")
                     todo += [(inner, (*path, place)) for place, inner in reversed(list(enumerate(items)))]
                 case SomeItem():

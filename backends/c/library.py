@@ -68,6 +68,18 @@ def compile_c(text: str, to: Path, options: Sequence[str], *, command: Sequence[
         raise ToolFailed("the C compiler", reason=next(found, f"exit status {done.returncode}"))
 
 
+def build_program(text: str, to: Path, capacity: int) -> None:
+    """Compile a text to a program for JSON Lines, which replaces `to` at the end.
+
+    Raises `ToolMissing`, `ToolFailed` and `OSError`.
+    """
+    options = ("-O3", "-DRVAFT_MAIN=1", f"-DRVAFT_CAPACITY={capacity}")
+    with tempfile.TemporaryDirectory(prefix=".rvaft-", dir=to.resolve().parent) as folder:
+        made = Path(folder) / "monitor"
+        compile_c(text, made, options)
+        made.replace(to)
+
+
 @lru_cache(maxsize=64)
 def _library(text: str) -> ctypes.CDLL:
     with tempfile.TemporaryDirectory(prefix="rvaft-") as folder:
@@ -121,7 +133,10 @@ class CMonitor(Monitor):
         return twin
 
     def _advance(self, event: Json) -> Verdict:
-        line = json.dumps(event, default=dict, ensure_ascii=False).encode("utf-8", "surrogatepass")
+        return self.read_line(json.dumps(event, default=dict, ensure_ascii=False).encode("utf-8", "surrogatepass"))
+
+    def read_line(self, line: bytes) -> Verdict:
+        """Read a line of JSON and return the verdict after it; raises `NoVerdict`."""
         code = self._functions.rvaft_line(self._state, self._reader, line + bytes(16), len(line))
         if code not in _VERDICTS:
             raise NoVerdict(f"event {self._read}: {_ERRORS.get(code, code)}")

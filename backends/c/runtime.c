@@ -68,11 +68,16 @@ typedef struct partial {
 
 /* Partial matches with hash tables. The first has the partial matches that are equal except for
    times that can be compared; the others have those that one move concerns. */
+typedef struct bucket {
+    uint32_t head;
+    uint32_t epoch; /* a bucket of another epoch is empty */
+} bucket;
+
 typedef struct store {
     uint32_t count;
-    uint32_t epoch; /* a bucket of another epoch is empty */
-    uint32_t head[MAX_LINKS][RVAFT_BUCKETS];
-    uint32_t stamp[MAX_LINKS][RVAFT_BUCKETS];
+    uint32_t epoch;
+    uint32_t mask; /* of the buckets in use: fewer stay in the cache */
+    bucket buckets[MAX_LINKS][RVAFT_BUCKETS];
     partial item[RVAFT_CAPACITY];
 } store;
 
@@ -81,6 +86,7 @@ typedef struct pool {
     uint32_t used;  /* bytes */
     uint32_t count; /* texts, with those that are free */
     uint32_t spare; /* the first free text */
+    uint32_t mask;  /* of the buckets in use */
     uint32_t head[RVAFT_BUCKETS];
     uint32_t next[RVAFT_TEXTS];
     uint32_t start[RVAFT_TEXTS];
@@ -916,6 +922,8 @@ static rvaft_value value_of(const rvaft_monitor *m, const cell *c) {
 
 /* @tables */
 
+#define FEW 63U /* the least mask of buckets */
+
 /* Interned texts: each text of a partial match is stored once. */
 
 static uint32_t mixed(uint64_t h) {
@@ -961,10 +969,24 @@ static void mark_texts(rvaft_monitor *m) {
     }
 }
 
+/* Link all texts: those in use in their buckets, the others as free. */
+static void relink_texts(pool *t) {
+    uint32_t i;
+    t->spare = NONE;
+    for (i = 0; i <= t->mask; i++) {
+        t->head[i] = NONE;
+    }
+    for (i = t->count; i-- > 0;) {
+        uint32_t *first = t->size[i] == NONE ? &t->spare : &t->head[t->hash[i] & t->mask];
+        t->next[i] = *first;
+        *first = i;
+    }
+}
+
 /* Remove the texts that no partial match has. Bytes move, so the texts are moved in their order. */
 static void collect_texts(rvaft_monitor *m) {
     pool *t = &m->texts;
-    uint32_t i, used = 0, at = 0;
+    uint32_t used = 0, at = 0;
     mark_texts(m);
     while (at < t->used) { /* each text is preceded by its number */
         uint32_t number, size;
@@ -980,20 +1002,7 @@ static void collect_texts(rvaft_monitor *m) {
         at += (uint32_t)sizeof number + size;
     }
     t->used = used;
-    t->spare = NONE;
-    for (i = 0; i < RVAFT_BUCKETS; i++) {
-        t->head[i] = NONE;
-    }
-    for (i = t->count; i-- > 0;) {
-        if (t->size[i] == NONE) {
-            t->next[i] = t->spare;
-            t->spare = i;
-        } else {
-            uint32_t bucket = t->hash[i] & (RVAFT_BUCKETS - 1);
-            t->next[i] = t->head[bucket];
-            t->head[bucket] = i;
-        }
-    }
+    relink_texts(t);
 }
 
 static int has_room(const pool *t, uint32_t size) {
@@ -1004,7 +1013,7 @@ static int has_room(const pool *t, uint32_t size) {
 /* The number of a text, or NONE if it is not stored (with `insert`: if there is no room). */
 static uint32_t interned(rvaft_monitor *m, const rvaft_value *v, uint32_t hash, int insert) {
     pool *t = &m->texts;
-    uint32_t bucket = hash & (RVAFT_BUCKETS - 1), i = t->head[bucket];
+    uint32_t i = t->head[hash & t->mask];
     for (; i != NONE; i = t->next[i]) {
         if (t->hash[i] == hash && t->size[i] == v->size && memcmp(t->bytes + t->start[i], v->text, v->size) == 0) {
             return i;
@@ -1020,6 +1029,10 @@ static uint32_t interned(rvaft_monitor *m, const rvaft_value *v, uint32_t hash, 
             return NONE;
         }
     }
+    if (t->count > t->mask && t->mask < RVAFT_BUCKETS - 1) {
+        t->mask = t->mask < RVAFT_BUCKETS / 4 ? t->mask * 4 + 3 : RVAFT_BUCKETS - 1;
+        relink_texts(t);
+    }
     i = t->spare;
     if (i != NONE) {
         t->spare = t->next[i];
@@ -1032,8 +1045,8 @@ static uint32_t interned(rvaft_monitor *m, const rvaft_value *v, uint32_t hash, 
     t->used = t->start[i] + v->size;
     t->size[i] = v->size;
     t->hash[i] = hash;
-    t->next[i] = t->head[bucket];
-    t->head[bucket] = i;
+    t->next[i] = t->head[hash & t->mask];
+    t->head[hash & t->mask] = i;
     return i;
 }
 
@@ -1072,21 +1085,27 @@ static const cell *cell_of(rvaft_monitor *m, const rvaft_event *e, uint32_t fiel
 
 static void clear_store(store *s) {
     s->count = 0;
+    s->mask = s->mask == 0 ? FEW : s->mask;
     s->epoch++;
     if (s->epoch == 0) {
-        memset(s->stamp, 0, sizeof s->stamp);
+        memset(s->buckets, 0, sizeof s->buckets);
         s->epoch = 1;
     }
 }
 
-static uint32_t bucket_of(uint32_t stage_number, uint32_t link, const cell *const *cells, uint32_t count) {
+static uint32_t bucket_of(const store *s, uint32_t stage_number, uint32_t link, const cell *const *cells, uint32_t count) {
     uint64_t h = (uint64_t)stage_number * UINT64_C(0x9E3779B97F4A7C15) + link;
     uint32_t i;
     for (i = 0; i < count; i++) {
         h = (h ^ cells[i]->hash) * UINT64_C(0xD6E8FEB86659FD93);
         h ^= h >> 32;
     }
-    return (uint32_t)(h ^ h >> 29) & (RVAFT_BUCKETS - 1);
+    return (uint32_t)(h ^ h >> 29) & s->mask;
+}
+
+static uint32_t first_in(const store *s, uint32_t link, uint32_t place) {
+    const bucket *b = &s->buckets[link][place];
+    return b->epoch == s->epoch ? b->head : NONE;
 }
 
 static void link_partial(store *s, uint32_t number) {
@@ -1095,14 +1114,14 @@ static void link_partial(store *s, uint32_t number) {
     const cell *cells[RVAFT_WIDTH];
     uint32_t link, i, at = st->link;
     for (link = 0; link < st->links; link++) {
-        uint32_t count = link_slots[at++], bucket;
+        uint32_t count = link_slots[at++], place;
         for (i = 0; i < count; i++) {
             cells[i] = &p->slot[link_slots[at++]];
         }
-        bucket = bucket_of(p->stage, link, cells, count);
-        p->next[link] = s->stamp[link][bucket] == s->epoch ? s->head[link][bucket] : NONE;
-        s->stamp[link][bucket] = s->epoch;
-        s->head[link][bucket] = number;
+        place = bucket_of(s, p->stage, link, cells, count);
+        p->next[link] = first_in(s, link, place);
+        s->buckets[link][place].head = number;
+        s->buckets[link][place].epoch = s->epoch;
     }
 }
 
@@ -1127,12 +1146,11 @@ static int better(const stage *st, const partial *p, const partial *q) {
 static void insert_partial(rvaft_monitor *m, store *s, const partial *p) {
     const stage *st = &stages[p->stage];
     const cell *cells[RVAFT_WIDTH];
-    uint32_t i, bucket, at;
+    uint32_t i, at;
     for (i = 0; i < st->exact; i++) {
         cells[i] = &p->slot[i];
     }
-    bucket = bucket_of(p->stage, 0, cells, st->exact);
-    at = s->stamp[0][bucket] == s->epoch ? s->head[0][bucket] : NONE;
+    at = first_in(s, 0, bucket_of(s, p->stage, 0, cells, st->exact));
     for (; at != NONE; at = s->item[at].next[0]) {
         partial *other = &s->item[at];
         if (other->stage == p->stage) {
@@ -1242,23 +1260,31 @@ static int expired(const rvaft_monitor *m, const partial *p) {
 }
 #endif
 
-/* Remove the partial matches that no further event can complete in time. */
+/* Remove the partial matches that no further event can complete in time, and adapt the number of
+   buckets; again when there are twice as many, so that the work per event stays bounded. */
 static void sweep(rvaft_monitor *m, store *s) {
-#if RVAFT_EXPIRIES
     uint32_t i, kept = 0, count = s->count;
-    clear_store(s);
     for (i = 0; i < count; i++) {
-        if (!(m->has_latest && expired(m, &s->item[i]))) {
-            if (kept != i) {
-                s->item[kept] = s->item[i];
-            }
-            link_partial(s, kept);
-            kept++;
+#if RVAFT_EXPIRIES
+        if (m->has_latest && expired(m, &s->item[i])) {
+            continue;
         }
+#endif
+        if (kept != i) {
+            s->item[kept] = s->item[i];
+        }
+        kept++;
+    }
+    while (s->mask < RVAFT_BUCKETS - 1 && s->mask < 4 * kept) {
+        s->mask = s->mask * 2 + 1;
+    }
+    clear_store(s);
+    for (i = 0; i < kept; i++) {
+        link_partial(s, i);
     }
     s->count = kept;
-#endif
-    m->sweep_at = s->count + (RVAFT_CAPACITY - s->count) / 2;
+    m->sweep_at = kept < FEW ? 2 * FEW : kept < RVAFT_CAPACITY / 2 ? 2 * kept : kept + (RVAFT_CAPACITY - kept) / 2;
+    m->sweep_at = m->sweep_at < RVAFT_CAPACITY ? m->sweep_at : RVAFT_CAPACITY - RVAFT_CAPACITY / 8;
 }
 
 /* Try all moves of a pattern, or of several in the order of ranks, so that no event is used twice. */
@@ -1275,7 +1301,7 @@ static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *mat
         uint32_t best = NONE, number, at, k;
         const move *mv;
         const cell *cells[RVAFT_WIDTH];
-        uint32_t bucket, width;
+        uint32_t width;
         const uint16_t *slots;
         for (i = 0; i < count; i++) {
             if (cursor[i] < pattern_moves[matched[i] + 1] &&
@@ -1299,8 +1325,7 @@ static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *mat
             }
             cells[k] = cell_of(m, e, joins[mv->join + i].field, 0);
         }
-        bucket = bucket_of(mv->stage, mv->link, cells, width);
-        at = s->stamp[mv->link][bucket] == s->epoch ? s->head[mv->link][bucket] : NONE;
+        at = first_in(s, mv->link, bucket_of(s, mv->stage, mv->link, cells, width));
         while (at != NONE && m->error == 0) {
             const partial *p = &s->item[at];
             at = p->next[mv->link];
@@ -1365,14 +1390,11 @@ RVAFT_API void rvaft_again(rvaft_monitor *m) {
 
 /* Initialise a monitor. The seed protects against texts chosen to have equal hashes. */
 RVAFT_API void rvaft_init(rvaft_monitor *m, uint64_t seed) {
-    uint32_t i;
     memset(m, 0, sizeof *m);
     m->seed = seed;
-    m->texts.spare = NONE;
-    for (i = 0; i < RVAFT_BUCKETS; i++) {
-        m->texts.head[i] = NONE;
-    }
-    m->sweep_at = RVAFT_CAPACITY - RVAFT_CAPACITY / 8;
+    m->texts.mask = FEW;
+    relink_texts(&m->texts);
+    m->sweep_at = RVAFT_CAPACITY < 2 * FEW ? RVAFT_CAPACITY - RVAFT_CAPACITY / 8 : 2 * FEW;
     rvaft_again(m);
 }
 
@@ -1564,6 +1586,13 @@ static size_t character(const rvaft_reader *r, size_t at) {
     return (a == 0xF0U && b < 0x90U) || (a == 0xF4U && b >= 0x90U) ? 0 : 4;
 }
 
+/* The first of eight bytes whose high bit is set, or 0 where it is not known. */
+#if defined(__GNUC__) && defined(__BYTE_ORDER__) && __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
+#define FIRST_BYTE(w) ((size_t)__builtin_ctzll(w) / 8)
+#else
+#define FIRST_BYTE(w) 0
+#endif
+
 /* Pass a string whose quote is behind `at`; notes whether it has escapes. */
 static int scan_string(rvaft_reader *r, int *escaped) {
     const uint64_t ones = UINT64_C(0x0101010101010101), high = ones * 0x80;
@@ -1577,7 +1606,9 @@ static int scan_string(rvaft_reader *r, int *escaped) {
             memcpy(&w, r->text + at, 8);
             quote = w ^ (ones * 0x22);
             slash = w ^ (ones * 0x5C);
-            if (((w | (w - ones * 0x20) | ((quote - ones) & ~quote) | ((slash - ones) & ~slash)) & high) != 0) {
+            w = (w | (w - ones * 0x20) | ((quote - ones) & ~quote) | ((slash - ones) & ~slash)) & high;
+            if (w != 0) {
+                at += FIRST_BYTE(w);
                 break;
             }
             at += 8;
@@ -1620,6 +1651,8 @@ static int scan_string(rvaft_reader *r, int *escaped) {
         } else if (c < 0x20U) {
             r->at = at;
             return refused(r, "a control character in a string");
+        } else if (c < 0x80U) {
+            at++;
         } else {
             size_t size = character(r, at);
             if (size == 0) {
@@ -1693,18 +1726,55 @@ static int decode(rvaft_reader *r, size_t at, size_t end) {
     return 0;
 }
 
-static void skip_blanks(rvaft_reader *r) {
-    while (r->at < r->size) {
-        char c = r->text[r->at];
-        if (c != ' ' && c != '\t' && c != '\r' && c != '\n') {
-            return;
-        }
-        r->at++;
+static void pass_blanks(rvaft_reader *r) {
+    size_t at = r->at, size = r->size;
+    const char *text = r->text;
+    while (at < size && (unsigned char)text[at] <= 0x20U &&
+           (text[at] == ' ' || text[at] == '\t' || text[at] == '\r' || text[at] == '\n')) {
+        at++;
     }
+    r->at = at;
 }
+
+#define skip_blanks(r)                                                    \
+    do {                                                                  \
+        if ((r)->at < (r)->size && (unsigned char)(r)->text[(r)->at] <= 0x20U) { \
+            pass_blanks(r);                                               \
+        }                                                                 \
+    } while (0)
 
 static int is_word(const rvaft_reader *r, const char *word, size_t size) {
     return r->at + size <= r->size && memcmp(r->text + r->at, word, size) == 0;
+}
+
+static const char *passed_digits(const char *text) {
+    while ((unsigned char)(*text - '0') <= 9) {
+        text++;
+    }
+    return text;
+}
+
+/* As number_end, before a byte that is no part of a number. */
+static uint32_t passed_number(const char *text, int *point) {
+    const char *at = text + (*text == '-'), *from = at;
+    *point = 0;
+    at = *at == '0' ? at + 1 : passed_digits(at);
+    if (at == from) {
+        return 0;
+    }
+    if (*at == '.' && (unsigned char)(at[1] - '0') <= 9) {
+        *point = 1;
+        at = passed_digits(at + 2);
+    }
+    if (*at == 'e' || *at == 'E') {
+        from = at + 1;
+        from += *from == '+' || *from == '-';
+        if ((unsigned char)(*from - '0') <= 9) {
+            *point = 1;
+            at = passed_digits(from);
+        }
+    }
+    return (uint32_t)(at - text);
 }
 
 /* Pass a value that is no string, list or object; `v` may be NULL. */
@@ -1731,7 +1801,7 @@ static int scan_scalar(rvaft_reader *r, rvaft_value *v) {
         }
         return refused(r, "expecting value");
     }
-    size = number_end(text, (uint32_t)(r->size - r->at), &point);
+    size = passed_number(text, &point);
     if (size == 0) {
         if (is_word(r, words[5].word, words[5].size)) {
             r->at += words[5].size;
@@ -1798,7 +1868,7 @@ static int canonical(rvaft_reader *r, int *undefined) {
         return error ? error : put(r, ']');
     }
     if (c == '{') {
-        uint32_t first = r->members, i, k;
+        uint32_t first = r->members, begin = r->used, i, k;
         size_t end;
         r->at++;
         skip_blanks(r);
@@ -1844,6 +1914,7 @@ static int canonical(rvaft_reader *r, int *undefined) {
             }
             r->member[k] = moved;
         }
+        start = r->used; /* behind the keys, over which the object then moves */
         error = put(r, '{');
         for (i = first; !error && i < r->members; i++) {
             member one = r->member[i];
@@ -1859,7 +1930,12 @@ static int canonical(rvaft_reader *r, int *undefined) {
         }
         r->members = first;
         r->at = end;
-        return error ? error : put(r, '}');
+        if (error || put(r, '}')) {
+            return error ? error : RVAFT_FULL;
+        }
+        memmove(r->scratch + begin, r->scratch + start, r->used - start);
+        r->used -= start - begin;
+        return 0;
     }
     {
         rvaft_value v;
@@ -1894,8 +1970,8 @@ static int canonical(rvaft_reader *r, int *undefined) {
 static int32_t child_of(const rvaft_reader *r, int32_t node, const char *key, uint32_t size) {
     int32_t child = node < -1 ? FIRST_FIELD : fields[node].child;
     (void)r;
-    while (child >= 0 && !(fields[child].name != NULL && fields[child].size == size &&
-                           memcmp(fields[child].name, key, size) == 0)) {
+    while (child >= 0 && !(fields[child].size == size && fields[child].name != NULL &&
+                           (size == 0 || (fields[child].name[0] == key[0] && memcmp(fields[child].name, key, size) == 0)))) {
         child = fields[child].next;
     }
     return child;
@@ -2325,7 +2401,7 @@ RVAFT_API size_t rvaft_reader_size(void) { return sizeof(rvaft_reader); }
 #ifndef RVAFT_LINE
 #define RVAFT_LINE 67108864U /* the longest line, 64 MiB */
 #endif
-#define CHUNK 1048576U
+#define CHUNK 262144U
 #define OUTPUT 65536U
 
 static rvaft_monitor the_monitor;
@@ -2444,7 +2520,7 @@ static int run(const options *o, const char *name, FILE *file, uint64_t seed) {
         if (newline == NULL && !ended) {
             size_t got;
             at = end;
-            if (begin != 0 && sizeof input - 16U - end < CHUNK) {
+            if (begin != 0) { /* the buffer stays in the cache */
                 memmove(input, input + begin, end - begin);
                 at -= begin;
                 end -= begin;

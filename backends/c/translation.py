@@ -6,6 +6,7 @@ from importlib.resources import files
 from typing import Final
 
 from backends.c.events import Fields, Step, expression
+from backends.c.questions import comment
 from backends.c.stages import Load, Move, Slot, Stage, Stages, Test, slot_of, stages_of
 from rvaft.core.property import Property
 from rvaft.errors import NotExpressible
@@ -157,7 +158,8 @@ class _Writer:
         head, tail = files("backends.c").joinpath("runtime.c").read_text("utf-8").split(_MARK)
         config = self._config(most_links)
         tables = self._tables(rows, moves, owners) + relevance + time
-        return Written(f"{self._title(len(moves))}{config}{head}{tables}{tail}", len(stages), len(moves))
+        code = f"{self._title(len(moves))}{config}{head}{tables}{tail}"
+        return Written(f"{comment(self._prop, code)}{code}", len(stages), len(moves))
 
     @property
     def _late(self) -> int | None:

@@ -211,8 +211,8 @@ class SqlQuery:
             return source
         wanted = ["NOT late"] if late and self.semantics is not Semantics.STRICT else []
         if self.semantics.projects:
-            relevant = [self._condition(one.pattern, [one.when] if one.when else []) for one in self.prop.alphabet]
-            ignored = [self._condition(one.pattern, [one.when] if one.when else []) for one in self.prop.ignored]
+            relevant = [self.condition(one.pattern, [one.when] if one.when else []) for one in self.prop.alphabet]
+            ignored = [self.condition(one.pattern, [one.when] if one.when else []) for one in self.prop.ignored]
             wanted.append(f"({' OR '.join(dict.fromkeys(f'({one})' for one in relevant))})")
             wanted += [f"({one}) IS NOT TRUE" for one in dict.fromkeys(ignored)]
         where = f" WHERE {' AND '.join(wanted)}" if wanted else ""
@@ -223,7 +223,7 @@ class SqlQuery:
 
     def _leaf(self, one: QueriedScenario, name: Event, places: str, wanted: Set[str]) -> str:
         pattern = name.pattern
-        where = [self._condition(pattern, [guard for guard, home in one.homes if home == name])]
+        where = [self.condition(pattern, [guard for guard, home in one.homes if home == name])]
         columns = [renamed(self.rows.trace, "trace"), renamed(self.rows.position, "pos")]
         paths = variable_paths(pattern)
         for variable, path in ((name, paths[name]) for name in rigid_variables(pattern) if name not in one.times):
@@ -247,7 +247,8 @@ class SqlQuery:
     def _column(self, variable: str) -> str:
         return f"v{self.variables.index(variable) + 1}"
 
-    def _condition(self, pattern: Pattern, guards: Iterable[Guard]) -> str:
+    def condition(self, pattern: Pattern, guards: Iterable[Guard]) -> str:
+        """Return the condition that an event matches a pattern with guards on it alone."""
         places: dict[str, tuple[Rows, Path]] = {}
         conditions = self._tests([(self.rows, (), pattern)], places, 1)
         for guard in guards:

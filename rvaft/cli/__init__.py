@@ -57,6 +57,7 @@ _GROUPS: Final[dict[str, dict[str, str]]] = {
     "Translate": {
         "emit": "Write a specification of a tree in another language.",
         "backends": "List the specification languages.",
+        "build": "Compile a native monitor for one tree.",
     },
     "Check translations": {"cross-check": "Compare the specifications of trees on traces."},
     "Papers": {"compare": "Compare specification languages: sizes and speeds."},

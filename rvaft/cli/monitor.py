@@ -33,6 +33,7 @@ from rvaft.stream.listeners import publisher_class
 from rvaft.stream.monitor_set import MonitorSet, Per, columns
 from rvaft.stream.order import DEFAULT_WINDOW
 from rvaft.stream.plan import MonitoringPlan
+from rvaft.stream.whole_log import QueryEngine, engine_class
 
 TERMINAL: Final = "-"
 """The value of `--explain` without FILE: draw in the text."""
@@ -60,6 +61,17 @@ def _drawable(_context: click.Context, _parameter: click.Parameter, value: str |
     return value
 
 
+_UNQUERIED: Final = {
+    "word": "a query reads a file",
+    "backend": "choose one of them",
+    "follow": "a query reads a whole file",
+    "checkpoint": "a query reads a whole file",
+    "order_by": "a query reads the events in the order of the file",
+    "key": "tie the events by a variable instead",
+    "foxglove": "it follows the events one by one",
+    "strict_json": "DuckDB reads the words NaN and Infinity",
+}
+"""Options that an engine cannot honour, each with the reason."""
 _KEY: Final = "Monitor each value of this field separately; repeat for a key of several fields."
 _ORDER: Final = "Sort events by this field, a number or an ISO 8601 time."
 _MOST: Final = f"Maximum number of partial matches per monitor.  [default: {DEFAULT_LIMIT}]"
@@ -88,6 +100,7 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 @click.argument("traces", nargs=-1, metavar="[TRACE]...")
 @click.option("--word", metavar='"b a c"', help="Monitor the default events of these names instead of a trace.")
 @click.option("--backend", metavar="BACKEND", help="Run the specification of this backend instead of the engine.")
+@click.option("--engine", metavar="duckdb", help="Select the events of a whole log by a query in this database.")
 @options.choice("--per", words=Per, default=Per.TREE, text="Also monitor each branch or each kind.")
 @options.output_format(*REPORTERS, *FORMS)
 @click.option("--template", metavar="TEXT|@FILE", help="Print each detection as this text with placeholders.")
@@ -126,6 +139,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         given["backend"],
     )
     plan = plan_of(part, whole, given)
+    engine = None if given["engine"] is None else engine_class(given["engine"])(plan)
     names = given["traces"] or ("-",)
     if given["word"] is not None:
         options.refuse(
@@ -136,6 +150,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     traces = TracesGiven(names, given["log_format"], live=True)
     if given["word"] is not None:
         traces.sources.append(_word(given["word"], whole))
+    if engine is not None:
+        traces.require_whole(engine)
     if traces.live:
         options.refuse(traces.several, "events from a URL do not end: name one TRACE only")
         why = "--checkpoint needs a log that can be read again: events from a URL cannot"
@@ -178,6 +194,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         drawing=None if given["explain"] == TERMINAL else given["explain"],
         hooks=Hooks(given["execute"], {Kind.FAULT: given["exec_fault"], Kind.ATTACK: given["exec_attack"]}),
         checkpoints=checkpoints,
+        engine=engine,
         unchosen=given["semantics"] is None and whole.semantics is None and backend is None,
     )
     if given["template"] is not None:
@@ -245,6 +262,11 @@ def _check(given: dict[str, Any]) -> None:
         wrong = given["backend"] is not None and given[name] is not None
         refuse(wrong, f"--{name.replace('_', '-')} needs the engine: omit --backend")
     require_companions(given)
+    for name, why in _UNQUERIED.items():
+        wrong = given["engine"] is not None and given[name] not in (None, False, (), "")
+        refuse(wrong, f"--engine does not take --{name.replace('_', '-')}: {why}")
+    wrong = given["engine"] is not None and form == "table"
+    refuse(wrong, "--engine does not take --format table, which shows events one by one")
     chosen = "--template" if given["template"] is not None else f"--format {form}"
     refuse(given["template"] is not None and form != "text", f"--template and --format {form} exclude each other")
     alerts = given["template"] is not None or form in FORMS
@@ -285,6 +307,15 @@ class TracesGiven:
     def streams(self) -> bool:
         """Whether some traces are not files."""
         return any(one.file is None for one in self.sources)
+
+    def require_whole(self, engine: QueryEngine) -> None:
+        """Refuse traces that an engine cannot query."""
+        formats = ", ".join(sorted(engine.formats))
+        options.refuse(self.streams, "--engine queries files: name a TRACE that is not standard input or a URL")
+        for reader in (one.reader for one in self.sources if one.reader is not None):
+            options.refuse(reader.name not in engine.formats, f"--engine does not read {reader.name}, only {formats}")
+            given = ", ".join(sorted(reader.options.given))
+            options.refuse(given, f"--engine does not take options of formats ({given})")
 
     def require_growing(self, option: str, noun: str) -> None:
         """Refuse an option that needs a single log of lines."""

@@ -23,6 +23,7 @@ from rvaft.stream.monitor_set import DetectionCount, MonitorSet, Per
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun
 from rvaft.stream.statistics import OTHERS, Statistics
+from rvaft.stream.whole_log import QueryEngine
 from rvaft.support.terminal import ProgressBar, columns, cut, visible
 
 ENDS: Final = 1_000
@@ -109,6 +110,7 @@ class MonitorSettings:
     hooks: Hooks
     checkpoints: CheckpointFile | None
     follow: bool
+    engine: QueryEngine | None = None
     unchosen: bool = False
     template: str | None = None
     others: Sequence[Listener] = ()

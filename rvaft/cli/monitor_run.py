@@ -1,12 +1,14 @@
 """Runs `rvaft monitor` over its traces, in one or several processes."""
 
 import gc
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from functools import partial
 from io import BytesIO
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
+from threading import Timer
 from typing import BinaryIO, Final, NamedTuple, cast
 
 import click
@@ -19,7 +21,7 @@ from rvaft.export import PICTURES, fired_dot, fired_text, picture
 from rvaft.model.values import Json
 from rvaft.readers.json_lines import LinesRead
 from rvaft.readers.log import Live, Log, LogReader, LogSource, open_log, source_of, suffix
-from rvaft.stream import bulk
+from rvaft.stream import bulk, whole_log
 from rvaft.stream.checkpoint import open_at
 from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.detection import detection
@@ -29,6 +31,7 @@ from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import RunState, Source, TraceRun
 from rvaft.stream.semantics_hint import SemanticsHint
 from rvaft.stream.statistics import Statistics
+from rvaft.stream.whole_log import Declined, LogAnswer
 from rvaft.support.files import SUFFIXES as COMPRESSED
 from rvaft.support.files import deliver
 from rvaft.support.processes import Killed, in_processes
@@ -38,6 +41,8 @@ SUFFIXES: Final = (".svg", ".dot", ".gv", ".pdf", ".png", ".txt")
 _OFTEN: Final = 1_000
 """Minimum checkpoint interval, in events, for reading in blocks."""
 _CHUNK: Final = 1 << 20
+_SILENCE: Final = 2.0
+"""Seconds before a terminal shows what an engine does."""
 
 
 class TraceSource(NamedTuple):
@@ -195,7 +200,13 @@ class _Run(Listener):
         before, failed, ended = reaction.count, False, False
         self._log = None
         try:
-            self._read(run, trace)
+            if (answer := self._answer(run, trace)) is None:
+                self._read(run, trace)
+            else:
+                with closing(answer):
+                    run.begin()
+                    for _ in whole_log.read(run, answer):
+                        self.reporter.pause(run)
             run.end()
             ended = True
         except (RvaftError, OSError) as error:
@@ -235,6 +246,26 @@ class _Run(Listener):
             return 1
         self.sink.flush()
         return self.jobs
+
+    def _answer(self, run: TraceRun, trace: TraceSource) -> LogAnswer | None:
+        """Return the answer of the engine for a trace; without one, warn and return None."""
+        engine, answer = self.settings.engine, None
+        if engine is None or trace.file is None:
+            return None
+        waiting = Timer(_SILENCE, click.echo, [f"rvaft: {engine.name} is reading {trace.name}"], {"err": True})
+        if sys.stderr is not None and sys.stderr.isatty():
+            waiting.start()
+        try:
+            answer = engine.ask(Path(trace.file), trace.reader)
+            whole_log.count(run, answer)
+        except Declined as reason:
+            if answer is not None:
+                answer.close()
+            self.sink.warn(f"{trace.name} is read without {engine.name}: {reason}")
+            return None
+        finally:
+            waiting.cancel()
+        return answer
 
     def _read(self, run: TraceRun, trace: TraceSource) -> None:
         """Read all events since the last checkpoint; save and flush after each batch."""

@@ -1,7 +1,8 @@
 """The default monitor: incremental, explained, and built without enumerating scenarios.
 
-A compiled tree is monitored by one of three strategies: `Contiguous` under `strict`, `projected`
-and `consecutive`; `LinearMonitor` under `scattered` if it applies; else `ScatteredMatches`.
+A compiled tree is monitored by one of these strategies: `ContiguousMatches` under `strict`,
+`projected` and `consecutive`, except for large trees under the first two (`Contiguous`);
+`LinearMonitor` under `scattered` if it applies; else `ScatteredMatches`.
 """
 
 from rvaft.engine.monitor import Engine

@@ -143,6 +143,8 @@ class CompiledTree:
         waiting = (node for node in range(len(nodes)) if self.needs[node])
         self.closed = (1 << len(nodes)) - 1 ^ mask_of(waiting)
         """The nodes without a guard that waits for variables."""
+        self.explained: dict[Hashable, Any] = {}
+        """The explained matches of earlier detections, by what they depend on (see `explanation`)."""
 
     @cached_property
     def occurrences(self) -> Mapping[Source, int]:

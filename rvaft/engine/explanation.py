@@ -6,7 +6,7 @@ that the engine follows count. Under `scattered` it drops subsumed ones, and und
 `scattered` those that the times rule out.
 """
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
 from itertools import islice
@@ -22,6 +22,7 @@ from rvaft.engine.partial_matches import Following, Matching
 from rvaft.engine.scattered_linear import LinearMonitor, LinearRun, possible_nodes
 from rvaft.errors import TooLarge
 from rvaft.model.expressions import event_text
+from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json, fingerprint
 from rvaft.monitors import DEFAULT_BRANCHES, Awaited, Explanation, MatchedEvent, Pending
@@ -31,6 +32,8 @@ SEARCHING: Final = 20_000_000
 """The maximum number of visited nodes."""
 BRANCHES: Final = 20_000
 """The maximum number of tried branches."""
+REMEMBERED: Final = 10_000
+"""The maximum number of remembered searches for the match to explain."""
 
 Choices: TypeAlias = Mapping[str, str]
 """The child that each `or` gate keeps, if reached."""
@@ -87,8 +90,7 @@ class MatchFinder:
             return _found(self.compiled, sorted(steps, key=lambda step: step.position), kept)
         for matching, match in self._replayed([history(match.witness) for match in strategy.matches], choices):
             if matching.standing(match)[0]:
-                taken = history(match.witness)
-                steps = [_matched(matching.compiled, one.node, one.position, one.values) for one in taken]
+                steps = _taken(matching.compiled, history(match.witness))
                 return _found(matching.compiled, steps, _scenario(matching, match))
         return None
 
@@ -213,8 +215,58 @@ def _scenario(matching: Matching, match: Configuration) -> dict[int, tuple[int, 
     return kept
 
 
+class Explained(NamedTuple):
+    """What the explanations of similar detections share: the number of the match, and its branch."""
+
+    match: int
+    branch: int | None
+    kinds: frozenset[Kind]
+    kept: Mapping[str, tuple[str, ...]]
+
+
 def explain(strategy: Following | LinearMonitor) -> Explanation:
-    """Return the explanation of a detection; its branch is None if the search takes too long."""
+    """Return the explanation of a detection; its branch is None if the search takes too long.
+
+    The branch depends on the nodes of the matches, in order, and on their failed guards only.
+    """
+    compiled = strategy.compiled
+    if isinstance(strategy, LinearMonitor):
+        found, explained = _search(strategy)
+        return _explanation(compiled.prop.tree, found.steps, explained)
+    matches, known = strategy.matches, compiled.explained
+    histories = [history(match.witness) for match in matches]
+    alike = tuple(
+        [(*[step.node for step in steps], one.dead, one.closed) for steps, one in zip(histories, matches, strict=True)]
+    )
+    if alike not in known:
+        if len(known) >= REMEMBERED:
+            known.clear()
+        found, explained = _search(strategy)
+        place = next(place for place, steps in enumerate(histories) if _taken(compiled, steps) == found.steps)
+        known[alike] = explained._replace(match=place)
+    explained = known[alike]
+    return _explanation(compiled.prop.tree, _taken(compiled, histories[explained.match]), explained)
+
+
+def _taken(compiled: CompiledTree, steps: Iterable[Witness]) -> list[Step]:
+    return [_matched(compiled, one.node, one.position, one.values) for one in steps]
+
+
+def _explanation(tree: RVAFT, steps: Sequence[Step], explained: Explained) -> Explanation:
+    values: dict[str, Json] = {}
+    for step in reversed(steps):
+        values.update(step.values)
+    return Explanation(
+        branch=explained.branch,
+        kinds=explained.kinds,
+        matched=tuple([MatchedEvent(*step.source, step.position) for step in steps]),
+        variables={name: value for name, value in values.items() if name in tree.variables},
+        scenario=explained.kept,
+    )
+
+
+def _search(strategy: Following | LinearMonitor) -> tuple[FoundMatch, Explained]:
+    """Return a match in the lowest branch."""
     finder = MatchFinder(strategy)
     prop, tree = finder.prop, finder.prop.tree
     found = finder.find({})
@@ -229,16 +281,7 @@ def explain(strategy: Following | LinearMonitor) -> Explanation:
         matches = ((match, branch.number) for branch in of_kind if (match := finder.find(branch.choices)) is not None)
         found, number = next(matches, (found, None))
     kinds = (tree.nodes[name].kind for name in found.kept)
-    variables: dict[str, Json] = {}
-    for step in found.steps:
-        variables = {**step.values, **variables}
-    return Explanation(
-        branch=number,
-        kinds=frozenset(kind for kind in kinds if kind is not None),
-        matched=tuple(MatchedEvent(*step.source, step.position) for step in found.steps),
-        variables={name: value for name, value in variables.items() if name in tree.variables},
-        scenario=found.kept,
-    )
+    return found, Explained(0, number, frozenset(kind for kind in kinds if kind is not None), found.kept)
 
 
 def _lowest(tree: RVAFT, finder: MatchFinder, found: FoundMatch) -> tuple[FoundMatch, int | None]:

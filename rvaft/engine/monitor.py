@@ -15,6 +15,7 @@ from rvaft.engine.compiled_tree import (
     Reading,
     TreeLetters,
 )
+from rvaft.engine.contiguous import SMALL, ContiguousMatches
 from rvaft.engine.explanation import explain, pending, together
 from rvaft.engine.partial_matches import Contiguous, Following
 from rvaft.engine.scattered_general import ScatteredMatches
@@ -215,7 +216,8 @@ def _strategy(prop: Property, semantics: Semantics, limit: int, *, apart: bool) 
     compiled = CompiledTree(prop)
     letters = TreeLetters(compiled, decide=semantics is Semantics.SCATTERED)
     if semantics is not Semantics.SCATTERED:
-        return Contiguous(compiled, letters, semantics, limit=limit)
+        staged = semantics is Semantics.CONSECUTIVE or len(compiled.names) <= SMALL
+        return (ContiguousMatches if staged else Contiguous)(compiled, letters, semantics, limit=limit)
     starts = linear_starts(compiled, letters)
     if starts is not None:
         return LinearMonitor(compiled, letters, starts, limit=limit)

@@ -261,8 +261,8 @@ class EventTime:
         return self._value(value) is not None
 
     def _value(self, value: Json) -> int | None:
-        form = self.format
-        return form.read(value) if isinstance(form, TextFormat) else _READERS[form](value)
+        # equal numbers with all their digits may be different times
+        return _remembered(self.format, value) if type(value) in _SCALARS else _read(self.format, value)
 
     def is_late(self, event: Json, latest: int | None) -> tuple[bool, int | None]:
         """Return whether an event is late, and the new maximum time.
@@ -386,3 +386,12 @@ _READERS: Final[Mapping[TimeFormat, Callable[[Json], int | None]]] = {
     **{form: _numeric(UNITS[form.value]) for form in TimeFormat if form.value in UNITS},
 }
 assert set(_READERS) == set(TimeFormat)
+_SCALARS: Final = frozenset({str, float})
+
+
+def _read(form: TimeFormat | TextFormat, value: Json) -> int | None:
+    return form.read(value) if isinstance(form, TextFormat) else _READERS[form](value)
+
+
+_remembered: Final = lru_cache(maxsize=4096, typed=True)(_read)
+"""As `_read`, because several parts of a monitor read the time of an event."""

@@ -44,10 +44,8 @@ class CsvReader(LogReader):
             raise log.error_at("there is no header, which names the fields of the rows", 1 + before)
         if head.lstrip()[0] in "{[<":
             raise log.error_at("the first line is JSON or XML, not a header: name the format with --input", 1 + before)
-        bare = _QUOTED.sub("", head)
-        usual = "\t" if suffix(Path(log.name)) == ".tsv" else ","
-        delimiter = declared[1] if declared else next((one for one in (usual, ",", *_DELIMITERS) if one in bare), usual)
-        rows = csv.reader(chain([head], lines), delimiter=delimiter, skipinitialspace=True, strict=True)
+        divider = declared[1] if declared else delimiter(head, Path(log.name))
+        rows = csv.reader(chain([head], lines), delimiter=divider, skipinitialspace=True, strict=True)
         try:
             header = [name.strip() for name in next(rows)]
             "".join(header).encode()
@@ -55,7 +53,7 @@ class CsvReader(LogReader):
             raise log.error_at("not UTF-8: convert it, for example with iconv", 1 + before) from None
         except csv.Error as error:
             raise log.error_at(f"the header cannot be read: {str(error).partition(' - ')[0]}", 1 + before) from error
-        columns = [(name, self._converter(name, delimiter)) for name in header]
+        columns = [(name, self._converter(name, divider)) for name in header]
         self._check(header, log, 1 + before)
         odd = FieldType.NUMBER in self.options.types.values()  # a cell without a type is never NaN
         while True:
@@ -96,9 +94,9 @@ class CsvReader(LogReader):
                     raise ValueError(f"the field {name} is {error}") from None
         return event
 
-    def _converter(self, name: str, delimiter: str) -> Callable[[str], Json]:
+    def _converter(self, name: str, divider: str) -> Callable[[str], Json]:
         kind = self.options.types.get(name)
-        if kind is FieldType.NUMBER and delimiter == ";":  # with decimal commas
+        if kind is FieldType.NUMBER and divider == ";":  # with decimal commas
             return lambda cell: kind.value_of(cell if "." in cell else cell.replace(",", ".", 1))
         return by_content if kind is None else str if kind is FieldType.TEXT else kind.value_of
 
@@ -112,3 +110,13 @@ class CsvReader(LogReader):
         for name in self.options.types:
             if name not in header:
                 raise log.error_at(f"the header has no field {name}, but a type is given for it", line)
+
+
+def delimiter(head: str, path: Path) -> str:
+    r"""Return the delimiter of a table with this header.
+
+    >>> delimiter("event;user\n", Path("day.csv"))
+    ';'
+    """
+    bare, usual = _QUOTED.sub("", head), "\t" if suffix(path) == ".tsv" else ","
+    return next((one for one in (usual, ",", *_DELIMITERS) if one in bare), usual)

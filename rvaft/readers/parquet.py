@@ -6,11 +6,11 @@ base64.
 """
 
 from base64 import b64encode
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import accumulate, pairwise
 from typing import Any, ClassVar, Final, TypeAlias
 
-from rvaft.errors import ToolMissing
+from rvaft.errors import ToolMissing, installed
 from rvaft.model.values import Json, decimal
 from rvaft.readers.json_lines import settled
 from rvaft.readers.log import Log, LogReader
@@ -60,6 +60,28 @@ class ParquetReader(LogReader):
         except (pyarrow.ArrowException, OSError) as error:
             reason = str(error).strip().partition("\n")[0].removesuffix(".")
             raise log.error_at(f"not Parquet, or damaged: {reason}", number + 1 if number else None) from error
+
+
+def picked(log: Log, numbers: Iterable[int]) -> Iterator[tuple[int, dict[str, Json]]]:
+    """Yield the events of rows with these increasing numbers; raises `TraceError`."""
+    parquet = installed("pyarrow.parquet", "pyarrow", "pip install '.[parquet]' in a checkout of rvaft")
+    wanted, first = iter(numbers), 1
+    number = next(wanted, 0)
+    with parquet.ParquetFile(log.path, pre_buffer=False, page_checksum_verification=True) as file:
+        for group in range(file.num_row_groups):
+            after = first + file.metadata.row_group(group).num_rows
+            rows: list[int] = []
+            while first <= number < after:
+                rows.append(number)
+                number = next(wanted, 0)
+            if rows:
+                batches = file.read_row_group(group).take([row - first for row in rows]).to_batches(_ROWS)
+                found = (event for batch in batches for event in _events(batch, log, 0))
+                for row, event in zip(rows, found, strict=True):
+                    if event is None:
+                        raise log.error_at("a value cannot be written as JSON", row)
+                    yield row, event
+            first = after
 
 
 def _events(batch: _Batch, log: Log, before: int) -> list[dict[str, Json] | None]:

@@ -11,7 +11,6 @@ from dataclasses import replace
 from functools import lru_cache
 from io import BufferedIOBase, IOBase
 from itertools import chain, count, islice
-from math import inf
 from operator import eq, gt, itemgetter, le, lt
 from sys import float_info
 from typing import Final, TypeAlias, TypeVar, cast
@@ -30,7 +29,7 @@ from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.detection import identifying_fields
 from rvaft.stream.listeners import MonitoredTrace, VerdictChange
 from rvaft.stream.monitor_set import MonitorSet
-from rvaft.stream.order import Backwards, Ordering, Place
+from rvaft.stream.order import Ordering, Place
 from rvaft.stream.plan import TIME, MonitoringPlan
 from rvaft.stream.run import Source, TraceRun
 from rvaft.stream.statistics import EventKind, EventTypeIndex
@@ -246,7 +245,7 @@ def needs_no_warning(warnings: DataWarnings, group: EventGroup, event_kind: Even
         return True
     if event_kind.checks.good is None or event_kind.checks.good[:2] != (warnings, warnings.version):
         return False
-    if warnings.time is not None and event_kind.entries:
+    if warnings.time is not None and event_kind.entries and None in map(warnings.time.read, group.events):
         return False
     _, _, fields, known = event_kind.checks.good
     if not fields:
@@ -392,17 +391,11 @@ def _in_places(block: EventBlock, others: Sequence[T], own: Sequence[T]) -> list
     return [one for _, one in sorted(zip(places, chain(others, own), strict=True), key=itemgetter(0))]
 
 
-def see_all(clock: Backwards, events: Sequence[JsonObject], numbers: Iterable[int]) -> None:
-    """Update a clock with events of these numbers."""
-    if clock.time is None and clock.holds_times is False and len(clock.field.path) == 1:
-        name = clock.field.text
-        places: list[Json] = [event.get(name) for event in events]
-        rises = _NUMBERS.issuperset(map(type, places)) and all(map(le, chain((clock.last,), places), places))
-        if rises and places and places[-1] < inf:  # no earlier place is infinite or NaN
-            clock.last = places[-1]
-            return
-    for number, event in zip(numbers, events, strict=True):
-        clock.see(number, event)
+def _numbered(
+    some: Iterable[EventGroup], events: Iterable[tuple[int, JsonObject]], before: int
+) -> list[tuple[int, JsonObject]]:
+    wanted = {id(event) for one in some for event in one.events}
+    return [(before + place + 1, event) for place, event in events if id(event) in wanted]
 
 
 class BulkReading:
@@ -484,25 +477,26 @@ class BulkReading:
         events = block.events if run.keys is None or not block.passed else self._with_new_keys(block)
         monitors = run.plan.monitors
         together = not (run.audience.each or monitors.counts_all or monitors.may_be_late)
-        if together and self._process_in_bulk(events, before):
-            run.number = before + events[-1][0] + 1
-        else:
-            try:
+        try:
+            if together and self._process_in_bulk(events, before):
+                run.number = before + events[-1][0] + 1
+            else:
                 run.take(self._filled(events, before) if monitors.counts_all else events, before)
-            except TooLarge:
-                if run.keys is None:
-                    run.watch.events = run.number
-                else:
-                    self._count_passed(block, events, run.number - before - 1)
-                raise
+        except TooLarge:
+            if run.keys is None:
+                run.watch.events = run.number
+            else:
+                self._count_passed(block, events, run.number - before - 1)
+            raise
         if len(events) < block.total:
             self._pass_over(block, events, before + block.total)
 
     def _process_in_bulk(self, events: Sequence[tuple[int, JsonObject]], before: int) -> bool:
-        """Process events as a batch. Return False, without an effect, unless only counts change.
+        """Process events as a batch: without a step if none can change the state.
 
-        Places count from the event `before`. After a failure the next blocks are not tried; the
-        pause doubles up to `FEW` blocks.
+        Return False, without an effect, if an event may cause a warning, or if a listener needs
+        each. Places count from the event `before`. After a failure the next blocks are not tried;
+        the pause doubles up to `FEW` blocks.
         """
         run = self.run
         self._tries -= 1
@@ -511,31 +505,47 @@ class BulkReading:
             return False
         self._pause = self._tries = min(2 * self._pause + 1, FEW)
         bodies = [event for _, event in events]
-        watches = self._watches_of(bodies, keyed_by)
         totals, monitors = run.totals, run.watch.monitors
-        if watches is None or set(map(type, bodies)) != {dict}:
+        if set(map(type, bodies)) != {dict}:
+            return False
+        if keyed_by and {str} != {type(event.get(keyed_by)) for event in bodies}:
             return False
         found = groups(run.plan.monitors.types, bodies)
         if found is None:
             return False
-        concerned = list[EventGroup]()
+        concerned, stepped = list[EventGroup](), None in map(self._watch_of, bodies)
         for event_kind, group in found:
             if not needs_no_warning(totals.data_warnings, group, event_kind):
                 return False
             fits = changes_nothing(monitors, group, event_kind, keyed=bool(keyed_by))
-            if fits is None:
-                return False
-            if fits:
+            stepped = stepped or fits is None
+            if fits is not False:
                 concerned.append(group)
         if concerned and run.audience.of_concern and monitors.live:
             return False
         self._pause = self._tries = 0
+        if stepped:
+            try:
+                run.take(events, before, {id(event): kind for kind, group in found for event in group.events})
+            except BaseException:  # count the events so far
+                came = {id(one) for place, one in events if before + place < run.number and self._watch_of(one)}
+                some = [(kind, [one for one in group.events if id(one) in came]) for kind, group in found]
+                found = [(kind, EventGroup(group)) for kind, group in some if group]
+                raise
+            finally:
+                self._count(found, events, before)
+            return True
+        self._count(found, events, before)
+        if run.clock is not None and concerned:
+            run.clock.see_all(_numbered(concerned, events, before))
+        return True
 
-        def numbered(some: Sequence[EventGroup]) -> list[tuple[int, JsonObject]]:
-            wanted = {id(event) for one in some for event in one.events}
-            return [(before + place + 1, event) for place, event in events if id(event) in wanted]
-
-        statistics, hint = totals.statistics, totals.semantics_hint
+    def _count(
+        self, found: Iterable[tuple[EventKind, EventGroup]], events: Sequence[tuple[int, JsonObject]], before: int
+    ) -> None:
+        """Count events that cause no warning."""
+        run = self.run
+        statistics, hint = run.totals.statistics, run.totals.semantics_hint
         if statistics is not None:
             for event_kind, group in found:
                 if event_kind.entries:
@@ -543,30 +553,26 @@ class BulkReading:
                     statistics.seen |= event_kind.types
                     if event_kind.relevant is not None:
                         statistics.tally[event_kind.relevant] += len(group.events)
-            for number, event in numbered([group for kind, group in found if not kind.entries]):
+            for number, event in _numbered([group for kind, group in found if not kind.entries], events, before):
                 statistics.add(event, number, run.prefix)
-        for watch, number in watches:
-            watch.events += number
-        if hint is not None and not all(hint.is_full(id(watch)) for watch, _ in watches):
-            for number, event in numbered([group for kind, group in found if kind.entries]):
-                own = run.watch if run.keys is None else run.keys.known[event[keyed_by],]
-                hint.keep(id(own), number, event)
-        if run.clock is not None and concerned:
-            seen = numbered(concerned)
-            see_all(run.clock, [event for _, event in seen], (number for number, _ in seen))
-        return True
+        watches = {id(run.watch)}
+        if run.keys is None:
+            run.watch.events += sum(len(group.events) for _, group in found)
+        else:
+            values = Counter(event[run.keys.names[0]] for _, group in found for event in group.events)
+            known = [(run.keys.known[value,], number) for value, number in values.items()]
+            watches = {id(watch) for watch, _ in known}
+            for watch, number in known:
+                if watch is not None:
+                    watch.events += number
+        if hint is not None and not all(map(hint.is_full, watches)):
+            for number, event in _numbered([group for kind, group in found if kind.entries], events, before):
+                hint.keep(id(self._watch_of(event)), number, event)
 
-    def _watches_of(self, events: Sequence[JsonObject], keyed_by: str) -> Sequence[tuple[MonitoredTrace, int]] | None:
-        """Return the monitored traces with numbers of events, or None for a full look-up."""
+    def _watch_of(self, event: JsonObject) -> MonitoredTrace | None:
+        """Return the monitored trace of an event, or None for a new key."""
         keys = self.run.keys
-        if keys is None:
-            return [(self.run.watch, len(events))]
-        values = [event.get(keyed_by) if type(event) is dict else None for event in events]
-        if set(map(type, values)) != {str}:
-            return None
-        found = [(keys.known.get((value,)), number) for value, number in Counter(values).items()]
-        known = [(watch, number) for watch, number in found if watch is not None]
-        return known if len(known) == len(found) else None
+        return self.run.watch if keys is None else keys.known.get((event[keys.names[0]],))
 
     def _with_new_keys(self, block: EventBlock) -> Sequence[tuple[int, JsonObject]]:
         """Return the events, with a stand-in for the first of each new key."""

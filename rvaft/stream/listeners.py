@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import entry_points
-from itertools import chain, islice
+from itertools import chain, islice, repeat
 from pathlib import Path
 from types import TracebackType
 from typing import Final, NamedTuple, Self
@@ -54,9 +54,14 @@ class EventBuffer:
 
     def remember(self, number: int, event: Json, line: int | None = None) -> None:
         """Keep an event that may become part of a match."""
-        if len(self.known) >= BOUND:
+        self.remember_all([(number, event)], [line])
+
+    def remember_all(self, events: Sequence[tuple[int, Json]], lines: Sequence[int | None] = ()) -> None:
+        """Keep numbered events that may become part of a match; without `lines` they have none."""
+        self.known.update(events)
+        self.lines.update(zip((number for number, _ in events), lines or repeat(None), strict=False))
+        for _ in range(len(self.known) - BOUND):
             self.lines.pop(self.known.popitem(last=False)[0], None)
-        self.known[number], self.lines[number] = event, line
 
     def events(self, numbers: Collection[int], *, ended: bool = False) -> Mapping[int, Json]:
         """Return the available events with these numbers; `ended` after the run."""

@@ -1,9 +1,10 @@
 """Time order: `Ordering` sorts events within a window, `Backwards` counts times that go back."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from heapq import heappush, heappushpop
+from itertools import chain
 from math import inf
-from operator import itemgetter
+from operator import itemgetter, le
 from typing import Final, Generic, TypeAlias, TypeVar
 
 from rvaft.model.event_time import EventTime, TimeFormat
@@ -14,6 +15,7 @@ from rvaft.stream.keys import Field
 E = TypeVar("E")
 Place: TypeAlias = int | float
 DEFAULT_WINDOW: Final = 1_000
+_NUMBERS: Final = frozenset({int, float})
 _ISO: Final = EventTime((), TimeFormat.ISO8601)
 
 
@@ -136,6 +138,17 @@ class Backwards(OrderedField):
                 self.count += 1
                 self.first = self.first or number
             self.last = place
+
+    def see_all(self, events: Sequence[tuple[int, JsonObject]]) -> None:
+        """Read the next events, with their numbers."""
+        if self.time is None and self.holds_times is False and len(self.field.path) == 1:
+            places: list[Json] = [event.get(self.field.text) for _, event in events]
+            rises = _NUMBERS.issuperset(map(type, places)) and all(map(le, chain((self.last,), places), places))
+            if rises and places and places[-1] < inf:  # no earlier place is infinite or NaN
+                self.last = places[-1]
+                return
+        for number, event in events:
+            self.see(number, event)
 
     @property
     def warnings(self) -> Iterator[str]:

@@ -1,7 +1,7 @@
 """The run over one trace: events in time order, the monitors of each key, and the listeners."""
 
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from io import IOBase
 from typing import BinaryIO, TypeAlias, cast
@@ -19,7 +19,7 @@ from rvaft.stream.listeners import Audience, EventBuffer, Listener, MonitoredTra
 from rvaft.stream.monitor_set import Snapshots
 from rvaft.stream.order import Backwards, Ordering
 from rvaft.stream.plan import TIME, MonitoringPlan, Totals
-from rvaft.stream.statistics import Statistics
+from rvaft.stream.statistics import EventKind, Statistics
 
 Source: TypeAlias = BinaryIO | Log | Iterable[Json]
 Lined: TypeAlias = tuple[int | None, JsonObject]
@@ -151,10 +151,12 @@ class TraceRun:
             raise failure
 
     def take(  # noqa: PLR0915
-        self, events: Iterable[tuple[int, JsonObject]], before: int
+        self, events: Iterable[tuple[int, JsonObject]], before: int, kinds: Mapping[int, EventKind] | None = None
     ) -> None:
         """Step the monitors over events, in one loop for speed; `before` is the event before place
         0.
+
+        With `kinds`, by the `id` of an event, the caller checks and counts events.
         """
         prefix, keys, fresh = self.prefix, self.keys, self.plan.monitors
         each, _, of_concern = self.audience
@@ -166,6 +168,7 @@ class TraceRun:
         data_warnings, semantics_hint = self.totals.data_warnings, self.totals.semantics_hint
         statistics, clock, assumed = self.totals.statistics, self.clock, self.assumed
         watch: MonitoredTrace | None = self.watch
+        served, concerned = list[tuple[int, JsonObject]](), list[tuple[int, JsonObject]]()
         try:
             for place, event in events:
                 number = before + place + 1
@@ -176,33 +179,38 @@ class TraceRun:
                     value = event.get(keyed_by) if keyed_by else None
                     watch = known.get((value,)) if type(value) is str else None
                     watch = watch or keys.of(event, number)
-                late = may_be_late and watch is not None and watch.monitors.engines[0].is_late(event)
-                event_kind = types.late if late else look_up(event).of(event)
-                if watch is not None and late:
-                    data_warnings.note_late(event, number, prefix, watch.monitors.engines[0].latest)
-                elif event_kind.checks.looked_at or type(event) is not dict:
-                    data_warnings.see(event, number, prefix, event_kind)
-                if statistics is not None:
-                    if event_kind.noted is statistics and event_kind.relevant is not None:
-                        statistics.events += 1
-                        statistics.tally[event_kind.relevant] += 1
-                    elif late:
-                        statistics.events += 1
-                    else:
-                        statistics.add(event, number, prefix, event_kind)
+                if kinds is None:
+                    late = may_be_late and watch is not None and watch.monitors.engines[0].is_late(event)
+                    event_kind = types.late if late else look_up(event).of(event)
+                    if watch is not None and late:
+                        data_warnings.note_late(event, number, prefix, watch.monitors.engines[0].latest)
+                    elif event_kind.checks.looked_at or type(event) is not dict:
+                        data_warnings.see(event, number, prefix, event_kind)
+                    if statistics is not None:
+                        if event_kind.noted is statistics and event_kind.relevant is not None:
+                            statistics.events += 1
+                            statistics.tally[event_kind.relevant] += 1
+                        elif late:
+                            statistics.events += 1
+                        else:
+                            statistics.add(event, number, prefix, event_kind)
+                    if watch is not None:
+                        watch.events += 1
+                        if semantics_hint is not None and event_kind.entries:
+                            semantics_hint.keep(id(watch), number, event)
+                else:
+                    event_kind = kinds[id(event)]
                 if watch is None:
                     continue
-                watch.events += 1
-                if semantics_hint is not None and event_kind.entries:
-                    semantics_hint.keep(id(watch), number, event)
                 if event_kind.relevant or counts_all or (event_kind.serves and not skips):
                     monitors = watch.monitors
                     changed = monitors.step(event, number, event_kind)
-                    if clock is not None and monitors.concerned:
-                        clock.see(number, event)
+                    if monitors.concerned:
+                        concerned.append((number, event))
                     if monitors.serves:
-                        watch.buffer.remember(number, event, self.line_of(number))
+                        served.append((number, event))
                     if changed:
+                        self._remember(served)
                         self.notify(VerdictChange(watch, number, event, changed, self.line_of(number)))
                         continue
                     if of_concern and monitors.live and (monitors.concerned or (event_kind.relevant and not skips)):
@@ -213,6 +221,16 @@ class TraceRun:
         except TooLarge:
             self.notify_unchanged(self.number - 1)
             raise
+        finally:
+            self._remember(served)
+            if clock is not None:
+                clock.see_all(concerned)
+
+    def _remember(self, served: list[tuple[int, JsonObject]]) -> None:
+        """Keep events that an explanation may name."""
+        before, lines = self.lines
+        self.buffer.remember_all(served, [lines[number - before - 1] for number, _ in served] if lines else ())
+        served.clear()
 
     def notify_unchanged(self, last: int) -> None:
         """Notify listeners of events without a change, up to this number."""

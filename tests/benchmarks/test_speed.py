@@ -202,7 +202,8 @@ top sand a b c within 1 s; a on x(U); b on y(U); c on z(U);
 """
 BY_HAND = """
 SELECT x.t, y.t, z.t, x.u FROM log x JOIN log y ON x.u = y.u AND y.t > x.t AND y.t <= x.t + 1
-JOIN log z ON z.u = y.u AND z.t > y.t AND z.t <= x.t + 1 WHERE x.event = 'x' AND y.event = 'y' AND z.event = 'z'
+JOIN log z ON z.u = y.u AND z.t > y.t AND z.t <= x.t + 1 AND z.t <= y.t + 1
+WHERE x.event = 'x' AND y.event = 'y' AND z.event = 'z'
 """
 
 
@@ -225,3 +226,44 @@ def test_a_query_on_typed_columns_costs_what_a_query_by_hand_costs(capsys: pytes
     with capsys.disabled():
         print(f"\nquery on typed columns / query by hand: {statistics.median(ratios):.2f}")
     assert statistics.median(ratios) < 1.5
+
+
+LOADED = "CREATE TABLE log AS SELECT * FROM read_json(?, columns = {event: 'VARCHAR', u: 'VARCHAR', t: 'DOUBLE'})"
+
+
+def test_a_whole_log_in_duckdb_costs_what_loading_and_a_query_by_hand_cost(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The same log as JSON Lines, by `rvaft monitor --engine duckdb --repeat`: at most 3 times, of processor time."""
+    duckdb = pytest.importorskip("duckdb", reason="DuckDB is not installed")
+    tree, log = tmp_path / "tree.rvaft", tmp_path / "log.jsonl"
+    tree.write_text(JOINED, encoding="utf-8")
+    kind, user = "['x', 'y', 'z'][1 + (hash(i) % 3)::INT]", "'u' || hash(i + 1000000) % 500"
+    made = f"SELECT {kind} AS event, {user} AS u, i / 10.0::DOUBLE AS t FROM range(300000) r(i)"
+    duckdb.connect(config={"threads": "1"}).execute(f"COPY ({made}) TO '{log}' (FORMAT JSON)")
+    printed = ""
+
+    def hand() -> None:
+        connection = duckdb.connect()
+        connection.execute(LOADED, [str(log)])
+        assert connection.execute(BY_HAND).fetchall()
+
+    def ours() -> None:
+        nonlocal printed
+        with contextlib.redirect_stdout(io.StringIO()) as output:
+            arguments = ["monitor", str(tree), str(log), "--semantics", "scattered", "--engine", "duckdb", "--repeat"]
+            assert main(arguments, standalone_mode=False) == 1
+        printed = output.getvalue()
+
+    ratios = []
+    for number in range(6):
+        times = []
+        for call in (hand, ours):
+            start = time.process_time()
+            call()
+            times.append(time.process_time() - start)
+        ratios += [times[1] / times[0]] if number else []
+    assert "300000 events" in printed
+    with capsys.disabled():
+        print(f"\nrvaft monitor --engine duckdb / loading and a query by hand: {statistics.median(ratios):.2f}")
+    assert statistics.median(ratios) < 3

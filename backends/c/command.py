@@ -1,0 +1,39 @@
+"""`rvaft build`: a program that monitors JSON Lines for one tree."""
+
+import os
+from pathlib import Path
+from typing import Any, Final
+
+import click
+
+from backends.c.library import build_program, require_compiler
+from rvaft.api import translate
+from rvaft.cli import options
+from rvaft.support.files import error_context
+
+CAPACITY: Final = 1 << 18
+"""The default number of partial matches of a program."""
+MOST: Final = 1 << 22
+
+
+@click.command("build")
+@options.tree_argument
+@options.semantics_option
+@options.part_options
+@options.number("--limit", text="Maximum number of sets of events of all scenarios.")
+@options.number("--capacity", default=CAPACITY, most=MOST, text="Maximum number of partial matches.")
+@click.option("-o", "--output", metavar="FILE", required=True, help="The program to write.")
+def build_command(*, tree: str, output: str, capacity: int, **chosen: Any) -> int:
+    """Compile a native monitor for one tree: a program that reads JSON Lines.
+
+    The program prints what `rvaft monitor --format jsonl --backend c` prints, and exits with 1 if a
+    trace detects, 0 if none does, 2 on malformed input, and 3 if it has no verdict.
+    """
+    require_compiler()
+    with options.suggesting():
+        text = translate(options.read_tree(tree), "c", **chosen).text
+    path = Path(output)
+    options.refuse(path.is_dir(), f"{os.fspath(path)} is a folder: name a file")
+    with error_context("cannot write", path):
+        build_program(text, path, capacity)
+    return 0

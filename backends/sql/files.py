@@ -1,0 +1,457 @@
+"""The files that DuckDB reads for `rvaft monitor --engine duckdb`, as expressions of typed cells.
+
+DuckDB reads more leniently than rvaft. Rows that rvaft might read in another way are *doubtful*, and
+are read again by rvaft.
+"""
+
+import json
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from io import BufferedIOBase
+from itertools import islice
+from pathlib import Path
+from typing import Any, BinaryIO, Final, cast
+
+from backends.sql.dialects import DIALECTS
+from backends.tables import Path as Place
+from rvaft.core.classifier import Scope
+from rvaft.errors import TraceError
+from rvaft.model.assumptions import EXACT
+from rvaft.model.nodes import ValueType
+from rvaft.readers.csv_table import CsvReader, delimiter
+from rvaft.readers.json_lines import BLANK, NonFiniteEvent, event_on
+from rvaft.readers.log import BOM, MAX_LINE, Log
+from rvaft.readers.parquet import ParquetReader, picked
+from rvaft.stream.whole_log import Declined
+from rvaft.stream.whole_log import Place as EventPlace
+from rvaft.support.files import opened
+
+_CHUNK: Final = 1 << 20
+_DOUBTFUL: Final = (  # a trailing comma, other numbers than JSON, escapes of ASCII and of surrogates, long numbers
+    r"[,]\s*[\]}]|[nN][aA][nN]|[iI][nN][fF]|\\u(00[0-7]|[dD][89a-fA-F])|[0-9]{1000}"
+)
+_ISO: Final = r"\d{4}-\d\d-\d\d[Tt ]([01]\d|2[0-3]):[0-5]\d:[0-5]\d([.,]\d{1,9})?([Zz]|[+-]([01]\d|2[0-3]):?[0-5]\d)?"
+_NUMBER: Final = r"-?(0|[1-9][0-9]*)(\.[0-9]+)?([eE][-+]?[0-9]+)?"
+
+
+def quoted(text: str) -> str:
+    """Return a text in SQL."""
+    return DIALECTS["duckdb"].text(text)
+
+
+def _whole(number: str) -> str:
+    """Return the integer of a text of a number, NULL for another number."""
+    double = f"TRY_CAST({number} AS DOUBLE)"
+    return f"CASE WHEN {double} = floor({double}) THEN TRY_CAST({number} AS BIGINT) END"
+
+
+def _numeral(text: str) -> str:
+    """Return a text in the syntax of numbers that fits a double, else NULL."""
+    return f"CASE WHEN regexp_full_match({text}, '{_NUMBER}') AND isfinite(TRY_CAST({text} AS DOUBLE)) THEN {text} END"
+
+
+def _beyond(number: str, kind: ValueType) -> str:
+    """Return whether a number is not finite, or whether a column of this type does not hold it."""
+    double = f"TRY_CAST({number} AS DOUBLE)"
+    found = f"{double} IS NULL OR NOT isfinite({double})"
+    if kind is ValueType.INTEGER:
+        found += f" OR ({double} = floor({double}) AND TRY_CAST({number} AS BIGINT) IS NULL)"
+    if kind is ValueType.NUMBER:
+        found += f" OR abs({double}) >= {EXACT}"
+    return found
+
+
+def nanoseconds(number: str, unit: int) -> str:
+    """Return the nanoseconds of a text of a number; NULL unless they are exact."""
+    exact = f"TRY_CAST({number} AS DECIMAL(38, 9)) * {unit}"
+    plain = rf"regexp_full_match({number}, '-?[0-9]{{1,11}}(\.[0-9]{{1,9}})?|-?[0-9]{{1,18}}')"
+    found = f"CASE WHEN {plain} AND {exact} = floor({exact}) THEN TRY_CAST({exact} AS BIGINT) END"
+    if unit == 10**9:  # microseconds are exact in short decimals, and faster
+        double = f"TRY_CAST({number} AS DOUBLE)"
+        micro = f"round({double} * 1000000)"
+        short = f"length({number}) < 16 AND {micro} / 1000000 = {double} AND abs({double}) < 4294967296"
+        found = f"CASE WHEN {short} THEN CAST({micro} AS BIGINT) * 1000 ELSE {found} END"
+    return found
+
+
+def instant(text: str) -> str:
+    """Return the nanoseconds of a text in ISO 8601 with seconds."""
+    seconds = f"epoch(TRY_CAST(replace(replace(left({text}, 19), 't', ' '), 'T', ' ') AS TIMESTAMP))"
+    rest = f"substr({text}, 20)"
+    fraction = f"CAST(rpad(regexp_extract({rest}, '[0-9]+'), 9, '0') AS BIGINT)"
+    zone = f"regexp_extract({rest}, '[+-].*')"
+    ahead = f"(CAST({zone}[:3] AS BIGINT) * 60 + CAST({zone}[1] || right({zone}, 2) AS BIGINT)) * 60"
+    return (
+        f"CASE WHEN regexp_full_match({text}, '{_ISO}') AND left({text}, 4) <> '0000' THEN "
+        f"(CAST({seconds} AS BIGINT) - CASE WHEN {zone} <> '' THEN {ahead} ELSE 0 END) * 1000000000 + "
+        f"CASE WHEN regexp_matches({rest}, '^[.,]') THEN {fraction} ELSE 0 END END"
+    )
+
+
+def _plain(name: str) -> bool:
+    """Whether JSON spells a name in one way, except for numeric escapes."""
+    return name.isascii() and name.isprintable() and not set(name) & set('"\\/')
+
+
+class LogFile(ABC):
+    """The rows of a file: expressions of their cells, and the events of some of them."""
+
+    time_number: str = "NULL"
+    """The text of the number in the field of the time, and its text."""
+    time_text: str = "NULL"
+    instant: str = "NULL"
+    """The nanoseconds of a column of times."""
+
+    def __init__(self, path: Path, read: Sequence[Place], time: Place | None) -> None:
+        self.path, self.read, self.time = path, read, time
+        if set(str(path)) & set("*?[{"):
+            raise Declined("the name of the file is a pattern in DuckDB")
+
+    @abstractmethod
+    def rows(self, connection: Any) -> str:
+        """Return what stands after FROM."""
+
+    @abstractmethod
+    def cell(self, place: Place, kind: ValueType) -> str:
+        """Return the value at a place if it has this type, else NULL."""
+
+    @abstractmethod
+    def odd(self, place: Place, kind: ValueType) -> str:
+        """Return whether a column of this type cannot hold the value at a place."""
+
+    doubtful: str = "false"
+    """Whether rvaft has to read a row itself."""
+
+    @abstractmethod
+    def check(self, rows: int, doubtful: Sequence[int], reads: Scope) -> None:
+        """Raise `Declined` unless rvaft reads the same rows."""
+
+    @abstractmethod
+    def events(self, numbers: Iterable[int], reads: Scope) -> Iterator[EventPlace]:
+        """Yield the events of rows."""
+
+
+class JsonFile(LogFile):
+    """JSON Lines."""
+
+    def __init__(self, path: Path, read: Sequence[Place], time: Place | None) -> None:
+        super().__init__(path, read, time)
+        self.blank = False
+        """Whether some lines are blank."""
+        tree: dict[str, Any] = {}
+        for place in (*read, *([time] if time else [])):
+            inner = tree
+            for name in place[:-1]:
+                inner = inner.setdefault(str(name), {})
+            inner.setdefault(str(place[-1]), "JSON")
+        self.form = json.dumps(tree)
+        if any(not _plain(str(name)) for place in (*read, *([time] if time else [])) for name in place):
+            raise Declined("JSON spells the name of a field in several ways")
+        levels = [tree]
+        for level in levels:
+            if len({name.lower() for name in level}) < len(level):
+                raise Declined("two fields differ in case only, which DuckDB does not distinguish")
+            levels += [inner for inner in level.values() if isinstance(inner, dict)]
+        if time:
+            raw = self._raw(time)
+            text = f"CASE WHEN left({raw}, 1) = '\"' THEN {self._value(time)} ->> '$' END"
+            number = f"CASE WHEN left({raw}, 1) = '-' OR left({raw}, 1) BETWEEN '0' AND '9' THEN {raw} END"
+            if len(time) == 1:  # DuckDB rounds the digits of long numbers
+                key = re.escape(json.dumps(str(time[0]), ensure_ascii=False))
+                field = quoted(rf"{key}\s*:\s*(-?[0-9.eE+-]+)")
+                written = f"regexp_extract(json, {field}, 1)"
+                same = f"TRY_CAST({written} AS DOUBLE) = TRY_CAST({raw} AS DOUBLE)"
+                long = f"CASE WHEN {same} THEN {written} END"
+            else:
+                long = "NULL"
+            number = f"CASE WHEN long THEN CASE WHEN {number} IS NOT NULL THEN {long} END ELSE {number} END"
+            self.time_number, self.time_text = f"coalesce({number}, {_numeral(text)})", text
+        paths = (*read, *([time] if time else []))
+        names = dict.fromkeys(re.sub("[%_]", r"\\\g<0>", f'"{name}"') for one in paths for name in one)
+        twice = " OR ".join(rf"json LIKE {quoted(f'%{name}%{name}%')} ESCAPE '\'" for name in names)
+        objects = dict.fromkeys(one[:size] for one in paths for size in range(len(one)))
+        spelled = ("$" + "".join(f".{json.dumps(str(name))}" for name in one) for one in objects)
+        keys = [f"json_keys(json, {quoted(one)})" for one in spelled]
+        repeated = " OR ".join(f"len({one}) > len(list_distinct({one}))" for one in keys)
+        deep = "length(json) - length(translate(json, '[{', '')) > 400"
+        self.doubtful = (
+            f"CASE WHEN regexp_matches(json, {quoted(_DOUBTFUL)}) THEN true WHEN length(json) > 1000 AND {deep} "
+            f"THEN true WHEN {twice} THEN {repeated} ELSE false END"
+        )
+
+    def rows(self, connection: Any) -> str:
+        """Return the table of the decoded lines."""
+        connection.execute("SET VARIABLE log = ?", [str(self.path.resolve())])
+        lines = (
+            f"read_ndjson_objects(getvariable('log'), format = 'newline_delimited', maximum_object_size = {MAX_LINE})"
+        )
+        form = quoted(self.form)
+        long = "regexp_matches(json, '[0-9.]{16}')" if self.time else "false"
+        decoded = f"json_transform(json, {form}) AS f, json_type(json) <> 'OBJECT' AS other"
+        return f"(SELECT json, {decoded}, {long} AS long FROM {lines})"
+
+    def _value(self, place: Place) -> str:
+        return "f" + "".join(f"[{quoted(str(name))}]" for name in place)
+
+    def _raw(self, place: Place) -> str:
+        return f"CAST({self._value(place)} AS VARCHAR)"
+
+    def cell(self, place: Place, kind: ValueType) -> str:
+        """Return the value at a place if it has this type."""
+        raw = self._raw(place)
+        match kind:
+            case ValueType.TEXT:
+                return f"CASE WHEN left({raw}, 1) = '\"' THEN {self._value(place)} ->> '$' END"
+            case ValueType.INTEGER:
+                return f"CASE WHEN left({raw}, 1) <> '\"' THEN {_whole(raw)} END"
+            case ValueType.NUMBER:
+                return f"CASE WHEN left({raw}, 1) <> '\"' THEN TRY_CAST({raw} AS DOUBLE) END"
+            case _:
+                return f"CASE {raw} WHEN 'true' THEN true WHEN 'false' THEN false END"
+
+    def odd(self, place: Place, kind: ValueType) -> str:
+        """Return whether a number is not finite, or has more bits than the column."""
+        raw = self._raw(place)
+        other = f"{raw} IS NULL OR left({raw}, 1) IN ('\"', '{{', '[', 't', 'f')"
+        return f"CASE WHEN {other} THEN false ELSE {_beyond(raw, kind)} END"
+
+    def check(self, rows: int, doubtful: Sequence[int], reads: Scope) -> None:
+        """Raise `Declined` for lines that rvaft reads in another way."""
+        lines, ended = 0, True
+        with opened(self.path) as stream:
+            while data := stream.read(_CHUNK):
+                if b"\x0c" in data or b"\x0b" in data or b"\r" in data.replace(b"\r\n", b"").removesuffix(b"\r"):
+                    raise Declined("a line has a control character")
+                lines, ended = lines + data.count(b"\n"), data.endswith(b"\n")
+        self.blank = rows != lines + (not ended)
+        if self.blank and sum(1 for _ in self._lines()) != rows:
+            raise Declined("DuckDB finds another number of events than rvaft")
+        for number, _, event in self.events(doubtful, reads):
+            if isinstance(event, NonFiniteEvent):
+                raise Declined(f"event {number} has a number that is not finite")
+
+    def _lines(self) -> Iterator[tuple[int, bytes]]:
+        """Yield the lines with an event."""
+        with opened(self.path) as stream:
+            for number, line in enumerate(stream, 1):
+                text = line.removeprefix(BOM) if number == 1 else line
+                if text.strip(BLANK):
+                    yield number, text
+
+    def _some(self, numbers: Iterable[int]) -> Iterator[tuple[int, int, bytes]]:
+        if self.blank:
+            wanted = iter(numbers)
+            number = next(wanted, 0)
+            for place, (line, text) in enumerate(self._lines(), 1):
+                if place == number:
+                    yield number, line, text
+                    number = next(wanted, 0)
+            return
+        with opened(self.path) as stream:
+            before = 0
+            for number in numbers:
+                text = next(islice(stream, number - before - 1, None), b"")
+                yield number, number, text.removeprefix(BOM) if number == 1 else text
+                before = number
+
+    def events(self, numbers: Iterable[int], reads: Scope) -> Iterator[EventPlace]:
+        """Yield the events on lines."""
+        for number, line, text in self._some(numbers):
+            event = event_on(text.removesuffix(b"\n"), str(self.path), line, reads)
+            if event is None:
+                raise TraceError("the file has changed while it was read", file=str(self.path), line=line)
+            yield number, line, event
+
+
+class CsvFile(LogFile):
+    """CSV without quotes."""
+
+    def __init__(self, path: Path, read: Sequence[Place], time: Place | None) -> None:
+        super().__init__(path, read, time)
+        with opened(path) as stream:
+            self.head = stream.readline(_CHUNK)
+        head = self.head.removeprefix(BOM).decode(errors="replace")
+        self.delimiter = delimiter(head, path)
+        self.names = [name.strip() for name in head.rstrip("\r\n").split(self.delimiter)]
+        if len({name.lower() for name in self.names}) < len(self.names) or not all(self.names):
+            raise Declined("the header has an empty name, or names that differ in case only")
+        self.rows_written = self._scanned() - 1
+        if time:
+            text = self._cell(time)
+            self.time_number, self.time_text = _numeral(text), text
+
+    def _scanned(self) -> int:
+        """Return the number of lines; raises `Declined` for quotes and blanks before cells."""
+        lines, ended, before = 0, True, b"\n"
+        with opened(self.path) as stream:
+            while data := stream.read(_CHUNK):
+                text = before + data
+                if (
+                    b'"' in data
+                    or b"\0" in data
+                    or any(text.count(one + b" ") for one in (b"\n", self.delimiter.encode()))
+                ):
+                    raise Declined("the table has quotes, or blanks before cells")
+                if b"\r" in text.replace(b"\r\n", b"").removesuffix(b"\r"):
+                    raise Declined("a line has a control character")
+                lines, ended, before = lines + data.count(b"\n"), data.endswith(b"\n"), data[-1:]
+        return lines + (not ended)
+
+    def rows(self, connection: Any) -> str:
+        """Return the table of the cells."""
+        connection.execute("SET VARIABLE log = ?", [str(self.path.resolve())])
+        columns = ", ".join(f"{quoted(name)}: 'VARCHAR'" for name in self.names)
+        cells = f"columns = {{{columns}}}, delim = {quoted(self.delimiter)}, quote = '', escape = '', nullstr = ''"
+        how = "header = false, skip = 1, auto_detect = false, null_padding = false, comment = '', strict_mode = true"
+        return f"(SELECT *, false AS other FROM read_csv(getvariable('log'), {cells}, {how}))"
+
+    def _cell(self, place: Place) -> str:
+        name = str(place[0])
+        return f'"{name}"' if len(place) == 1 and name in self.names else "CAST(NULL AS VARCHAR)"
+
+    def cell(self, place: Place, kind: ValueType) -> str:
+        """Return a cell; one in the syntax of numbers is a number."""
+        text = self._cell(place)
+        number = _numeral(text)
+        match kind:
+            case ValueType.TEXT:
+                return f"CASE WHEN {number} IS NULL THEN {text} END"
+            case ValueType.INTEGER:
+                return _whole(number)
+            case ValueType.NUMBER:
+                return f"TRY_CAST({number} AS DOUBLE)"
+            case _:
+                return "CAST(NULL AS BOOLEAN)"
+
+    def odd(self, place: Place, kind: ValueType) -> str:
+        """Return whether a number is not finite, or has more bits than the column."""
+        number = _numeral(self._cell(place))
+        return f"CASE WHEN {number} IS NULL THEN false ELSE {_beyond(number, kind)} END"
+
+    def check(self, rows: int, doubtful: Sequence[int], reads: Scope) -> None:  # noqa: ARG002
+        """Raise `Declined` for empty lines."""
+        if rows != self.rows_written:
+            raise Declined("DuckDB finds another number of events than rvaft")
+
+    def events(self, numbers: Iterable[int], reads: Scope) -> Iterator[EventPlace]:
+        """Yield the events of rows."""
+        wanted = iter(numbers)
+        given: list[int] = []
+
+        def lines() -> Iterator[bytes]:
+            yield self.head
+            with opened(self.path) as stream:
+                stream.readline()
+                before = 0
+                for number in wanted:
+                    given.append(number)
+                    yield next(islice(stream, number - before - 1, None), b"")
+                    before = number
+
+        log = Log(CsvReader(), cast("BinaryIO", LinesGiven(lines())), str(self.path), reads)
+        for place, event in enumerate(log.events()):
+            if event is None or log.rejected:
+                raise TraceError("the file has changed while it was read", file=str(self.path), line=None)
+            yield given[place], given[place] + 1, event
+
+
+class LinesGiven(BufferedIOBase):
+    """A stream of given lines."""
+
+    def __init__(self, lines: Iterator[bytes]) -> None:
+        super().__init__()
+        self._lines = lines
+
+    def readline(self, size: int | None = -1) -> bytes:  # noqa: ARG002
+        """Return the next line."""
+        return next(self._lines, b"")
+
+
+_INTEGERS: Final = frozenset(
+    {"TINYINT", "SMALLINT", "INTEGER", "BIGINT", "UTINYINT", "USMALLINT", "UINTEGER", "UBIGINT"}
+)
+_INSTANTS: Final = {
+    "TIMESTAMP": "epoch_us({}) * 1000",
+    "TIMESTAMP WITH TIME ZONE": "epoch_us({}) * 1000",
+    "TIMESTAMP_NS": "epoch_ns({})",
+    "TIMESTAMP_MS": "epoch_ms({}) * 1000000",
+    "TIMESTAMP_S": "epoch_ms({}) * 1000000",
+}
+
+
+class ParquetFile(LogFile):
+    """Parquet tables with columns of texts, integers, doubles and Booleans."""
+
+    def __init__(self, path: Path, read: Sequence[Place], time: Place | None) -> None:
+        super().__init__(path, read, time)
+        self.types: dict[str, str] = {}
+
+    def rows(self, connection: Any) -> str:
+        """Return the table."""
+        connection.execute("SET VARIABLE log = ?", [str(self.path.resolve())])
+        table = "read_parquet(getvariable('log'), binary_as_string = false)"
+        self.types = {name: kind for name, kind, *_ in connection.execute(f"DESCRIBE SELECT * FROM {table}").fetchall()}
+        for place in (*self.read, *([self.time] if self.time else [])):
+            name = str(place[0])
+            near = [other for other in self.types if other.lower() == name.lower()]
+            if len(place) > 1 and near:
+                raise Declined(f"DuckDB is not asked for fields inside the column {name}")
+            if near and near != [name]:
+                raise Declined(f"columns differ from the field {name} in case only")
+            timed = self.types.get(name) in _INSTANTS and place == self.time and place not in self.read
+            if (
+                near
+                and not timed
+                and self.types[name] not in {*_INTEGERS, "VARCHAR", "FLOAT", "DOUBLE", "BOOLEAN", '"NULL"'}
+            ):
+                raise Declined(f"the column {name} is of the type {self.types[name]}")
+        if self.time and (kind := self.types.get(str(self.time[0]), "")):
+            cell = f'"{self.time[0]}"'
+            if kind in _INSTANTS:
+                self.time_text = f"CASE WHEN {cell} IS NOT NULL THEN 'time' END"
+                self.instant = _INSTANTS[kind].format(cell)
+            elif kind == "VARCHAR":
+                self.time_number, self.time_text = _numeral(cell), cell
+            elif kind not in ("BOOLEAN", '"NULL"'):
+                self.time_number = f"CAST({cell if kind in _INTEGERS else f'CAST({cell} AS DOUBLE)'} AS VARCHAR)"
+        return f"(SELECT *, false AS other FROM {table})"
+
+    def cell(self, place: Place, kind: ValueType) -> str:
+        """Return a cell of a column of this type."""
+        name = str(place[0])
+        known = self.types.get(name, "") if len(place) == 1 else ""
+        match kind:
+            case ValueType.TEXT:
+                return f'"{name}"' if known == "VARCHAR" else "CAST(NULL AS VARCHAR)"
+            case ValueType.INTEGER if known in _INTEGERS:
+                return f'TRY_CAST("{name}" AS BIGINT)'
+            case ValueType.INTEGER if known in ("FLOAT", "DOUBLE"):
+                return f'CASE WHEN "{name}" = floor("{name}") THEN TRY_CAST("{name}" AS BIGINT) END'
+            case ValueType.INTEGER:
+                return "CAST(NULL AS BIGINT)"
+            case ValueType.NUMBER:
+                number = known in ("FLOAT", "DOUBLE", *_INTEGERS)
+                return f'CAST("{name}" AS DOUBLE)' if number else "CAST(NULL AS DOUBLE)"
+            case _:
+                return f'"{name}"' if known == "BOOLEAN" else "CAST(NULL AS BOOLEAN)"
+
+    def odd(self, place: Place, kind: ValueType) -> str:
+        """Return whether a number is not finite, or has more bits than the column."""
+        name = str(place[0])
+        known = self.types.get(name, "") if len(place) == 1 else ""
+        if known not in ("FLOAT", "DOUBLE", *_INTEGERS):
+            return "false"
+        text = f'CAST("{name}" AS VARCHAR)'
+        return f'CASE WHEN "{name}" IS NULL THEN false ELSE {_beyond(text, kind)} END'
+
+    def check(self, rows: int, doubtful: Sequence[int], reads: Scope) -> None:
+        """Accept all rows: the table is typed."""
+
+    def events(self, numbers: Iterable[int], reads: Scope) -> Iterator[EventPlace]:
+        """Yield the events of rows."""
+        for number, event in picked(Log(ParquetReader(), self.path, str(self.path), reads), numbers):
+            yield number, number, event
+
+
+FORMATS: Final[Mapping[str, type[LogFile]]] = {"csv": CsvFile, "jsonl": JsonFile, "parquet": ParquetFile}

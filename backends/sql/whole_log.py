@@ -1,0 +1,341 @@
+"""Whole logs in DuckDB, for `rvaft monitor --engine duckdb`.
+
+DuckDB reads the file into typed columns, runs the query of the tree, and counts equal events. It
+reads more leniently than rvaft: rows that rvaft might read in another way are read again by rvaft,
+or the log is declined.
+"""
+
+import json
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import gettempdir
+from threading import Timer
+from typing import Any, ClassVar, Final
+
+from backends.sql import SqlTableBackend
+from backends.sql.dialects import DIALECTS
+from backends.sql.files import FORMATS, LogFile, instant, nanoseconds, quoted
+from backends.sql.reader import DuckDb
+from backends.sql.translation import SqlQuery
+from backends.tables import Path as Place
+from backends.tables import Table, column_types
+from rvaft.backend import SpecificationText
+from rvaft.core.classifier import Scope, literals_of
+from rvaft.core.property import Property
+from rvaft.errors import NotExpressible, RvaftError
+from rvaft.model.assumptions import EXACT, AssumptionCheck, places, used_events
+from rvaft.model.event_time import UNITS, EventTime, TimeFormat
+from rvaft.model.guards import Guard, Operation, Operator, walk
+from rvaft.model.nodes import Assumption, ValueType
+from rvaft.model.patterns import Literal, Pattern, Variable
+from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
+from rvaft.readers.log import LogReader
+from rvaft.stream.plan import MonitoringPlan
+from rvaft.stream.whole_log import FIRST, Declined, EventCount, LogAnswer, QueryEngine
+from rvaft.stream.whole_log import Place as EventPlace
+
+MATCHES: Final = 20_000
+"""Maximum number of matches of a query; a log with more is replayed in full."""
+PATIENCE: Final = 60.0
+"""Seconds for the matches; then the log is replayed in full."""
+DOUBTS: Final = 10_000
+"""Maximum number of lines that rvaft reads again."""
+CLASSES: Final = 10_000
+SPELLINGS: Final = 60
+_BY_VALUE: Final = frozenset({Operator.DIV, Operator.MUL, Operator.NUMBER})
+"""Operators that may be undefined for values of the right types."""
+_FOLDED: Final = "ſKßẞﬀﬁﬂﬃﬄﬅﬆ"
+"""Letters other than ASCII that are ASCII in folded case."""
+
+
+class _LogBackend(SqlTableBackend):
+    """The query of a tree, and conditions of its patterns."""
+
+    name: ClassVar[str] = "the engine duckdb"
+    query: SqlQuery
+
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
+        """Return the query."""
+        assert self._table is not None, "the table is made for the tree"
+        self.query = SqlQuery(prop, semantics, DIALECTS["duckdb"], limit, self._table)
+        return SpecificationText(*self.query.text())
+
+
+@dataclass(frozen=True)
+class LogColumn:
+    """A column of the table of events."""
+
+    name: str
+    place: Place
+    kind: ValueType
+
+
+class DuckDbEngine(QueryEngine):
+    """DuckDB, for trees whose query on typed columns rvaft can write, under `scattered` and `consecutive`."""
+
+    name: ClassVar[str] = "DuckDB"
+    formats: ClassVar[frozenset[str]] = frozenset(FORMATS)
+
+    def __init__(self, plan: MonitoringPlan) -> None:
+        DuckDb.installed()
+        self.plan, self.types = plan, plan.monitors.types
+        try:
+            self._translate(plan.monitors.columns[0].part, plan.monitors.semantics)
+        except NotExpressible as refusal:
+            name, semantics = _LogBackend.name, plan.monitors.semantics
+            raise NotExpressible(refusal.reason, backend=name, semantics=semantics, nodes=refusal.nodes) from None
+        self.name_of = {one.place: one.name for one in self.columns}
+        literals = [literals_of(letter.pattern) for _, _, letter in self.types.letters]
+        fields = self.types.discriminators.fields
+        self.discriminating = all(any(isinstance(one.get(field), str) for field in fields) for one in literals)
+        """Whether each pattern has a text in a discriminating field."""
+        entries = [self._condition(letter.pattern) for what, _, letter in self.types.letters if what == "entry"]
+        self.entry = f"({' OR '.join(f'({one})' for one in dict.fromkeys(entries))}) IS TRUE"
+
+    def _translate(self, part: RVAFT, semantics: Semantics) -> None:
+        tree = self.types.tree
+        if semantics not in (Semantics.SCATTERED, Semantics.CONSECUTIVE):
+            raise NotExpressible("a query does not tell when a verdict becomes false")
+        if tree.time is not None and tree.time.format not in (*UNITS, TimeFormat.ISO8601):
+            raise NotExpressible(f"DuckDB does not read times as {tree.time.format}")
+        guards = [*(node.when for node in tree.top_down()), *(one.when for one in tree.ignores)]
+        by_value = (one for guard in guards for one in walk(guard))
+        if any(isinstance(one, Operation) and one.operator in _BY_VALUE for one in by_value):
+            raise NotExpressible("guards with *, / and number() may be undefined in some events only")
+        plain = _LogBackend(None, "duckdb")
+        kinds = column_types(plain.prepared(tree, semantics))
+        self.columns = [LogColumn(f"c{number}", place, kind) for number, (place, kind) in enumerate(kinds.items(), 1)]
+        used = column_types(plain.prepared(part, semantics))
+        named = {".".join(map(str, one.place)): one.name for one in self.columns if one.place in used}
+        self.backend = _LogBackend(Table("log", named, "pos", "", "time" if tree.time else "", "ns"), "duckdb")
+        self.query = self.backend.translate(part, semantics).text
+        self.every = bool(re.search(r"^-- .*: every match\.$", self.query, re.MULTILINE))
+        """Whether the query returns every match, not the first one of each scenario."""
+
+    def _condition(self, pattern: Pattern, when: Guard | None = None) -> str:
+        return self.backend.query.condition(pattern, [] if when is None else [when])
+
+    def _literal(self, value: object) -> str:
+        term = self.backend.query.guards.literal(value)
+        return term.whole or term.real or term.text or term.truth or "NULL"
+
+    def broken(self) -> str:
+        """Return the condition that an event breaks the assumptions `types` or `present`."""
+        tree, found = self.types.tree, list[str]()
+        for name in used_events(tree):
+            parts = [(place, part) for place, part, _ in places(tree.events[name].pattern)]
+            fits = [
+                f"{self.name_of[place]} = {self._literal(part.value)}"
+                for place, part in parts
+                if isinstance(part, Literal)
+            ]
+            lacks = [f"{self.name_of[place]} IS NULL" for place, part in parts if isinstance(part, Variable)]
+            if lacks:
+                found.append(f"({' AND '.join([*fits, ''])}({' OR '.join(lacks)}))")
+        if Assumption.EXACT in tree.assumes:
+            integers = [one.name for one in self.columns if one.kind is ValueType.INTEGER]
+            found += [f"abs({name}) >= {EXACT}" for name in integers]
+        return " OR ".join(found) or "false"
+
+    def keys(self) -> Iterator[str]:
+        """Yield expressions with equal values for events that match the same patterns and guards."""
+        literals: dict[Place, dict[str, None]] = {}
+        for _, _, letter in self.types.letters:
+            for place, part, _ in places(letter.pattern):
+                if isinstance(part, Literal):
+                    literals.setdefault(place, {})[self._literal(part.value)] = None
+            if letter.when is not None:
+                yield f"({self._condition(letter.pattern, letter.when)}) IS TRUE"
+        for place, values in literals.items():
+            name = self.name_of[place]
+            tests = [f"{name} IN ({', '.join(values)})"]
+            if len(place) == 1 and place[0] in self.types.discriminators.fields:
+                texts = [*self.texts(place)]
+                if not self.discriminating:
+                    yield name
+                    continue
+                spelled = dict.fromkeys(quoted(text.strip("/ ").casefold()) for text in texts)
+                tests.append(f"lower(trim({name}, '/ ')) IN ({', '.join(spelled)})")
+                others = "[^ -~]" if not all(map(str.isascii, texts)) else f"[{_FOLDED}]"
+                tests.append(f"regexp_matches({name}, {quoted(others)})")
+            yield f"CASE WHEN {' OR '.join(tests)} THEN {name} END"
+
+    def texts(self, place: Place) -> Iterator[str]:
+        """Yield the texts that patterns have at a place."""
+        for _, _, letter in self.types.letters:
+            for other, part, _ in places(letter.pattern):
+                if other == place and isinstance(part, Literal) and isinstance(part.value, str):
+                    yield part.value
+
+    def ask(self, path: Path, reader: LogReader | None) -> "DuckDbAnswer":
+        """Return what is in a log; raises `Declined`."""
+        time = self.types.tree.time
+        field: Place = ("time",) if time is None else time.field
+        name = "jsonl" if reader is None else reader.name
+        source = FORMATS[name](path, [one.place for one in self.columns], field)
+        duckdb = DuckDb.installed()
+        connection = duckdb.connect()
+        try:
+            return DuckDbAnswer(self, source, connection)
+        except duckdb.Error as error:
+            connection.close()
+            raise Declined(f"DuckDB: {str(error).strip().partition(chr(10))[0]}") from error
+        except BaseException:
+            connection.close()
+            raise
+
+
+class DuckDbAnswer(LogAnswer):
+    """A table in DuckDB, and what was asked of it."""
+
+    def __init__(self, engine: DuckDbEngine, source: LogFile, connection: Any) -> None:
+        self.engine, self.source, self.connection = engine, source, connection
+        connection.execute(f"SET temp_directory = {quoted(gettempdir())}")
+        self._load()
+        self._check()
+        keys = ", ".join(engine.keys()) or "1"
+        groups = self._ask(f"SELECT count(*), min(pos, {FIRST}) FROM log GROUP BY {keys} LIMIT {CLASSES + 1}")
+        if len(groups) > CLASSES:
+            raise Declined(f"more than {CLASSES} kinds of events")
+        self.groups = [EventCount(number, first) for number, first in groups]
+        self.noted = [*self._noted()]
+        self.selected = self._selected()
+
+    def _ask(self, query: str) -> list[tuple[Any, ...]]:
+        found: list[tuple[Any, ...]] = self.connection.execute(query).fetchall()
+        return found
+
+    def _load(self) -> None:
+        engine, source, tree = self.engine, self.source, self.engine.types.tree
+        rows = source.rows(self.connection)
+        cells = [f"{source.cell(one.place, one.kind)} AS {one.name}" for one in engine.columns]
+        match tree.time:
+            case None:
+                time = "TRY_CAST(time_number AS DOUBLE)"
+            case EventTime(format=TimeFormat.ISO8601):
+                time = f"coalesce({instant('time_text')}, instant)"
+            case declared:
+                time = nanoseconds("time_number", UNITS[str(declared.format)])
+        odd = " OR ".join(["other", *(source.odd(one.place, one.kind) for one in engine.columns)])
+        self.connection.execute(
+            f"CREATE TABLE log AS SELECT pos, {''.join(f'{one.name}, ' for one in engine.columns)}"
+            f"{time} AS time, time_number IS NULL AND time_text IS NOT NULL AS words, odd, doubtful FROM "
+            f"(SELECT row_number() OVER () AS pos, {''.join(f'{one}, ' for one in cells)}"
+            f"CAST({source.time_number} AS VARCHAR) AS time_number, CAST({source.time_text} AS VARCHAR) AS time_text, "
+            f"{source.instant} AS instant, "
+            f"coalesce({odd}, false) AS odd, coalesce({source.doubtful}, true) AS doubtful FROM {rows})"
+        )
+
+    def _check(self) -> None:
+        """Raise `Declined` for a log with a warning, or with values that columns do not hold."""
+        engine, tree = self.engine, self.engine.types.tree
+        timed, entry = tree.time is not None, engine.entry
+        causes = {
+            "has a value that a column cannot hold exactly": "odd",
+            "breaks an assumption of the tree": engine.broken(),
+            "has a time that cannot be read": f"{entry} AND time IS NULL" if timed else f"{entry} AND words",
+        }
+        counts = ", ".join(f"min(pos) FILTER (WHERE {cause})" for cause in causes.values())
+        [(self.total, *found)] = self._ask(f"SELECT count(*), {counts} FROM log")
+        doubtful = [number for (number,) in self._ask(f"SELECT pos FROM log WHERE doubtful LIMIT {DOUBTS + 1}")]
+        if len(doubtful) > DOUBTS:
+            raise Declined(f"more than {DOUBTS} lines that DuckDB may read in another way")
+        try:
+            self.source.check(self.total, sorted(doubtful), engine.plan.reads)
+        except (RvaftError, OSError) as error:
+            raise error if isinstance(error, Declined) else Declined(str(error)) from error
+        for cause, number in zip(causes, found, strict=True):
+            if number is not None:
+                raise Declined(f"event {number} {cause}")
+        late = None if tree.time is None else tree.time.late
+        back, rows = "lag(time) OVER () > time", f"{entry} AND time IS NOT NULL"
+        if late is not None:
+            back, rows = f"max(time) OVER (ROWS UNBOUNDED PRECEDING) - time > {late}", "true"
+        back = f"SELECT pos FROM (SELECT pos, {back} AS back FROM log WHERE {rows}) WHERE back LIMIT 1"
+        for (number,) in self._ask(back):
+            raise Declined(f"the time goes back at event {number}")
+        if Assumption.CASE in tree.assumes:
+            self._check_case()
+
+    def _check_case(self) -> None:
+        check = AssumptionCheck(self.engine.types.tree, [Assumption.CASE])
+        for one in self.engine.columns:
+            if one.kind is not ValueType.TEXT:
+                continue
+            for (text,) in self._ask(f"SELECT DISTINCT {one.name} FROM log WHERE {one.name} IS NOT NULL"):
+                event: Any = text
+                for name in reversed(one.place):
+                    event = {name: event}
+                if check.broken(event):
+                    raise Declined(f"{json.dumps(text)} breaks the assumption case")
+
+    def _noted(self) -> Iterator[int]:
+        engine = self.engine
+        for field in engine.types.discriminators.fields:
+            name = engine.name_of[field,]
+            known = ", ".join(map(quoted, engine.texts((field,))))
+            query = f"SELECT min(pos) FROM log WHERE NOT {engine.entry} AND {name} NOT IN ({known}) GROUP BY {name}"
+            yield from (number for (number,) in self._ask(f"{query} ORDER BY 1 LIMIT {SPELLINGS}"))
+
+    def _matches(self) -> list[tuple[int, list[int]]] | None:
+        """Return each match: the number of the last event, and those of all; None for too many."""
+        timer = Timer(PATIENCE, self.connection.interrupt)
+        timer.daemon = True
+        timer.start()
+        try:
+            found = self._ask(f"SELECT detected, nodes FROM (\n{self.engine.query}\n) AS found LIMIT {MATCHES + 1}")
+        except DuckDb.installed().InterruptException:
+            return None
+        finally:
+            timer.cancel()
+        if len(found) > MATCHES:
+            return None
+        return [(last, sorted(_positions(nodes))) for last, nodes in found]
+
+    def _selected(self) -> Iterable[int]:
+        monitors = self.engine.plan.monitors
+        whole = len(monitors.columns) == 1
+        matches = self._matches()
+        if matches == []:
+            return []
+        every = f"SELECT pos FROM log WHERE {self.engine.entry} ORDER BY pos"
+        if matches is None or (monitors.repeat and not self.engine.every):
+            return self._numbers(every)
+        first = min(last for last, _ in matches)
+        if not self.engine.every:
+            return self._numbers(f"SELECT pos FROM log WHERE {self.engine.entry} AND pos <= {first} ORDER BY pos")
+        if monitors.semantics is Semantics.SCATTERED:
+            most = first if whole and not monitors.repeat else self.total
+            return sorted({number for _, numbers in matches for number in numbers if number <= most})
+        if not whole:
+            return self._numbers(every)
+        ranges, before = list[tuple[int, int]](), 0
+        for last, numbers in sorted(matches):
+            if numbers[0] > before:
+                ranges.append((numbers[0], last))
+                before = last
+        chosen = " OR ".join(
+            f"pos BETWEEN {start} AND {end}" for start, end in ranges[: None if monitors.repeat else 1]
+        )
+        return self._numbers(f"SELECT pos FROM log WHERE {self.engine.entry} AND ({chosen}) ORDER BY pos")
+
+    def _numbers(self, query: str) -> Iterator[int]:
+        found = self.connection.cursor().execute(query)
+        while rows := found.fetchmany(10_000):
+            yield from (number for (number,) in rows)
+
+    def events(self, numbers: Iterable[int], reads: Scope) -> Iterator[EventPlace]:
+        """Yield the events with these numbers."""
+        return self.source.events(numbers, reads)
+
+    def close(self) -> None:
+        """Close the connection."""
+        self.connection.close()
+
+
+def _positions(nodes: str) -> Iterator[int]:
+    for found in json.loads(nodes).values():
+        yield from found if isinstance(found, list) else [found]

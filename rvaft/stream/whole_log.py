@@ -1,0 +1,151 @@
+"""Whole logs through a query engine: a database selects the events that a match may have, and
+counts the others by group. The monitors read the selected events.
+
+An engine is registered in the group of entry points `rvaft.engines`. Where an engine cannot answer
+exactly for a log, it raises `Declined`, and the log is read event by event.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Sequence
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import ClassVar, Final, NamedTuple, TypeAlias
+
+from rvaft.core.classifier import Scope
+from rvaft.errors import OptionError, RvaftError, ToolFailed
+from rvaft.model.values import JsonObject
+from rvaft.readers.log import LogReader
+from rvaft.stream.data_warnings import DataWarnings
+from rvaft.stream.listeners import VerdictChange
+from rvaft.stream.plan import MonitoringPlan, Totals
+from rvaft.stream.run import TraceRun
+from rvaft.stream.statistics import LOOKED_AT, Statistics
+
+GROUP: Final = "rvaft.engines"
+FIRST: Final = LOOKED_AT + 1
+"""Number of events of a group that statistics look at."""
+
+Place: TypeAlias = tuple[int, int | None, JsonObject]
+"""The number, the line and the fields of an event."""
+
+
+class Declined(RvaftError, RuntimeError):
+    """An engine cannot answer exactly for a log.
+
+    >>> print(Declined("an integer of more than 64 bits"))
+    an integer of more than 64 bits
+    """
+
+
+class EventCount(NamedTuple):
+    """Events that match the same patterns and guards: how many, and the numbers of the `FIRST`."""
+
+    total: int
+    first: Sequence[int]
+
+
+class LogAnswer(ABC):
+    """What an engine found in a log.
+
+    `selected` are the numbers of the events that a match may have, in order; the monitors need no
+    other. `noted` are the first events with different values in discriminating fields.
+    """
+
+    total: int
+    groups: Sequence[EventCount]
+    noted: Sequence[int]
+    selected: Iterable[int]
+
+    @abstractmethod
+    def events(self, numbers: Iterable[int], reads: Scope) -> Iterator[Place]:
+        """Yield the events with these increasing numbers; raises `RvaftError` and `OSError`."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Free the memory of the answer."""
+
+
+class QueryEngine(ABC):
+    """An engine for one monitoring plan.
+
+    `name` is for messages, and `formats` are the names of the readers that it replaces.
+
+    Raises `NotExpressible`, `TooLarge`, `OptionError` and `ToolMissing` for a plan.
+    """
+
+    name: ClassVar[str]
+    formats: ClassVar[frozenset[str]]
+
+    @abstractmethod
+    def __init__(self, plan: MonitoringPlan) -> None: ...
+
+    @abstractmethod
+    def ask(self, path: Path, reader: LogReader | None) -> LogAnswer:
+        """Return what is in a log (JSON Lines without a reader); raises `Declined`."""
+
+
+def engine_class(name: str) -> type[QueryEngine]:
+    """Import the engine of that name; raises `OptionError` and `ToolFailed`."""
+    known = {entry.name: entry for entry in entry_points(group=GROUP)}
+    if name not in known:
+        raise OptionError(f"unknown engine {name}; known: {', '.join(sorted(known)) or 'none'}")
+    try:
+        made: type[QueryEngine] = known[name].load()
+    except Exception as error:
+        reason = f"it cannot be loaded: {type(error).__name__}: {error}"
+        raise ToolFailed(f"the engine {name}", reason=reason) from error
+    return made
+
+
+def count(run: TraceRun, answer: LogAnswer) -> None:
+    """Add the counts of an answer to the totals of a run.
+
+    Raises `Declined`, without an effect, if an event causes a data warning.
+    """
+    plan, types = run.plan, run.plan.monitors.types
+    wanted = sorted({number for group in answer.groups for number in group.first} | set(answer.noted))
+    events = {number: event for number, _, event in answer.events(wanted, plan.reads)}
+    for totals in (Totals(Statistics(types), DataWarnings(types)), run.totals):
+        statistics, warnings = totals.statistics, totals.data_warnings
+        looked_at = {number for group in answer.groups for number in group.first}
+        for number, event in events.items():
+            kind = types.of(event)
+            if number not in looked_at:
+                types.note(event.get(field) for field in types.discriminators.fields)
+                continue
+            warnings.see(event, number, run.prefix, kind)
+            if statistics is not None:
+                statistics.add(event, number, run.prefix, kind)
+        if totals is not run.totals and warnings.found:
+            first = next(iter(warnings.found.values()))
+            raise Declined(f"{first.first} causes a warning ({first.reason})")
+        for group in answer.groups:
+            kinds = {types.of(events[number]).admitted for number in group.first}
+            if len(kinds) > 1:
+                raise Declined(f"{run.prefix}event {group.first[0]} is not counted with equal events")
+            kind, others = types.of(events[group.first[0]]), group.total - len(group.first)
+            if statistics is not None and others:
+                statistics.events += others
+                if kind.entries and kind.relevant is not None:
+                    statistics.tally[kind.relevant] += others
+
+
+def read(run: TraceRun, answer: LogAnswer) -> Iterator[bool]:
+    """Step the monitors over the selected events, and pause after each; notify as `run.read` does."""
+    run.prepare()
+    watch, types = run.watch, run.plan.monitors.types
+    monitors = watch.monitors
+    for number, line, event in answer.events(answer.selected, run.plan.reads) if monitors.live else ():
+        run.number, run.lines, watch.events = number, (number - 1, (line,)), number
+        changed = monitors.step(event, number, types.of(event))
+        if monitors.serves:
+            watch.buffer.remember(number, event, line)
+        if changed:
+            run.notify(VerdictChange(watch, number, event, changed, line))
+            if not monitors.live:
+                break
+        yield True
+    run.number = watch.events = answer.total
+    run.notify_unchanged(answer.total)
+    run.ended = True
+    yield False

@@ -1,0 +1,270 @@
+"""Monitors in C: warnings, sanitizers, the reader of JSON, and the program of `rvaft build`."""
+
+import json
+import math
+import shutil
+import subprocess
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from random import Random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from backends.c import CBackend
+from backends.c.library import CMonitor, NoVerdict, build_program, compile_c, compiler
+from cross_check.generate.disturbances import disturbed
+from cross_check.generate.traces import NoTraceFound, detecting, random_trace
+from cross_check.generate.trees import Shape, random_tree
+from rvaft import RVAFT, LanguageError, NotExpressible, Semantics, TooLarge, TraceError, load, loads
+from rvaft.core.classifier import TreeReads
+from rvaft.model.values import Json
+from rvaft.readers.json_lines import decode
+from rvaft.semantics import Reference
+from tests.backends.texts import SHAPES
+from tests.cli.runs import TREES, run
+from tests.tables import rows, spelled
+
+pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
+BACKEND, SCATTERED = CBackend(), Semantics.SCATTERED
+READERS = str(Path(__file__).parents[2] / "readers" / "test_json_lines.py")
+LINES = [(kind, name, spelled(text)) for kind, name, text in rows(READERS, "lines.txt")]
+REPEATED = rows(READERS, "repeated_keys.txt")
+WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
+SANITIZERS = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+TIED = "event e(k, u) = { k: k, u: u }; top sand x y; x on e(1, U); y on e(2, U);"
+READING = 'event x(v) = { a: v }; event y(v) = { topic: "t", value: v }; top or a b c; a on x(_); b on y(_);'
+WINDOW = f"time ts as s late 0 s; {TIED.replace('x y;', 'x y within 10 s;')}"
+VARIED = (
+    "top or a b;",
+    TIED,
+    WINDOW,
+    "time ts as iso8601; top and a b c within 5 s;",
+    "time t.stamp as ros; top pand p q; p and a b; q and c d when at(c) >= at(a) + 1 s;",
+    """event e(v, w) = { v: v, l: [1, w] }; ignore e(X, _) when like(X, "*a?"); top 2of3 a b c;
+    a on e(X, Y) when X + 1 > Y / 2 or startswith(Y, "z"); b on e(Y, X) when number(X) * 2.5 != min(Y, 3); c;""",
+)
+
+
+def trees() -> list[RVAFT]:
+    shipped = [load(file) for file in (TREES / "remote_inspection" / "pruned.rvaft", TREES / "gates" / "vot.rvaft")]
+    return [*map(loads, VARIED), *shipped]
+
+
+@cache
+def program(text: str, folder: Path, semantics: Semantics = SCATTERED, capacity: int = 64) -> Path:
+    file = folder / f"monitor-{abs(hash((text, semantics, capacity)))}"
+    build_program(BACKEND.translate(loads(text), semantics).text, file, capacity)
+    return file
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("native")
+
+
+def status(file: Path, data: bytes, *options: str) -> tuple[int, str, str]:
+    done = subprocess.run([file, *options], input=data, capture_output=True, check=False, timeout=60)
+    return done.returncode, done.stdout.decode(), done.stderr.decode()
+
+
+@pytest.mark.parametrize("name", ["gcc", "clang"])
+@pytest.mark.parametrize(
+    "options",
+    [("-DRVAFT_MAIN=1", "-O0"), pytest.param(("-DRVAFT_JSON=0", "-O2"), marks=pytest.mark.ci)],
+    ids=["program", "embedded"],
+)
+def test_no_warnings(name: str, options: Sequence[str], tmp_path: Path) -> None:
+    if shutil.which(name) is None:
+        pytest.skip(f"needs {name}")
+    for tree in trees():
+        for semantics in (Semantics.PROJECTED, SCATTERED) if "-O2" in options else (SCATTERED,):
+            text = BACKEND.translate(tree, semantics).text
+            compile_c(text, tmp_path / "monitor.o", (*WARNINGS, *options, "-c"), command=[name])
+
+
+@pytest.mark.parametrize(("kind", "data"), [(kind, data) for kind, _, data in LINES], ids=[row[1] for row in LINES])
+def test_what_the_python_reader_refuses(kind: str, data: bytes, folder: Path) -> None:
+    """Numbers that are not finite are undefined, unless a log is read strictly; where a tree reads nothing, a
+    repeated key is no error.
+    """
+    if kind == "odd":
+        return
+    first = b'{"a":1}\n\n' if kind == "bad" else b""
+    code, _, error = status(program(READING, folder), first + data)
+    assert (code == 2) == (kind == "bad"), error
+    assert bool(error) == (kind == "bad")
+
+
+@pytest.mark.parametrize(("kind", "line"), REPEATED)
+def test_repeated_keys(kind: str, line: str, folder: Path) -> None:
+    """The native reader refuses them in all fields of the tree, and anywhere in a list or an object that it
+    compares.
+    """
+    tree = 'event e(v) = { topic: "t", pose: { x: _ }, value: v, list: [{ y: 1 }] }; top or a; a on e(V);'
+    code, _, error = status(program(tree, folder), line.encode())
+    if kind == "refused":
+        assert code == 2
+        assert error.startswith("<stdin>:1: error: not JSON: a key is repeated (byte ")
+    else:
+        assert code in (0, 2)
+
+
+def test_errors_name_the_line(folder: Path) -> None:
+    code, out, error = status(program(TIED, folder), b'{"k": 1}\n\n{"k": nope}\n{"k": 1}\n')
+    assert (code, out) == (2, '{"event": 1, "verdict": "unknown"}\n')
+    assert error == "<stdin>:3: error: not JSON: expecting value (byte 7 of the line)\n"
+
+
+@pytest.mark.parametrize("text", [TIED, WINDOW, "top sand a b;"])
+@pytest.mark.parametrize("options", [(), ("--repeat",), ("--detections",)])
+@pytest.mark.parametrize("semantics", Semantics)
+def test_the_output_of_monitor(
+    text: str, options: tuple[str, ...], semantics: Semantics, folder: Path, tmp_path: Path
+) -> None:
+    random, tree = Random(text), loads(text)
+    traces = [detecting(random, tree, SCATTERED) for _ in range(8)]
+    log = tmp_path / "log.jsonl"
+    log.write_text("\n\n".join(json.dumps(event) for trace in traces for event in trace), encoding="utf-8")
+    file = tmp_path / "tree.rvaft"
+    file.write_text(text, encoding="utf-8")
+    known = ("event", "verdict", "line", "detection")
+    ours = run("monitor", str(file), str(log), "--format", "jsonl", "--semantics", semantics, *options)
+    records = [json.loads(line) for line in ours.stdout.splitlines()]
+    wanted = [{name: record[name] for name in known if name in record} for record in records]
+    code, out, error = status(program(text, folder, semantics), log.read_bytes(), *options)
+    assert [json.loads(line) for line in out.splitlines()] == wanted, error
+    assert code == ours.exit_code
+
+
+def test_a_full_array_is_no_verdict(folder: Path) -> None:
+    log = b"".join(b'{"k": 1, "u": %d}\n' % number for number in range(100))
+    code, out, error = status(program(TIED, folder, capacity=64), log)
+    assert (code, out.count("\n")) == (3, 63)  # the start is a partial match, too
+    assert error == "<stdin>:64: error: an array is full: build with a larger --capacity\n"
+
+
+def test_windows_bound_what_is_stored(folder: Path) -> None:
+    log = b"".join(b'{"k": 1, "u": "user%d", "ts": %d}\n' % (number, number) for number in range(20_000))
+    code, out, error = status(program(WINDOW, folder, capacity=64), log + b'{"k": 2, "u": "user19995", "ts": 20000}')
+    assert (code, error, out.splitlines()[-1]) == (1, "", '{"event": 20001, "verdict": "true", "line": 20001}')
+
+
+@pytest.mark.parametrize(
+    ("tree", "event"),
+    [
+        ("event e(v) = { v: v }; top or a; a on e(V) when V * V > 1;", {"v": 2**40}),
+        ("event e(v) = { v: v }; top or a; a on e(V) when V + 1 > 1;", {"v": 10**20}),
+        ("time ts as s; top and a b within 1 s;", {"event": "a", "ts": 10**12}),
+    ],
+)
+def test_more_than_64_bits_are_no_verdict(tree: str, event: Json) -> None:
+    monitor = CMonitor(BACKEND.translate(loads(tree), SCATTERED).text)
+    assert "needs more than 64 bits" in (monitor.left_open or (lambda _: ""))([event])
+    with pytest.raises(NoVerdict):
+        monitor.step(event)
+
+
+def equal(left: str, right: str) -> bool:
+    """Whether two JSON numbers are equal for a monitor, which then detects."""
+    monitor = CMonitor(BACKEND.translate(loads(TIED), SCATTERED).text)
+    found = monitor.read_line(f'{{"k": 1, "u": {left}}}'.encode())
+    found = monitor.read_line(f'{{"k": 2, "u": {right}}}'.encode())
+    return found.value == "true"
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_decimals_become_the_nearest_double(number: float) -> None:
+    exact = f"{number:.800e}" if abs(number) < 1e300 else repr(number)
+    assert equal(repr(number), exact)
+    assert not equal(repr(number), repr(math.nextafter(number, 0) if number else 5e-324))
+
+
+@given(st.integers(-(10**25), 10**25), st.integers(-2, 2))
+def test_integers_are_exact(number: int, offset: int) -> None:
+    assert equal(str(number), str(number + offset)) == (offset == 0)
+    assert equal(str(number), repr(float(number))) == (int(float(number)) == number)
+
+
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.integers(-3, 3) | st.floats(-2, 2, width=16) | st.text(max_size=2),
+        lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=2), inner, max_size=3),
+        max_leaves=6,
+    )
+)
+def test_lists_and_objects_are_compared_as_a_whole(value: Json) -> None:
+    other = json.dumps(value, sort_keys=True, ensure_ascii=True, indent=1).replace("\n", "")
+    assert equal(json.dumps(value, ensure_ascii=False), other)
+    assert not equal(json.dumps([value]), other)
+
+
+def test_other_texts() -> None:
+    with pytest.raises(LanguageError, match="not a monitor in C"):
+        BACKEND.read("int x;")
+    with pytest.raises(LanguageError, match="not a monitor in C"):
+        BACKEND.read("nonsense")
+
+
+def test_a_changed_text_has_no_list_of_tests() -> None:
+    text = BACKEND.translate(loads('top sand a b; b on x("*/é"); event x(v) = { v: v };'), SCATTERED).text
+    assert len(BACKEND.observed(text) or ()) == 2
+    assert BACKEND.observed(f"{text} ") is None
+
+
+def spoiled(random: Random, line: bytes) -> bytes:
+    """A line with a few bytes changed, often those that JSON is made of."""
+    data = bytearray(line)
+    for _ in range(random.randrange(1, 4)):
+        at = random.randrange(len(data) + 1)
+        new = random.choice([b'"', b"\\", b"{", b"}", b"[", b"]", b",", b":", b"1", b"e", b"-", b".", b"\\u", b"\xc3"])
+        data[at : at + random.randrange(3)] = random.choice([new, b"", bytes([random.randrange(256)])])
+    return bytes(data).replace(b"\n", b" ")
+
+
+def accepts(tree: RVAFT, line: bytes) -> bool:
+    try:
+        decode(line, reads=TreeReads(tree))
+    except (ValueError, TraceError):
+        return False
+    return True
+
+
+@pytest.mark.parametrize("rounds", [1, pytest.param(12, marks=pytest.mark.ci)])
+def test_sanitizers(rounds: int, tmp_path: Path) -> None:
+    """Random trees and traces, and spoiled lines, with checks of memory and of undefined behaviour."""
+    random, compared = Random(rounds), 0
+    shapes = [Shape(), *SHAPES.values()]
+    for number in range(rounds):
+        tree = random_tree(random, shapes[number % len(shapes)]) if number else loads(VARIED[-1])
+        semantics = list(Semantics)[number % 4]
+        try:
+            text = BACKEND.translate(tree, semantics).text
+        except (NotExpressible, TooLarge):
+            continue
+        file = tmp_path / "monitor"
+        compile_c(text, file, (*SANITIZERS, "-DRVAFT_MAIN=1", "-DRVAFT_LINE=1000000", "-DRVAFT_CAPACITY=512"))
+        traces = [random_trace(random, tree) for _ in range(5)]
+        try:
+            found = [detecting(random, tree, semantics) for _ in range(5)]
+            traces += [*found, *(disturbed(random, one, tree) for one in found)]
+        except NoTraceFound:
+            pass
+        for trace in traces:
+            lines = [json.dumps(event, ensure_ascii=False).encode() for event in trace]
+            code, out, error = status(file, b"\n".join(lines))
+            assert code in (0, 1, 3), error
+            if code < 2:
+                got = [json.loads(line)["verdict"] for line in out.splitlines()]
+                assert got == [verdict.value for verdict in Reference(tree, semantics).run(trace)]
+                compared += 1
+            for line in lines[:3]:
+                bad = spoiled(random, line)
+                code, _, error = status(file, bad)
+                assert code in (0, 1, 2, 3), error
+                assert "runtime error" not in error
+                assert "Sanitizer" not in error
+                assert accepts(tree, bad) or code in (2, 3) or not bad.strip(), bad
+    assert compared >= 5

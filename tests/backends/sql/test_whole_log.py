@@ -1,0 +1,251 @@
+"""`rvaft monitor --engine duckdb` against the same command without it: output, warnings and status."""
+
+import csv
+import json
+import random
+import re
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.cli.runs import FILES, TREES, run
+
+pytest.importorskip("duckdb", reason="DuckDB is not installed")
+
+TYPED = """
+event x(u: text) = { event: "x", u: u }; event y(u: text, n: integer) = { event: "y", u: u, n: n };
+event z(u: text) = { event: "z", u: u, v: true };
+"""
+NESTED = """
+event x(u: text) = { event: "x", d: { u: u } }; event y(n: number, w: text) = { event: "y", d: { n: n }, u: w };
+"""
+SCATTERED = "assume types, present; semantics scattered;"
+CONSECUTIVE = "assume types, present; semantics consecutive;"
+EXACT = "assume types, present, exact; semantics scattered;"
+CASES = (
+    f"{TYPED} {SCATTERED} time t as s; top sand a b c within 3 s; a on x(U); b on y(U, N) when N > 2; c on z(U);",
+    f"{TYPED} {SCATTERED} top or p q; p sand a b; q and b c; a on x(U); b on y(U, N) when N != 1; c attack on z(U);",
+    f"{TYPED} {CONSECUTIVE} top sand a b; a on x(U); b on y(U, N) when N <= 3; ignore y(_, N) when N == 2;",
+    (
+        f"{TYPED} {CONSECUTIVE} time t as s; top or p q; p fault sand a b; q attack and b c; a on x(U); b on y(_, N); "
+        "c on z(U);"
+    ),
+    (
+        f"{TYPED} {SCATTERED} time t as s; top 2of3 a b c; a times 2 on x(U); b on y(U, N); "
+        'c on z(U) when startswith(U, "a");'
+    ),
+    "semantics scattered; top sand x y;",
+    f"{NESTED} {EXACT} time t as s late 2 s; top sand a b within 2 s; a on x(U); b on y(N, U) when N >= 0.5;",
+    (
+        'event x(n: integer, m: integer) = { event: "x", n: n, k: m }; event y(n: integer) = { event: "y", n: n };'
+        f"{SCATTERED} top pand a b; a and a1 a2; a1 on x(N, M); a2 on y(M); b on x(K, L) when K > N + L;"
+    ),
+    f'event x(u: text) = {{ kind: 4, u: u }}; {SCATTERED} time t as ms; top sand a b; a on x("a"); b on x("b");',
+    (
+        f"{TYPED} {SCATTERED} time iso as iso8601; top sand a b within 2 s; a on x(U); b on y(U, _) "
+        "when at(b) - at(a) >= 1 s;"
+    ),
+)
+OPTIONS = ((), ("--repeat",), ("--format", "jsonl"), ("--format", "jsonl", "--detections", "--repeat"), ("--explain",))
+PER = ((), (), ("--per", "branch"), ("--per", "kind"))
+ODD = (None, "5", 5, 5.0, "X", "/x", " x", False, [1], {"a": 1}, 10**20, 2**60, "é", "\0", "😀", 1.1234567890123, "a,]")
+LINES = ("", "  ", "null", "{}", '{"event": "x", "u": "a", "t": 1} x', "\f")
+"""Lines that are no events, or events without a field."""
+ENDS = (",}", ', "u": "b"}', ', "U": "b"}', ', "q": NaN}', ', "u": NaN}', ', "\\u0075": "b"}', ', "t": 1e999}', "}\r")
+"""Ends of lines that are not JSON, or that other programs read in another way."""
+
+
+FRACTIONS = ("", ".5", ",25", ".123456789")
+
+
+def event(draw: random.Random, time: float, odd: float) -> dict[str, Any]:
+    user = draw.choice("ab")
+    made: dict[str, Any] = {
+        "event": draw.choice("xyzxyzw"),
+        "u": user,
+        "n": draw.randint(0, 4),
+        "t": time,
+        "v": True,
+        "k": draw.randint(0, 4),
+        "d": {"u": user, "n": draw.choice([0, 0.5, 1, 2])},
+        "kind": draw.choice([4, 4.0, 4.5]),
+        "iso": f"2024-01-01T00:00:{int(time) % 60:02}{draw.choice(FRACTIONS)}{draw.choice(['', 'Z', '+00:00'])}",
+    }
+    if draw.random() < odd:
+        made[draw.choice(list(made))] = draw.choice(ODD)
+    if draw.random() < odd:
+        made.pop(draw.choice(list(made)))
+    return made
+
+
+def events(draw: random.Random, odd: float) -> list[dict[str, Any]]:
+    made, time = list[dict[str, Any]](), draw.choice([0.0, 1_700_000_000.0])
+    for _ in range(draw.choice([3, 20, 100])):
+        time = round(time + draw.choice([0, 0.1, 0.25, 1]), 6)
+        made.append(event(draw, time, odd))
+    return made
+
+
+def written(draw: random.Random, odd: float) -> str:
+    lines = []
+    for one in events(draw, odd):
+        line = json.dumps(one, ensure_ascii=draw.random() < 0.5, separators=draw.choice([(",", ":"), (", ", ": ")]))
+        if draw.random() < odd / 3:
+            line = draw.choice([*LINES, *(line[:-1] + end for end in ENDS)])
+        lines.append(line)
+    return "\n".join(lines) + draw.choice(["\n", "\n\n", ""])
+
+
+def differences(tree: Path, log: Path, options: Sequence[str]) -> tuple[bool, bool]:
+    """Compare the runs; return whether DuckDB answered, and whether something was detected."""
+    plain, asked = run("monitor", tree, log, *options), run("monitor", tree, log, *options, "--engine", "duckdb")
+    told = [line for line in asked.stderr.splitlines() if "is read without DuckDB: " not in line]
+    assert (asked.stdout, asked.exit_code) == (plain.stdout, plain.exit_code)
+    assert told == plain.stderr.splitlines()
+    return "is read without DuckDB" not in asked.stderr, plain.exit_code == 1
+
+
+@pytest.mark.parametrize("first", [0, *(pytest.param(first, marks=pytest.mark.ci) for first in range(60, 600, 60))])
+def test_json_lines(first: int, tmp_path: Path) -> None:
+    seen = Counter[str]()
+    tree, log = tmp_path / "tree.rvaft", tmp_path / "log.jsonl"
+    for seed in range(first, first + 60):
+        draw = random.Random(seed)
+        tree.write_text(CASES[seed % len(CASES)])
+        log.write_text(written(draw, draw.choice([0, 0, 0.004, 0.02])), encoding="utf-8")
+        answered, found = differences(tree, log, [*draw.choice(OPTIONS), *draw.choice(PER)])
+        seen.update({"answered": answered, "found": answered and found, "declined": not answered})
+    assert seen["answered"] > 30
+    assert seen["found"] > 10
+    assert seen["declined"] > 3
+
+
+@pytest.mark.parametrize("first", [0, *(pytest.param(first, marks=pytest.mark.ci) for first in range(40, 400, 40))])
+def test_tables(first: int, tmp_path: Path) -> None:
+    pa = pytest.importorskip("pyarrow", reason="pyarrow is not installed")
+    pq = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+    seen = Counter[str]()
+    tree = tmp_path / "tree.rvaft"
+    for seed in range(first, first + 40):
+        draw = random.Random(seed)
+        tree.write_text(CASES[seed % len(CASES)].replace(", v: true", ""))
+        rows = [{name: value for name, value in one.items() if name not in ("d", "v")} for one in events(draw, 0)]
+        if draw.random() < 0.2:
+            rows[-1]["n"] = None
+        if seed // len(CASES) % 2:
+            log = tmp_path / "log.csv"
+            with log.open("w", newline="", encoding="utf-8") as stream:
+                delimiter, end = draw.choice(";\t"), draw.choice(["\n", "\r\n"])
+                table = csv.DictWriter(stream, list(rows[0]), delimiter=delimiter, lineterminator=end)
+                table.writeheader()
+                table.writerows(rows)
+        else:
+            log = tmp_path / "log.parquet"
+            columns = {name: pa.array([row[name] for row in rows]) for name in rows[0]}
+            if draw.random() < 0.3:
+                milliseconds = [int(row["t"] * 1000) for row in rows]
+                columns["iso"] = pa.array(milliseconds, pa.timestamp("ms", draw.choice([None, "UTC"])))
+            pq.write_table(pa.table(columns), log, row_group_size=draw.choice([7, 1000]))
+        answered, found = differences(tree, log, draw.choice(OPTIONS))
+        seen.update({"answered": answered, "found": answered and found})
+    assert seen["answered"] > 20
+    assert seen["found"] > 5
+
+
+@pytest.mark.ci
+def test_logs_of_shipped_trees() -> None:
+    answered = 0
+    for tree in sorted(TREES.rglob("*.rvaft")):
+        for log in sorted(tree.with_suffix(".traces").glob("*.jsonl")):
+            asked = run("monitor", tree, log, "--semantics", "scattered", "--engine", "duckdb")
+            if asked.exit_code == 2:
+                assert re.search("cannot express this tree|no-scenario", asked.stderr), asked.stderr
+                break
+            answered += differences(tree, log, ["--semantics", "scattered"])[0]
+    assert answered > 10
+
+
+JOIN = f"{TYPED} {SCATTERED} top sand a b; a on x(U); b on y(U, _);"
+
+
+def test_many_matches_are_found_event_by_event(tmp_path: Path) -> None:
+    """200 × 200 matches: more than a query returns."""
+    tree, log = tmp_path / "tree.rvaft", tmp_path / "log.jsonl"
+    tree.write_text(JOIN)
+    lines = [{"event": kind, "u": "a", "n": 1} for kind in "xy" for _ in range(200)]
+    log.write_text("".join(f"{json.dumps(line)}\n" for line in lines))
+    assert differences(tree, log, []) == differences(tree, log, ["--repeat"]) == (True, True)
+
+
+def test_the_fiftieth_misspelt_event(tmp_path: Path) -> None:
+    """Of events without a match, statistics look at the first ones of each spelling."""
+    tree, log = tmp_path / "tree.rvaft", tmp_path / "log.jsonl"
+    tree.write_text(JOIN)
+    kinds = [*["X", "/y", "other", "x"] * 50, "ÿ", "ſ", *map(str, range(50))]
+    lines = [{"event": kind, "u": "a", "n": 1} for kind in kinds]
+    log.write_text("".join(f"{json.dumps(line)}\n" for line in lines))
+    assert differences(tree, log, []) == (True, False)
+    assert "near miss: at least 20 events would be x" in run("monitor", tree, log, "--engine", "duckdb").stdout
+
+
+DECLINED = {
+    "a broken type": ('{"event": "x", "u": 5}', "event 2 breaks an assumption"),
+    "an absent field": ('{"event": "y", "u": "a"}', "event 2 breaks an assumption"),
+    "null": ('{"event": "x", "u": null}', "event 2 breaks an assumption"),
+    "a large integer": ('{"event": "y", "u": "a", "n": 9223372036854775808}', "a value that a column cannot hold"),
+    "a double beyond 64 bits": ('{"event": "y", "u": "a", "n": 1e30}', "a value that a column cannot hold"),
+    "NaN": ('{"event": "y", "u": "a", "n": NaN}', "not finite|cannot hold"),
+    "an infinite double": ('{"event": "x", "u": 1e999}', "cannot hold|breaks"),
+    "a repeated key": ('{"event": "x", "u": "a", "u": "b"}', "repeated"),
+    "a repeated key with an escape": ('{"event": "x", "u": "a", "\\u0075": "b"}', "repeated"),
+    "a trailing comma": ('{"event": "x", "u": "a",}', "not JSON"),
+    "a list": ("[1]", "cannot hold|not a JSON object"),
+    "no JSON": ("x", "DuckDB"),
+    "two objects": ('{"event": "x", "u": "a"} {"event": "x", "u": "a"}', "DuckDB"),
+    "a form feed": ('\f{"event": "x", "u": "a"}', "control character"),
+    "deep nesting": (f'{{"q": {"[" * 600}{"]" * 600}}}', "nested|DuckDB"),
+    "a long number": (f'{{"q": {"1" * 5000}}}', "digits|DuckDB"),
+}
+
+
+@pytest.mark.parametrize("name", DECLINED)
+def test_what_duckdb_may_read_in_another_way_is_read_without_it(name: str, tmp_path: Path) -> None:
+    tree, log = tmp_path / "tree.rvaft", tmp_path / "log.jsonl"
+    tree.write_text(JOIN)
+    line, reason = DECLINED[name]
+    log.write_text(f'{{"event": "x", "u": "a"}}\n{line}\n{{"event": "y", "u": "a", "n": 1}}\n')
+    assert not differences(tree, log, [])[0]
+    assert re.search(reason, run("monitor", tree, log, "--engine", "duckdb").stderr)
+
+
+REFUSED: Sequence[tuple[str, list[str], str]] = (
+    (JOIN, ["--follow"], "--engine does not take --follow: a query reads a whole file"),
+    (JOIN, ["--checkpoint", "state"], "--engine does not take --checkpoint"),
+    (JOIN, ["--order-by", "t"], "--engine does not take --order-by"),
+    (JOIN, ["--key", "u"], "--engine does not take --key"),
+    (JOIN, ["--format", "table"], "--engine does not take --format table"),
+    (JOIN, ["--semantics", "projected"], "a query does not tell when a verdict becomes false"),
+    (JOIN.replace("assume types, present;", ""), [], "typed columns need `assume types, present;`"),
+    (JOIN.replace("n: integer", "n"), [], "a column has text, numbers or Booleans"),
+    (f"{TYPED} {SCATTERED} time t as filetime; top on x(U);", [], "DuckDB does not read times as filetime"),
+    (f"{TYPED} {SCATTERED} top on y(_, N) when N * 2 > 3;", [], "guards with *, / and number()"),
+)
+
+
+@pytest.mark.parametrize(("text", "options", "reason"), REFUSED)
+def test_refusals(text: str, options: list[str], reason: str, tmp_path: Path) -> None:
+    tree, log = tmp_path / "tree.rvaft", tmp_path / "log.jsonl"
+    tree.write_text(text)
+    log.touch()
+    done = run("monitor", tree, log, "--engine", "duckdb", *options)
+    assert done.exit_code == 2
+    assert reason in done.stderr
+
+
+def test_standard_input_and_other_engines_are_refused() -> None:
+    tree = FILES["SAND"]
+    assert "name a TRACE" in run("monitor", tree, "--semantics", "scattered", "--engine", "duckdb", data="").stderr
+    assert "unknown engine duck; known: duckdb" in run("monitor", tree, "log.jsonl", "--engine", "duck").stderr

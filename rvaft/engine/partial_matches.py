@@ -169,7 +169,7 @@ class Matching:
 
     def is_bound(self, configuration: Configuration, name: str) -> bool:
         """Whether a variable has a value, perhaps one that is not remembered (see `stages`)."""
-        return name in configuration.binding or self.compiled.mentions[name] & configuration.taken > 0
+        return name in configuration.binding or self.compiled.mentions.get(name, 0) & configuration.taken > 0
 
     def test(self, node: int) -> Predicate | None:
         """Return the test of the guard of a node, once its variables are bound."""

@@ -7,7 +7,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from random import Random
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import Final, TypeAlias
 
 from cross_check.generate.times import Schedule, in_between, timed, walked
 from cross_check.generate.values import (
@@ -28,6 +28,7 @@ from rvaft.core.scenario_space import (
     Edge,
     Fewest,
     Point,
+    Precedence,
     edges_along,
     fewest_events,
     node_of,
@@ -44,9 +45,6 @@ from rvaft.model.tree import RVAFT, find_cycle, reachable
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.rules.rule import listing
-
-if TYPE_CHECKING:
-    import networkx as nx
 
 
 def random_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
@@ -134,7 +132,7 @@ class Scenarios:
         conditions = [part for part in self.prop.parts if isinstance(part, Condition)]
         self._never = {part for part in conditions if is_constant(part) and not holds(part.guard, {})}
         self._fewest = fewest_events(self.prop.parts, without=self._never)
-        self._precedences: dict[Hashable, nx.DiGraph] = {}
+        self._precedences: dict[Hashable, Precedence] = {}
 
     def draw(self, random: Random, *, lean: bool = False) -> Kept | None:
         """Return the kept parts of a random scenario, or None if all are banned.
@@ -184,7 +182,7 @@ class Scenarios:
                     break
         raise cyclic
 
-    def _precedence(self, kept: Kept) -> "nx.DiGraph":
+    def _precedence(self, kept: Kept) -> Precedence:
         scenario = tuple(kept.items())
         if scenario not in self._precedences:
             if sum(map(len, self._precedences.values())) > _REMEMBERED:
@@ -211,12 +209,12 @@ class Scenarios:
         return fewest_events(self.prop.parts, without=banned, without_edges=edges)
 
 
-def _drawn_order(random: Random, graph: "nx.DiGraph") -> list[Event | Times]:
+def _drawn_order(random: Random, graph: Precedence) -> list[Event | Times]:
     """Return the events of a precedence in a random linear extension, with repetitions.
 
     Points that are not events are passed at once, so that every order can occur.
     """
-    waits: dict[Point, int] = dict(graph.in_degree())
+    waits = {point: len(earlier) for point, earlier in graph.predecessors.items()}
     ready: list[Point] = []
     silent = [point for point, number in waits.items() if number == 0]
     order: list[Event | Times] = []
@@ -236,18 +234,18 @@ def _drawn_order(random: Random, graph: "nx.DiGraph") -> list[Event | Times]:
                 ready.append(point)
                 continue
         del waits[point]
-        for later in graph.successors(point):
+        for later in graph[point]:
             waits[later] -= 1
             if waits[later] == 0:
                 (ready if later[0] == "event" else silent).append(later)
     if waits:
-        rest = graph.subgraph(waits)
+        rest = graph.restricted(waits)
         cycle = find_cycle(rest)
         raise Cyclic(edges_along(rest, [*cycle, cycle[0]]))
     return order
 
 
-def _end_in_order(random: Random, kept: Kept, ordered: Part, graph: "nx.DiGraph") -> None:
+def _end_in_order(random: Random, kept: Kept, ordered: Part, graph: Precedence) -> None:
     before: Part | None = None
     for inner in kept[ordered]:
         events = [part for part in reachable(inner, kept.__getitem__) if isinstance(part, Event | Times)]
@@ -256,7 +254,8 @@ def _end_in_order(random: Random, kept: Kept, ordered: Part, graph: "nx.DiGraph"
             continue
         last = random.choice(lasts or events)
         earlier = [one for one in events if one is not last] + ([] if before is None else [before])
-        graph.add_edges_from(((point_of(one), point_of(last)) for one in earlier), via=(ordered, inner))
+        for one in earlier:
+            graph.add(point_of(one), point_of(last), (ordered, inner))
         before = last
 
 

@@ -1,12 +1,11 @@
 """Questions about the feasible scenarios of a property, answered without enumeration."""
 
 from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence, Set
-from contextlib import suppress
 from functools import cached_property
 from heapq import heapify, heappop, heappush
 from itertools import pairwise
 from math import prod
-from typing import TYPE_CHECKING, Final, Literal, NamedTuple, TypeAlias, TypeVar, assert_never
+from typing import Final, Literal, NamedTuple, TypeAlias, TypeVar, assert_never
 
 from rvaft.core import property as core
 from rvaft.core.build import build
@@ -30,9 +29,6 @@ from rvaft.model.guards import holds
 from rvaft.model.tree import RVAFT, find_cycle, reachable
 from rvaft.support.bits import in_at_least
 from rvaft.support.budget import DEFAULT_LIMIT, Budget
-
-if TYPE_CHECKING:
-    import networkx as nx
 
 T = TypeVar("T")
 
@@ -66,48 +62,78 @@ def point_of(event: Part) -> Point:
     return ("event", event, None)
 
 
-def precedence(kept: Kept, *, ends: bool = False) -> "nx.DiGraph":
+class Precedence(dict[Point, dict[Point, Edge | None]]):
+    """The direct successors of each vertex, each with the required tree edge, or None."""
+
+    def add(self, one: Point, other: Point, via: Edge | None = None) -> None:
+        """Add an edge of the graph."""
+        self.setdefault(one, {})[other] = via
+        self.setdefault(other, {})
+
+    def copy(self) -> "Precedence":
+        """Return an independent graph."""
+        return Precedence({point: dict(later) for point, later in self.items()})
+
+    @property
+    def predecessors(self) -> dict[Point, list[Point]]:
+        """The direct predecessors of each vertex."""
+        found: dict[Point, list[Point]] = {point: [] for point in self}
+        for point, later in self.items():
+            for one in later:
+                found[one].append(point)
+        return found
+
+    def restricted(self, points: Container[Point]) -> "Precedence":
+        """Return the graph of some vertices."""
+        inside = {point: later for point, later in self.items() if point in points}
+        return Precedence({one: {b: via for b, via in later.items() if b in points} for one, later in inside.items()})
+
+
+def precedence(kept: Kept, *, ends: bool = False) -> Precedence:
     """Return the precedence graph of kept parts.
 
-    The edge attribute `via` is the required tree edge, or None. The order of an `EndInOrder` is
-    omitted, or with `ends` treated as a sequence, which is stronger.
+    The order of an `EndInOrder` is omitted, or with `ends` treated as a sequence, which is stronger.
     """
-    import networkx as nx  # noqa: PLC0415 -- slow to import
-
-    graph = nx.DiGraph()
+    graph = Precedence()
     for part, inside in kept.items():
         start: Point = ("start", part, None)
         end: Point = ("end", part, None)
         if isinstance(part, Event | Times):
-            graph.add_edge(start, point_of(part), via=None)
-            graph.add_edge(point_of(part), end, via=None)
+            graph.add(start, point_of(part))
+            graph.add(point_of(part), end)
         for inner in inside:
             via = (part, inner) if is_edge(part, inner) else None
-            graph.add_edge(start, ("start", inner, None), via=via)
-            graph.add_edge(("end", inner, None), end, via=via)
+            graph.add(start, ("start", inner, None), via)
+            graph.add(("end", inner, None), end, via)
         if isinstance(part, core.Sequence) or (ends and isinstance(part, EndInOrder)):
             for earlier, later in pairwise(inner for inner in part.parts if inner in inside):
                 before, after = ((part, side) if is_edge(part, side) else None for side in (earlier, later))
                 done: Point = ("done", part, earlier)
-                graph.add_edge(("end", earlier, None), done, via=before)
-                graph.add_edge(done, ("start", later, None), via=after)
-                graph.add_edge(done, ("done", part, later), via=after)
+                graph.add(("end", earlier, None), done, before)
+                graph.add(done, ("start", later, None), after)
+                graph.add(done, ("done", part, later), after)
     return graph
 
 
-def path(graph: "nx.DiGraph", before: Part, after: Part) -> list[Point]:
+def path(graph: Precedence, before: Part, after: Part) -> list[Point]:
     """Return a shortest path between two events, or an empty list."""
-    import networkx as nx  # noqa: PLC0415 -- slow to import
-
+    start, end = point_of(before), point_of(after)
+    earlier: dict[Point, Point | None] = {start: None} if start in graph else {}
+    for point in (queue := list(earlier)):
+        new = [later for later in graph[point] if later not in earlier]
+        earlier.update(dict.fromkeys(new, point))
+        queue += new
     points: list[Point] = []
-    with suppress(nx.NetworkXNoPath, nx.NodeNotFound):
-        points += nx.shortest_path(graph, point_of(before), point_of(after))
-    return points
+    found: Point | None = end if end in earlier else None
+    while found is not None:
+        points.append(found)
+        found = earlier[found]
+    return points[::-1]
 
 
-def edges_along(graph: "nx.DiGraph", points: list[Point]) -> list[Edge]:
+def edges_along(graph: Precedence, points: list[Point]) -> list[Edge]:
     """Return the tree edges that a path requires, each once."""
-    needed = (graph.edges[step]["via"] for step in pairwise(points))
+    needed = (graph[one][other] for one, other in pairwise(points))
     return list(dict.fromkeys(edge for edge in needed if edge is not None))
 
 
@@ -125,7 +151,7 @@ class Standstill(NamedTuple):
     lacking: Iterable[Edge] = ()
 
 
-def standstill(kept: Kept, graph: "nx.DiGraph") -> Standstill | None:
+def standstill(kept: Kept, graph: Precedence) -> Standstill | None:
     """Return why no order satisfies the precedence `graph` and the order of ends, or None.
 
     `graph` may have additional edges.
@@ -142,14 +168,14 @@ def standstill(kept: Kept, graph: "nx.DiGraph") -> Standstill | None:
         if isinstance(part, EndInOrder):
             for one, other in pairwise(inner for inner in inside if inner in bearing):
                 awaited.setdefault(("start", other, None), []).append(("end", one, None))
-    waiting = {point: graph.out_degree(point) for point in graph}
+    waiting, predecessors = {point: len(later) for point, later in graph.items()}, graph.predecessors
     for ends in awaited.values():
         for end in ends:
             waiting[end] += 1
     free = [point for point, count in waiting.items() if count == 0]
     begun: set[Part] = set()  # parts with a free event
     for point in free:
-        ready = [*graph.predecessors(point)]
+        ready = [*predecessors[point]]
         agenda = [point[1]] if point[0] == "event" else []
         while agenda:
             if (part := agenda.pop()) not in begun:
@@ -163,7 +189,7 @@ def standstill(kept: Kept, graph: "nx.DiGraph") -> Standstill | None:
     stuck = {point for point, count in waiting.items() if count}
     if not any(kind == "event" for kind, _, _ in stuck):
         return None
-    edges = [via for one, other, via in graph.edges(data="via") if via is not None and one in stuck and other in stuck]
+    edges = [via for later in graph.restricted(stuck).values() for via in later.values() if via is not None]
     lacking: list[Edge] = []
     for (_, part, _), ends in awaited.items():
         if part not in begun and any(end in stuck for end in ends):
@@ -380,7 +406,7 @@ class ScenarioSpace:
         return any(isinstance(part, EndInOrder) for part in self.order)
 
     @cached_property
-    def widest(self) -> "nx.DiGraph":
+    def widest(self) -> Precedence:
         """A superset of every scenario's precedence: all possible parts, with ends as sequences."""
         return precedence(self.resolutions.union, ends=True)
 
@@ -446,7 +472,7 @@ class ScenarioSpace:
         firsts = [point_of(leaf) if isinstance(leaf, Event) else ("start", leaf, None) for leaf in apart]
         for one, other in pairwise([*firsts, firsts[0]]):
             further = graph.copy()
-            further.add_edge(one, other, via=None)
+            further.add(one, other)
             if why := standstill(kept, further):
                 return why
         return None

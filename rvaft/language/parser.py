@@ -5,11 +5,14 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
+from hashlib import sha256
 from importlib.resources import files
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Final, TypedDict, Unpack
 
 from lark import Lark, Token
+from lark import __version__ as lark_version
 from lark.exceptions import UnexpectedInput
 
 from rvaft.errors import LanguageError
@@ -24,6 +27,9 @@ from rvaft.model.patterns import Pattern
 MAX_FILE: Final = 16 * 1024 * 1024
 """The maximum size of a file in bytes; ten thousand nodes need less than 1 MiB."""
 _NO_TEXT: Final = re.compile("[\0\ud800-\udfff]")
+TABLES: Final = "grammar.tables"
+"""The file with the tables, beside the grammar: making them takes longer than reading a tree."""
+_STARTS: Final = ["tree", "only_pattern", "only_guard", "moment"]
 _REMEMBERED: Final = 1024
 """The number of cached patterns and guards; specifications repeat them."""
 
@@ -36,10 +42,30 @@ class NoTree(LanguageError):
         super().__init__("the text has no tree: no statement declares a node", file=draft.file)
 
 
+def tables() -> bytes:
+    """Return the tables of the parser, after a line that names the grammar and the version of Lark."""
+    stream = BytesIO()
+    Lark(_grammar(), parser="lalr", start=_STARTS).save(stream, exclude_options=("transformer",))
+    return _title(_grammar()) + stream.getvalue()
+
+
+def _grammar() -> str:
+    return files(__package__).joinpath("grammar.lark").read_text(encoding="utf-8")
+
+
+def _title(grammar: str) -> bytes:
+    return f"{sha256(grammar.encode()).hexdigest()} {lark_version}\n".encode()
+
+
 @cache
 def _parser() -> Lark:
-    grammar = files("rvaft.language").joinpath("grammar.lark").read_text(encoding="utf-8")
-    return Lark(grammar, parser="lalr", start=["tree", "only_pattern", "only_guard", "moment"], transformer=Build())
+    """Return the parser, from the stored tables if they are those of the grammar."""
+    grammar, stored = _grammar(), files(__package__).joinpath(TABLES)
+    found = stored.read_bytes() if stored.is_file() else b""
+    if found.startswith(title := _title(grammar)):
+        parser = Lark.__new__(Lark)  # `Lark.load` takes no transformer
+        return parser._load(BytesIO(found[len(title) :]), transformer=Build())  # noqa: SLF001
+    return Lark(grammar, parser="lalr", start=_STARTS, transformer=Build())
 
 
 def _parse(text: str, file: str, start: str) -> Any:

@@ -7,6 +7,7 @@ import contextlib
 import io
 import json
 import re
+import resource
 import statistics
 import subprocess
 import sys
@@ -190,6 +191,33 @@ def test_cold_start(arguments: str, aim: float, capsys: pytest.CaptureFixture[st
     with capsys.disabled():
         print(f"\nrvaft {arguments[:7]}: {ours:.3f} s (aim {aim} s), {ours / bare:.1f} x an empty Python")
     assert ours / bare < 60
+
+
+STARTED = """import sys
+from rvaft.cli import main
+status = main(sys.argv[1:], standalone_mode=False)
+print("imported", *sorted({"duckdb", "networkx", "pyarrow", "rich", "sympy"} & set(sys.modules)))
+"""
+
+
+def test_the_start_of_monitor(capsys: pytest.CaptureFixture[str]) -> None:
+    """Processor time of the command on five events, against a Python that imports `argparse` and `json`."""
+    log = TREE.with_suffix(".traces") / "table2_row3.jsonl"
+
+    def processor(*words: str) -> float:
+        def process() -> float:
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+            done = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=True)
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            assert not done.stdout or done.stdout.splitlines()[-1] == "imported"
+            return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+        return statistics.median(process() for _ in range(11))
+
+    bare, ours = processor("-c", "import argparse, json"), processor("-c", STARTED, "monitor", str(TREE), str(log))
+    with capsys.disabled():
+        print(f"\nrvaft monitor: {ours:.3f} s of processor time (aim 0.35 s), {ours / bare:.1f} x a small Python")
+    assert ours / bare < 17
 
 
 # -- SQL ------------------------------------------------------------------------------------------------------------

@@ -3,7 +3,16 @@
 
 #include <stddef.h>
 #include <stdint.h>
+
+#if __STDC_HOSTED__
 #include <string.h>
+#else /* the compiler needs these, too */
+void *memcpy(void *to, const void *from, size_t size);
+void *memmove(void *to, const void *from, size_t size);
+void *memset(void *to, int value, size_t size);
+int memcmp(const void *a, const void *b, size_t size);
+size_t strlen(const char *text);
+#endif
 
 #if defined(__GNUC__)
 #define RVAFT_UNUSED __attribute__((unused))

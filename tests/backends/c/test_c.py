@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -249,6 +250,15 @@ def test_lists_and_objects_are_compared_as_a_whole(value: Json) -> None:
     other = json.dumps(value, sort_keys=True, ensure_ascii=True, indent=1).replace("\n", "")
     assert equal(json.dumps(value, ensure_ascii=False), other)
     assert not equal(json.dumps([value]), other)
+
+
+@pytest.mark.parametrize("semantics", Semantics)
+def test_the_size_is_told(semantics: Semantics) -> None:
+    for tree in trees():
+        text = BACKEND.translate(tree, semantics).text
+        found = re.search(r"sizeof\(rvaft_monitor\) is (\d+) bytes", text)
+        assert found is not None
+        assert int(found[1]) == CMonitor(text).size
 
 
 def test_other_texts() -> None:

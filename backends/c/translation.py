@@ -226,6 +226,8 @@ class _Writer:
             "FIELDS": max(1, len(self._fields.paths)),
             "PATTERNS": max(1, len(self._tests)),
             "STARTS": len(self._found.starts),
+            "STAGES": len(stages),
+            "MOVES": max(1, sum(len(stage.moves) for stage in stages)),
             "LATE": "(-1)" if late is None else f"INT64_C({late})",
             "TIMED": int(self._prop.time is not None),
             "EXPIRIES": int(expiring),

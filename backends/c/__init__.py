@@ -4,10 +4,11 @@ The `limit` counts downward-closed sets of events of all scenarios. Only reading
 """
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import ClassVar
 
 from backends.c.events import OPERATORS
-from backends.c.library import CMonitor, require_compiler
+from backends.c.library import CAPACITY, CMonitor, cached_program, require_compiler
 from backends.c.questions import observed
 from backends.c.translation import translation
 from rvaft.backend import Backend, Metrics, Observed, SpecificationText
@@ -56,6 +57,13 @@ class CBackend(Backend):
     def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:  # noqa: ARG002
         """Return the tests of events that an unchanged text lists; None if it depends on times."""
         return observed(text)
+
+    def program(self, text: str) -> Path:
+        """Return a compiled program for JSON Lines, from a cache; its detections have the places of events.
+
+        Raises `ToolMissing`, `ToolFailed` and `OSError`.
+        """
+        return cached_program(text, CAPACITY)
 
     def require(self) -> None:
         """Raise `ToolMissing` if there is no C compiler."""

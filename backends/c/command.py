@@ -6,13 +6,11 @@ from typing import Any, Final
 
 import click
 
-from backends.c.library import build_program, require_compiler
+from backends.c.library import CAPACITY, build_program, require_compiler
 from rvaft.api import translate
 from rvaft.cli import options
 from rvaft.support.files import error_context
 
-CAPACITY: Final = 1 << 18
-"""The default number of partial matches of a program."""
 MOST: Final = 1 << 22
 
 

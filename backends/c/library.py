@@ -8,6 +8,7 @@ import subprocess
 import tempfile
 from collections.abc import Hashable, Sequence
 from functools import lru_cache
+from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
 from sys import executable
@@ -18,6 +19,8 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
 
+CAPACITY: Final = 1 << 18
+"""The default number of partial matches of a program."""
 STANDARD: Final = ("-std=c99",)
 _SECONDS: Final = 300
 _FUNCTIONS: Final = ("rvaft_init", "rvaft_line", "rvaft_size", "rvaft_reader_size", "rvaft_state", "rvaft_again")
@@ -68,16 +71,28 @@ def compile_c(text: str, to: Path, options: Sequence[str], *, command: Sequence[
         raise ToolFailed("the C compiler", reason=next(found, f"exit status {done.returncode}"))
 
 
-def build_program(text: str, to: Path, capacity: int) -> None:
+def build_program(text: str, to: Path, capacity: int, *, places: bool = False) -> None:
     """Compile a text to a program for JSON Lines, which replaces `to` at the end.
 
-    Raises `ToolMissing`, `ToolFailed` and `OSError`.
+    With `places` its detections have the places of their events. Raises `ToolMissing`, `ToolFailed`
+    and `OSError`.
     """
-    options = ("-O3", "-DRVAFT_MAIN=1", f"-DRVAFT_CAPACITY={capacity}")
+    options = ("-O3", "-DRVAFT_MAIN=1", f"-DRVAFT_CAPACITY={capacity}", f"-DRVAFT_PLACES={int(places)}")
     with tempfile.TemporaryDirectory(prefix=".rvaft-", dir=to.resolve().parent) as folder:
         made = Path(folder) / "monitor"
         compile_c(text, made, options)
         made.replace(to)
+
+
+def cached_program(text: str, capacity: int) -> Path:
+    """Return a program with places from the cache of the user, compiled where it is not there."""
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rvaft" / "native"
+    key = sha256(repr((text, capacity, compiler())).encode()).hexdigest()
+    made = folder / key
+    if not made.exists():
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        build_program(text, made, capacity, places=True)
+    return made
 
 
 @lru_cache(maxsize=64)

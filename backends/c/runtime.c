@@ -43,10 +43,20 @@ typedef struct rvaft_value {
     uint32_t tag;
 } rvaft_value;
 
+/* The place of an event in a log: its number and its line, from 1, and the offset of the line. */
+typedef struct place {
+    uint64_t number;
+    uint64_t line;
+    uint64_t offset;
+} place;
+
 /* An event: its time in nanoseconds, if it has one, and the fields that the tree reads. */
 typedef struct rvaft_event {
     int64_t time;
     int has_time;
+#if RVAFT_PLACES
+    place at;
+#endif
     rvaft_value field[RVAFT_FIELDS];
 } rvaft_event;
 
@@ -64,6 +74,10 @@ typedef struct partial {
     uint32_t next[MAX_LINKS];
     uint32_t stage;
     cell slot[RVAFT_WIDTH];
+#if RVAFT_PLACES
+    uint32_t taken;
+    place events[RVAFT_DEPTH];
+#endif
 } partial;
 
 /* Partial matches with hash tables. The first has the partial matches that are equal except for
@@ -108,6 +122,9 @@ typedef struct rvaft_monitor {
     pool texts;
     cell cells[RVAFT_FIELDS]; /* of the event */
     uint8_t known[RVAFT_FIELDS];
+#if RVAFT_PLACES
+    partial match; /* after a detection */
+#endif
 } rvaft_monitor;
 
 typedef struct stage {
@@ -1167,6 +1184,10 @@ static void insert_partial(rvaft_monitor *m, store *s, const partial *p) {
                     for (i = st->exact; i < st->slots; i++) {
                         other->slot[i] = p->slot[i];
                     }
+#if RVAFT_PLACES
+                    other->taken = p->taken;
+                    memcpy(other->events, p->events, sizeof p->events);
+#endif
                     return;
                 }
             }
@@ -1206,10 +1227,18 @@ static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *m
     if (mv->guard != 0 && (!guard(m, mv->guard, p->slot, e) || m->error != 0)) {
         return 0;
     }
+    memset(&made, 0, sizeof made);
+#if RVAFT_PLACES
+    memcpy(made.events, p->events, p->taken * sizeof p->events[0]);
+    made.events[p->taken] = e->at;
+    made.taken = p->taken + 1;
+    if (st->rank == 0) {
+        m->match = made;
+    }
+#endif
     if (st->rank == 0) {
         return m->error == 0;
     }
-    memset(&made, 0, sizeof made);
     made.stage = mv->target;
     for (i = 0; i < st->slots; i++) {
         const load *l = &loads[mv->load + i];
@@ -2477,6 +2506,18 @@ static int write_record(const options *o, const char *name, uint64_t number, int
         if (good && o->repeat && verdict == RVAFT_TRUE) {
             good = write_text(", \"detection\": ") && write_number(detection);
         }
+#if RVAFT_PLACES
+        if (good && verdict == RVAFT_TRUE) {
+            uint32_t i;
+            good = write_text(", \"places\": [");
+            for (i = 0; good && i < the_monitor.match.taken; i++) {
+                const place *at = &the_monitor.match.events[i];
+                good = write_text(i == 0 ? "[" : ", [") && write_number(at->number) && write_text(", ") &&
+                       write_number(at->line) && write_text(", ") && write_number(at->offset) && write_text("]");
+            }
+            good = good && write_text("]");
+        }
+#endif
     }
     return good && write_text("}\n");
 }
@@ -2510,7 +2551,7 @@ static int number_error(int code, const char **reason) {
 /* Monitor one trace; returns an exit status. */
 static int run(const options *o, const char *name, FILE *file, uint64_t seed) {
     size_t begin = 0, end = 0, at = 0;
-    uint64_t number = 0, line = 0, detections = 0;
+    uint64_t number = 0, line = 0, detections = 0, before = 0; /* bytes before the input */
     int last = RVAFT_UNKNOWN, ended = 0, found = 0;
     rvaft_event e;
     rvaft_init(&the_monitor, seed);
@@ -2522,6 +2563,7 @@ static int run(const options *o, const char *name, FILE *file, uint64_t seed) {
             at = end;
             if (begin != 0) { /* the buffer stays in the cache */
                 memmove(input, input + begin, end - begin);
+                before += begin;
                 at -= begin;
                 end -= begin;
                 begin = 0;
@@ -2564,6 +2606,12 @@ static int run(const options *o, const char *name, FILE *file, uint64_t seed) {
                 return failed(name, line, reason, 2);
             }
             number++;
+#if RVAFT_PLACES
+            e.at.number = number;
+            e.at.line = line;
+            e.at.offset = before + begin;
+#endif
+            (void)before;
             if (verdict == 0) {
                 if (o->repeat && the_monitor.verdict == RVAFT_TRUE) {
                     rvaft_again(&the_monitor);
@@ -2594,6 +2642,7 @@ static int run(const options *o, const char *name, FILE *file, uint64_t seed) {
             break;
         }
         if (begin == end) {
+            before += end;
             begin = 0;
             at = 0;
             end = 0;

@@ -195,6 +195,7 @@ class _Writer:
             "SCRATCH": "65536U",
             "JSON": 1,
             "MAIN": 0,
+            "PLACES": 0,
             "API": "",
         }
         expiring = self._scattered and late is not None and bool(self._expiries.rows)
@@ -204,6 +205,7 @@ class _Writer:
             "CONSECUTIVE": int(self._semantics is Semantics.CONSECUTIVE),
             "STORES": 1 if self._scattered else 2,
             "WIDTH": width,
+            "DEPTH": max(stage.rank for stage in stages),
             "LINKS": links,
             "FIELDS": max(1, len(self._fields.paths)),
             "PATTERNS": max(1, len(self._tests)),

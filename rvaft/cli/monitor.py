@@ -10,7 +10,7 @@ from typing import Any, Final
 import click
 
 from rvaft.api import monitor, narrowed, resolve_semantics, translate
-from rvaft.cli import FAILED, Failures, options, warn
+from rvaft.cli import FAILED, Failures, native, options, warn
 from rvaft.cli.alerts import FORMS, Template
 from rvaft.cli.monitor_output import REPORTERS, MonitorSettings
 from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
@@ -64,6 +64,7 @@ def _drawable(_context: click.Context, _parameter: click.Parameter, value: str |
 _UNQUERIED: Final = {
     "word": "a query reads a file",
     "backend": "choose one of them",
+    "native": "choose one of them",
     "follow": "a query reads a whole file",
     "checkpoint": "a query reads a whole file",
     "order_by": "a query reads the events in the order of the file",
@@ -110,6 +111,7 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 )
 @options.repeat_options
 @stream_options
+@click.option("--native", is_flag=True, help="With --format jsonl, compile the monitor; needs a C compiler.")
 @click.option("--follow", is_flag=True, help="Keep reading as the file grows, until Ctrl-C.")
 @options.log_format
 @options.strict_json
@@ -150,6 +152,12 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     traces = TracesGiven(names, given["log_format"], live=True)
     if given["word"] is not None:
         traces.sources.append(_word(given["word"], whole))
+    if given["native"]:
+        why = "--native reads files of JSON Lines that are not compressed"
+        options.refuse(not all(one.is_plain for one in traces.sources), why)
+        files = [one.file for one in traces.sources if one.file is not None]
+        status = native.run(part, semantics, files, repeat=given["repeat"], detections=given["detections"])
+        return FAILED if traces.missing.met else status
     if engine is not None:
         traces.require_whole(engine)
     if traces.live:
@@ -262,6 +270,8 @@ def _check(given: dict[str, Any]) -> None:
         wrong = given["backend"] is not None and given[name] is not None
         refuse(wrong, f"--{name.replace('_', '-')} needs the engine: omit --backend")
     require_companions(given)
+    if given["native"]:
+        native.check(given)
     for name, why in _UNQUERIED.items():
         wrong = given["engine"] is not None and given[name] not in (None, False, (), "")
         refuse(wrong, f"--engine does not take --{name.replace('_', '-')}: {why}")

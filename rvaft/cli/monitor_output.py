@@ -57,9 +57,10 @@ class Sink:
             self._progress.hide()
         (self._file or sys.stdout).write(text)
 
-    def line(self, text: str) -> None:
-        """Write a line with control characters escaped."""
-        self.write(f"{visible(text)}\n")
+    def line(self, *lines: str) -> None:
+        """Write lines with control characters escaped."""
+        shown = lines if "".join(lines).isprintable() else map(visible, lines)
+        self.write("".join([f"{line}\n" for line in shown]))
 
     def flush(self) -> None:
         """Flush standard output."""
@@ -248,8 +249,7 @@ class _Text(Reporter):
     sums = True
 
     def change(self, change: VerdictChange) -> None:
-        for line in self.lines(change, self.where(change.watch)):
-            self.sink.line(line)
+        self.sink.line(*self.lines(change, self.where(change.watch)))
 
     def end(self, watch: MonitoredTrace) -> None:
         if watch.key is not None:
@@ -317,16 +317,17 @@ class _Text(Reporter):
                 known = detection.places(events[number], tree)
                 if isinstance(known.get("time"), Mapping) and tree.time and (time := tree.time.read(events[number])):
                     known["time"] = f"{time // UNITS['s']}.{time % UNITS['s']:09}"
-                details = [
-                    f" {word} {_short(known[it])}" for word, it in (("at", "time"), ("on", "topic")) if it in known
-                ]
-                others = detection.other_fields(node, events[number], tree, self.fields)
-                more = ", ".join(f"{name} {_short(value)}" for name, value in others.items())
-                place = "".join(details) + (f" with {more}" if more else "")
-            shown = [f"{one}{_line(one, change.lines.get(one))}" for one in numbers[:LISTED]]
-            shown = [*shown, *["…"] * (len(numbers) > LISTED + 1)][: len(numbers) - 1]
-            earlier = f"events {', '.join(shown)} and " if shown else "event "
-            yield f"{earlier}{number}{line}{place} {'are' if shown else 'is'} {node}{f' ({label})' if label else ''}"
+                place = f" at {_short(known['time'])}" if "time" in known else ""
+                place += f" on {_short(known['topic'])}" if "topic" in known else ""
+                if others := detection.other_fields(node, events[number], tree, self.fields):
+                    place += f" with {', '.join([f'{name} {_short(value)}' for name, value in others.items()])}"
+            earlier = "event "
+            if len(numbers) > 1:
+                shown = [f"{one}{_line(one, change.lines.get(one))}" for one in numbers[:LISTED]]
+                shown = [*shown, *["…"] * (len(numbers) > LISTED + 1)][: len(numbers) - 1]
+                earlier = f"events {', '.join(shown)} and "
+            is_ = "is" if len(numbers) == 1 else "are"
+            yield f"{earlier}{number}{line}{place} {is_} {node}{f' ({label})' if label else ''}"
         for variable, value in explanation.bound(tree).items():
             yield f"{variable} = {_json(value)}"
 
@@ -453,8 +454,12 @@ def _ended(own: SummaryRow | MonitorSet, column: int, *, repeat: bool) -> tuple[
     return (str(count.notified), str(count.last or "-"), since) if repeat else (str(own.verdicts[column]), since)
 
 
+_encode: Final = json.JSONEncoder(ensure_ascii=False).encode
+
+
 def _json(value: Json) -> str:
-    return json.dumps(value, ensure_ascii=False)
+    is_plain = type(value) is int or (type(value) is float and value - value == 0)
+    return repr(value) if is_plain else _encode(value)
 
 
 def _short(value: Json) -> str:

@@ -49,6 +49,14 @@ class TimeDifference(NamedTuple):
     minus: Extreme
     most: int
 
+    def is_window(self) -> bool:
+        """Whether the condition bounds how far some times are apart at most."""
+        return self.plus.operator is Operator.MAX and self.minus.operator is Operator.MIN
+
+    def among(self, names: Collection[str]) -> "TimeDifference":
+        """Return the condition on some of the times."""
+        return TimeDifference(self.plus.among(names), self.minus.among(names), self.most)
+
     def holds(self, binding: Mapping[str, Json]) -> bool:
         """Whether the condition can still hold given the known times; an undefined time makes it
         fail.

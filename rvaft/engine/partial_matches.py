@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 from copy import copy
+from functools import partial
 from typing import ClassVar, Final, Self
 
 from rvaft.core.times import TimeDifference
@@ -10,6 +11,7 @@ from rvaft.engine.compiled_tree import NOTHING, CompiledTree, EventClass, Readin
 from rvaft.engine.configuration import MORE, SURE, Configuration, PartProgress, Snapshot, Witness
 from rvaft.engine.shared_nodes import SharedNodes
 from rvaft.errors import TooLarge
+from rvaft.model.guards import Predicate
 from rvaft.model.values import Json, equal
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.support.bits import bits, union
@@ -34,6 +36,10 @@ class Matching:
         for node, parts in enumerate(compiled.conditions if early else ()):
             if found := tuple(one for part in parts for one in part.differences or ()):
                 self.early_differences[node] = found
+        self.windows = frozenset(
+            node for node in self.early_differences if all(part.differences for part in compiled.conditions[node])
+        )
+        """The nodes whose guards are differences of times only."""
         self._after: dict[int, tuple[Witness, Configuration | None]] = {}
         """The partial matches after steps that were replayed lately, by the id of the last step."""
         self._admitted: dict[Hashable, frozenset[str]] = {}
@@ -83,7 +89,7 @@ class Matching:
             for waiting in self.closing(new, names):
                 new.closed |= 1 << waiting
                 settled.update(compiled.needs[waiting])
-                holds = compiled.predicates[waiting]
+                holds = self.test(waiting)
                 if holds is not None and not (holds(new.binding) if judged is None else judged[waiting]):
                     new.dead |= 1 << waiting
                 if waiting not in compiled.members and not self.progress.refresh(new, waiting):
@@ -98,7 +104,7 @@ class Matching:
                 if all(new.closed >> waiting & 1 for waiting in waiting_for_it) and not self.progress.mentioned(
                     new, name
                 ):
-                    del new.binding[name]
+                    new.binding.pop(name, None)
         new.witness = Witness(configuration.witness, node, position, values)
         return new if any(self.standing(new)) else None
 
@@ -158,16 +164,23 @@ class Matching:
         """Iterate over the nodes whose guard waited for these variables only, now bound."""
         guarded_by, needs = self.compiled.guarded_by, self.compiled.needs
         for node in dict.fromkeys(node for name in names for node in guarded_by.get(name, ())):
-            if not configuration.closed >> node & 1 and all(name in configuration.binding for name in needs[node]):
+            if not configuration.closed >> node & 1 and all(self.is_bound(configuration, name) for name in needs[node]):
                 yield node
+
+    def is_bound(self, configuration: Configuration, name: str) -> bool:
+        """Whether a variable has a value, perhaps one that is not remembered (see `stages`)."""
+        return name in configuration.binding or self.compiled.mentions.get(name, 0) & configuration.taken > 0
+
+    def test(self, node: int) -> Predicate | None:
+        """Return the test of the guard of a node, once its variables are bound."""
+        return partial(self.may_hold, node) if node in self.windows else self.compiled.predicates[node]
 
     def narrowed(self, configuration: Configuration, names: Iterable[str]) -> Iterator[int]:
         """Iterate over the nodes whose guard waits for more variables and may have failed."""
         if self.early_differences:
-            binding = configuration.binding
             for node in dict.fromkeys(node for name in names for node in self.compiled.guarded_by.get(name, ())):
                 waits = node in self.early_differences and not configuration.closed >> node & 1
-                if waits and any(name not in binding for name in self.compiled.needs[node]):
+                if waits and not all(self.is_bound(configuration, name) for name in self.compiled.needs[node]):
                     yield node
 
     def may_hold(self, node: int, binding: Mapping[str, Json]) -> bool:

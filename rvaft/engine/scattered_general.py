@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import Final, NamedTuple
 
+from rvaft.core.times import Extreme
 from rvaft.engine.compiled_tree import (
     NOTHING,
     QUIET,
@@ -161,7 +162,8 @@ class ScatteredMatches(Following):
                 all_ = one
                 for others in (*found[:place], *found[place + 1 :]):
                     all_ = (self._joined(all_, others[0]) if others else None) or all_
-                made.setdefault(all_.key, self._in_order(all_))
+                if (whole := self._in_order(all_)) is not None:  # an undefined time may be found late
+                    made.setdefault(whole.key, whole)
         return list(made.values())
 
     def _own(self, configuration: Configuration) -> int:
@@ -176,12 +178,10 @@ class ScatteredMatches(Following):
                 joined = self.matching.extended(joined, step.node, step.values, step.position)
         return joined
 
-    def _in_order(self, configuration: Configuration) -> Configuration:
-        """Return the same partial match with its steps in order."""
+    def _in_order(self, configuration: Configuration) -> Configuration | None:
+        """Return the same partial match with its steps in order, or None if a window has failed."""
         steps = sorted(history(configuration.witness), key=lambda step: step.position)
-        made = self.matching.replayed((step.node, step.values, step.position) for step in steps)
-        assert made is not None, "the order of steps of different components does not matter"
-        return made
+        return self.matching.replayed((step.node, step.values, step.position) for step in steps)
 
     @property
     def state(self) -> Hashable:
@@ -268,7 +268,7 @@ class ScatteredMatches(Following):
         begun, followed = self._begun, sum(len(group.members) for group in self._groups.values())
         for order, (values, watch, held, _) in enumerate(reading.hits):
             for group, move, place in watch.moves:
-                parts: Sequence[tuple[Iterable[Member], tuple[Term, ...] | None]] = group.everyone
+                parts: Sequence[tuple[Iterable[Member], tuple[tuple[Term, Extreme], ...] | None]] = group.everyone
                 # few members are visited without the index
                 if move.scan or move.compared or len(group.members) > _MANY:
                     scan = move.scan or self._stages.scan(move)
@@ -285,14 +285,12 @@ class ScatteredMatches(Following):
                                 begun |= self._part_of[move.node].nodes  # other parts have yet to begin
                             elif commits_to_it:
                                 ended[member.number] = group, member
-                            binding = {name: bound[name] for name in stage.names}
+                            binding = stage.remembered(bound)
                             at = (member.number, order, place)
                             rank = self._stages.rank(stage, binding, before.witness, move.node)
                             new = NewMatch(at, before, move.node, values, stage, binding, rank)
                             self._note(new, found, followed - len(ended))
-                            if enough is not None and all(
-                                one.value(binding) == one.extreme.of(values) for one in enough
-                            ):
+                            if enough is not None and all(one.value(binding) == own.of(values) for one, own in enough):
                                 break
         self.noted = bool(found or ended)
         if begun != self._begun:
@@ -307,7 +305,7 @@ class ScatteredMatches(Following):
 
     def _concerned(
         self, group: StageGroup, scan: Scan, values: Mapping[str, Json]
-    ) -> Sequence[tuple[Iterable[Member], tuple[Term, ...] | None]]:
+    ) -> Sequence[tuple[Iterable[Member], tuple[tuple[Term, Extreme], ...] | None]]:
         """Return the members that may make a move, with stop conditions."""
         required = [values[one.name] if type(one) is Variable else value(one, values) for one in scan.terms]
         if UNDEFINED in required:
@@ -339,7 +337,8 @@ class ScatteredMatches(Following):
         self._drop_empty()
         self._join(added)
         matches = (made for stage, made in added if stage.is_match)
-        self.matches = [self._in_order(made) if self._components else made for made in matches]
+        in_order = ((self._in_order(made) if self._components else made) for made in matches)
+        self.matches = [made for made in in_order if made is not None]
         if self.matches:
             self.follow([])
             return Verdict.TRUE

@@ -124,10 +124,10 @@ class StageGroup:
 
     def _better(self, front: Sequence[Member], rank: Rank) -> tuple[int, int]:
         """Return the slice of a front with all members that may be at least as good."""
-        values, duration = rank.values, self.ranking.duration
+        values, extent = rank.values, self.ranking.extent
         if not values:
             return 0, len(front)
-        end = len(front) if duration is None else bisect_right(front, -values[duration.end], key=_first)
+        end = len(front) if extent is None else bisect_right(front, -values[extent.end], key=_first)
         return bisect_left(front, values[0], key=_first), end
 
     def _worse(self, front: Sequence[Member], rank: Rank) -> tuple[int, int]:
@@ -135,10 +135,10 @@ class StageGroup:
 
         A member that begins more than a window earlier is not compared.
         """
-        values, duration = rank.values, self.ranking.duration
+        values, extent = rank.values, self.ranking.extent
         if not values:
             return 0, len(front)
-        start = 0 if duration is None else bisect_left(front, -values[duration.end] - duration.most, key=_first)
+        start = 0 if extent is None else bisect_left(front, -values[extent.end] - extent.most, key=_first)
         return start, bisect_right(front, values[0], key=_first)
 
     def remove(self, member: Member) -> None:

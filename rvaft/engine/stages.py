@@ -2,9 +2,11 @@
 
 The progress of a partial match depends only on the outcomes of its decided guards, not on the bound
 values. So the effect of an event is computed once per *stage*, node and outcomes.
+
+Of many times that only windows bound, a partial match remembers the least and the greatest.
 """
 
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain, product
@@ -33,6 +35,15 @@ from rvaft.support.bits import bits, mask_of
 
 _MANY: Final = 4
 """The maximum number of joint guards to enumerate."""
+_TIMES: Final = 3
+
+
+class Span(NamedTuple):
+    """Times of which only the least and the greatest matter, and the variables that have these."""
+
+    names: tuple[str, ...]
+    least: str
+    greatest: str
 
 
 @dataclass(slots=True, eq=False)
@@ -48,7 +59,26 @@ class Stage:
     """The time differences that must hold."""
     settled: bool
     """Whether settled choices may differ."""
+    spans: tuple[Span, ...] = ()
     moves: dict[int, "StageMove | None"] = field(default_factory=dict)
+
+    def remembered(self, bound: Mapping[str, Json]) -> dict[str, Json]:
+        """Return what a partial match of this stage remembers of these values."""
+        if not self.spans:
+            return {name: bound[name] for name in self.names}
+        found = {name: bound.get(name) for name in self.names}
+        for names, least, greatest in self.spans:
+            times = [bound[name] for name in names if name in bound]
+            found[least], found[greatest] = (None, None) if None in times else (min(times), max(times))
+        return found
+
+    def known(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Return the variables whose least or greatest value these have."""
+        found = dict.fromkeys(names)
+        for span in self.spans:
+            if span.least in found:
+                found.update(dict.fromkeys(span.names))
+        return tuple(found)
 
 
 class Scan(NamedTuple):
@@ -69,28 +99,31 @@ class Order(NamedTuple):
     bounds: tuple[Bound, ...]
     last_first: bool
     """Whether the last members are the best."""
-    enough: tuple[Term, ...] | None
-    """The search stops when these terms have the event's own values; None: a full scan."""
+    enough: tuple[tuple[Term, Extreme], ...] | None
+    """The search stops when these terms have the event's own extremes; None: a full scan."""
 
     @classmethod
-    def of(cls, term: Term, bounds: Iterable[Bound], target: Stage | None, equal_names: Collection[str]) -> "Order":
-        """Return the order by a term.
+    def of(
+        cls, stage: Stage, term: Term, bounds: Iterable[Bound], target: Stage | None, equal_names: Collection[str]
+    ) -> "Order":
+        """Return the order by a term of a stage.
 
         `target` is the common stage of all extensions; `equal_names` have equal values in all of
         them.
         """
         if target is None or not {*equal_names}.issuperset((*target.ranking.exact, *target.ranking.excluded)):
             return cls(term, tuple(bounds), False, None)
-        last_first, ordered, others = True, False, list[Term]()
+        last_first, ordered, others = True, False, list[tuple[Term, Extreme]]()
+        ordering = {*stage.known(term.extreme.names)}
         for one in target.ranking.terms:
-            sign, (operator, names) = one
+            sign, operator, names = one.sign, one.extreme.operator, target.known(one.extreme.names)
             far = {name for name in names if name not in equal_names}
-            if not ordered and far == {*term.extreme.names} and (len(far) == 1 or operator is term.extreme.operator):
+            if not ordered and far == ordering and (len(far) == 1 or operator is term.extreme.operator):
                 last_first, ordered = sign > 0, True
             elif far and (far.issuperset(names) or (operator is Operator.MIN) is not (sign > 0)):
                 return cls(term, tuple(bounds), False, None)
             elif far:
-                others.append(one)
+                others.append((one, Extreme(operator, tuple(name for name in names if name in equal_names))))
         return cls(term, tuple(bounds), last_first, tuple(others))
 
 
@@ -129,13 +162,46 @@ class Stages:
             self.size += 1 + len(configuration.flags)
             sample = configuration.copy()
             sample.binding, sample.witness = dict.fromkeys(configuration.binding), None
+            spans = self._spans(sample)
+            for span in spans:
+                sample.binding = dict.fromkeys(name for name in sample.binding if name not in span.names)
+                sample.binding.update({span.least: None, span.greatest: None})
+            common, _ = self.choices.place(sample, self.matching.progress)
+            if common in self._known:
+                self._known[place] = self._known[common]
+                return self._known[common]
             is_match, _ = self.matching.standing(sample)
             names, ranks = tuple(sorted(sample.binding)), ranking(self.matching, sample)
             open_nodes = [node for node in self.matching.early_differences if not sample.closed >> node & 1]
             needed = [node for node in open_nodes if self._has_to_hold(sample, node)]
-            deadlines = tuple(one for node in needed for one in self.matching.early_differences[node])
-            found = self._known[place] = Stage(sample, is_match, names, ranks, deadlines, settled)
+            deadlines = tuple(
+                one
+                for node in needed
+                for one in self.matching.early_differences[node]
+                if not all(self.matching.is_bound(sample, name) for name in one.plus.names)
+            )
+            found = Stage(sample, is_match, names, ranks, deadlines, settled, spans)
+            self._known[place] = self._known[common] = found
         return found
+
+    def _spans(self, sample: Configuration) -> tuple[Span, ...]:
+        """Return the sets of at least `_TIMES` times that occur in the same windows only."""
+        compiled = self.matching.compiled
+        open_ = {node for name in sample.binding for node in compiled.guarded_by.get(name, ())}
+        places: dict[str, list[tuple[int, int, bool]]] = {}
+        for node in sorted(node for node in open_ if not sample.closed >> node & 1):
+            for number, one in enumerate(self.matching.early_differences.get(node, ())):
+                for extreme in one[:2] if one.is_window() and node in self.matching.windows else ():
+                    for name in extreme.names:
+                        if self.matching.is_bound(sample, name):
+                            places.setdefault(name, []).append((node, number, extreme is one.plus))
+        alike: dict[Hashable, list[str]] = {}
+        for name, some in places.items():
+            waiting = {node for node in compiled.guarded_by[name] if not sample.closed >> node & 1}
+            if waiting == {node for node, _, _ in some} and not self.matching.progress.mentioned(sample, name):
+                alike.setdefault(frozenset(some), []).append(name)
+        sets = (tuple(sorted(names)) for names in alike.values() if len(names) >= _TIMES)
+        return tuple(Span(names, names[0], names[1]) for names in sets)
 
     def rank(self, stage: Stage, binding: Mapping[str, Json], last: Witness | None, node: int | None = None) -> Rank:
         """Return the rank after these steps and a node's event."""
@@ -163,14 +229,24 @@ class Stages:
                 bound.binding.update(dict.fromkeys(names))
                 closing = list(self.matching.closing(bound, names))
                 alone = mask_of(guard for guard in closing if remembered.keys().isdisjoint(compiled.needs[guard]))
-                decided = ((guard, compiled.predicates[guard]) for guard in closing if not alone >> guard & 1)
+                decided = ((guard, self._test(guard, bound)) for guard in closing if not alone >> guard & 1)
                 joint = {guard: holds for guard, holds in decided if holds is not None}
                 for guard in self.matching.narrowed(bound, names):
                     if not remembered.keys().isdisjoint(compiled.needs[guard]):
-                        joint[guard] = partial(self.matching.may_hold, guard)
+                        joint[guard] = partial(_may_hold, self._differences(guard, bound))
                 found = StageMove(stage, node, tuple(name for name in names if name in remembered), alone, joint)
             stage.moves[node] = found
         return stage.moves[node]
+
+    def _test(self, guard: int, bound: Configuration) -> Predicate | None:
+        if guard in self.matching.windows:
+            return partial(_may_hold, self._differences(guard, bound))
+        return self.matching.compiled.predicates[guard]
+
+    def _differences(self, guard: int, bound: Configuration) -> tuple[TimeDifference, ...]:
+        """Return the differences of a guard, those of usual windows over the remembered times only."""
+        differences = self.matching.early_differences[guard]
+        return tuple(one.among(bound.binding) if one.is_window() else one for one in differences)
 
     def outcome(self, move: StageMove, held: int, outcomes: tuple[bool, ...]) -> tuple[Stage, bool] | None:
         """Return the target of a move for these outcomes: `held` of guards on the event alone,
@@ -222,7 +298,7 @@ class Stages:
             target = found[0] if found and len(needed) == len(joint) and not found[0].settled else None
             terms = (*map(Variable, move.compared), *joined.values())
             equal_names = {*own, *joined}
-            ranged = [Order.of(term, bounds, target, equal_names) for term, bounds in orders.items()]
+            ranged = [Order.of(move.stage, term, bounds, target, equal_names) for term, bounds in orders.items()]
             if terms and not ranged:
                 ranged = [Order(None, (), last_first=False, enough=None)]
             move.scan = Scan((*move.compared, *joined), terms, tuple(ranged))
@@ -250,6 +326,10 @@ class Stages:
         """Whether a move is possible for some outcomes of the joint guards."""
         ways = product((True, False), repeat=len(move.joint))
         return len(move.joint) > _MANY or any(self.outcome(move, held, outcomes) for outcomes in ways)
+
+
+def _may_hold(differences: Sequence[TimeDifference], binding: Mapping[str, Json]) -> bool:
+    return all(one.holds(binding) for one in differences)
 
 
 def _time_bounds(

@@ -142,7 +142,7 @@ class _Backwards(str):
     __lt__, __le__, __gt__, __ge__ = str.__gt__, str.__ge__, str.__lt__, str.__le__
 
 
-class Duration(NamedTuple):
+class Extent(NamedTuple):
     """The first term is the least time of some variables; term `end` is their greatest.
 
     So a member that is at least as good has its first value between the two: its times are between
@@ -166,7 +166,7 @@ class Ranking(NamedTuple):
     """By later value, the `excluded` variables that differ from it."""
     above_watermark: bool = False
     """Whether a greatest time matters only above the watermark."""
-    duration: Duration | None = None
+    extent: Extent | None = None
 
     def of(self, binding: Mapping[str, Json]) -> Rank:
         """Return the rank of a binding."""
@@ -222,7 +222,7 @@ def ranking(matching: Matching, configuration: Configuration) -> Ranking:
     terms: dict[Term, None] = {}
     differing: dict[Guard, list[str]] = {}
     above_watermark = True
-    durations: dict[tuple[Term, Term], int] = {}
+    extents: dict[tuple[Term, Term], int] = {}
     waiting = {node for name in binding for node in compiled.guarded_by.get(name, ())}
     guards = [compiled.conditions[node] for node in sorted(waiting) if not configuration.closed >> node & 1]
     for part, mentioned, over_times, differences in chain(*guards):
@@ -231,13 +231,14 @@ def ranking(matching: Matching, configuration: Configuration) -> Ranking:
             if differences is None:
                 fixed.update(bound)
             for one in differences or ():
-                if plus := one.plus.among(binding).names:
-                    above_watermark &= one.plus.operator is Operator.MAX and len(plus) < len(one.plus.names)
+                if one.plus.among(binding).names:
+                    known = all(matching.is_bound(configuration, name) for name in one.plus.names)
+                    above_watermark &= one.plus.operator is Operator.MAX and not known
                 ends = Term(-1, _plain(one.plus.among(binding))), Term(1, _plain(one.minus.among(binding)))
                 terms.update((term, None) for term in ends if term.extreme.names)
-                if spans := _is_duration(*(term.extreme for term in ends)):
+                if spans := _spans(*(term.extreme for term in ends)):
                     most = one.most if spans > 1 else 0
-                    durations[ends] = min(most, durations.get(ends, most))
+                    extents[ends] = min(most, extents.get(ends, most))
             continue
         for name in bound:
             other, sign = _differs(part, name), tendency(part, name)
@@ -258,20 +259,20 @@ def ranking(matching: Matching, configuration: Configuration) -> Ranking:
     inequalities = [tuple(place for place, name in enumerate(excluded) if name in names) for names in groups]
     rising = sorted((term for term in terms if not fixed.issuperset(term.extreme.names)), key=lambda term: -term.sign)
     above_watermark &= [term.sign for term in rising] == [1, -1] and rising[1].extreme.names[0] in compiled.times
-    duration = None
-    for (last, first), most in durations.items():
+    extent = None
+    for (last, first), most in extents.items():
         if last in rising and first in rising:
             rising.insert(0, rising.pop(rising.index(first)))
-            duration = Duration(rising.index(last), most)
+            extent = Extent(rising.index(last), most)
             break
-    return Ranking(tuple(sorted(fixed)), tuple(rising), tuple(excluded), tuple(inequalities), above_watermark, duration)
+    return Ranking(tuple(sorted(fixed)), tuple(rising), tuple(excluded), tuple(inequalities), above_watermark, extent)
 
 
 def _plain(extreme: Extreme) -> Extreme:
     return extreme if len(extreme.names) > 1 else Extreme(Operator.MAX, extreme.names)
 
 
-def _is_duration(last: Extreme, first: Extreme) -> int:
+def _spans(last: Extreme, first: Extreme) -> int:
     """Return the number of the variables if these are their greatest and least times, else 0."""
     if set(last.names) != set(first.names):
         return 0

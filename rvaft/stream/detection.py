@@ -12,6 +12,7 @@ import sys
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Final
 
 from rvaft.core.classifier import TreeReads
@@ -66,21 +67,29 @@ def places(event: Json, tree: RVAFT) -> dict[str, Json]:
     {'time': 7, 'topic': '/x'}
     """
     written = None if tree.time is None else tree.time.written(event)
-    return {**kept({"time": written} if written is not None else event, PLACES[:1]), **kept(event, PLACES[1:])}
+    if written is None:
+        return kept(event, PLACES)
+    return {**kept({"time": written}, PLACES[:1]), **kept(event, PLACES[1:])}
 
 
 def kept(event: Json, fields: Sequence[str]) -> dict[str, Json]:
     """Return the values of an event in these fields, without numbers that are not finite."""
-    found = {name: event[name] for name in fields if name in event} if isinstance(event, Mapping) else {}
-    return {name: value for name, value in found.items() if is_finite(value)}
+    if type(event) is not dict and not isinstance(event, Mapping):
+        return {}
+    return {name: event[name] for name in fields if name in event and is_finite(event[name])}
 
 
 def other_fields(node: str, event: Json, tree: RVAFT, fields: Sequence[str]) -> dict[str, Json]:
     """Return the identifying fields besides time and topic; none for a default event."""
     if node in tree.nodes and tree.nodes[node].on is None:
         return {}
-    found = kept(event, [name for name in fields if name not in (*PLACES, *_time_field(tree))])
-    return {name: value for name, value in found.items() if not isinstance(value, (Mapping, list))}
+    found = kept(event, _others(tuple(fields), _time_field(tree)))
+    return {name: value for name, value in found.items() if not isinstance(value, (Mapping, list))} if found else found
+
+
+@lru_cache(maxsize=16)
+def _others(fields: tuple[str, ...], of_time: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(name for name in fields if name not in (*PLACES, *of_time))
 
 
 def explained(

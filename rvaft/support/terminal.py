@@ -6,6 +6,7 @@ import time
 import unicodedata
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
@@ -40,13 +41,14 @@ def cut(text: str, most: int = 40) -> str:
 
 def columns(rows: Iterable[Sequence[str]]) -> list[str]:
     """Return rows of cells as lines with aligned columns, never cut or wrapped."""
-    from rich.table import Table  # noqa: PLC0415 -- imported on use
-    from rich.text import Text  # noqa: PLC0415 -- imported on use
+    from rich.cells import cell_len  # noqa: PLC0415 -- imported on use
 
-    table = Table.grid(padding=(0, 2))
-    for row in rows:
-        table.add_row(*(Text(visible(cell), no_wrap=True) for cell in row))
-    return rendered([table])
+    table = [[visible(cell) for cell in row] for row in rows]
+    widths = [max(map(cell_len, cells)) for cells in zip_longest(*table, fillvalue="")]
+    padded = (
+        [cell + " " * (width - cell_len(cell)) for cell, width in zip(row, widths, strict=False)] for row in table
+    )
+    return ["  ".join(row).rstrip() for row in padded]
 
 
 def rendered(things: Iterable["RenderableType"], width: int | None = None) -> list[str]:

@@ -117,6 +117,19 @@ def inspections(file: Path, events: int = 300_000, *, readings: int = 76, seed: 
     return Log(file, events, types + ENDING, lost=2)
 
 
+def attacks(file: Path, events: int = 300_000) -> Path:
+    """Write rounds of five events that come to nothing, and an attack after each."""
+    source = _Source(7, step=1.0)
+
+    def lines() -> Iterator[str]:
+        for _ in range(events // 10):
+            yield from map(source.event, ("move", "goal", "radiation", "result", "radiation"))
+            yield from source.attack()
+
+    _write(file, lines())
+    return file
+
+
 def _write(file: Path, lines: Iterator[str]) -> None:
     with file.open("w", encoding="utf-8", newline="\n") as stream:
         while block := "".join(islice(lines, 1000)):

@@ -139,6 +139,56 @@ def test_the_output_of_monitor(
     assert code == ours.exit_code
 
 
+@pytest.mark.parametrize(
+    "text",
+    [TIED, *(pytest.param(one, marks=pytest.mark.ci) for one in (WINDOW, "top or p q; p sand a b; q sand c a fault;"))],
+)
+@pytest.mark.parametrize("options", [(), ("--repeat",), ("--detections",)])
+def test_native_monitoring_explains_as_the_engine_does(
+    text: str, options: tuple[str, ...], folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    random, tree, detections = Random(text), loads(text), 0
+    file = tmp_path / "tree.rvaft"
+    file.write_text(text, encoding="utf-8")
+    for semantics in Semantics:
+        log = tmp_path / "log.jsonl"
+        trace = [event for _ in range(4) for event in detecting(random, tree, semantics)]
+        log.write_text("\n\r\n".join(json.dumps(event) for event in trace), encoding="utf-8")
+        call = ("monitor", str(file), str(log), "--format", "jsonl", "--semantics", semantics, *options)
+        wanted, found = run(*call), run(*call, "--native")
+        records = [json.loads(line) for line in wanted.stdout.splitlines()]
+        detections += sum("matched" in record for record in records)
+        kept = [{name: value for name, value in record.items() if name != "expected"} for record in records]
+        assert [json.loads(line) for line in found.stdout.splitlines()] == kept
+        assert (found.exit_code, found.stderr) == (wanted.exit_code, "")
+    assert detections >= 4
+
+
+def test_native_monitoring_of_many_detections(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blocks of output end within lines."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    file, log = tmp_path / "tree.rvaft", tmp_path / "log.jsonl"
+    file.write_text("top sand a b;", encoding="utf-8")
+    log.write_text('{"event": "a"}\n{"event": "b"}\n{"event": "c"}\n' * 3_000, encoding="utf-8")
+    call = ("monitor", str(file), str(log), "--format", "jsonl", "--semantics", "scattered", "--repeat")
+    assert run(*call, "--native").stdout == run(*call).stdout
+
+
+def test_native_monitoring_needs_a_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setattr("backends.c.library.find_spec", lambda _: None)
+    log = tmp_path / "log.jsonl"
+    log.touch()
+    for call in (("monitor", str(log), "--native", "--format", "jsonl"), ("build", "-o", str(tmp_path / "made"))):
+        found = run(call[0], str(TREES / "gates" / "sand.rvaft"), *call[1:])
+        assert found.exit_code == 2
+        assert "a C compiler is not installed: install gcc or clang, or pip install" in found.stderr
+    assert not (tmp_path / "made").exists()
+
+
 def test_a_full_array_is_no_verdict(folder: Path) -> None:
     log = b"".join(b'{"k": 1, "u": %d}\n' % number for number in range(100))
     code, out, error = status(program(TIED, folder, capacity=64), log)

@@ -1,0 +1,120 @@
+"""`rvaft monitor --native`: a compiled monitor finds the verdicts, and the engine explains them."""
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import IO, Any, Final, Protocol, runtime_checkable
+
+from rvaft.api import monitor, translate
+from rvaft.backend import backend
+from rvaft.cli import options
+from rvaft.core.classifier import TreeReads
+from rvaft.errors import ToolFailed, TraceError
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.readers.json_lines import decode
+from rvaft.readers.log import BOM
+from rvaft.stream import detection
+
+BACKEND: Final = "c"
+WORKS_WITH: Final = frozenset(
+    {"semantics", "traces", "form", "detections", "repeat", "native", "log_format", "per", "jobs"}
+)
+"""The options of `rvaft monitor` that a native monitor honours, and those that are checked elsewhere."""
+_CHUNK: Final = 1 << 18
+_ERROR: Final = re.compile(r"(?P<file>.*?)(?::(?P<line>\d+))?: error: (?P<reason>.*)", re.DOTALL)
+
+
+@runtime_checkable
+class _Compiling(Protocol):
+    def program(self, text: str) -> Path: ...
+
+
+def check(given: Mapping[str, Any]) -> None:
+    """Refuse the options that a native monitor does not honour."""
+    refuse = options.refuse
+    refuse(given["form"] != "jsonl", "--native prints JSON Lines: add --format jsonl")
+    for name in sorted(given.keys() - WORKS_WITH):
+        refuse(given[name] not in (None, False, (), ""), f"--native does not take --{name.replace('_', '-')}")
+    refuse(str(given["per"]) != "tree", "--native monitors the tree: omit --per")
+    refuse(given["jobs"] > 1, "--native needs a single process: omit --jobs")
+
+
+def run(part: RVAFT, semantics: Semantics, files: Sequence[str], *, repeat: bool, detections: bool) -> int:
+    """Run a native monitor over files of JSON Lines, and return the exit status.
+
+    Raises `TraceError`, and the errors of `translate` and of the compiler.
+    """
+    language = backend(BACKEND)
+    if not isinstance(language, _Compiling):
+        raise ToolFailed(f"the backend {BACKEND}", reason="it compiles no programs")
+    with options.suggesting():
+        text = translate(part, BACKEND, semantics=semantics).text
+    chosen = [*(["--repeat"] if repeat else []), *(["--detections"] if detections else [])]
+    command = [str(language.program(text)), *chosen, "--", *files]
+    explained = _Explained(part, semantics)
+    output = sys.stdout.buffer
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:  # noqa: S603
+        assert process.stdout is not None
+        assert process.stderr is not None
+        for block in _blocks(process.stdout):
+            if b'"places"' not in block:
+                output.write(block)
+                continue
+            for line in block.splitlines(keepends=True):
+                output.write(explained.line(line, files) if b'"places"' in line else line)
+        output.flush()
+        error = process.stderr.read().decode(errors="replace").strip()
+    if process.returncode in (0, 1):
+        return process.returncode
+    found = _ERROR.fullmatch(error)
+    if found is None:
+        raise ToolFailed("the native monitor", reason=error or f"exit status {process.returncode}")
+    raise TraceError(found["reason"], file=found["file"], line=int(found["line"]) if found["line"] else None)
+
+
+def _blocks(stream: IO[bytes]) -> Iterator[bytes]:
+    """Yield whole lines, many at a time."""
+    rest = b""
+    while chunk := stream.read(_CHUNK):
+        lines, newline, rest_ = (rest + chunk).rpartition(b"\n")
+        rest = rest_
+        yield lines + newline
+    yield rest
+
+
+class _Explained:
+    """Explains detections by the engine, which reads only the events of the match."""
+
+    def __init__(self, part: RVAFT, semantics: Semantics) -> None:
+        self._start = monitor(part, semantics=semantics)
+        self._tree = part if part.part_of is None else part.part_of.tree
+        self._fields = detection.identifying_fields(self._tree)
+        self._reads = TreeReads(self._tree)
+
+    def line(self, line: bytes, files: Sequence[str]) -> bytes:
+        """Return the record of a detection with branch, kinds, matched events and variables."""
+        record = json.loads(line)
+        places = record.pop("places")
+        events = list(self._events(record.get("trace", files[0]), [offset for _, _, offset in places]))
+        engine = self._start.fork()
+        explanation = engine.explanation if [*engine.run(events)][-1:] == [Verdict.TRUE] else None
+        if explanation is None:
+            raise ToolFailed("the native monitor", reason=f"no match at event {record['event']}")
+        numbers = [number for number, _, _ in places]
+        matched = tuple(one._replace(event=numbers[one.event - 1]) for one in explanation.matched)
+        known = dict(zip(numbers, events, strict=True))
+        lines = {number: at for number, at, _ in places}
+        found = detection.explained(replace(explanation, matched=matched), self._tree, known, self._fields, lines)
+        return f"{json.dumps(record | found)}\n".encode()
+
+    def _events(self, file: str, offsets: Sequence[int]) -> Iterator[Json]:
+        with Path(file).open("rb") as stream:
+            for offset in offsets:
+                stream.seek(offset)
+                yield decode(stream.readline().removeprefix(BOM).rstrip(b"\r\n"), reads=self._reads)

@@ -1,0 +1,84 @@
+"""Programs of `rvaft build` beside `orjson.loads`: processor time, as a ratio within one run.
+
+`pytest tests/benchmarks/test_native.py -s -m slow` prints the table.
+"""
+
+import json
+import os
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from random import Random
+
+import orjson
+import pytest
+
+from backends.c.library import CAPACITY, build_program, compiler
+from rvaft import Semantics, load, loads, translate
+from tests.benchmarks.logs import TREE, attacks, inspections, telemetry
+
+pytestmark = [
+    pytest.mark.benchmark,
+    pytest.mark.slow,
+    pytest.mark.skipif(compiler() is None, reason="needs a C compiler"),
+]
+EVENTS = 300_000
+USERS = "time ts as s late 0 s; event e(k, u) = { event: k, user: u }; top TOP;" + "".join(
+    f' {k} on e("{k}", U);' for k in "wxyz"
+)
+
+
+def logins(file: Path) -> None:
+    """Four types of events of 500 users, 100 events a second."""
+    random = Random(1)
+
+    def lines() -> Iterator[str]:
+        for number in range(EVENTS):
+            event = {"event": random.choice("wxyz"), "user": f"user{random.randrange(500)}", "ts": number / 100}
+            yield json.dumps({**event, "host": "h1", "path": "/usr/bin/ls"}) + "\n"
+
+    with file.open("w", encoding="utf-8") as out:
+        out.writelines(lines())
+
+
+PAPER = TREE.read_text(encoding="utf-8")
+CASES: dict[str, tuple[Callable[[Path], object], str, tuple[str, ...], float]] = {
+    "telemetry": (lambda file: telemetry(file, EVENTS), PAPER, (), 0.45),
+    "all relevant": (lambda file: inspections(file, EVENTS), PAPER, ("--repeat",), 0.6),
+    "30,000 detections": (attacks, PAPER, ("--repeat",), 1.0),
+    "a join in 1 s": (logins, USERS.replace("TOP", "sand w x y z within 1 s"), ("--repeat",), 0.9),
+    "a join in 40 s": (logins, USERS.replace("TOP", "sand w x y z within 40 s"), ("--repeat",), 0.9),
+    "an AND of four": (logins, USERS.replace("TOP", "and w x y z within 40 s"), ("--repeat",), 1.0),
+}
+"""For each log: how it is made, the tree, options, and the most time as a multiple of `orjson.loads`."""
+
+
+def decoding(log: Path) -> float:
+    start = time.process_time()
+    with log.open("rb") as lines:
+        for line in lines:
+            orjson.loads(line)
+    return time.process_time() - start
+
+
+def running(program: Path, log: Path, options: tuple[str, ...]) -> float:
+    before = os.times()
+    subprocess.run([program, *options, log], stdout=subprocess.DEVNULL, check=False)
+    after = os.times()
+    return after.children_user + after.children_system - before.children_user - before.children_system
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_programs_beside_decoding(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    make, text, options, most = CASES[case]
+    log, program = tmp_path / "log.jsonl", tmp_path / "monitor"
+    make(log)
+    tree = load(TREE) if text is PAPER else loads(text)
+    build_program(translate(tree, "c", semantics=Semantics.SCATTERED).text, program, CAPACITY)
+    found = subprocess.run([program, *options, "--detections", log], capture_output=True, check=False).stdout
+    times = [(running(program, log, options), decoding(log)) for _ in range(3)]
+    ratio = min(one for one, _ in times) / min(other for _, other in times)
+    with capsys.disabled():
+        print(f"\n{case:20} {ratio:5.2f} times orjson.loads, {found.count(b'verdict'):6} detections")
+    assert ratio < most

@@ -265,7 +265,7 @@ class JsonFile(LogFile):
 
 
 class CsvFile(LogFile):
-    """CSV without quotes."""
+    """CSV with one line per row."""
 
     def __init__(self, path: Path, read: Sequence[Place], time: Place | None) -> None:
         super().__init__(path, read, time)
@@ -273,42 +273,44 @@ class CsvFile(LogFile):
             self.head = stream.readline(_CHUNK)
         head = self.head.removeprefix(BOM).decode(errors="replace")
         self.delimiter = delimiter(head, path)
-        self.names = [name.strip() for name in head.rstrip("\r\n").split(self.delimiter)]
+        self.quote = ""
+        self.rows_written = self._scanned() - 1
+        self.names = [name.strip().strip('"') for name in head.rstrip("\r\n").split(self.delimiter)]
         if len({name.lower() for name in self.names}) < len(self.names) or not all(self.names):
             raise Declined("the header has an empty name, or names that differ in case only")
-        self.rows_written = self._scanned() - 1
+        if any('"' in name or name != name.strip() for name in self.names):
+            raise Declined("the header has quotes in a name")
         if time:
             text = self._cell(time)
             self.time_number, self.time_text = _numeral(text), text
 
     def _scanned(self) -> int:
-        """Return the number of lines; raises `Declined` for quotes and blanks before cells."""
-        lines, ended, before = 0, True, b"\n"
+        """Return the number of lines; raises `Declined` for quotes and blanks that are read in several ways."""
+        lines, ended, before, divider = 0, True, b"\n", re.escape(self.delimiter.encode())
+        unusual = re.compile(rb'\0|[\n%s] |" | "|[^\n\r"%s]"[^\n\r"%s]' % (divider, divider, divider))
         with opened(self.path) as stream:
             while data := stream.read(_CHUNK):
                 text = before + data
-                if (
-                    b'"' in data
-                    or b"\0" in data
-                    or any(text.count(one + b" ") for one in (b"\n", self.delimiter.encode()))
-                ):
-                    raise Declined("the table has quotes, or blanks before cells")
+                if unusual.search(text):
+                    raise Declined("the table has quotes inside cells, or blanks before cells")
+                self.quote = self.quote or '"' * (b'"' in data)
                 if b"\r" in text.replace(b"\r\n", b"").removesuffix(b"\r"):
                     raise Declined("a line has a control character")
-                lines, ended, before = lines + data.count(b"\n"), data.endswith(b"\n"), data[-1:]
+                lines, ended, before = lines + data.count(b"\n"), data.endswith(b"\n"), text[-2:]
         return lines + (not ended)
 
     def rows(self, connection: Any) -> str:
         """Return the table of the cells."""
         connection.execute("SET VARIABLE log = ?", [str(self.path.resolve())])
         columns = ", ".join(f"{quoted(name)}: 'VARCHAR'" for name in self.names)
-        cells = f"columns = {{{columns}}}, delim = {quoted(self.delimiter)}, quote = '', escape = '', nullstr = ''"
+        quote = f"quote = '{self.quote}', escape = '{self.quote}', nullstr = ''"
+        cells = f"columns = {{{columns}}}, delim = {quoted(self.delimiter)}, {quote}"
         how = "header = false, skip = 1, auto_detect = false, null_padding = false, comment = '', strict_mode = true"
         return f"(SELECT *, false AS other FROM read_csv(getvariable('log'), {cells}, {how}))"
 
     def _cell(self, place: Place) -> str:
         name = str(place[0])
-        return f'"{name}"' if len(place) == 1 and name in self.names else "CAST(NULL AS VARCHAR)"
+        return f"nullif(\"{name}\", '')" if len(place) == 1 and name in self.names else "CAST(NULL AS VARCHAR)"
 
     def cell(self, place: Place, kind: ValueType) -> str:
         """Return a cell; one in the syntax of numbers is a number."""

@@ -64,6 +64,7 @@ def _drawable(_context: click.Context, _parameter: click.Parameter, value: str |
 _UNQUERIED: Final = {
     "word": "a query reads a file",
     "backend": "choose one of them",
+    "native": "choose one of them",
     "follow": "a query reads a whole file",
     "checkpoint": "a query reads a whole file",
     "order_by": "a query reads the events in the order of the file",

@@ -3,7 +3,7 @@
 import gc
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 from functools import partial
 from io import BytesIO
 from pathlib import Path, PurePath
@@ -201,7 +201,9 @@ class _Run(Listener):
         self._log = None
         try:
             if (answer := self._answer(run, trace)) is None:
-                self._read(run, trace)
+                backends = not (plan.monitors.engines or trace.live or settings.follow)
+                with _shown(f"the backend evaluates {trace.name} as a whole") if backends else nullcontext():
+                    self._read(run, trace)
             else:
                 with closing(answer):
                     run.begin()
@@ -252,19 +254,15 @@ class _Run(Listener):
         engine, answer = self.settings.engine, None
         if engine is None or trace.file is None:
             return None
-        waiting = Timer(_SILENCE, click.echo, [f"rvaft: {engine.name} is reading {trace.name}"], {"err": True})
-        if sys.stderr is not None and sys.stderr.isatty():
-            waiting.start()
         try:
-            answer = engine.ask(Path(trace.file), trace.reader)
-            whole_log.count(run, answer)
+            with _shown(f"{engine.name} is reading {trace.name}"):
+                answer = engine.ask(Path(trace.file), trace.reader)
+                whole_log.count(run, answer)
         except Declined as reason:
             if answer is not None:
                 answer.close()
             self.sink.warn(f"{trace.name} is read without {engine.name}: {reason}")
             return None
-        finally:
-            waiting.cancel()
         return answer
 
     def _read(self, run: TraceRun, trace: TraceSource) -> None:
@@ -330,6 +328,18 @@ class _Run(Listener):
                 sink.warn(f"{trace.name}: the last line is incomplete and was not read ({stream.unfinished} bytes)")
             if self.progress is not None:
                 self.progress.finish(trace.size)
+
+
+@contextmanager
+def _shown(work: str) -> Iterator[None]:
+    """Show on a terminal what is being done, if it takes longer than `_SILENCE`."""
+    waiting = Timer(_SILENCE, click.echo, [f"rvaft: {work}"], {"err": True})
+    if sys.stderr is not None and sys.stderr.isatty():
+        waiting.start()
+    try:
+        yield
+    finally:
+        waiting.cancel()
 
 
 @contextmanager

@@ -5,6 +5,7 @@ A null means that the event lacks the field. Times become ISO 8601 texts in the 
 base64.
 """
 
+from array import array
 from base64 import b64encode
 from collections.abc import Iterable, Iterator
 from itertools import accumulate, pairwise
@@ -64,7 +65,8 @@ class ParquetReader(LogReader):
 
 def picked(log: Log, numbers: Iterable[int]) -> Iterator[tuple[int, dict[str, Json]]]:
     """Yield the events of rows with these increasing numbers; raises `TraceError`."""
-    parquet = installed("pyarrow.parquet", "pyarrow", "pip install '.[parquet]' in a checkout of rvaft")
+    remedy = "pip install '.[parquet]' in a checkout of rvaft"
+    pyarrow, parquet = (installed(name, "pyarrow", remedy) for name in ("pyarrow", "pyarrow.parquet"))
     wanted, first = iter(numbers), 1
     number = next(wanted, 0)
     with parquet.ParquetFile(log.path, pre_buffer=False, page_checksum_verification=True) as file:
@@ -75,7 +77,9 @@ def picked(log: Log, numbers: Iterable[int]) -> Iterator[tuple[int, dict[str, Js
                 rows.append(number)
                 number = next(wanted, 0)
             if rows:
-                batches = file.read_row_group(group).take([row - first for row in rows]).to_batches(_ROWS)
+                places = pyarrow.py_buffer(array("q", [row - first for row in rows]))  # from a list, it imports pandas
+                chosen = pyarrow.Int64Array.from_buffers(pyarrow.int64(), len(rows), [None, places])
+                batches = file.read_row_group(group).take(chosen).to_batches(_ROWS)
                 found = (event for batch in batches for event in _events(batch, log, 0))
                 for row, event in zip(rows, found, strict=True):
                     if event is None:

@@ -72,6 +72,8 @@ def read(
     Without `by_blocks`, and under assumptions, events are read one by one. A `live` source is read
     as events arrive. `jobs` processes decode a regular file.
     """
+    if not (live or run.plan.monitors.engines):
+        return run.read(source, name, line=line, whole=True)
     if ENABLED and by_blocks and run.assumed is None:
         reading = BulkReading(run)
         blocks = reading.blocks(source, name, line, live=live, jobs=jobs)

@@ -199,6 +199,11 @@ class MonitorSet:
         twin._resting = tuple(column for column in twin._live if twin.engines[column].verdict.final)  # noqa: SLF001
         return twin
 
+    def expect(self, events: Sequence[Json]) -> None:
+        """Announce the next events to the monitors."""
+        for monitor in self.monitors:
+            monitor.expect(events)
+
     def begin_again(self) -> None:
         """Restart the monitors that have detected."""
         if self._resting:

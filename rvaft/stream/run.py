@@ -1,13 +1,14 @@
 """The run over one trace: events in time order, the monitors of each key, and the listeners."""
 
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from io import IOBase
-from typing import BinaryIO, TypeAlias, cast
+from typing import BinaryIO, Final, TypeAlias, cast
 
 from rvaft.errors import RvaftError, TooLarge
 from rvaft.model.values import Json, JsonObject
+from rvaft.model.values import key as value_key
 from rvaft.model.verdict import Verdict
 from rvaft.readers.json_lines import numbered
 from rvaft.readers.log import ALL, Log
@@ -21,6 +22,8 @@ from rvaft.stream.order import Backwards, Ordering
 from rvaft.stream.plan import TIME, MonitoringPlan, Totals
 from rvaft.stream.statistics import EventKind, Statistics
 
+WHOLE: Final = 1_000_000
+"""Maximum number of events of a log that backends read as a whole."""
 Source: TypeAlias = BinaryIO | Log | Iterable[Json]
 Lined: TypeAlias = tuple[int | None, JsonObject]
 """An event after its line."""
@@ -65,6 +68,8 @@ class TraceRun:
         self.lines: tuple[int, Sequence[int | None]] = 0, ()
         """A number, and the lines of the events after it."""
         self.begun = self.ended = False
+        self._coming: dict[Hashable, list[Json]] = {}
+        """The events of each key, of a log that backends read as a whole."""
         self.watch = MonitoredTrace(self.trace, monitors.fork(), buffer=self.buffer)
         """The monitored trace; with a key, the template for each value."""
         key, most = self.plan.key, self.plan.max_keys
@@ -72,7 +77,10 @@ class TraceRun:
         self.prepare()
 
     def _of_key(self, values: tuple[Json, ...]) -> MonitoredTrace:
-        return MonitoredTrace(self.trace, self.watch.monitors.fork(), values, self.buffer)
+        watch = MonitoredTrace(self.trace, self.watch.monitors.fork(), values, self.buffer)
+        if self._coming:
+            watch.monitors.expect(self._coming[tuple(map(value_key, values))])
+        return watch
 
     def _begin_trace(self, watch: MonitoredTrace) -> None:
         for listener in self.listeners:
@@ -104,19 +112,43 @@ class TraceRun:
         for watch in self.watches:
             self._begin_trace(watch)
 
-    def read(self, source: Source, name: str, *, line: int = 1) -> Iterator[bool]:
+    def read(self, source: Source, name: str, *, line: int = 1, whole: bool = False) -> Iterator[bool]:
         """Read all events of a source, and pause after each.
 
         Yields False once the trace has ended; held-back events follow. `line` is the number of the
-        first line of a stream. Raises what `rvaft.readers.json_lines.read` raises.
+        first line of a stream. A `whole` log is held in memory, and its events are announced to the
+        monitors. Raises what `rvaft.readers.json_lines.read` raises, and `TooLarge`.
         """
         self.prepare()
-        for lined in self._in_turn(self._lined(source, name, line)):
+        turns = self._in_turn(self._lined(source, name, line))
+        for lined in self._announced(turns) if whole else turns:
             if lined is not None:
                 self.lines = self.number, lined[:1]
                 self.take(((0, lined[1]),), self.number)
                 self.notify_unchanged(self.number)
             yield lined is not None
+
+    def _announced(self, turns: Iterator[Lined | None]) -> Iterator[Lined | None]:
+        """Yield the same, after announcing all events to the monitors; an error comes last."""
+        held: list[Lined | None] = []
+        failure: Exception | None = None
+        try:
+            for turn in turns:
+                held.append(turn)
+                if len(held) > WHOLE:
+                    raise TooLarge("events for monitors of backends", limit=WHOLE, remedy="omit --backend")
+        except (RvaftError, OSError) as error:
+            failure = error
+        events = [turn[1] for turn in held if turn is not None]
+        if self.keys is None:
+            self.watch.monitors.expect(events)
+        key = self.plan.key
+        for event in () if key is None else events:
+            if key is not None and (values := key.of(event)) is not None:
+                self._coming.setdefault(tuple(map(value_key, values)), []).append(event)
+        yield from held
+        if failure is not None:
+            raise failure
 
     def _lined(self, source: Source, name: str, line: int) -> Iterator[Lined]:
         stream, plan = source, self.plan

@@ -138,8 +138,9 @@ def test_tables(first: int, tmp_path: Path) -> None:
         if seed // len(CASES) % 2:
             log = tmp_path / "log.csv"
             with log.open("w", newline="", encoding="utf-8") as stream:
-                delimiter, end = draw.choice(";\t"), draw.choice(["\n", "\r\n"])
-                table = csv.DictWriter(stream, list(rows[0]), delimiter=delimiter, lineterminator=end)
+                delimiter, end = draw.choice(",;\t"), draw.choice(["\n", "\r\n"])
+                quoting = draw.choice([csv.QUOTE_MINIMAL, csv.QUOTE_NONNUMERIC, csv.QUOTE_ALL])
+                table = csv.DictWriter(stream, list(rows[0]), delimiter=delimiter, lineterminator=end, quoting=quoting)
                 table.writeheader()
                 table.writerows(rows)
         else:

@@ -150,6 +150,11 @@ class CMonitor(Monitor):
     def _advance(self, event: Json) -> Verdict:
         return self.read_line(json.dumps(event, default=dict, ensure_ascii=False).encode("utf-8", "surrogatepass"))
 
+    @property
+    def size(self) -> int:
+        """The size of the monitor in bytes."""
+        return len(self._state)
+
     def read_line(self, line: bytes) -> Verdict:
         """Read a line of JSON and return the verdict after it; raises `NoVerdict`."""
         code = self._functions.rvaft_line(self._state, self._reader, line + bytes(16), len(line))

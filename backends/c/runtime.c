@@ -3,7 +3,16 @@
 
 #include <stddef.h>
 #include <stdint.h>
+
+#if __STDC_HOSTED__
 #include <string.h>
+#else /* the compiler needs these, too */
+void *memcpy(void *to, const void *from, size_t size);
+void *memmove(void *to, const void *from, size_t size);
+void *memset(void *to, int value, size_t size);
+int memcmp(const void *a, const void *b, size_t size);
+size_t strlen(const char *text);
+#endif
 
 #if defined(__GNUC__)
 #define RVAFT_UNUSED __attribute__((unused))
@@ -939,6 +948,10 @@ static rvaft_value value_of(const rvaft_monitor *m, const cell *c) {
 
 /* @tables */
 
+/* An index is compared with the size of its array also where it is always in bounds: a static analysis
+   of this file then proves that no access is wrong. */
+static const stage *stage_of(const partial *p) { return &stages[p->stage < RVAFT_STAGES ? p->stage : 0]; }
+
 #define FEW 63U /* the least mask of buckets */
 
 /* Interned texts: each text of a partial match is stored once. */
@@ -972,7 +985,7 @@ static void mark_texts(rvaft_monitor *m) {
     for (s = 0; s < RVAFT_STORES; s++) {
         for (i = 0; i < m->stores[s].count; i++) {
             const partial *p = &m->stores[s].item[i];
-            for (k = 0; k < stages[p->stage].slots; k++) {
+            for (k = 0; k < stage_of(p)->slots; k++) {
                 if (p->slot[k].tag >= RVAFT_BIG) {
                     m->texts.live[p->slot[k].bits] = 1;
                 }
@@ -1127,7 +1140,7 @@ static uint32_t first_in(const store *s, uint32_t link, uint32_t place) {
 
 static void link_partial(store *s, uint32_t number) {
     partial *p = &s->item[number];
-    const stage *st = &stages[p->stage];
+    const stage *st = stage_of(p);
     const cell *cells[RVAFT_WIDTH];
     uint32_t link, i, at = st->link;
     for (link = 0; link < st->links; link++) {
@@ -1161,14 +1174,14 @@ static int better(const stage *st, const partial *p, const partial *q) {
 }
 
 static void insert_partial(rvaft_monitor *m, store *s, const partial *p) {
-    const stage *st = &stages[p->stage];
+    const stage *st = stage_of(p);
     const cell *cells[RVAFT_WIDTH];
     uint32_t i, at;
     for (i = 0; i < st->exact; i++) {
         cells[i] = &p->slot[i];
     }
     at = first_in(s, 0, bucket_of(s, p->stage, 0, cells, st->exact));
-    for (; at != NONE; at = s->item[at].next[0]) {
+    for (; at < RVAFT_CAPACITY; at = s->item[at].next[0]) {
         partial *other = &s->item[at];
         if (other->stage == p->stage) {
             int equal = 1, order;
@@ -1276,7 +1289,7 @@ static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *m
 
 #if RVAFT_EXPIRIES
 static int expired(const rvaft_monitor *m, const partial *p) {
-    const stage *st = &stages[p->stage];
+    const stage *st = stage_of(p);
     uint32_t i;
     for (i = 0; i < st->expires; i++) {
         const expiry *x = &expiries[st->expiry + i];
@@ -1327,22 +1340,28 @@ static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *mat
         cursor[i] = pattern_moves[matched[i]];
     }
     for (;;) {
-        uint32_t best = NONE, number, at, k;
+        uint32_t best = NONE, rank = NONE, number, at, k;
         const move *mv;
         const cell *cells[RVAFT_WIDTH];
         uint32_t width;
         const uint16_t *slots;
         for (i = 0; i < count; i++) {
-            if (cursor[i] < pattern_moves[matched[i] + 1] &&
-                (best == NONE || stages[moves[sorted_moves[cursor[i]]].stage].rank <
-                                     stages[moves[sorted_moves[cursor[best]]].stage].rank)) {
+            uint32_t next = cursor[i];
+            if (next < pattern_moves[matched[i] + 1] && next < RVAFT_MOVES &&
+                stages[moves[sorted_moves[next]].stage].rank < rank) {
+                rank = stages[moves[sorted_moves[next]].stage].rank;
                 best = i;
             }
         }
-        if (best == NONE) {
+        if (best >= RVAFT_PATTERNS) {
             return 0;
         }
-        number = sorted_moves[cursor[best]++];
+        at = cursor[best];
+        if (at >= RVAFT_MOVES) {
+            return 0;
+        }
+        cursor[best] = at + 1;
+        number = sorted_moves[at];
         mv = &moves[number];
         slots = &link_slots[stages[mv->stage].link];
         for (k = 0; k < mv->link; k++) {
@@ -1355,7 +1374,7 @@ static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *mat
             cells[k] = cell_of(m, e, joins[mv->join + i].field, 0);
         }
         at = first_in(s, mv->link, bucket_of(s, mv->stage, mv->link, cells, width));
-        while (at != NONE && m->error == 0) {
+        while (at < RVAFT_CAPACITY && m->error == 0) {
             const partial *p = &s->item[at];
             at = p->next[mv->link];
             if (p->stage == mv->stage && try_move(m, s, p, mv, e)) {
@@ -1377,7 +1396,7 @@ static int replaced(rvaft_monitor *m, const rvaft_event *e, const uint8_t *match
     clear_store(to);
     for (i = 0; i < from->count; i++) {
         const partial *p = &from->item[i];
-        const stage *st = &stages[p->stage];
+        const stage *st = stage_of(p);
         for (k = 0; k < st->moves; k++) {
             const move *mv = &moves[st->move + k];
             if (matches[mv->pattern]) {
@@ -1490,14 +1509,14 @@ RVAFT_API size_t rvaft_state(const rvaft_monitor *m, char *to, size_t size) {
     for (i = 0; i < s->count; i++) {
         const partial *p = &s->item[i];
         uint32_t record = (uint32_t)sizeof p->stage;
-        for (k = 0; k < stages[p->stage].slots; k++) {
+        for (k = 0; k < stage_of(p)->slots; k++) {
             record += p->slot[k].tag >= RVAFT_BIG ? 8U + m->texts.size[p->slot[k].bits] : 12U;
         }
         if (used + sizeof record + record <= size) {
             memcpy(to + used, &record, sizeof record);
             memcpy(to + used + 4, &p->stage, 4);
             used += 8;
-            for (k = 0; k < stages[p->stage].slots; k++) {
+            for (k = 0; k < stage_of(p)->slots; k++) {
                 const cell *c = &p->slot[k];
                 memcpy(to + used, &c->tag, 4);
                 if (c->tag >= RVAFT_BIG) {

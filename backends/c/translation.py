@@ -158,7 +158,7 @@ class _Writer:
         head, tail = files("backends.c").joinpath("runtime.c").read_text("utf-8").split(_MARK)
         config = self._config(most_links)
         tables = self._tables(rows, moves, owners) + relevance + time
-        code = f"{self._title(len(moves))}{config}{head}{tables}{tail}"
+        code = f"{self._title(len(moves), most_links)}{config}{head}{tables}{tail}"
         return Written(f"{comment(self._prop, code)}{code}", len(stages), len(moves))
 
     @property
@@ -168,28 +168,44 @@ class _Writer:
             raise NotExpressible("a lateness of more than 62 bits")
         return None if time is None else time.late
 
-    def _title(self, moves: int) -> str:
+    def _title(self, moves: int, links: int) -> str:
         tree, stages = self._prop.tree, self._found.stages
         slots = max(len(stage.slots) for stage in stages)
         most = max((len(stage.moves) for stage in stages), default=0)
+        # no name ends the comment, or begins another one
         name = "".join(c if c.isprintable() else "?" for c in tree.root).replace("*/", "* /").replace("/*", "/ *")
-        what = f'the tree "{name}" under {self._semantics}'
         return (
-            f"/* A monitor of {what}, by rvaft.\n"
+            f'/* A monitor of the tree "{name}" under {self._semantics}, by rvaft.\n'
             f"   {len(stages)} stages, {moves} moves, at most {slots} values in a partial match.\n"
-            f"   Work per event: at most {most} moves for each partial match, of RVAFT_CAPACITY.\n"
-            "   Memory: sizeof(rvaft_monitor), without allocation; there is no recursion except in the values of\n"
-            "   lists and objects. */\n\n"
+            f"   Work per event: at most {most} moves for each of RVAFT_CAPACITY partial matches.\n"
+            f"   Memory: sizeof(rvaft_monitor) is {self._size(links)} bytes with the sizes below. Nothing is\n"
+            "   allocated; only values of lists and objects are read by recursion, at most 500 levels. */\n\n"
         )
+
+    def _sizes(self) -> tuple[int, bool]:
+        """Return the default capacity, and whether partial matches hold values that may be texts."""
+        slots = [slot for stage in self._found.stages for slot in stage.slots]
+        return CAPACITY if slots else len(self._found.stages), any(not slot.timed for slot in slots)
+
+    def _size(self, links: int) -> int:
+        """Return the size of a monitor in bytes, as C lays it out."""
+        capacity, texts = self._sizes()
+        buckets = 1 << max(_BUCKETS[0], (2 * capacity - 1).bit_length())
+        number, content = (capacity, 32 * capacity) if texts else (1, 8)
+        fields = max(1, len(self._fields.paths))
+        width = max(1, *(len(stage.slots) for stage in self._found.stages))
+        store = _whole(12 + 8 * links * buckets) + capacity * (_whole(4 * links + 4) + 16 * width)
+        pool = 16 + 4 * buckets + 17 * number + content
+        stores = store if self._scattered else 2 * store
+        return 40 + stores + _whole(_padded(pool)) + _whole(17 * fields)
 
     def _config(self, links: int) -> str:
         stages = self._found.stages
         width = max(1, *(len(stage.slots) for stage in stages))
-        exact = all(not stage.slots for stage in stages)
-        values = any(not slot.timed for stage in stages for slot in stage.slots)
+        capacity, values = self._sizes()
         late = self._late
         defaults = {
-            "CAPACITY": len(stages) if exact else CAPACITY,
+            "CAPACITY": capacity,
             "TEXTS": "RVAFT_CAPACITY" if values else 1,
             "TEXT_BYTES": "(32U * RVAFT_TEXTS)" if values else 8,
             "SCRATCH": "65536U",
@@ -210,6 +226,8 @@ class _Writer:
             "FIELDS": max(1, len(self._fields.paths)),
             "PATTERNS": max(1, len(self._tests)),
             "STARTS": len(self._found.starts),
+            "STAGES": len(stages),
+            "MOVES": max(1, sum(len(stage.moves) for stage in stages)),
             "LATE": "(-1)" if late is None else f"INT64_C({late})",
             "TIMED": int(self._prop.time is not None),
             "EXPIRIES": int(expiring),
@@ -287,6 +305,14 @@ class _Writer:
                 return f"ros_time({parts}, time)"
             case _:
                 return f"decimal_time(&(e)->field[{field}], {_SCALES[time.format]}, time)"
+
+
+def _whole(size: int) -> int:
+    return (size + 7) // 8 * 8
+
+
+def _padded(size: int) -> int:
+    return (size + 3) // 4 * 4
 
 
 def _array(kind: str, name: str, rows: Sequence[str]) -> str:

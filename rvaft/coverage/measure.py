@@ -189,6 +189,7 @@ class AlternativeFollower(Engine):
         if isinstance(self._strategy, Following):
             # a partial match counts even if no time could complete it
             self._strategy.matching.early_differences.clear()
+            self._strategy.matching.windows = frozenset()
         assert not isinstance(self._strategy, Alternatives), "an alternative has no others beside it"
         self._shortest = LackingEvents(self._strategy.compiled)
         self._size = 0

@@ -20,6 +20,7 @@ VALUES: Final = ((0, 1), (0, 1, 2), (0, 1.0, 1, "a"), (0, None, float("nan"), 1)
 
 def _tree(random: Random) -> str:
     """A text of units below AND and SAND; each leaf has a letter of its own, mostly."""
+    choosing = random.choice((0.95, 0.5))
     lines, leaves, names = list[str](), list[str](), random.choice((["P"], ["P", "Q"], ["P", "Q", "R"], ["P", "_"]))
 
     def leaf() -> str:
@@ -36,7 +37,7 @@ def _tree(random: Random) -> str:
         return name
 
     def unit() -> str:
-        shape = random.choice(UNITS if random.random() < 0.85 else ("or {} {}", "1of2 {} {}"))
+        shape = random.choice(UNITS if random.random() < choosing else ("or {} {}", "1of2 {} {}"))
         below = [leaf() for _ in range(shape.count("{}"))]
         return below[0] if shape == "{}" else gate(shape, below)
 
@@ -105,3 +106,27 @@ def test_parts_are_joined_as_defined(seed: int) -> None:
                 break
     assert detected > 20
     assert joined > 20
+
+
+CHOOSING: Final = {
+    "both": "top and x y; x or a b; y or c d;",
+    "both, and others": "top and x y; x and a z; z or b f; y and c w; w or d f;",
+    "both, in order": "top sand x y; x and a z; z or b f; y and c w; w or d f;",
+    "the first, in order": "top sand x y; x and a z; z or b f; y and c d;",
+    "one": "top and x y; x and a z; z or b f; y and c d;",
+}
+
+
+@pytest.mark.parametrize("name", CHOOSING)
+def test_branches_of_choosing_parts(name: str) -> None:
+    """The branch depends on all choices: a later match of a part may have a lower one."""
+    used = {"a": "P", "b": "P", "c": "Q", "d": "Q", "f": "P" if "z or b f" in CHOOSING[name] else "Q"}
+    leaves = "".join(f'{leaf} on e("{leaf}", {used[leaf]}); ' for leaf in used if f" {leaf}" in CHOOSING[name])
+    leaves = leaves.replace('f on e("f", P)', 'f on e("f", R)') if CHOOSING[name].count(" f;") > 1 else leaves
+    tree = parse(f"event e(n, v) = {{ e: n, v: v }}; {CHOOSING[name]} {leaves}").build()
+    random, detected = Random(name), 0
+    for _ in range(100):
+        events = [{"e": random.choice("abcdf"), "v": random.choice((0, 1))} for _ in range(10)]
+        engine = compare(tree, events, "scattered")
+        detected += engine is not None and engine.verdict is Verdict.TRUE
+    assert detected > 20

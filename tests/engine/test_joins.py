@@ -2,7 +2,7 @@
 are found, replaced and forgotten by them.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from random import Random
 from typing import Any, Final
 
@@ -31,6 +31,18 @@ SHAPES: Final = (
     "top and x y within 2 s; x or l0 l1; y sand l2 l3 g0;",
     'top sand x l3; x and a within 1 s; a on e("a", P) times 3;',
 )
+WINDOWS: Final = (
+    "top and l0 l1 l2 l3 within 3 s;",
+    "top sand x l3 within 4 s; x and l0 l1 l2 within 2 s;",
+    "top and x l4 g0 within 4 s; x sand l0 l1 l2 l3 within 3 s;",
+    'top sand x l3; x and a l0 within 2 s; a on e("a", P) times 3;',
+    'top and x y; x and a l0 within 2 s; y or l1 z; z and l2 l3 b within 3 s; a on e("a", P) times 3; b on e("b", Q);',
+    "top 3of4 l0 l1 l2 l3 within 2 s;",
+    "top or x y; x and l0 l1 l2 within 2 s; y and l1 l2 l3 l4 within 3 s;",
+    'top and a l1 g2; a on e("a", _) times 3; g2 when end(a) - start(a) <= 1 s and at(l1) - start(a) <= 9 s;',
+    'top and x l1; x and a l0 g2 within 3 s; a on e("a", _) times 3; g2 when start(a) - at(l0) <= 0 s;',
+)
+"""Windows over three times and more."""
 VALUES: Final = (
     (0, 1, 2),
     (0, 1, 2, 3, 4),
@@ -53,10 +65,10 @@ def comparison(random: Random, leaves: list[int], names: list[str]) -> str:
     )
 
 
-def trees(random: Random, count: int) -> Iterator[tuple[RVAFT, str]]:
+def trees(random: Random, shapes: Sequence[str], count: int) -> Iterator[tuple[RVAFT, str]]:
     """Trees of few leaves with the letters of their events."""
     while count:
-        shape, letters = random.choice(SHAPES), random.choice(("abc", "abcde"))
+        shape, letters = random.choice(shapes), random.choice(("abc", "abcde"))
         names = random.choice((list("PQRST"), list("PQRSP"), [random.choice("PQ_") for _ in range(5)]))
         leaves = [number for number in range(5) if f"l{number}" in shape]
         on = [f'l{n} on e("{letters[n % len(letters)]}", {names[n]});' for n in leaves]
@@ -82,10 +94,11 @@ def trace(random: Random, letters: str) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 12))])
-def test_joined_events(seed: int) -> None:
+@pytest.mark.parametrize("shapes", [SHAPES, WINDOWS], ids=["joins", "windows"])
+def test_joined_events(shapes: Sequence[str], seed: int) -> None:
     """Verdicts and explanations are those of the definition; copies are in the same state, and wait for the same."""
     random, detected = Random(f"joins {seed}"), 0
-    for tree, letters in trees(random, 120):
+    for tree, letters in trees(random, shapes, 120):
         for _ in range(3):
             events = trace(random, letters)
             found = compare(tree, events, "scattered")
@@ -192,3 +205,14 @@ def test_what_is_not_finite_equals_nothing() -> None:
         engine = compare(loads(text), events, "scattered")
         assert engine is not None
         assert engine.verdict is Verdict.UNKNOWN
+
+
+def test_a_window_that_is_complete_has_no_deadline() -> None:
+    """Also where only the least and the greatest of its times are remembered."""
+    tree = loads(
+        'time t as s late 0 s; event e(n) = { e: n }; top and a l g; a on e("a") times 3; l on e("l"); '
+        "g when end(a) - start(a) <= 1 s and at(l) - start(a) <= 9 s;"
+    )
+    engine = compare(tree, [{"e": "a", "t": 0}] * 3 + [{"e": "x", "t": 4}, {"e": "l", "t": 5}], "scattered")
+    assert engine is not None
+    assert engine.verdict is Verdict.TRUE

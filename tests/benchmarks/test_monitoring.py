@@ -34,6 +34,7 @@ import pytest
 from rvaft import Monitor, NotExpressible, Semantics, load, loads, monitor, translate
 from rvaft.backend import backend
 from rvaft.cli import main
+from tests.benchmarks.conftest import Ratios
 from tests.benchmarks.logs import BOUND, ENDING, TREE, Log, attacks, ignoring_tree, inspections, telemetry
 
 TYPES: Final = ("move", "result", "inspect", "radiation", "goal")
@@ -348,15 +349,18 @@ def require_fast(capsys: pytest.CaptureFixture[str], lines: Sequence[str], slow:
 
 @pytest.mark.benchmark
 @pytest.mark.parametrize(
-    ("share", "events", "slack"),
+    "size",
     [
         # What is done once, to read the tree and to learn its states, weighs ten times as much here.
-        pytest.param(10, 5_000, 2.0, id="a tenth"),
-        pytest.param(1, 50_000, 1.0, id="all", marks=pytest.mark.slow),
+        pytest.param((10, 5_000, 2.0), id="a tenth"),
+        pytest.param((1, 50_000, 1.0), id="all", marks=pytest.mark.slow),
     ],
 )
-def test_the_logs(tmp_path: Path, capsys: pytest.CaptureFixture[str], share: int, events: int, slack: float) -> None:
+def test_the_logs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], ratios: Ratios, size: tuple[int, int, float]
+) -> None:
     """A log on which something is too slow gets as many rounds again."""
+    share, events, slack = size
     (warm := tmp_path / "warm").mkdir()
     for watched in watched_logs(warm, 100):  # imports, and what is made once
         for row in rows(watched, 10).values():
@@ -374,6 +378,13 @@ def test_the_logs(tmp_path: Path, capsys: pytest.CaptureFixture[str], share: int
                 failed = too_slow(watched, measured, slack)
         failures += failed
         lines += [row.line(watched.name, median(measured["orjson.loads"].timings)) for row in measured.values()]
+        for semantics, most in watched.most.items():
+            mine = min(measured[f"rvaft monitor, {semantics}"].timings)
+            for tool in ("orjson.loads", "Reelay (Python)", f"RML monitor, {semantics}"):
+                least = min(measured[tool].timings, default=None)
+                bound = slack * most if tool == "orjson.loads" and most < math.inf else None
+                if least is not None:
+                    ratios.add(f"{watched.name}, {semantics}", tool, mine / least, bound)
     require_fast(capsys, lines, failures)
 
 
@@ -407,7 +418,7 @@ def forty_leaves(folder: Path) -> tuple[Path, Path]:
 
 
 @pytest.mark.benchmark
-def test_events_that_all_concern_the_tree(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_events_that_all_concern_the_tree(tmp_path: Path, capsys: pytest.CaptureFixture[str], ratios: Ratios) -> None:
     """In processor time, in turns: the paper's tree beside a monitor written by hand, one of 40
     leaves beside `orjson.loads`.
     """
@@ -438,6 +449,8 @@ def test_events_that_all_concern_the_tree(tmp_path: Path, capsys: pytest.Capture
     for name, (own, other, most) in bars.items():
         taken = [(own(), other()) for _ in range(4)]
         ratio = min(mine for mine, _ in taken) / min(its for _, its in taken)
+        workload, compared = name.rsplit(", ", 1)
+        ratios.add(workload, compared, ratio, most)
         lines.append(f"{name:45} {ratio:8.2f} x, at most {most}")
         if ratio > most:
             slow.append(lines[-1])
@@ -460,7 +473,7 @@ def eight_sequences(folder: Path, events: int) -> tuple[Path, Path]:
 
 @pytest.mark.benchmark
 @pytest.mark.slow
-def test_consecutive_and_detections(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_consecutive_and_detections(tmp_path: Path, capsys: pytest.CaptureFixture[str], ratios: Ratios) -> None:
     """In multiples of `orjson.loads`: 40 leaves under `consecutive`, and the paper's tree with a detection in each ten
     events.
     """
@@ -483,6 +496,7 @@ def test_consecutive_and_detections(tmp_path: Path, capsys: pytest.CaptureFixtur
         other = partial(decoding(orjson.loads), Log(file, 1, Counter(), 0))
         taken = [(timed(own), other()[1]) for _ in range(3)]
         ratio = min(mine for mine, _ in taken) / min(its for _, its in taken)
+        ratios.add(f"{name}, {semantics}", "orjson.loads", ratio, most)
         lines.append(f"{name:26} {semantics:12} {ratio:8.1f} x, at most {most}")
         if ratio > most:
             slow.append(lines[-1])

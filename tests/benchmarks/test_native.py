@@ -16,6 +16,7 @@ import pytest
 
 from backends.c.library import CAPACITY, build_program, compiler
 from rvaft import Semantics, load, loads, translate
+from tests.benchmarks.conftest import Ratios
 from tests.benchmarks.logs import TREE, attacks, inspections, telemetry
 
 pytestmark = [
@@ -70,7 +71,9 @@ def running(program: Path, log: Path, options: tuple[str, ...]) -> float:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_programs_beside_decoding(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_programs_beside_decoding(
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], ratios: Ratios
+) -> None:
     make, text, options, most = CASES[case]
     log, program = tmp_path / "log.jsonl", tmp_path / "monitor"
     make(log)
@@ -79,6 +82,7 @@ def test_programs_beside_decoding(case: str, tmp_path: Path, capsys: pytest.Capt
     found = subprocess.run([program, *options, "--detections", log], capture_output=True, check=False).stdout
     times = [(running(program, log, options), decoding(log)) for _ in range(3)]
     ratio = min(one for one, _ in times) / min(other for _, other in times)
+    ratios.add(f"native: {case}", "orjson.loads", ratio, most)
     with capsys.disabled():
         print(f"\n{case:20} {ratio:5.2f} times orjson.loads, {found.count(b'verdict'):6} detections")
     assert ratio < most

@@ -25,6 +25,7 @@ from rvaft.backend import backend
 from rvaft.cli import main
 from rvaft.core.branches import branch, branches
 from rvaft.engine import Engine
+from tests.benchmarks.conftest import Ratios
 from tests.benchmarks.logs import TREE
 from tests.benchmarks.trees import chain, flat, text_of_size
 
@@ -235,7 +236,7 @@ WHERE x.event = 'x' AND y.event = 'y' AND z.event = 'z'
 """
 
 
-def test_a_query_on_typed_columns_costs_what_a_query_by_hand_costs(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_query_on_typed_columns_costs_what_a_query_by_hand_costs(ratios: Ratios) -> None:
     """300,000 events of 500 users; ten within a second. At most 1.5 times, in the median of pairs of runs."""
     duckdb = pytest.importorskip("duckdb", reason="DuckDB is not installed")
     log = duckdb.connect(config={"threads": "1"})
@@ -247,21 +248,18 @@ def test_a_query_on_typed_columns_costs_what_a_query_by_hand_costs(capsys: pytes
     columns = {"table": "log", "time": "t:double"}
     query = backend("sql-duckdb").mapped(columns).translate(loads(JOINED), Semantics.SCATTERED).text
     assert {row[0] for row in log.execute(query).fetchall()}
-    ratios = []
+    found = []
     for _ in range(7):
         hand, ours = (shortest(lambda text=text: log.execute(text).fetchall(), 1) for text in (BY_HAND, query))  # type: ignore[misc]
-        ratios.append(ours / hand)
-    with capsys.disabled():
-        print(f"\nquery on typed columns / query by hand: {statistics.median(ratios):.2f}")
-    assert statistics.median(ratios) < 1.5
+        found.append(ours / hand)
+    ratios.add("a join of three within 1 s, query on typed columns", "DuckDB by hand", statistics.median(found), 1.5)
+    assert statistics.median(found) < 1.5
 
 
 LOADED = "CREATE TABLE log AS SELECT * FROM read_json(?, columns = {event: 'VARCHAR', u: 'VARCHAR', t: 'DOUBLE'})"
 
 
-def test_a_whole_log_in_duckdb_costs_what_loading_and_a_query_by_hand_cost(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_whole_log_in_duckdb_costs_what_loading_and_a_query_by_hand_cost(tmp_path: Path, ratios: Ratios) -> None:
     """The same log as JSON Lines, by `rvaft monitor --engine duckdb --repeat`: at most 3 times, of processor time."""
     duckdb = pytest.importorskip("duckdb", reason="DuckDB is not installed")
     tree, log = tmp_path / "tree.rvaft", tmp_path / "log.jsonl"
@@ -283,15 +281,14 @@ def test_a_whole_log_in_duckdb_costs_what_loading_and_a_query_by_hand_cost(
             assert main(arguments, standalone_mode=False) == 1
         printed = output.getvalue()
 
-    ratios = []
+    found = []
     for number in range(6):
         times = []
         for call in (hand, ours):
             start = time.process_time()
             call()
             times.append(time.process_time() - start)
-        ratios += [times[1] / times[0]] if number else []
+        found += [times[1] / times[0]] if number else []
     assert "300000 events" in printed
-    with capsys.disabled():
-        print(f"\nrvaft monitor --engine duckdb / loading and a query by hand: {statistics.median(ratios):.2f}")
-    assert statistics.median(ratios) < 3
+    ratios.add("the same, rvaft monitor --engine duckdb", "loading, DuckDB by hand", statistics.median(found), 3)
+    assert statistics.median(found) < 3

@@ -113,9 +113,9 @@ def gate_subjects(gates: Iterable[Gate] = Gate, max_arity: int = MAX_ARITY) -> I
 
 
 def default_languages() -> tuple[str, ...]:
-    """Return one form of each backend, faithful ones first."""
+    """Return one form of each specification language, faithful ones first; programs in C are none."""
     found = {name: loaded(name) for name in all_backends()}  # backends that cannot be loaded get rows with the reason
-    languages = [name for name, one in found.items() if one is None or not one.form_of]
+    languages = [name for name, one in found.items() if one is None or not (one.form_of or name == "c")]
     return tuple(sorted(languages, key=lambda name: ((one := found[name]) is None or not one.faithful, name)))
 
 

@@ -64,7 +64,7 @@ def test_cells_are_in_order_and_the_languages_all_but_second_forms_the_unfaithfu
     names = [(name, choice, one) for name in ("and 1", "and 2") for choice in Semantics for one in ("rml", "ltlf")]
     assert [(cell.subject.name, cell.semantics, cell.language) for cell in cells] == names
     found = [backend(name) for name in all_backends()]
-    faithful = sorted(one.name for one in found if one.faithful and not one.form_of)
+    faithful = sorted(one.name for one in found if one.faithful and not one.form_of and one.name != "c")
     assert default_languages() == (*faithful, "rml-paper")
 
 

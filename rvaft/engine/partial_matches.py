@@ -1,4 +1,4 @@
-"""The extension of partial matches, and the strategy for `strict`, `projected` and `consecutive`."""
+"""The extension of partial matches, and the strategy of large trees under `strict` and `projected`."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Iterator, Mapping
@@ -277,15 +277,12 @@ class Following(ABC):
 
 
 class Contiguous(Following):
-    """All partial matches use the same events.
-
-    Under `consecutive`, they use the same events since their first.
-    """
+    """The strategy of large trees under `strict` and `projected`: all partial matches use the same events."""
 
     def __init__(self, compiled: CompiledTree, letters: TreeLetters, semantics: Semantics, *, limit: int) -> None:
-        super().__init__(compiled, letters, limit=limit, early=semantics is Semantics.CONSECUTIVE)
-        self._projected = semantics is not Semantics.STRICT
-        self._begins = semantics is Semantics.CONSECUTIVE
+        assert semantics in (Semantics.STRICT, Semantics.PROJECTED), "the others follow stages"
+        super().__init__(compiled, letters, limit=limit)
+        self._projected = semantics is Semantics.PROJECTED
         self._begin()
 
     def follow(self, configurations: Iterable[Configuration]) -> None:
@@ -308,7 +305,7 @@ class Contiguous(Following):
         relevant, hits = reading
         before = self._configurations
         if self._projected and not relevant:
-            return Verdict.UNKNOWN if before or self._begins else Verdict.FALSE
+            return Verdict.UNKNOWN if before else Verdict.FALSE
         steps = [(node, hit.values) for hit in hits for node in hit.nodes]
         reuse = len(steps) == 1
         found: dict[Hashable, Configuration] = {}
@@ -320,9 +317,6 @@ class Contiguous(Following):
             self._bound(len(found))
         standing = self.matching.standing
         self.matches = [new for new in found.values() if standing(new)[0]]
-        if self._begins:
-            start = self.matching.start()
-            found.setdefault(start.key, start)
         self._configurations = [] if self.matches else list(found.values())
         if not found:
             self.lost = before

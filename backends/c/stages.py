@@ -51,7 +51,7 @@ class Test(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Move:
+class Transition:
     """One more event: its pattern, slots that its variables must equal, tests, and the next stage."""
 
     pattern: Pattern
@@ -69,7 +69,7 @@ class Expiry(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Stage:
+class TableStage:
     """The slots and moves of a stage; `rank` is the greatest number of events to a detection.
 
     The slots from `exact` on are times. For each, `smaller` tells whether a smaller time allows
@@ -80,22 +80,22 @@ class Stage:
     exact: int
     smaller: tuple[bool, ...]
     expiries: tuple[Expiry, ...]
-    moves: tuple[Move, ...]
+    moves: tuple[Transition, ...]
     rank: int
 
 
-DETECTED: Final = Stage((), 0, (), (), (), 0)
+DETECTED: Final = TableStage((), 0, (), (), (), 0)
 
 
 @dataclass(frozen=True, slots=True)
-class Stages:
+class StageTable:
     """All stages, each after those that its moves reach; the first is the detection."""
 
-    stages: tuple[Stage, ...]
+    stages: tuple[TableStage, ...]
     starts: tuple[int, ...]
 
 
-def stages_of(prop: Property, semantics: Semantics, limit: int) -> Stages:
+def stages_of(prop: Property, semantics: Semantics, limit: int) -> StageTable:
     """Return the stages of a reduced property; raises `TooLarge` beyond `limit` sets of events.
 
     >>> import rvaft
@@ -104,7 +104,7 @@ def stages_of(prop: Property, semantics: Semantics, limit: int) -> Stages:
     >>> [(stage.rank, len(stage.moves)) for stage in found.stages], found.starts
     ([(0, 0), (1, 1), (1, 1), (2, 2)], (3,))
     """
-    numbers: dict[Stage, int] = {DETECTED: 0}
+    numbers: dict[TableStage, int] = {DETECTED: 0}
     known = [DETECTED]
     starts: dict[int, None] = {}
     left = limit
@@ -118,7 +118,7 @@ def stages_of(prop: Property, semantics: Semantics, limit: int) -> Stages:
             if number == len(known):
                 known.append(stage)
         starts[found[0]] = None
-    return Stages(tuple(known), tuple(starts))
+    return StageTable(tuple(known), tuple(starts))
 
 
 def _downward_closed(scenario: Scenario, left: int, limit: int) -> list[int]:
@@ -201,7 +201,7 @@ class _Rows:
                     )
         return found.pop() if len(found) == 1 else None
 
-    def stage(self, done: int, found: dict[int, int], known: Sequence[Stage]) -> Stage:
+    def stage(self, done: int, found: dict[int, int], known: Sequence[TableStage]) -> TableStage:
         """Return the stage after these events; `found` has the stages of larger sets."""
         following = _next(self._scenario, done)
         if not following:
@@ -219,9 +219,11 @@ class _Rows:
             and (bound.plus.operator is Operator.MAX or not self._some(_slot(bound.plus), done))
         )
         moves = dict.fromkeys(self._move(done, number, place, found[done | 1 << number]) for number in following)
-        return Stage(slots, exact, smaller, expiries, tuple(moves), 1 + max(known[move.target].rank for move in moves))
+        return TableStage(
+            slots, exact, smaller, expiries, tuple(moves), 1 + max(known[move.target].rank for move in moves)
+        )
 
-    def _move(self, done: int, number: int, place: dict[Slot, int], target: int) -> Move:
+    def _move(self, done: int, number: int, place: dict[Slot, int], target: int) -> Transition:
         event, after = self._scenario.events[number], done | 1 << number
         joins = tuple(
             (place[Slot((name,))], name) for name in rigid_variables(event.pattern) if self._binds[name] & done
@@ -240,7 +242,7 @@ class _Rows:
             return slot, Load(old, any(self._binds[name] == 1 << number for name in slot.names))
 
         made = tuple(Test(one.guard, tuple(map(load, one.slots))) for one in tests)
-        return Move(event.pattern, joins, made, tuple(map(load, slots)), target)
+        return Transition(event.pattern, joins, made, tuple(map(load, slots)), target)
 
     def _exceeded(self, one: _Decided, done: int, here: str) -> bool:
         """Whether a pending bound can fail already: a maximum only grows, and a minimum only falls."""

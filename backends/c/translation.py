@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from importlib.resources import files
 from typing import Final
 
-from backends.c.events import Fields, Step, expression
+from backends.c.events import EventFields, Step, expression
 from backends.c.questions import comment
-from backends.c.stages import Load, Move, Slot, Stage, Stages, Test, slot_of, stages_of
+from backends.c.stages import Load, Slot, StageTable, TableStage, Test, Transition, slot_of, stages_of
 from rvaft.core.property import Property
 from rvaft.errors import NotExpressible
 from rvaft.model.event_time import EventTime, TextFormat, TimeFormat
@@ -29,7 +29,7 @@ _LONG: Final = 1 << 62
 _SHORT: Final = 1 << 16
 
 
-class Table:
+class ConstantTable:
     """The rows of a table; equal runs of rows are stored once."""
 
     def __init__(self) -> None:
@@ -46,7 +46,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Written:
+class WrittenMonitor:
     """A text of C with its sizes."""
 
     text: str
@@ -54,26 +54,26 @@ class Written:
     moves: int
 
 
-def translation(prop: Property, semantics: Semantics, limit: int) -> Written:
+def translation(prop: Property, semantics: Semantics, limit: int) -> WrittenMonitor:
     """Return one self-contained C file; raises `NotExpressible` and `TooLarge`."""
     found = stages_of(prop, semantics, limit)
     if not found.starts:  # no scenario is feasible: one that waits for nothing
-        found = Stages((*found.stages, Stage((), 0, (), (), (), 1)), (len(found.stages),))
+        found = StageTable((*found.stages, TableStage((), 0, (), (), (), 1)), (len(found.stages),))
     return _Writer(prop, semantics, found).written()
 
 
 class _Writer:
-    def __init__(self, prop: Property, semantics: Semantics, found: Stages) -> None:
+    def __init__(self, prop: Property, semantics: Semantics, found: StageTable) -> None:
         self._prop = prop
         self._semantics = semantics
         self._found = found
         self._scattered = semantics is Semantics.SCATTERED
-        self._fields = Fields()
+        self._fields = EventFields()
         self._guards: dict[str, int] = {}
         self._patterns: dict[Pattern, int] = {}
         self._tests: list[str] = []
         self._bound: list[dict[str, int]] = []
-        self._loads, self._joins, self._slots, self._order, self._expiries = (Table() for _ in range(5))
+        self._loads, self._joins, self._slots, self._order, self._expiries = (ConstantTable() for _ in range(5))
 
     def _pattern(self, pattern: Pattern) -> int:
         if pattern not in self._patterns:
@@ -97,13 +97,13 @@ class _Writer:
         text = " && ".join(dict.fromkeys(parts))
         return self._guards.setdefault(text, len(self._guards) + 1) if text else 0
 
-    def _links(self, stage: Stage) -> list[tuple[int, ...]]:
+    def _links(self, stage: TableStage) -> list[tuple[int, ...]]:
         """Return the lists of slots by which partial matches of a stage are found."""
         exact = tuple(range(stage.exact))
         joined = (tuple(sorted(slot for slot, _ in move.joins)) for move in stage.moves)
         return list(dict.fromkeys((exact, *joined))) if self._scattered else [exact]
 
-    def _move(self, number: int, move: Move, links: Sequence[tuple[int, ...]]) -> str:
+    def _move(self, number: int, move: Transition, links: Sequence[tuple[int, ...]]) -> str:
         pattern = self._pattern(move.pattern)
         bound = self._bound[pattern]
         guard = self._guard(move.tests, bound)
@@ -134,7 +134,7 @@ class _Writer:
             )
         )
 
-    def written(self) -> Written:
+    def written(self) -> WrittenMonitor:
         """Return the text."""
         stages = self._found.stages
         rows, moves, owners, most_links = list[str](), list[str](), list[int](), 1
@@ -159,7 +159,7 @@ class _Writer:
         config = self._config(most_links)
         tables = self._tables(rows, moves, owners) + relevance + time
         code = f"{self._title(len(moves), most_links)}{config}{head}{tables}{tail}"
-        return Written(f"{comment(self._prop, code)}{code}", len(stages), len(moves))
+        return WrittenMonitor(f"{comment(self._prop, code)}{code}", len(stages), len(moves))
 
     @property
     def _late(self) -> int | None:

@@ -54,7 +54,12 @@ class CBackend(Backend):
         sizes = Metrics(written.stages + written.moves, states=written.stages, edges=written.moves)
         return SpecificationText(written.text, sizes)
 
-    def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:  # noqa: ARG002
+    def observed(
+        self,
+        text: str,
+        *,
+        atoms: Mapping[str, Pattern] | None = None,  # noqa: ARG002
+    ) -> tuple[Observed, ...] | None:
         """Return the tests of events that an unchanged text lists; None if it depends on times."""
         return observed(text)
 

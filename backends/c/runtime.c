@@ -1123,7 +1123,8 @@ static void clear_store(store *s) {
     }
 }
 
-static uint32_t bucket_of(const store *s, uint32_t stage_number, uint32_t link, const cell *const *cells, uint32_t count) {
+static uint32_t bucket_of(const store *s, uint32_t stage_number, uint32_t link, const cell *const *cells,
+                          uint32_t count) {
     uint64_t h = (uint64_t)stage_number * UINT64_C(0x9E3779B97F4A7C15) + link;
     uint32_t i;
     for (i = 0; i < count; i++) {
@@ -2019,7 +2020,8 @@ static int32_t child_of(const rvaft_reader *r, int32_t node, const char *key, ui
     int32_t child = node < -1 ? FIRST_FIELD : fields[node].child;
     (void)r;
     while (child >= 0 && !(fields[child].size == size && fields[child].name != NULL &&
-                           (size == 0 || (fields[child].name[0] == key[0] && memcmp(fields[child].name, key, size) == 0)))) {
+                           (size == 0 || (fields[child].name[0] == key[0] &&
+                                          memcmp(fields[child].name, key, size) == 0)))) {
         child = fields[child].next;
     }
     return child;

@@ -10,14 +10,14 @@ agree. What one component does has no effect on another, so the first match of a
 later events. If a component must end before another begins, its first match is the best.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, permutations
 from typing import NamedTuple
 
 from rvaft.core.part_numbers import PartKind
 from rvaft.core.patterns import Overlaps
 from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
-from rvaft.support.bits import bits, mask_of, union
+from rvaft.support.bits import DisjointSets, bits, mask_of, union
 
 
 class IndependentPart(NamedTuple):
@@ -35,30 +35,6 @@ class Component(NamedTuple):
     chooses: bool
 
 
-class _Sets:
-    """Disjoint sets of numbers."""
-
-    def __init__(self, size: int) -> None:
-        self._above = list(range(size))
-
-    def first(self, one: int) -> int:
-        while self._above[one] != one:
-            one = self._above[one]
-        return one
-
-    def unite(self, some: Iterable[int]) -> None:
-        firsts = [self.first(one) for one in some]
-        for one in firsts[1:]:
-            self._above[self.first(one)] = self.first(firsts[0])
-
-    def masks(self) -> list[int]:
-        """Return the sets as bits."""
-        found: dict[int, int] = {}
-        for one in range(len(self._above)):
-            found[self.first(one)] = found.get(self.first(one), 0) | 1 << one
-        return list(found.values())
-
-
 def components(compiled: CompiledTree, letters: TreeLetters) -> tuple[Component, ...]:
     """Return the components of a tree, or an empty tuple if fewer than two parts have variables."""
     nodes, before = _units(compiled)
@@ -66,7 +42,7 @@ def components(compiled: CompiledTree, letters: TreeLetters) -> tuple[Component,
     for unit, below in enumerate(nodes):
         for node in bits(below):
             units_of.setdefault(node, []).append(unit)
-    parts, whole = _Sets(len(nodes)), _Sets(len(nodes))
+    parts, whole = DisjointSets(len(nodes)), DisjointSets(len(nodes))
     for tied in _ties(compiled, letters, units_of):
         parts.unite(tied)
     sharing: dict[str, list[int]] = {}
@@ -143,7 +119,7 @@ def _ties(compiled: CompiledTree, letters: TreeLetters, units_of: Mapping[int, l
         yield [units_of[serving[one][1][0]][0], units_of[serving[other][1][0]][0]]
 
 
-def _keep_orders(whole: _Sets, before: Sequence[int], chooses: int) -> None:
+def _keep_orders(whole: DisjointSets, before: Sequence[int], chooses: int) -> None:
     """Unite components until one precedes another as a whole or not at all.
 
     A component with choices precedes none, because a later match may have a lower branch.

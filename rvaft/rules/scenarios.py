@@ -16,7 +16,7 @@ from rvaft.model.nodes import Node
 from rvaft.model.patterns import Anything, Pattern, Variable, rigid_variables, substitute, walk
 from rvaft.model.tree import RVAFT, knots
 from rvaft.rules.rule import RuleReport, branch_of, did_you_mean, listing
-from rvaft.support.bits import bits, mask_of, union
+from rvaft.support.bits import DisjointSets, bits, mask_of, union
 from rvaft.support.budget import Budget, Undecided
 
 _EVENT, _NEVER = 1, 2
@@ -299,23 +299,19 @@ def contradictory_guards(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 
 def _groups(space: ScenarioSpace) -> Iterable[Group]:
-    leader: dict[str, str] = {}  # union-find over variables
-
-    def find(name: str) -> str:
-        while leader.setdefault(name, name) != name:
-            leader[name] = name = leader[leader[name]]
-        return name
-
     conditions = (part for part in space.resolutions.union if isinstance(part, Condition))
     own = ((node_of(part), _without_times(part.guard)) for part in conditions)
     guarded = [(name, guard) for name, guard in own if guard is not None]
+    numbers = {
+        name: at for at, name in enumerate(dict.fromkeys(one for _, guard in guarded for one in variables(guard)))
+    }
+    related = DisjointSets(len(numbers))
     for _, guard in guarded:
-        for one, other in pairwise(variables(guard)):
-            leader[find(one)] = find(other)
-    groups: dict[str, Group] = {}
+        related.unite(numbers[one] for one in variables(guard))
+    groups: dict[int, Group] = {}
     for name, guard in guarded:
         for variable in variables(guard)[:1]:
-            groups.setdefault(find(variable), {})[name] = guard
+            groups.setdefault(related.first(numbers[variable]), {})[name] = guard
     return groups.values()
 
 

@@ -72,3 +72,36 @@ def in_at_least(count: int, sets: Iterable[int]) -> int:
             greater |= same & planes[index]
             same &= ~planes[index]
     return greater | same
+
+
+class DisjointSets:
+    """Disjoint sets of the integers below a size, at first of one each.
+
+    >>> sets = DisjointSets(4)
+    >>> sets.unite([1, 3])
+    >>> [bin(mask) for mask in sets.masks()], sets.first(1) == sets.first(3)
+    (['0b1', '0b1010', '0b100'], True)
+    """
+
+    def __init__(self, size: int) -> None:
+        self._above = list(range(size))
+
+    def first(self, number: int) -> int:
+        """Return the integer that stands for the set of a number."""
+        while self._above[number] != number:
+            self._above[number] = number = self._above[self._above[number]]
+        return number
+
+    def unite(self, numbers: Iterable[int]) -> None:
+        """Unite the sets of these numbers."""
+        firsts = [self.first(number) for number in numbers]
+        for one in firsts[1:]:
+            self._above[self.first(one)] = self.first(firsts[0])
+
+    def masks(self) -> list[int]:
+        """Return the sets, in the order of their least members."""
+        found: dict[int, int] = {}
+        for number in range(len(self._above)):
+            place = self.first(number)
+            found[place] = found.get(place, 0) | 1 << number
+        return list(found.values())

@@ -163,8 +163,8 @@ Definition Selected (t : tree) (s : selection) (r : resolution) : Prop :=
 Definition IsScenario (t : tree) (s : selection) (c : scenario event) : Prop :=
   exists r last, Resolution t r /\ Selected t s r /\ Lasts t r last /\ Feasible t r last /\
     (forall o, In o (occurrences c) <-> Occurs t r o) /\
-    (forall p o, before c p o <-> Occurs t r p /\ Occurs t r o /\ Precedes t r last p o) /\
-    (forall m, consistent c m <-> Consistent t r m).
+    (forall p o, Occurs t r p -> Occurs t r o -> (before c p o <-> Precedes t r last p o)) /\
+    (forall m, NoDup (domain m) -> (consistent c m <-> Consistent t r m)).
 
 (** ** Section 3: detection *)
 

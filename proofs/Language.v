@@ -164,8 +164,12 @@ Definition conditions (t : tree) (n : nat) : list guard :=
   match when (node_at t n) with Some g => [g] | None => [] end ++
   match within (node_at t n) with Some d => [window n d] | None => [] end.
 
-(** The root is node 0, and children have greater numbers. *)
+(** The root is node 0, children have greater numbers, and the variables of an [ignore] are its own. *)
 Definition well_formed (t : tree) : bool :=
   Nat.ltb 0 (length (nodes t)) &&
   forallb (fun entry => forallb (fun c => Nat.ltb (fst entry) c && Nat.ltb c (length (nodes t))) (children (snd entry)))
-          (combine (seq 0 (length (nodes t))) (nodes t)).
+          (combine (seq 0 (length (nodes t))) (nodes t)) &&
+  forallb (fun i => match snd i with
+                    | Some g => forallb (fun x => existsb (Nat.eqb x) (pattern_variables (fst i))) (variables g)
+                    | None => true
+                    end) (ignores t).

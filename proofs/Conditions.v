@@ -172,7 +172,7 @@ Proof.
       destruct H as [(w & F & M) H]. rewrite F. apply IHp in M as (bs & I & R). apply IHf in H as (cs & J & S).
       simpl in I. exists (bs ++ cs). split; [| apply respects_app; auto].
       destruct (ways p w) as [| x l] eqn:W; [destruct I |]. apply in_joined. exists bs, cs; auto.
-    + intros (bs & I & R). destruct v as [| | | | | object]; try destruct I. exists object; split; auto.
+    + intros (bs & I & R). destruct v as [| | | | | object |]; try destruct I. exists object; split; auto.
       revert bs I R. induction IH as [| [f p] fields IHp _ IHf]; intros bs I R; auto.
       destruct (field f object) as [w |] eqn:F; [| destruct I]. simpl in IHp.
       destruct (ways p w) as [| x l] eqn:W; [destruct I |]. rewrite <- W in I.
@@ -184,14 +184,14 @@ Proof.
       * exists []; simpl; auto using respects_nil.
       * apply IHp in H as (bs & I & R). apply IHi in H0 as (cs & J & S).
         exists (bs ++ cs). split; [apply in_joined; exists bs, cs; auto | apply respects_app; auto].
-    + intros (bs & I & R). destruct v as [| | | | list |]; try destruct I. exists list; split; auto.
+    + intros (bs & I & R). destruct v as [| | | | list | |]; try destruct I. exists list; split; auto.
       revert list bs I R. induction IH as [| p items IHp _ IHi]; intros [| w list] bs I R; try destruct I; auto.
       apply in_joined in I as (cs & ds & I & J & ->). apply respects_app in R as [R S].
       split; [apply IHp; eauto | eapply IHi; eauto].
   - cbn [matches ways]. split.
     + intros (list & -> & w & I & M). apply IH in M as (bs & J & R). exists bs; split; auto.
       apply in_flat_map; eauto.
-    + intros (bs & I & R). destruct v as [| | | | list |]; try destruct I. exists list; split; auto.
+    + intros (bs & I & R). destruct v as [| | | | list | |]; try destruct I. exists list; split; auto.
       apply in_flat_map in I as (w & I & J). exists w; split; auto. apply IH; eauto.
 Qed.
 
@@ -261,7 +261,7 @@ Proof.
   - destruct J.
   - simpl in I. destruct I as [<- | []]. destruct y; simpl in *; [destruct J as [<- | []]; auto | tauto].
   - destruct J.
-  - cbn [ways] in I. destruct v as [| | | | | object]; try destruct I.
+  - cbn [ways] in I. destruct v as [| | | | | object |]; try destruct I.
     cbn [pattern_variables] in J. revert bs I J. induction IH as [| [f p] fields IHp _ IHf]; intros bs I J; [destruct J |].
     simpl in IHp. cbn [flat_map snd] in J.
     destruct (field f object) as [w |] eqn:F; [| destruct I].
@@ -269,14 +269,14 @@ Proof.
     apply in_joined in I as (cs & ds & I & K & ->). rewrite map_app, in_app_iff. apply in_app_iff in J as [J | J].
     + left; eapply IHp; eauto.
     + right; eapply IHf; eauto.
-  - cbn [ways] in I. destruct v as [| | | | list |]; try destruct I.
+  - cbn [ways] in I. destruct v as [| | | | list | |]; try destruct I.
     cbn [pattern_variables] in J. revert list bs I J.
     induction IH as [| p items IHp _ IHi]; intros list bs I J; [destruct J |].
     destruct list as [| w list]; [destruct I |]. cbn [flat_map] in J.
     apply in_joined in I as (cs & ds & I & K & ->). rewrite map_app, in_app_iff. apply in_app_iff in J as [J | J].
     + left; eapply IHp; eauto.
     + right; eapply IHi; eauto.
-  - cbn [ways] in I. destruct v as [| | | | list |]; try destruct I.
+  - cbn [ways] in I. destruct v as [| | | | list | |]; try destruct I.
     apply in_flat_map in I as (w & I & K). eapply IH; eauto.
 Qed.
 
@@ -286,20 +286,20 @@ Proof.
   - simpl in I. destruct (value_eqb v w); [destruct I as [<- | []]; destruct J | destruct I].
   - simpl in I. destruct I as [<- | []]. destruct J as [J | []]. simpl in J; subst. simpl; auto.
   - simpl in I. destruct I as [<- | []]. destruct J.
-  - cbn [ways] in I. destruct v as [| | | | | object]; try destruct I.
+  - cbn [ways] in I. destruct v as [| | | | | object |]; try destruct I.
     cbn [pattern_variables]. revert bs I J. induction IH as [| [f p] fields IHp _ IHf]; intros bs I J.
     + destruct I as [<- | []]. destruct J.
     + simpl in IHp. cbn [flat_map snd]. destruct (field f object) as [w |] eqn:F; [| destruct I].
       destruct (ways p w) as [| z l] eqn:W; [destruct I |]. rewrite <- W in I.
       apply in_joined in I as (cs & ds & I & K & ->). rewrite map_app, in_app_iff in J. apply in_app_iff.
       destruct J as [J | J]; [left; eapply IHp; eauto | right; eapply IHf; eauto].
-  - cbn [ways] in I. destruct v as [| | | | list |]; try destruct I.
+  - cbn [ways] in I. destruct v as [| | | | list | |]; try destruct I.
     cbn [pattern_variables]. revert list bs I J. induction IH as [| p items IHp _ IHi]; intros list bs I J.
     + destruct list; [destruct I as [<- | []]; destruct J | destruct I].
     + destruct list as [| w list]; [destruct I |]. cbn [flat_map].
       apply in_joined in I as (cs & ds & I & K & ->). rewrite map_app, in_app_iff in J. apply in_app_iff.
       destruct J as [J | J]; [left; eapply IHp; eauto | right; eapply IHi; eauto].
-  - cbn [ways] in I. destruct v as [| | | | list |]; try destruct I.
+  - cbn [ways] in I. destruct v as [| | | | list | |]; try destruct I.
     apply in_flat_map in I as (w & I & K). eapply IH; eauto.
 Qed.
 

@@ -20,11 +20,14 @@ Definition greatest (seen : option Z) (time : option Z) : option Z :=
 Definition is_late (d : option Z) (seen time : option Z) : bool :=
   match d, seen, time with Some d, Some a, Some b => Z.ltb (b + d) a | _, _, _ => false end.
 
-(** The trace of a log: each event with its mark, by the greatest time before it. *)
+(** An event with its mark, by the greatest time before it. *)
+Definition mark (d seen : option Z) (v : value) (z : option Z) : event := Event v z (is_late d seen z).
+
+(** The trace of a log. *)
 Fixpoint stamp (d : option Z) (seen : option Z) (log : list (value * option Z)) : list event :=
   match log with
   | [] => []
-  | (v, z) :: log => Event v z (is_late d seen z) :: stamp d (greatest seen z) log
+  | (v, z) :: log => mark d seen v z :: stamp d (greatest seen z) log
   end.
 
 Definition trace_of (t : tree) (log : list (value * option Z)) : list event := stamp (lateness t) None log.

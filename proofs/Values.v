@@ -21,9 +21,21 @@ Inductive value :=
 | Num (n : number)
 | Text (s : text)
 | List (items : list value)
-| Object (fields : list (text * value)).
+| Object (fields : list (text * value))
+| Undefined (number : nat).
+(** [Undefined] is NaN or an infinity, which JSON does not have.  A reader gives each one in a log a
+    number of its own, so that it equals no other value. *)
 
 Definition integer (z : Z) : value := Num (Number z 0).
+
+(** A value without NaN and infinities. *)
+Fixpoint defined (v : value) : bool :=
+  match v with
+  | Null | Bool _ | Num _ | Text _ => true
+  | List l => forallb defined l
+  | Object f => forallb (fun field => defined (snd field)) f
+  | Undefined _ => false
+  end.
 
 (** ** Normal forms *)
 
@@ -97,6 +109,7 @@ Fixpoint value_eqb (v w : value) : bool :=
        | (a, v) :: f, (b, w) :: g => text_eqb a b && value_eqb v w && fields f g
        | _, _ => false
        end) f g
+  | Undefined a, Undefined b => Nat.eqb a b
   | _, _ => false
   end.
 
@@ -121,6 +134,7 @@ Hypothesis on_num : forall n, P (Num n).
 Hypothesis on_text : forall s, P (Text s).
 Hypothesis on_list : forall l, Forall P l -> P (List l).
 Hypothesis on_object : forall f, Forall (fun field => P (snd field)) f -> P (Object f).
+Hypothesis on_undefined : forall n, P (Undefined n).
 Fixpoint value_induction (v : value) : P v :=
   match v with
   | Null => on_null
@@ -135,12 +149,13 @@ Fixpoint value_induction (v : value) : P v :=
       ((fix all f := match f return Forall (fun field => P (snd field)) f with
                      | [] => Forall_nil _
                      | field :: f => Forall_cons _ (value_induction (snd field)) (all f) end) f)
+  | Undefined n => on_undefined n
   end.
 End ValueInduction.
 
 Theorem value_eqb_iff : forall v w, value_eqb v w = true <-> v = w.
 Proof.
-  induction v as [| b | n | s | l IH | f IH] using value_induction; destruct w as [| b' | n' | s' | l' | f'];
+  induction v as [| b | n | s | l IH | f IH | k] using value_induction; destruct w as [| b' | n' | s' | l' | f' | k'];
     simpl; try (split; congruence).
   - destruct b, b'; simpl; split; congruence.
   - rewrite number_eqb_iff. split; congruence.
@@ -150,6 +165,7 @@ Proof.
   - revert f'; induction IH as [| [a v] f Hv _ IHf]; destruct f' as [| [b w] f']; try (split; congruence).
     simpl in Hv. rewrite !andb_true_iff, text_eqb_iff, Hv, IHf.
     split; [intros [[-> ->] H]; injection H as ->; auto | intros H; injection H as -> -> ->; auto].
+  - rewrite Nat.eqb_eq. split; congruence.
 Qed.
 
 (** ** The order of numbers, and arithmetic *)
@@ -237,36 +253,46 @@ Definition decimal (negative : bool) (m : Z) (count e : Z) : option number :=
   | _ => Some (Number 0 0)
   end.
 
+(** The rest of a text that begins with this code point. *)
+Definition after (code : nat) (s : text) : option text :=
+  match s with c :: rest => if Nat.eqb c code then Some rest else None | [] => None end.
+
+Definition minus := 45%nat.
+Definition plus := 43%nat.
+Definition dot := 46%nat.
+Definition zero := 48%nat.
+
 (** [-?(0|[1-9][0-9]* )([.][0-9]+)?([eE][+-]?[0-9]+)?]; without fraction and exponent an integer. *)
 Definition parse_number (s : text) : option number :=
-  let '(negative, s) := match s with 45%nat :: rest => (true, rest) | _ => (false, s) end in
+  let '(negative, s) := match after minus s with Some rest => (true, rest) | None => (false, s) end in
   let '(whole, count, rest) := digits s 0 0 in
-  let leading_zero := match s with 48%nat :: _ => true | _ => false end in
+  let leading_zero := match after zero s with Some _ => true | None => false end in
   if Z.eqb count 0 || (leading_zero && negb (Z.eqb count 1)) then None
   else
-    let '(m, places, rest', bad) :=
-      match rest with
-      | 46%nat :: tail => let '(m, c, r) := digits tail whole 0 in (m, c, r, Z.eqb c 0)
-      | _ => (whole, 0, rest, false)
+    let '(m, places, rest, good) :=
+      match after dot rest with
+      | Some tail => let '(m, c, r) := digits tail whole 0 in (m, c, r, negb (Z.eqb c 0))
+      | None => (whole, 0, rest, true)
       end in
-    if bad then None
-    else match rest' with
+    if negb good then None
+    else match rest with
          | [] => if Z.eqb places 0
                  then Some (Number (if negative then Z.opp whole else whole) 0)
                  else decimal negative m (count + places) (Z.opp places)
          | c :: tail =>
            if Nat.eqb c 101 || Nat.eqb c 69 then
-             let '(down, tail) := match tail with
-                                  | 45%nat :: r => (true, r)
-                                  | 43%nat :: r => (false, r)
-                                  | _ => (false, tail)
-                                  end in
+             let '(down, tail) :=
+               match after minus tail, after plus tail with
+               | Some r, _ => (true, r)
+               | None, Some r => (false, r)
+               | None, None => (false, tail)
+               end in
              let '(x, c, r) := digits tail 0 0 in
-             if Z.eqb c 0 then None
-             else match r with
-                  | [] => decimal negative m (count + places) ((if down then Z.opp x else x) - places)
-                  | _ => None
-                  end
+             match r with
+             | [] => if Z.eqb c 0 then None
+                     else decimal negative m (count + places) ((if down then Z.opp x else x) - places)
+             | _ => None
+             end
            else None
          end.
 
@@ -330,8 +356,9 @@ Fixpoint extreme (choose : number -> number -> number) (best : number) (l : list
   | _ => None
   end.
 
-(** The value of an operator for defined operands; [None] is undefined. *)
+(** The value of an operator; [None] is undefined. *)
 Definition apply (o : operator) (operands : list value) : option value :=
+  if negb (forallb defined operands) then None else
   match o, operands with
   | Equals, [v; w] => Some (Bool (value_eqb v w))
   | Differs, [v; w] => Some (Bool (negb (value_eqb v w)))

@@ -10,7 +10,9 @@ from typing import Any, Final, assert_never
 
 from rvaft.errors import OptionError
 from rvaft.export.layout import turn
+from rvaft.model.event_time import TextFormat
 from rvaft.model.expressions import WORD, bare_value, guard_text
+from rvaft.model.guards import Guard, Operation, TimePoint
 from rvaft.model.nodes import Causality, Gate, Node
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
@@ -33,10 +35,11 @@ def json_text(tree: RVAFT) -> str:
         "time": None if tree.time is None else _record(tree.time, "field format late"),
         "nodes": [
             _record(node, "name gate threshold children on times when within kind label attributes")
+            | {"condition": _condition(node.when)}
             for node in tree.nodes.values()
         ],
         "events": [_record(event, "name parameters pattern") for event in tree.events.values()],
-        "ignores": [_record(ignore, "on when") for ignore in tree.ignores],
+        "ignores": [_record(ignore, "on when") | {"condition": _condition(ignore.when)} for ignore in tree.ignores],
         "topics": [_record(topic, "name type publishers") for topic in tree.topics.values()],
     }
     return json.dumps(value, indent=2, ensure_ascii=False) + "\n"
@@ -52,6 +55,8 @@ def _record(thing: object, names: str) -> dict[str, Any]:
             found[name] = guard_text(value)
         elif name == "pattern":
             found[name] = _pattern(value)
+        elif isinstance(value, TextFormat):
+            found[name] = {"strptime": value.pattern, "year": value.year, "zone": value.zone}
     return found
 
 
@@ -69,6 +74,20 @@ def _pattern(pattern: Pattern) -> Json:
             return {"list": list(map(_pattern, items))}
         case SomeItem(item):
             return {"some": _pattern(item)}
+        case _ as never:
+            assert_never(never)
+
+
+def _condition(guard: Guard | None) -> Json:
+    match guard:
+        case None:
+            return None
+        case TimePoint(point=point, node=node):
+            return {"point": point, "node": node}
+        case Literal() | Variable():
+            return _pattern(guard)
+        case Operation(operator, operands):
+            return {"operator": operator, "operands": list(map(_condition, operands))}
         case _ as never:
             assert_never(never)
 

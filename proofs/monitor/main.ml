@@ -1,0 +1,114 @@
+(* The command `rvaft-verified`: the extracted monitor on JSON Lines. *)
+
+open Rvaft_monitor
+
+let usage = "usage: rvaft-verified TREE.json [LOG.jsonl] [--semantics strict|projected|consecutive|scattered]
+         [--kind fault|attack] [--choose NODE=CHILD ...] [--repeat] [--traces]
+
+Write TREE.json by `rvaft show TREE --format json -o TREE.json`. Without LOG, or for -, events come from
+standard input. One line per event is printed: {\"event\": 1, \"verdict\": \"unknown\"}. With --traces each line
+is a list of events, and one line per trace is printed: T, F or ? after each event.
+Exit status: 0 nothing detected, 1 a detection, 2 an error."
+
+exception Usage of string
+
+let fail format = Printf.ksprintf (fun message -> raise (Usage message)) format
+
+let words = [ Top, "true"; Bottom, "false"; Unknown, "unknown" ]
+let sign = function Top -> 'T' | Bottom -> 'F' | Unknown -> '?'
+
+let read_file name =
+  let channel = open_in_bin name in
+  Fun.protect ~finally:(fun () -> close_in channel) (fun () -> really_input_string channel (in_channel_length channel))
+
+let is_blank line = String.for_all (fun c -> c = ' ' || c = '\t' || c = '\r') line
+
+let run () =
+  let tree_file = ref None and log_file = ref None and semantics = ref None and kind = ref None in
+  let choices = ref [] and repeat = ref false and traces = ref false in
+  let rec options = function
+    | "--semantics" :: s :: rest -> semantics := Some s; options rest
+    | "--kind" :: k :: rest -> kind := Some k; options rest
+    | "--choose" :: c :: rest ->
+      (match String.index_opt c '=' with
+       | Some i -> choices := (String.sub c 0 i, String.sub c (i + 1) (String.length c - i - 1)) :: !choices
+       | None -> fail "--choose takes NODE=CHILD, not %s" c);
+      options rest
+    | "--repeat" :: rest -> repeat := true; options rest
+    | "--traces" :: rest -> traces := true; options rest
+    | ("--help" | "-h") :: _ -> print_endline usage; exit 0
+    | option :: _ when String.length option > 1 && option.[0] = '-' -> fail "unknown or incomplete option %s" option
+    | file :: rest ->
+      (match !tree_file, !log_file with
+       | None, _ -> tree_file := Some file
+       | Some _, None -> log_file := Some file
+       | Some _, Some _ -> fail "one tree and one log are read, not also %s" file);
+      options rest
+    | [] -> () in
+  options (List.tl (Array.to_list Sys.argv));
+  let tree_file = match !tree_file with Some f -> f | None -> fail "no tree is given" in
+  let read =
+    try Tree_reader.read (Json.parse (read_file tree_file)) with
+    | Json.Bad (place, why) -> fail "%s: byte %d: %s" tree_file place why
+    | Tree_reader.Refused why | Clock.Refused why -> fail "%s: %s" tree_file why in
+  let tree = read.Tree_reader.tree in
+  let semantics = match (match !semantics with Some s -> Some s | None -> read.Tree_reader.semantics) with
+    | None | Some "projected" -> Projected | Some "strict" -> Strict
+    | Some "consecutive" -> Consecutive | Some "scattered" -> Scattered
+    | Some other -> fail "unknown semantics %s" other in
+  let node name = match read.Tree_reader.numbers name with Some n -> n | None -> fail "--choose: no node %s below the root" name in
+  let selection = match !kind, !choices with
+    | None, [] -> Everything
+    | Some "fault", [] -> OfKind Fault
+    | Some "attack", [] -> OfKind Attack
+    | Some other, [] -> fail "unknown kind %s" other
+    | None, choices -> OneBranch (List.map (fun (n, c) -> (node n, [ node c ])) choices)
+    | Some _, _ -> fail "--kind and --choose exclude each other" in
+  let begin_ = first tree selection in
+  let step = next tree semantics in
+  let step = if !repeat then next_repeated begin_ step else step in
+  let time_of_value v = match read.Tree_reader.time with
+    | None -> None
+    | Some (path, format) -> Option.bind (Clock.at path v) (Clock.read format) in
+  let detected = ref false in
+  let after (seen, state) v =
+    let time = time_of_value v in
+    let event = mark tree.lateness seen (Tree_reader.value v) time in
+    let state = step state event in
+    let verdict = verdict_after state in
+    if verdict = Top then detected := true;
+    ((greatest seen time, state), verdict) in
+  let name, channel = match !log_file with
+    | None | Some "-" -> "<stdin>", stdin
+    | Some file -> file, open_in_bin file in
+  let parsed number line =
+    try Json.parse line with Json.Bad (place, why) -> fail "%s:%d: column %d: %s" name number place why in
+  let rec lines number f =
+    match input_line channel with
+    | exception End_of_file -> ()
+    | line -> if not (is_blank line) then f number (parsed number line); lines (number + 1) f in
+  if !traces then
+    lines 1 (fun number v -> match v with
+        | Json.List events ->
+          let _, signs = List.fold_left (fun (now, signs) v -> let now, verdict = after now v in (now, sign verdict :: signs)) ((None, begin_), []) events in
+          print_endline (String.of_seq (List.to_seq (List.rev signs)))
+        | _ -> fail "%s:%d: with --traces each line is a list of events" name number)
+  else begin
+    let now = ref (None, begin_) and count = ref 0 in
+    lines 1 (fun number v -> match v with
+        | Json.Object _ ->
+          incr count;
+          let next, verdict = after !now v in
+          now := next;
+          Printf.printf "{\"event\": %d, \"verdict\": \"%s\"}\n" !count (List.assoc verdict words)
+        | _ -> fail "%s:%d: an event is a JSON object" name number)
+  end;
+  if !detected then 1 else 0
+
+let () =
+  match run () with
+  | status -> exit status
+  | exception Usage why -> flush stdout; prerr_endline ("rvaft-verified: " ^ why); exit 2
+  | exception Sys_error why -> flush stdout; prerr_endline ("rvaft-verified: " ^ why); exit 2
+  | exception Stack_overflow -> flush stdout; prerr_endline "rvaft-verified: the input is too large"; exit 2
+  | exception Out_of_memory -> flush stdout; prerr_endline "rvaft-verified: out of memory"; exit 2

@@ -41,6 +41,8 @@ from cross_check.published_monitor import NAME as PUBLISHED
 from cross_check.published_monitor import published_of
 from cross_check.results import DETECTIONS_ONLY, Difference, Job, Result, Status, raised, reason
 from cross_check.traces import Effort, Trace, letters_of, trials
+from cross_check.verified import NAME as VERIFIED
+from cross_check.verified import verified_of
 from rvaft.api import narrowed
 from rvaft.backend import Match
 from rvaft.core.branches import restrict
@@ -77,6 +79,7 @@ class Roster:
     - `monpoly`: the program for `mfotl-monpoly` and `mfotl-verimon`.
     - `r2u2`: a build of R2U2 in its checkout (`mtl-r2u2`).
     - `flink`: run `match-recognize-flink`.
+    - `verified`: the program of the verified monitor (`verified`).
     - `patience`: seconds for an external program.
     - `limit`: the size of translations, in the unit of the backend.
     """
@@ -88,6 +91,7 @@ class Roster:
     monpoly: Path | None = None
     r2u2: Path | None = None
     flink: bool = False
+    verified: Path | None = None
     patience: float = PATIENCE
     limit: int | None = None
 
@@ -107,6 +111,9 @@ class Roster:
             names = () if self.against else faithful_backends()
         if not self.against:
             yield ENGINE, partial(engine_of, part, job.semantics)
+            if self.verified is not None:
+                asked = partial(verified_of, tree, job.semantics, self.verified, branch=job.branch, kind=job.kind)
+                yield VERIFIED, partial(asked, timeout=self.patience)
         for name in names:
             yield name, partial(translated, name, part, job.semantics, limit=self.limit)
         if self.rml_monitor is not None:

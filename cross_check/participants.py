@@ -102,11 +102,14 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Outside:
-    """An external program for whole traces; `answers` raises the errors that `Absent` holds."""
+    """An external program for whole traces; `answers` raises the errors that `Absent` holds.
+
+    `specification` is the text that it runs, or None if it reads the tree.
+    """
 
     name: str
     answers: Callable[[Sequence[Sequence[Json]]], Sequence[Answer]]
-    specification: Specification
+    specification: Specification | None = None
     detections_only: bool = False
 
 

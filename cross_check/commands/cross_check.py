@@ -21,6 +21,7 @@ from cross_check.counterexamples import load as load_case
 from cross_check.participants import faithful_backends, handwritten, is_specification, missing_extras
 from cross_check.results import Job, Result, Status, exit_status
 from cross_check.traces import AGAINST, CATALOGUE, ONE_TREE, RANDOM
+from cross_check.verified import PROGRAM, on_path
 from rvaft.api import narrowed, resolve_semantics
 from rvaft.cli import FAILED, INTERRUPTED, Failures, Stopped, options
 from rvaft.model.nodes import Kind
@@ -144,6 +145,7 @@ _TRACES: Final = (
 )
 _STATES: Final = f"State limit of a proof.  [default: {ONE_TREE.states}; with --random {RANDOM.states}]"
 _SEMANTICS: Final = "Default: all; with --against, what each tree states, or projected."
+_VERIFIED: Final = f"Also run this build of the verified monitor.  [default: {PROGRAM}, if it is on the PATH]"
 _PUBLISHED: Final = "Also run RML in the published monitor; DIR is a checkout of it."
 
 
@@ -173,6 +175,7 @@ _PUBLISHED: Final = "Also run RML in the published monitor; DIR is a checkout of
     "--monpoly", metavar="PROGRAM", help="Also run MFOTL in this build of MonPoly and in its verified kernel."
 )
 @click.option("--r2u2", metavar="PROGRAM", help="Also run past MTL in this build of R2U2, in its checkout.")
+@click.option("--verified", metavar="PROGRAM", help=_VERIFIED)
 @click.option("--flink", is_flag=True, help="Also run MATCH_RECOGNIZE in Apache Flink, which must be installed.")
 @click.option("--mona", is_flag=True, help="Also run LTLf in MONA (small trees without variables).")
 @_report_options
@@ -218,6 +221,7 @@ def cross_check_command(
         monpoly=None if given["monpoly"] is None else Path(given["monpoly"]),
         r2u2=None if given["r2u2"] is None else Path(given["r2u2"]),
         flink=given["flink"],
+        verified=on_path() if given["verified"] is None else Path(given["verified"]),
         patience=timeout or PATIENCE,
         limit=SMALL_TEXT if limit is None and random is not None else limit,
     )

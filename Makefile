@@ -10,7 +10,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 PROGRAMS := tests/export tests/cli/test_processes.py tests/cli/test_show.py tests/cross_check/test_mona.py
 
-.PHONY: converters demo paper docs pictures playground test bare check lint types layers slow bench clean
+.PHONY: converters demo paper docs pictures playground proofs verified test bare check lint types layers slow bench clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "rvaft needs Python 3.11 or newer; this is %d.%d (set PYTHON=...)" % sys.version_info[:2])'
@@ -66,6 +66,14 @@ playground: $(STAMP)
 pictures: $(STAMP)
 	$(BIN)/python docs/pictures.py
 
+# The proofs in Coq, checked by its kernel alone; about a minute. Needs coq and ocaml-nox (Debian, Ubuntu).
+proofs:
+	@$(MAKE) --no-print-directory -C proofs check
+
+# The monitor that is extracted from the proofs: proofs/build/rvaft-verified.
+verified:
+	@$(MAKE) --no-print-directory -C proofs build/rvaft-verified
+
 # Continuous integration says which tests run: TESTS="not slow".
 TESTS ?= not slow and not ci
 
@@ -98,4 +106,5 @@ bench: $(STAMP)
 	$(BIN)/python -m pytest tests/benchmarks -s
 
 clean:
+	$(MAKE) -C proofs clean
 	rm -rf $(VENV) .venv-sigma build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -107,6 +107,7 @@ _VALUES: Final = {
     "--to": "sql",
     "--traces": "50",
     "--types": "badge=text",
+    "--verified": "./rvaft-verified",
     "--vocabulary": "strings",
     "--width": "60",
     "--window": "100",

@@ -334,6 +334,7 @@ Inductive operator :=
 | Add | Subtract | Multiply | Divide | Negate | Not
 | OneOf (listed : list value)
 | StartsWith | EndsWith | Contains | Like
+| Lower (lower : nat -> text)              (* each character for itself, by a table of Unicode *)
 | Absolute | Minimum | Maximum | ToNumber.
 
 Definition ordered (holds : comparison -> bool) (v w : value) : option value :=
@@ -377,6 +378,7 @@ Definition apply (o : operator) (operands : list value) : option value :=
   | EndsWith, [v; w] => textual ends_with v w
   | Contains, [v; w] => textual contains v w
   | Like, [v; w] => textual like v w
+  | Lower lower, [Text s] => Some (Text (flat_map lower s))
   | Absolute, [Num a] => Some (Num (absolute a))
   | Minimum, Num a :: l => extreme smaller a l
   | Maximum, Num a :: l => extreme greater a l

@@ -84,10 +84,10 @@ let operators = [
   "startswith", StartsWith; "endswith", EndsWith; "contains", Contains; "like", Like;
   "abs", Absolute; "min", Minimum; "max", Maximum; "number", ToNumber ]
 
-let rec guard rigid node_number g = match field "operator" g, field "point" g with
+let rec guard lower rigid node_number g = match field "operator" g, field "point" g with
   | Some operator, _ ->
     let operands = items (need "operands" g) in
-    let inner () = List.map (guard rigid node_number) operands in
+    let inner () = List.map (guard lower rigid node_number) operands in
     let rec joined make = function [ one ] -> one | one :: rest -> make one (joined make rest) | [] -> refuse "no operand" in
     (match text operator with
      | "and" -> joined (fun a b -> AndThen (a, b)) (inner ())
@@ -96,7 +96,7 @@ let rec guard rigid node_number g = match field "operator" g, field "point" g wi
          | tested :: listed ->
            Apply (OneOf (List.map (function Constant v -> v | _ -> refuse "`in` takes literals") listed), [ tested ])
          | [] -> refuse "`in` without operands")
-     | "lower" -> refuse "`lower` is not supported: it needs the tables of Unicode"
+     | "lower" -> Apply (Lower lower, inner ())
      | name -> (match List.assoc_opt name operators with
          | Some o -> Apply (o, inner ())
          | None -> refuse "the operator %s is not supported" name))
@@ -110,6 +110,20 @@ let rec guard rigid node_number g = match field "operator" g, field "point" g wi
       | "literal", v -> Constant (value v)
       | "variable", x -> ValueOf (rigid (text x))
       | other, _ -> refuse "unknown guard %s" other)
+
+(* The lower case of characters, from the table that a tree with `lower` has. *)
+let lower_of table =
+  let known = Hashtbl.create 16 in
+  (match table with
+   | Some (Json.Object fields) ->
+     List.iter (fun (upper, v) -> match upper, v with
+         | [ c ], Json.String points -> Hashtbl.replace known c points
+         | _ -> refuse "the table of lower case has one character for each text") fields
+   | Some _ -> refuse "the table of lower case is an object"
+   | None -> ());
+  fun c -> match Hashtbl.find_opt known c with
+    | Some points -> points
+    | None -> if table = None then refuse "`lower` needs the field lowercase" else [ c ]
 
 type t = {
   tree : tree;
@@ -149,7 +163,8 @@ let read (v : Json.t) : t =
     | None -> Leaf | Some "or" -> Or | Some "and" -> And | Some "sand" -> Sand | Some "sand_rl" -> SandRl
     | Some "pand" -> Pand | Some "vot" -> AtLeast (number (need "threshold" n))
     | Some other -> refuse "the gate %s is not supported" other in
-  let condition rigid v = optional (guard rigid node_number) (need "condition" v) in
+  let lower = lower_of (field "lowercase" v) in
+  let condition rigid v = optional (guard lower rigid node_number) (need "condition" v) in
   let made name =
     let n = node name in
     let gate = gate n in

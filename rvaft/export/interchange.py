@@ -5,6 +5,7 @@ equivalent over single events. `losses` lists what else the Galileo text lacks.
 """
 
 import json
+import sys
 from collections.abc import Iterator, Mapping
 from typing import Any, Final, assert_never
 
@@ -12,7 +13,7 @@ from rvaft.errors import OptionError
 from rvaft.export.layout import turn
 from rvaft.model.event_time import TextFormat
 from rvaft.model.expressions import WORD, bare_value, guard_text
-from rvaft.model.guards import Guard, Operation, TimePoint
+from rvaft.model.guards import Guard, Operation, Operator, TimePoint, walk
 from rvaft.model.nodes import Causality, Gate, Node
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
@@ -42,6 +43,10 @@ def json_text(tree: RVAFT) -> str:
         "ignores": [_record(ignore, "on when") | {"condition": _condition(ignore.when)} for ignore in tree.ignores],
         "topics": [_record(topic, "name type publishers") for topic in tree.topics.values()],
     }
+    guards = [node.when for node in tree.nodes.values()] + [ignore.when for ignore in tree.ignores]
+    if any(isinstance(one, Operation) and one.operator is Operator.LOWER for guard in guards for one in walk(guard)):
+        characters = map(chr, range(sys.maxunicode + 1))
+        value["lowercase"] = {one: one.lower() for one in characters if one.lower() != one}
     return json.dumps(value, indent=2, ensure_ascii=False) + "\n"
 
 

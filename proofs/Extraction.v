@@ -8,6 +8,11 @@ Require Import ZArith.
 Require Extraction.
 Require Import ExtrOcamlBasic ExtrOcamlNatInt.
 
+(* Comparisons of integers, not those of OCaml for values of any type. *)
+Extract Inlined Constant Nat.eqb => "Int.equal".
+Extract Inlined Constant Nat.leb => "(fun (m : int) (n : int) -> m <= n)".
+Extract Inlined Constant Nat.ltb => "(fun (m : int) (n : int) -> m < n)".
+
 Extraction Language OCaml.
 Extraction "rvaft_monitor.ml"
   well_formed first next next_repeated verdict_after mark greatest

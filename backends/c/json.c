@@ -55,7 +55,7 @@ static uint32_t hex_digit(char c) {
 /* The four hexadecimal digits at a place, or NONE. */
 static uint32_t hex(const rvaft_reader *r, size_t at) {
     uint32_t i, n = 0;
-    if (at + 4 > r->size) {
+    if (at > r->size || r->size - at < 4) {
         return NONE;
     }
     for (i = 0; i < 4; i++) {
@@ -111,7 +111,7 @@ static int scan_string(rvaft_reader *r, int *escaped) {
     for (;;) {
         unsigned char c;
         uint64_t w;
-        while (at + 8 <= r->size) {
+        while (at < r->size && r->size - at >= 8) {
             uint64_t quote, slash;
             memcpy(&w, r->text + at, 8);
             quote = w ^ (ones * 0x22);
@@ -124,7 +124,7 @@ static int scan_string(rvaft_reader *r, int *escaped) {
             at += 8;
         }
         if (at >= r->size) {
-            r->at = at;
+            r->at = r->size;
             return refused(r, "unterminated string");
         }
         c = (unsigned char)r->text[at];
@@ -193,13 +193,14 @@ static int put_bytes(rvaft_reader *r, const void *from, size_t size) {
 
 /* Decode a valid string between two places into scratch. */
 static int decode(rvaft_reader *r, size_t at, size_t end) {
-    while (at < end) {
+    while (at < end && at < r->size) {
         uint32_t c = (unsigned char)r->text[at++];
         int error = 0;
         if (c != '\\') {
             error = put(r, c);
         } else {
-            c = (unsigned char)r->text[at++];
+            c = at < r->size ? (unsigned char)r->text[at] : '\\';
+            at++;
             if (c != 'u') {
                 static const char from[] = "bfnrt", to[] = "\b\f\n\r\t";
                 uint32_t i;
@@ -253,38 +254,13 @@ static void pass_blanks(rvaft_reader *r) {
         }                                                                 \
     } while (0)
 
+/* Go on by so many bytes, at most to the end. */
+static inline void advance(rvaft_reader *r, size_t size) {
+    r->at = size < r->size - r->at ? r->at + size : r->size;
+}
+
 static int is_word(const rvaft_reader *r, const char *word, size_t size) {
-    return r->at + size <= r->size && memcmp(r->text + r->at, word, size) == 0;
-}
-
-static const char *passed_digits(const char *text) {
-    while ((unsigned char)(*text - '0') <= 9) {
-        text++;
-    }
-    return text;
-}
-
-/* As number_end, before a byte that is no part of a number. */
-static uint32_t passed_number(const char *text, int *point) {
-    const char *at = text + (*text == '-'), *from = at;
-    *point = 0;
-    at = *at == '0' ? at + 1 : passed_digits(at);
-    if (at == from) {
-        return 0;
-    }
-    if (*at == '.' && (unsigned char)(at[1] - '0') <= 9) {
-        *point = 1;
-        at = passed_digits(at + 2);
-    }
-    if (*at == 'e' || *at == 'E') {
-        from = at + 1;
-        from += *from == '+' || *from == '-';
-        if ((unsigned char)(*from - '0') <= 9) {
-            *point = 1;
-            at = passed_digits(from);
-        }
-    }
-    return (uint32_t)(at - text);
+    return r->at < r->size && size <= r->size - r->at && memcmp(r->text + r->at, word, size) == 0;
 }
 
 /* Pass a value that is no string, list or object; `v` may be NULL. */
@@ -295,14 +271,14 @@ static int scan_scalar(rvaft_reader *r, rvaft_value *v) {
         uint32_t tag;
     } words[6] = {{"true", 4, RVAFT_YES},      {"false", 5, RVAFT_NO},          {"null", 4, RVAFT_NULL},
                   {"NaN", 3, RVAFT_UNDEFINED}, {"Infinity", 8, RVAFT_UNDEFINED}, {"-Infinity", 9, RVAFT_UNDEFINED}};
-    const char *text = r->text + r->at;
-    uint32_t size, i;
+    const char *text;
+    uint32_t end, size, i;
     int point;
-    char c = text[0];
+    char c = r->at < r->size ? r->text[r->at] : '\n';
     if ((c < '0' || c > '9') && c != '-') {
         for (i = 0; i < 5; i++) {
             if (is_word(r, words[i].word, words[i].size)) {
-                r->at += words[i].size;
+                advance(r, words[i].size);
                 if (v != NULL) {
                     *v = plain(words[i].tag);
                 }
@@ -311,10 +287,11 @@ static int scan_scalar(rvaft_reader *r, rvaft_value *v) {
         }
         return refused(r, "expecting value");
     }
-    size = passed_number(text, &point);
-    if (size == 0) {
+    text = r->text;
+    end = number_end(text, (uint32_t)r->at, (uint32_t)r->size, &point);
+    if (end == 0) {
         if (is_word(r, words[5].word, words[5].size)) {
-            r->at += words[5].size;
+            advance(r, words[5].size);
             if (v != NULL) {
                 *v = plain(words[5].tag);
             }
@@ -322,18 +299,20 @@ static int scan_scalar(rvaft_reader *r, rvaft_value *v) {
         }
         return refused(r, "expecting value");
     }
-    if (!point && size - (text[0] == '-') > MOST_DIGITS) {
+    text = r->text + r->at;
+    size = end - (uint32_t)r->at;
+    if (!point && size - (c == '-') > MOST_DIGITS) {
         return refused(r, "a number of more than 4300 digits");
     }
-    r->at += size;
+    advance(r, size);
     if (v != NULL) {
         char *digits = NULL;
         if (point && RVAFT_SCRATCH - r->used >= 320) {
             digits = r->scratch + r->used;
         }
         *v = read_number(text, size, point, digits);
-        if (v->tag == RVAFT_BIG && v->text == digits && digits != NULL) {
-            r->used += v->size;
+        if (v->tag == RVAFT_BIG && point) {
+            r->used += v->size <= RVAFT_SCRATCH - r->used ? v->size : 0;
         } else if (v->tag != RVAFT_BIG) { /* as written, for times */
             v->text = text;
             v->size = size;
@@ -476,24 +455,29 @@ static int canonical(rvaft_reader *r, int *undefined) {
     }
 }
 
-/* The node for a key below a node, or -1. */
-static int32_t child_of(const rvaft_reader *r, int32_t node, const char *key, uint32_t size) {
-    int32_t child = node < -1 ? FIRST_FIELD : fields[node].child;
-    (void)r;
-    while (child >= 0 && !(fields[child].size == size && fields[child].name != NULL &&
-                           (size == 0 || (fields[child].name[0] == key[0] &&
-                                          memcmp(fields[child].name, key, size) == 0)))) {
-        child = fields[child].next;
+/* The node for a key below a node, or -1; the key is at a place of a text of `limit` bytes. */
+static inline int32_t child_of(int32_t node, const char *text, size_t at, uint32_t size, size_t limit) {
+    int32_t child = node < -1 ? FIRST_FIELD : node >= 0 && node < RVAFT_FIELDS ? fields[node].child : -1;
+    while (child >= 0 && child < RVAFT_FIELDS) {
+        const field_node *f = &fields[child];
+        if (f->size == size && f->name != NULL && size <= limit && at <= limit - size &&
+            (size == 0 || (f->name[0] == text[at] && memcmp(f->name, text + at, size) == 0))) {
+            return child;
+        }
+        child = f->next;
     }
-    return child;
+    return -1;
 }
 
 static int32_t item_of(int32_t node, uint32_t item) {
-    int32_t child = node < 0 ? -1 : fields[node].child;
-    while (child >= 0 && !(fields[child].name == NULL && fields[child].size == item)) {
+    int32_t child = node >= 0 && node < RVAFT_FIELDS ? fields[node].child : -1;
+    while (child >= 0 && child < RVAFT_FIELDS) {
+        if (fields[child].name == NULL && fields[child].size == item) {
+            return child;
+        }
         child = fields[child].next;
     }
-    return child;
+    return -1;
 }
 
 /* The value of a list or an object between two places of the line. */
@@ -543,7 +527,7 @@ static int scan(rvaft_reader *r, rvaft_event *e) {
             if (node >= 0) {
                 e->field[node] = plain(f->object ? RVAFT_OBJECT : RVAFT_LIST);
             }
-            r->at++;
+            advance(r, 1);
             skip_blanks(r);
             if (r->at < r->size && r->text[r->at] == (f->object ? '}' : ']')) {
                 goto closed;
@@ -559,7 +543,8 @@ static int scan(rvaft_reader *r, rvaft_event *e) {
             return refused(r, c == '"' || c == '-' || (c >= '0' && c <= '9') ? "not a JSON object" : "expecting value");
         }
         if (c == '"') {
-            size_t start = ++r->at;
+            size_t start = r->at + 1;
+            r->at = start;
             error = scan_string(r, &escaped);
             if (error) {
                 return error;
@@ -590,7 +575,7 @@ static int scan(rvaft_reader *r, rvaft_event *e) {
             f = &r->frames[depth - 1];
             c = r->at < r->size ? r->text[r->at] : '\n';
             if (c == ',') {
-                r->at++;
+                advance(r, 1);
                 skip_blanks(r);
                 if (f->object) {
                     goto key;
@@ -603,9 +588,9 @@ static int scan(rvaft_reader *r, rvaft_event *e) {
             }
         closed:
             f = &r->frames[depth - 1];
-            r->at++;
+            advance(r, 1);
             depth--;
-            if (f->node >= 0) {
+            if (f->node >= 0 && f->node < RVAFT_FIELDS) {
                 rvaft_value *v = &e->field[f->node];
                 v->integer = f->items;
                 if (fields[f->node].whole) {
@@ -635,10 +620,10 @@ static int scan(rvaft_reader *r, rvaft_event *e) {
                 if (decode(r, start, r->at - 1)) {
                     return RVAFT_FULL;
                 }
-                node = child_of(r, f->node, r->scratch + used, r->used - used);
+                node = child_of(f->node, r->scratch, used, r->used - used, RVAFT_SCRATCH);
                 r->used = used;
             } else {
-                node = child_of(r, f->node, r->text + start, (uint32_t)(r->at - 1 - start));
+                node = child_of(f->node, r->text, start, (uint32_t)(r->at - 1 - start), r->size);
             }
             if (node >= 0 && e->field[node].tag != RVAFT_ABSENT) {
                 return refused(r, "a key is repeated");
@@ -648,7 +633,7 @@ static int scan(rvaft_reader *r, rvaft_event *e) {
         if (r->at >= r->size || r->text[r->at] != ':') {
             return refused(r, "expecting ':' delimiter");
         }
-        r->at++;
+        advance(r, 1);
         skip_blanks(r);
     }
     }
@@ -683,7 +668,7 @@ RVAFT_UNUSED static int decimal_time(const rvaft_value *v, int scale, int64_t *t
     uint64_t n;
     int point;
     int minus;
-    if (v->tag == RVAFT_TEXT ? v->size == 0 || v->size > 1000 || number_end(v->text, v->size, &point) != v->size
+    if (v->tag == RVAFT_TEXT ? v->size == 0 || v->size > 1000 || number_end(v->text, 0, v->size, &point) != v->size
                              : !is_number(v) || v->text == NULL) {
         return 0;
     }

@@ -297,6 +297,10 @@ static int compare_bytes(const rvaft_value *a, const rvaft_value *b) {
 
 static int sign_of_big(const rvaft_value *v) { return v->text[0] == '-' ? -1 : 1; }
 
+/* The order of an integer and a double that is no integer: as that is less than 2^53, the order is kept
+   where the integer is rounded. */
+static int compare_with_real(int64_t i, double d) { return (double)i < d ? -1 : 1; }
+
 /* The order of two numbers. */
 static int compare_numbers(const rvaft_value *a, const rvaft_value *b) {
     if (a->tag == RVAFT_BIG && b->tag == RVAFT_BIG) {
@@ -318,11 +322,7 @@ static int compare_numbers(const rvaft_value *a, const rvaft_value *b) {
     if (a->tag == RVAFT_REAL && b->tag == RVAFT_REAL) {
         return a->real < b->real ? -1 : a->real > b->real;
     }
-    if (a->tag == RVAFT_REAL) {
-        return -compare_numbers(b, a);
-    }
-    /* A double that is no integer is less than 2^53. */
-    return a->integer < (int64_t)b->real || (a->integer == (int64_t)b->real && b->real > 0) ? -1 : 1;
+    return a->tag == RVAFT_REAL ? -compare_with_real(b->integer, a->real) : compare_with_real(a->integer, b->real);
 }
 
 /* Guards. Each operator returns UNDEFINED for operands of another type, and notes in `error` that
@@ -397,16 +397,15 @@ static int unusable(int *error, rvaft_value *a, const rvaft_value *b) {
 }
 
 RVAFT_UNUSED static rvaft_value add(int *error, rvaft_value a, rvaft_value b) {
+    int64_t sum;
     if (unusable(error, &a, &b)) {
         return a;
     }
     if (a.tag != RVAFT_INTEGER || b.tag != RVAFT_INTEGER) {
         return result(error, as_real(&a) + as_real(&b));
     }
-    if (b.integer >= 0 ? a.integer > INT64_MAX - b.integer : a.integer < INT64_MIN - b.integer) {
-        return unsupported(error);
-    }
-    return integer(a.integer + b.integer);
+    sum = (int64_t)((uint64_t)a.integer + (uint64_t)b.integer);
+    return ((a.integer ^ sum) & (b.integer ^ sum)) < 0 ? unsupported(error) : integer(sum);
 }
 
 RVAFT_UNUSED static rvaft_value negated(int *error, rvaft_value a) {
@@ -420,16 +419,15 @@ RVAFT_UNUSED static rvaft_value negated(int *error, rvaft_value a) {
 }
 
 RVAFT_UNUSED static rvaft_value subtract(int *error, rvaft_value a, rvaft_value b) {
+    int64_t difference;
     if (unusable(error, &a, &b)) {
         return a;
     }
     if (a.tag != RVAFT_INTEGER || b.tag != RVAFT_INTEGER) {
         return result(error, as_real(&a) - as_real(&b));
     }
-    if (b.integer >= 0 ? a.integer < INT64_MIN + b.integer : a.integer > INT64_MAX + b.integer) {
-        return unsupported(error);
-    }
-    return integer(a.integer - b.integer);
+    difference = (int64_t)((uint64_t)a.integer - (uint64_t)b.integer);
+    return ((a.integer ^ b.integer) & (a.integer ^ difference)) < 0 ? unsupported(error) : integer(difference);
 }
 
 static uint64_t magnitude(int64_t i) { return i < 0 ? 0U - (uint64_t)i : (uint64_t)i; }
@@ -739,10 +737,10 @@ static double nearest(decimal *d) {
     return from_bits((mantissa & ((UINT64_C(1) << 52) - 1)) | (uint64_t)(exponent + 1023) << 52);
 }
 
-/* Read a JSON number; `point` is 1 where it has a decimal point or an exponent. Returns the size
-   of the number, or 0 if there is none. */
-static uint32_t number_end(const char *text, uint32_t size, int *point) {
-    uint32_t at = 0, from;
+/* Pass a JSON number at a place; `point` is 1 where it has a decimal point or an exponent. Returns the
+   place behind it, or 0 if there is none. */
+static inline uint32_t number_end(const char *text, uint32_t at, uint32_t size, int *point) {
+    uint32_t from;
     *point = 0;
     if (at < size && text[at] == '-') {
         at++;
@@ -928,7 +926,7 @@ RVAFT_UNUSED static rvaft_value number_of(int *error, rvaft_value v) {
     if (is_number(&v)) {
         return v;
     }
-    if (v.tag != RVAFT_TEXT || v.size == 0 || number_end(v.text, v.size, &point) != v.size) {
+    if (v.tag != RVAFT_TEXT || v.size == 0 || number_end(v.text, 0, v.size, &point) != v.size) {
         return plain(RVAFT_UNDEFINED);
     }
     if (!point && v.size - (v.text[0] == '-') > MOST_DIGITS) {
@@ -966,7 +964,7 @@ static rvaft_value value_of(const rvaft_monitor *m, const cell *c) {
         v.integer = c->bits;
     } else if (c->tag == RVAFT_REAL) {
         memcpy(&v.real, &c->bits, sizeof v.real);
-    } else if (c->tag >= RVAFT_BIG) {
+    } else if (c->tag >= RVAFT_BIG && c->bits >= 0 && c->bits < (int64_t)RVAFT_TEXTS) {
         v.text = m->texts.bytes + m->texts.start[c->bits];
         v.size = m->texts.size[c->bits];
     }
@@ -1174,7 +1172,7 @@ static uint32_t bucket_of(const store *s, uint32_t stage_number, uint32_t key, u
         h = (h ^ cells[i]->hash) * UINT64_C(0xD6E8FEB86659FD93);
         h ^= h >> 32;
     }
-    return (uint32_t)(h ^ h >> 29) & s->mask;
+    return (uint32_t)(h ^ h >> 29) & s->mask & (RVAFT_BUCKETS - 1);
 }
 
 static uint32_t first_in(const store *s, uint32_t link, uint32_t place) {
@@ -1250,13 +1248,14 @@ static void insert_partial(rvaft_monitor *m, store *s, const partial *p) {
             }
         }
     }
-    if (s->count >= RVAFT_CAPACITY) {
+    at = s->count;
+    if (at >= RVAFT_CAPACITY) {
         m->error = RVAFT_FULL;
         return;
     }
-    s->item[s->count] = *p;
-    link_partial(s, s->count);
-    s->count++;
+    s->item[at] = *p;
+    link_partial(s, at);
+    s->count = at + 1;
 }
 
 static void insert_starts(rvaft_monitor *m, store *s) {
@@ -1362,7 +1361,7 @@ static int expired(const rvaft_monitor *m, const partial *p) {
    buckets; again when there are twice as many, so that the work per event stays bounded. */
 static void sweep(rvaft_monitor *m, store *s) {
     uint32_t i, kept = 0, count = s->count;
-    for (i = 0; i < count; i++) {
+    for (i = 0; i < count && i < RVAFT_CAPACITY; i++) {
 #if RVAFT_EXPIRIES
         if (m->has_latest && expired(m, &s->item[i])) {
             continue;
@@ -1371,8 +1370,9 @@ static void sweep(rvaft_monitor *m, store *s) {
         if (is_void(m, &s->item[i])) {
             continue;
         }
-        if (kept != i) {
-            s->item[kept] = s->item[i];
+        if (kept < i) {
+            partial moved = s->item[i];
+            s->item[kept] = moved;
         }
         kept++;
     }
@@ -1380,7 +1380,7 @@ static void sweep(rvaft_monitor *m, store *s) {
         s->mask = s->mask * 2 + 1;
     }
     clear_store(s);
-    for (i = 0; i < kept; i++) {
+    for (i = 0; i < kept && i < RVAFT_CAPACITY; i++) {
         link_partial(s, i);
     }
     s->count = kept;
@@ -1391,11 +1391,11 @@ static void sweep(rvaft_monitor *m, store *s) {
 /* Try all moves of a pattern, or of several in the order of ranks, so that no event is used twice. */
 static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *matched, uint32_t count) {
     store *s = &m->stores[0];
-    uint32_t cursor[RVAFT_PATTERNS], i;
+    uint32_t cursor[RVAFT_PATTERNS] = {0}, i;
     if (s->count > m->sweep_at) {
         sweep(m, s);
     }
-    for (i = 0; i < count; i++) {
+    for (i = 0; i < count && i < RVAFT_PATTERNS; i++) {
         cursor[i] = pattern_moves[matched[i]];
     }
     for (;;) {
@@ -1404,7 +1404,7 @@ static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *mat
         const cell *cells[RVAFT_WIDTH];
         uint32_t width;
         const uint16_t *slots;
-        for (i = 0; i < count; i++) {
+        for (i = 0; i < count && i < RVAFT_PATTERNS; i++) {
             uint32_t next = cursor[i];
             if (next < pattern_moves[matched[i] + 1] && next < RVAFT_MOVES &&
                 stages[moves[sorted_moves[next]].stage].rank < rank) {
@@ -1459,7 +1459,7 @@ static int replaced(rvaft_monitor *m, const rvaft_event *e, const uint8_t *match
     store *from = &m->stores[m->now], *to = &m->stores[1 - m->now];
     uint32_t i, k;
     clear_store(to);
-    for (i = 0; i < from->count; i++) {
+    for (i = 0; i < from->count && i < RVAFT_CAPACITY; i++) {
         const partial *p = &from->item[i];
         const stage *st = stage_of(p);
         for (k = 0; k < st->moves; k++) {
@@ -1545,7 +1545,7 @@ static int step(rvaft_monitor *m, const rvaft_event *e) {
     memset(m->known, 0, sizeof m->known);
 #if RVAFT_SCATTERED
     if (!late) {
-        uint32_t matched[RVAFT_PATTERNS], count = 0, i;
+        uint32_t matched[RVAFT_PATTERNS] = {0}, count = 0, i;
         match(matches, e);
         for (i = 0; i < RVAFT_PATTERNS; i++) {
             if (matches[i]) {

@@ -3,6 +3,7 @@
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
+from textwrap import fill
 from typing import Final
 
 from backends.c.events import EventFields, Step, expression
@@ -20,6 +21,7 @@ CAPACITY: Final = 1024
 _KEYS: Final = 1024
 """The default number of values of a key."""
 _FILES: Final = ("runtime.c", "json.c", "program.c")
+_INDENT: Final = "   "
 _MARK: Final = "/* @tables */\n"
 _BUCKETS: Final = range(6, 23)
 _SCALES: Final[Mapping[TimeFormat, int]] = {
@@ -187,14 +189,17 @@ class _Writer:
         tree, stages = self._prop.tree, self._found.stages
         slots = max(len(stage.slots) for stage in stages)
         most = max((len(stage.moves) for stage in stages), default=0)
-        # no name ends the comment, or begins another one
-        name = "".join(c if c.isprintable() else "?" for c in tree.root).replace("*/", "* /").replace("/*", "/ *")
+        paths = (".".join(map(str, path)) for path in self._fields.paths)
+        fields = ", ".join(f"field[{number}] is {path}" for number, path in enumerate(paths)) or "none is read"
+        listed = f"Fields of an event: {_in_comment(fields)}. */"
+        shown = fill(listed, 100, initial_indent=_INDENT, subsequent_indent=_INDENT)
         return (
-            f'/* A monitor of the tree "{name}" under {self._semantics}, by rvaft.\n'
+            f'/* A monitor of the tree "{_in_comment(tree.root)}" under {self._semantics}, by rvaft.\n'
             f"   {len(stages)} stages, {moves} moves, at most {slots} values in a partial match.\n"
             f"   Work per event: at most {most} moves for each of RVAFT_CAPACITY partial matches.\n"
             f"   Memory: sizeof(rvaft_monitor) is {self._size(links)} bytes with the sizes below. Nothing is\n"
-            "   allocated; only values of lists and objects are read by recursion, at most 500 levels. */\n\n"
+            "   allocated; only values of lists and objects are read by recursion, at most 500 levels.\n"
+            f"{shown}\n\n"
         )
 
     def _sizes(self) -> tuple[int, bool]:
@@ -326,6 +331,11 @@ class _Writer:
                 return f"ros_time({parts}, time)"
             case _:
                 return f"decimal_time(&(e)->field[{field}], {_SCALES[time.format]}, time)"
+
+
+def _in_comment(text: str) -> str:
+    """Return a text that neither ends a comment nor begins another one."""
+    return "".join(c if c.isprintable() else "?" for c in text).replace("*/", "* /").replace("/*", "/ *")
 
 
 def _whole(size: int) -> int:

@@ -7,15 +7,15 @@ frontier as well, and an event costs one look-up and the new steps.
 """
 
 from collections import deque
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import product
 from typing import Any, Final, NamedTuple, Self
 
 from rvaft.engine.compiled_tree import NOTHING, Admission, CompiledTree, EventClass, Reading, TreeLetters
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.partial_matches import Following, Matching
+from rvaft.model.guards import Predicate
 from rvaft.model.values import Json, equal, exact
 from rvaft.model.verdict import Semantics, Verdict
 
@@ -48,7 +48,7 @@ class NodeMove(NamedTuple):
 
     node: int
     compared: tuple[str, ...]
-    guards: Mapping[int, Callable[[Mapping[str, Json]], bool]]
+    guards: Mapping[int, Predicate]
     targets: dict[tuple[bool, ...], "Progress | None"]
 
 
@@ -162,15 +162,15 @@ class FrontierTable:
 
     def _move(self, stage: Progress, node: int) -> NodeMove:
         matching, names = self._matching, self._matching.compiled.exported[node]
-        guards: dict[int, Callable[[Mapping[str, Json]], bool]] = {}
+        guards: dict[int, Predicate] = {}
         if names:
             bound = stage.sample.copy()
             bound.binding.update(dict.fromkeys(names))
             for guard in matching.closing(bound, names):
-                holds = matching.compiled.predicates[guard]
+                holds = matching.test(guard)
                 if holds is not None:
                     guards[guard] = holds
-            guards.update((guard, partial(matching.may_hold, guard)) for guard in matching.narrowed(bound, names))
+            guards.update((guard, matching.early_test(guard)) for guard in matching.narrowed(bound, names))
         compared = tuple([name for name in names if name in stage.sample.binding])
         found = stage.moves[node] = NodeMove(node, compared, guards, {})
         return found

@@ -152,8 +152,9 @@ class ScatteredMatches(Following):
         if not self._components:
             return self.partial
         found: list[list[Configuration]] = []
+        followed = self.partial
         for part in dict.fromkeys(self._part_of.values()):
-            some = [one for one in self.partial if self._own(one) & part.nodes]
+            some = [one for one in followed if self._own(one) & part.nodes]
             begins = not (self._begun | self._base.taken) & part.nodes
             found.append([self._base, *some] if begins else some)
         made = dict[Hashable, Configuration]()
@@ -335,8 +336,7 @@ class ScatteredMatches(Following):
         for group, member in ended:
             group.remove(member)
         self._drop_empty()
-        self._join(added)
-        matches = (made for stage, made in added if stage.is_match)
+        matches = (made for stage, made in self._join(added) or added if stage.is_match)
         in_order = ((self._in_order(made) if self._components else made) for made in matches)
         self.matches = [made for made in in_order if made is not None]
         if self.matches:
@@ -346,26 +346,25 @@ class ScatteredMatches(Following):
             self.follow(self.partial)
         return _UNKNOWN
 
-    def _join(self, added: list[tuple[Stage, Configuration]]) -> None:
+    def _join(self, added: Iterable[tuple[Stage, Configuration]]) -> list[tuple[Stage, Configuration]]:
         """Find a match of a component with a new match of a part, and extend all others by it.
 
-        The argument then has all partial matches.
+        Returns all partial matches with their stages then, and nothing without such a match.
         """
         for stage, configuration in added if self._components else ():
             part = self._part_of[next(bits(self._own(configuration)))]
+            if not self._is_complete(stage, part):
+                continue
             component = next(one for one in self._components if part in one.parts)
-            if not component.chooses and self._is_complete(stage, part):
-                whole = self._match(component, configuration, [one for one in component.parts if one is not part])
-                if whole is not None:
-                    others = [one for one in self.partial if self._own(one) & ~component.nodes]
-                    joined = [self._joined(one, whole) for one in others]
-                    self._base = whole
-                    self.follow([whole, *(one for one in joined if one is not None)])
-                    followed = [
-                        (stage, member) for stage, group in self._groups.items() for member in group.members.values()
-                    ]
-                    added[:] = [(stage, member.configuration) for stage, member in followed]
-                    return
+            others = [one for one in component.parts if one is not part]
+            whole = None if component.chooses else self._match(component, configuration, others)
+            if whole is not None:
+                joined = [self._joined(one, whole) for one in self.partial if self._own(one) & ~component.nodes]
+                self._base = whole
+                self.follow([whole, *(one for one in joined if one is not None)])
+                groups = self._groups.items()
+                return [(stage, one.configuration) for stage, group in groups for one in group.members.values()]
+        return []
 
     def _is_complete(self, stage: Stage, part: IndependentPart) -> bool:
         return not part.events & ~stage.sample.taken

@@ -236,8 +236,8 @@ def ranking(matching: Matching, configuration: Configuration) -> Ranking:
                     above_watermark &= one.plus.operator is Operator.MAX and not known
                 ends = Term(-1, _plain(one.plus.among(binding))), Term(1, _plain(one.minus.among(binding)))
                 terms.update((term, None) for term in ends if term.extreme.names)
-                if spans := _spans(*(term.extreme for term in ends)):
-                    most = one.most if spans > 1 else 0
+                most = _duration(ends[0].extreme, ends[1].extreme, one.most)
+                if most is not None:
                     extents[ends] = min(most, extents.get(ends, most))
             continue
         for name in bound:
@@ -272,12 +272,13 @@ def _plain(extreme: Extreme) -> Extreme:
     return extreme if len(extreme.names) > 1 else Extreme(Operator.MAX, extreme.names)
 
 
-def _spans(last: Extreme, first: Extreme) -> int:
-    """Return the number of the variables if these are their greatest and least times, else 0."""
-    if set(last.names) != set(first.names):
+def _duration(last: Extreme, first: Extreme, most: int) -> int | None:
+    """Return how far the greatest and the least of the same times are apart at most, or None."""
+    if not last.names or {*last.names} != {*first.names}:
+        return None
+    if len(last.names) == 1:
         return 0
-    many = len(last.names) > 1
-    return 0 if many and (last.operator, first.operator) != (Operator.MAX, Operator.MIN) else len(last.names)
+    return most if (last.operator, first.operator) == (Operator.MAX, Operator.MIN) else None
 
 
 def _differs(guard: Guard, name: str) -> Guard | None:

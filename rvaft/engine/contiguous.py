@@ -68,12 +68,14 @@ class FrontierPlan(NamedTuple):
     """The effect of the events of a class on a frontier.
 
     A step is the place of a partial match, the number of a letter, and a move. Unless `after` is
-    known, the values of the event decide which steps are possible.
+    known, the values of the event decide which steps are possible. A plan is `fresh` if all its steps
+    begin a match.
     """
 
     letters: tuple[Admission, ...]
     steps: tuple[tuple[int, int, NodeMove], ...]
     after: "Frontier | None"
+    fresh: bool
 
 
 @dataclass(slots=True, eq=False)
@@ -131,17 +133,20 @@ class FrontierTable:
             for letter, move in self._possible(stage, event_class)
         ]
         after = None
-        if all(_is_certain(letter, move) for _, letter, move in steps):
+        if not any(move.compared or move.guards or letter.reader.ways for _, letter, move in steps):
             first: dict[Progress | None, tuple[int, Admission, NodeMove]] = {}
             for step in steps:
                 first.setdefault(step[2].targets[()], step)
-            steps = list(first.values())
-            after = self.frontier((*[stage for stage in first if stage is not None], *self.start))
+            # two partial matches of one stage may remember different values
+            if len(first) == len(steps) or not any(stage is not None and stage.names for stage in first):
+                steps = list(first.values())
+                after = self.frontier((*[stage for stage in first if stage is not None], *self.start))
         self._grow(1 + len(steps))
         letters = {letter.letter: letter for _, letter, _ in steps}
         numbers = {number: place for place, number in enumerate(letters)}
         numbered = tuple([(place, numbers[letter.letter], move) for place, letter, move in steps])
-        found = frontier.plans[event_class] = FrontierPlan(tuple(letters.values()), numbered, after)
+        fresh = bool(self.start) and all(place == len(frontier.stages) - 1 for place, _, _ in steps)
+        found = frontier.plans[event_class] = FrontierPlan(tuple(letters.values()), numbered, after, fresh)
         return found
 
     def _possible(self, stage: Progress, event_class: EventClass) -> Sequence[tuple[Admission, NodeMove]]:
@@ -199,14 +204,6 @@ class FrontierTable:
             self._begin()
 
 
-def _is_certain(letter: Admission, move: NodeMove) -> bool:
-    """Whether each event of a letter makes the move, and nothing is remembered of it."""
-    if move.compared or move.guards or letter.reader.ways is not None:
-        return False
-    target = move.targets[()]
-    return target is not None and not target.names
-
-
 class ContiguousMatches(Following):
     """All partial matches use the same events; under `consecutive`, the same since their first."""
 
@@ -241,12 +238,14 @@ class ContiguousMatches(Following):
     def _settled(self) -> list[Follower]:
         """Return the partial matches with all steps."""
         for plan, event, position in self._deferred:
-            members, values = self._members, [self.letters.values(letter, event) for letter in plan.letters]
-            self._members = [
-                Follower(_NO_VALUES, Witness(members[place].last if members else None, move.node, position, values[at]))
-                for place, at, move in plan.steps
-            ]
-            self._members += self._start
+            members, ways = self._members, [self.letters.values(letter, event) for letter in plan.letters]
+            made = list[Follower]()
+            for place, at, move in plan.steps:
+                (binding, last), values = members[place if place < len(members) else -1], ways[at]
+                names = () if (target := move.targets[()]) is None else target.names
+                kept = {name: binding[name] if name in binding else values.get(name) for name in names}
+                made.append(Follower(kept, _new(Witness, (last, move.node, position, values))))
+            self._members = made + self._start
         self._deferred.clear()
         return self._members
 
@@ -281,8 +280,10 @@ class ContiguousMatches(Following):
         if plan.after is None:
             self._members = members
         else:
-            if len(self._deferred) == self._deferred.maxlen:
-                self._members = []  # these partial matches have ended
+            if plan.fresh or len(self._deferred) == self._deferred.maxlen:
+                self._members = self._start  # all others have ended
+            if plan.fresh:
+                self._deferred.clear()
             self._deferred.append((plan, event, position))
         self._frontier = after
         if not after.matches:

@@ -6,10 +6,10 @@ Otherwise an index finds the partial matches of a stage (see `stages`) that an e
 Subsumed partial matches are dropped (see `subsumption`).
 """
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
-from typing import Final, NamedTuple
+from operator import attrgetter
+from typing import Final, NamedTuple, Self
 
 from rvaft.core.times import Extreme
 from rvaft.engine.compiled_tree import (
@@ -47,20 +47,22 @@ MIN_STAGES: Final = 1_000
 """The number of stages allowed for any limit."""
 STAGE_COST: Final = 10
 """The cost of a stage, in partial matches."""
+MOST_SHARED: Final = 64
+"""The maximum number of stages of a remembered `StageSet`."""
 _MANY: Final = 4
 """The maximum number of members to visit without the index."""
 _UNKNOWN: Final = Verdict.UNKNOWN
+_order: Final = attrgetter("order")
+_new: Final = tuple.__new__  # twice as fast as the constructors of the classes
 
 
-@dataclass(slots=True)
-class LetterMoves:
-    """The possible effects of a letter on the partial matches."""
+class LetterMoves(NamedTuple):
+    """The possible effects of a letter on partial matches of some stages."""
 
     names: tuple[str, ...]
     """The relevant variables of the event."""
-    moves: list[tuple[StageGroup, StageMove, int]] = field(default_factory=list)
-    """The possible moves of groups, with the index of the node."""
-    groups: int = 0
+    moves: Sequence[tuple[StageMove, int]]
+    """The possible moves, with the index of the node."""
 
 
 class RelevantHit(NamedTuple):
@@ -96,6 +98,17 @@ class CandidateMove(NamedTuple):
     fields: tuple[str, ...] | None
 
 
+@dataclass(slots=True, eq=False)
+class StageSet:
+    """Stages, and what events can do with partial matches of these; monitors of a tree share it."""
+
+    stages: tuple[Stage, ...]
+    watches: dict[int, LetterMoves] = field(default_factory=dict)
+    """By letter, its moves."""
+    candidates: dict[EventClass, tuple[CandidateMove, ...]] = field(default_factory=dict)
+    """By event class, the letters with possible moves."""
+
+
 def _quiet_name(letter: int, values: Iterable[Json]) -> Hashable:
     return (letter, *[v if type(v) is str or type(v) is int else exact(v) for v in values])
 
@@ -117,34 +130,51 @@ class ScatteredMatches(Following):
         self._begun = 0
         """The nodes of the parts that need not begin again."""
         self._watermark: int | None = None
+        self._sets: dict[Hashable, StageSet] = {}
+        """The sets of stages by what their moves depend on; copies share them."""
         self._begin()
 
     def follow(self, configurations: Iterable[Configuration]) -> None:
         """Replace the followed partial matches."""
         if self._stages.size > MEMORY:
             self._stages = Stages(self.matching, self._stages.choices)  # otherwise copies share the stages
+            self._sets = {}
+        self._hold((self._stages.of(configuration), configuration, None) for configuration in configurations)
+
+    def _hold(self, followed: Iterable[tuple[Stage, Configuration, Rank | None]]) -> None:
+        """Replace the followed partial matches; a rank of None is computed."""
         self._groups: dict[Stage, StageGroup] = {}
-        self._watches: dict[int, LetterMoves] = {}
         self._quiet: set[Hashable] = set()
         """Letters with values that change nothing at present."""
-        self._candidates: dict[EventClass, tuple[CandidateMove, ...]] = {}
-        """By event class, the letters with possible moves at present."""
+        self._set: StageSet | None = None
+        """The stages of the groups, if known."""
         self._added = 0
         self._complete: dict[IndependentPart, list[tuple[Stage, StageGroup]]] = {}
         """The matches of each part."""
         # a copy must not drop partial matches earlier
         watermark, self._watermark = self._watermark, None
-        for configuration in configurations:
-            self._add(self._stages.of(configuration), configuration)
+        for stage, configuration, rank in followed:
+            self._add(stage, configuration, rank)
         self._watermark = watermark
         for group in self._groups.values():
             group.watermark = watermark
 
+    def fork(self) -> Self:
+        """Return an independent copy."""
+        twin = object.__new__(type(self))  # faster than `copy`, since each detection forks
+        vars(twin).update(vars(self))
+        twin._hold([(stage, member.configuration, member.rank) for stage, member in self._members])  # noqa: SLF001
+        return twin
+
+    @property
+    def _members(self) -> list[tuple[Stage, Member]]:
+        members = [(stage, member) for stage, group in self._groups.items() for member in group.members.values()]
+        return sorted(members, key=lambda one: one[1].number)
+
     @property
     def partial(self) -> list[Configuration]:
         """The followed partial matches."""
-        members = [member for group in self._groups.values() for member in group.members.values()]
-        return [member.configuration for member in sorted(members, key=lambda member: member.number)]
+        return [member.configuration for _, member in self._members]
 
     @property
     def combined(self) -> list[Configuration]:
@@ -204,53 +234,65 @@ class ScatteredMatches(Following):
         """Return the letters that may change something now."""
         if not event_class.serving:
             return NOTHING
-        candidates = self._candidates.get(event_class)
         loud = list[RelevantHit]()
-        for admission, watch, held, fields in self._find(event_class) if candidates is None else candidates:
+        for admission, watch, held, fields in self._candidates(event_class):
             if fields is not None:
                 name = _quiet_name(admission.letter, [event[field] for field in fields])
                 if name not in self._quiet:
-                    loud.append(RelevantHit(self.letters.values(admission, event), watch, held, name))
+                    loud.append(_new(RelevantHit, (self.letters.values(admission, event), watch, held, name)))
                 continue
             for values in self.letters.ways(admission, event):
                 name = _quiet_name(admission.letter, [values[name] for name in watch.names])
                 if name not in self._quiet:
                     own = sum([bit for bit, holds in admission.own if holds(values)])
                     loud.append(RelevantHit(values, watch, held | own, name))
-        return Reading(False, loud) if loud else QUIET
+        return _new(Reading, (False, loud)) if loud else QUIET
 
     def inert(self, event_class: EventClass) -> Inert:
         """Return which events of a class change nothing until another event is read."""
-        candidates = self._candidates.get(event_class)
-        found = self._find(event_class) if candidates is None else candidates
+        found = self._candidates(event_class)
         return Inert([(one.admission.letter, one.fields) for one in found], self._quiet)
 
-    def _find(self, event_class: EventClass) -> tuple[CandidateMove, ...]:
+    def _candidates(self, event_class: EventClass) -> tuple[CandidateMove, ...]:
+        """Return the letters of a class with possible moves at present."""
+        known = self._set or self._find_set()
+        candidates = known.candidates.get(event_class)
+        return self._find(known, event_class) if candidates is None else candidates
+
+    def _find_set(self) -> StageSet:
+        stages = tuple(self._groups)
+        if len(stages) > MOST_SHARED:
+            found = StageSet(stages)
+        else:
+            place = stages, self._begun, self._base.taken
+            found = self._sets.get(place) or self._sets.setdefault(place, StageSet(stages))
+        self._set = found
+        return found
+
+    def _find(self, known: StageSet, event_class: EventClass) -> tuple[CandidateMove, ...]:
         found = []
         for one, held in zip(event_class.serving, event_class.held, strict=True):
-            watch = self._watch(one.letter, one.nodes)
+            watch = known.watches.get(one.letter) or self._watch(known, one.letter, one.nodes)
             # the guards of a letter with several ways are not decided yet
-            if any(one.reader.ways is not None or self._stages.is_hopeful(move, held) for _, move, _ in watch.moves):
+            if any(one.reader.ways is not None or self._stages.is_hopeful(move, held) for move, _ in watch.moves):
                 by_name = one.reader.fields
                 named = None if by_name is None or one.time else tuple(by_name[name] for name in watch.names)
                 found.append(CandidateMove(one, watch, held, named))
-        if len(self._candidates) >= REMEMBERED:
-            self._candidates.clear()
-        self._candidates[event_class] = tuple(found)
-        return self._candidates[event_class]
+        if len(known.candidates) >= REMEMBERED:
+            known.candidates.clear()
+        self._stages.size += 1 + len(found)
+        return known.candidates.setdefault(event_class, tuple(found))
 
-    def _watch(self, letter: int, nodes: tuple[int, ...]) -> LetterMoves:
-        watch = self._watches.get(letter)
-        if watch is None:
-            exported = dict.fromkeys(name for node in nodes for name in self.compiled.exported[node])
-            watch = self._watches[letter] = LetterMoves(tuple(exported))
-        for stage, group in islice(self._groups.items(), watch.groups, None):
+    def _watch(self, known: StageSet, letter: int, nodes: tuple[int, ...]) -> LetterMoves:
+        exported = dict.fromkeys(name for node in nodes for name in self.compiled.exported[node])
+        moves = list[tuple[StageMove, int]]()
+        for stage in known.stages:
             for place, node in enumerate(nodes):
                 move = self._stages.move(stage, node) if self._may_take(stage, node) else None
                 if move is not None:
-                    watch.moves.append((group, move, place))
-        watch.groups = len(self._groups)
-        return watch
+                    moves.append((move, place))
+        self._stages.size += 1 + len(moves)
+        return known.watches.setdefault(letter, LetterMoves(tuple(exported), moves))
 
     def _may_take(self, stage: Stage, node: int) -> bool:
         """Whether a partial match may take a node of its own part, or begin that part."""
@@ -266,20 +308,22 @@ class ScatteredMatches(Following):
             return _UNKNOWN
         found: dict[Hashable, NewMatch] = {}
         ended: dict[int, tuple[StageGroup, Member]] = {}
-        begun, followed = self._begun, sum(len(group.members) for group in self._groups.values())
+        begun, followed = self._begun, sum([len(group.members) for group in self._groups.values()])
+        stages = self._stages
         for order, (values, watch, held, _) in enumerate(reading.hits):
-            for group, move, place in watch.moves:
+            for move, place in watch.moves:
+                group = self._groups[move.stage]
                 parts: Sequence[tuple[Iterable[Member], tuple[tuple[Term, Extreme], ...] | None]] = group.everyone
                 # few members are visited without the index
                 if move.scan or move.compared or len(group.members) > _MANY:
-                    scan = move.scan or self._stages.scan(move)
+                    scan = move.scan or stages.scan(move)
                     parts = self._concerned(group, scan, values) if scan.orders else parts
                 for members, enough in parts:
                     for member in members:
                         before = member.configuration
                         bound = {**values, **before.binding} if before.binding else values
-                        outcomes = tuple([holds(bound) for holds in move.joint.values()])
-                        outcome = self._stages.outcome(move, held, outcomes)
+                        outcomes = tuple([holds(bound) for holds in move.joint.values()]) if move.joint else ()
+                        outcome = stages.outcome(move, held, outcomes)
                         if outcome is not None:
                             stage, commits_to_it = outcome
                             if commits_to_it and self._components and not self._own(before):
@@ -288,15 +332,14 @@ class ScatteredMatches(Following):
                                 ended[member.number] = group, member
                             binding = stage.remembered(bound)
                             at = (member.number, order, place)
-                            rank = self._stages.rank(stage, binding, before.witness, move.node)
-                            new = NewMatch(at, before, move.node, values, stage, binding, rank)
+                            rank = stages.rank(stage, binding, before.witness, move.node)
+                            new = _new(NewMatch, (at, before, move.node, values, stage, binding, rank))
                             self._note(new, found, followed - len(ended))
                             if enough is not None and all(one.value(binding) == own.of(values) for one, own in enough):
                                 break
         self.noted = bool(found or ended)
         if begun != self._begun:
-            self._begun = begun
-            self._forget_watches()
+            self._begun, self._set = begun, None
         if self.noted or len(self._quiet) > REMEMBERED:
             self._quiet.clear()
         if self.noted:
@@ -323,22 +366,25 @@ class ScatteredMatches(Following):
                 found[new.stage, new.rank] = new
                 self._bound(others + len(found))
 
-    def _change(self, found: Iterable[NewMatch], ended: Iterable[tuple[StageGroup, Member]], position: int) -> Verdict:
+    def _change(
+        self, found: Collection[NewMatch], ended: Collection[tuple[StageGroup, Member]], position: int
+    ) -> Verdict:
         added = list[tuple[Stage, Configuration]]()
-        for new in sorted(found, key=lambda new: new.order):
-            group = self._groups.get(new.stage)
-            if group is None or not group.excels(new.rank):
-                sample, witness = new.stage.sample, Witness(new.before.witness, new.node, position, new.values)
+        for _, before, node, values, stage, binding, rank in sorted(found, key=_order) if len(found) > 1 else found:
+            group = self._groups.get(stage)
+            if len(found) == 1 or group is None or not group.excels(rank):
+                sample, witness = stage.sample, _new(Witness, (before.witness, node, position, values))
                 fields = sample.inversions, sample.flags, sample.tallies
-                made = Configuration(sample.dead, sample.closed, sample.taken, new.binding, *fields, witness)
-                self._add(new.stage, made, new.rank)
-                added.append((new.stage, made))
+                made = Configuration(sample.dead, sample.closed, sample.taken, binding, *fields, witness)
+                self._add(stage, made, rank)
+                added.append((stage, made))
         for group, member in ended:
             group.remove(member)
-        self._drop_empty()
-        matches = (made for stage, made in self._join(added) or added if stage.is_match)
-        in_order = ((self._in_order(made) if self._components else made) for made in matches)
-        self.matches = [made for made in in_order if made is not None]
+        if ended:
+            self._drop_empty()
+        self.matches = [made for stage, made in self._join(added) or added if stage.is_match]
+        if self._components:
+            self.matches = [made for one in self.matches if (made := self._in_order(one)) is not None]
         if self.matches:
             self.follow([])
             return Verdict.TRUE
@@ -407,15 +453,11 @@ class ScatteredMatches(Following):
             group.forget(watermark)
         self._drop_empty()
 
-    def _forget_watches(self) -> None:
-        self._watches.clear()
-        self._candidates.clear()
-        self._complete.clear()
-
     def _drop_empty(self) -> None:
         for stage in [stage for stage, group in self._groups.items() if not group.members]:
             del self._groups[stage]
-            self._forget_watches()
+            self._set = None
+            self._complete.clear()
 
     def _add(self, stage: Stage, configuration: Configuration, rank: Rank | None = None) -> None:
         group = self._groups.get(stage)
@@ -425,14 +467,9 @@ class ScatteredMatches(Following):
                 named = f"{', '.join(names[:10])}{', …' if len(names) > 10 else ''}"
                 raise TooLarge(f"sets of events in partial matches; any of {named} may be skipped", limit=most)
             group = self._groups[stage] = StageGroup(stage.ranking, stage.deadlines)
-            self._candidates.clear()
+            self._set = None
             self._complete.clear()
             group.watermark = self._watermark
-        group.add(
-            Member(
-                self._added,
-                configuration,
-                rank or self._stages.rank(stage, configuration.binding, configuration.witness),
-            )
-        )
+        rank = rank or self._stages.rank(stage, configuration.binding, configuration.witness)
+        group.add(_new(Member, (self._added, configuration, rank)))
         self._added += 1

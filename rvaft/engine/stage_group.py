@@ -89,14 +89,33 @@ class StageGroup:
     def add(self, member: Member) -> None:
         """Add a member and remove those that it subsumes."""
         rank = member.rank
-        front, surpassed = self._fronts.get(rank.place, []), list[Member]()
+        front = self._fronts.get(rank.place)
+        if front is None:
+            self._fronts[rank.place] = [member]
+        else:
+            for one in self._surpassed(front, rank):
+                self.remove(one)
+            front = self._fronts.setdefault(rank.place, front)  # perhaps it was removed with its last member
+            front.insert(bisect_left(front, rank.values[0], key=_first) if rank.values else len(front), member)
+        self.members[member.number] = member
+        for (names, term), ordered in self._ordered.items():
+            self._put_ordered(names, term, ordered, member)
+        if self._deadlines:
+            ends = [one.deadline(member.configuration.binding) for one in self._deadlines]
+            known = [end for end in ends if end is not None]
+            if known:
+                heappush(self._ending, (min(known), member.number))
+
+    def _surpassed(self, front: Sequence[Member], rank: Rank) -> Sequence[Member]:
+        """Return the members of a front that a new one with this rank subsumes."""
+        surpassed: Sequence[Member] = []
         start, end = self._worse(front, rank)
         if rank.excluded:
             for one in front[start:end] if rank.values else ():
                 better = slice(*self._better(front, one.rank))
                 rivals = [other.rank for other in front[better] if other is not one and other not in surpassed]
                 if self.ranking.covers([*rivals, rank], one.rank):
-                    surpassed.append(one)
+                    surpassed = [*surpassed, one]
         elif len(rank.values) == SORTED:  # the better the first value, the worse the second
             if self.ranking.above_watermark and self.watermark is not None:
                 count = 1
@@ -106,21 +125,10 @@ class StageGroup:
             start = end
             while start > len(surpassed) and front[start - 1].rank.values[1] <= rank.values[1]:
                 start -= 1
-            surpassed += front[start:end]
+            surpassed = [*surpassed, *front[start:end]]
         else:
             surpassed = [one for one in front[start:end] if all(map(ge, rank.values, one.rank.values))]
-        for one in surpassed:
-            self.remove(one)
-        front = self._fronts.setdefault(rank.place, [])
-        front.insert(bisect_left(front, rank.values[0], key=_first) if rank.values else len(front), member)
-        self.members[member.number] = member
-        for (names, term), ordered in self._ordered.items():
-            self._put_ordered(names, term, ordered, member)
-        if self._deadlines:
-            ends = [one.deadline(member.configuration.binding) for one in self._deadlines]
-            known = [end for end in ends if end is not None]
-            if known:
-                heappush(self._ending, (min(known), member.number))
+        return surpassed
 
     def _better(self, front: Sequence[Member], rank: Rank) -> tuple[int, int]:
         """Return the slice of a front with all members that may be at least as good."""

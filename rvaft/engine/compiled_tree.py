@@ -374,19 +374,24 @@ class TreeLetters(EngineLetters):
         name = (admission.reader.pattern, admission.time, guard)
         return EventTest(name, lambda event: admits(event) and holds(self.values(admission, event)))
 
+    def time(self, event: Mapping[str, Json]) -> int | None:
+        """Return the time of an event; None if it has none."""
+        return None if self._time is None else self._time.read(event)
+
     def values(self, admission: Admission, event: Mapping[str, Json]) -> dict[str, Json]:
         """Return the values of a letter's variables."""
         found = admission.reader.values(event)
-        if admission.time is not None and self._time is not None:
-            found[admission.time] = self._time.read(event)
+        if admission.time is not None:
+            found[admission.time] = self.time(event)
         return found
 
-    def ways(self, admission: Admission, event: Mapping[str, Json]) -> list[dict[str, Json]]:
-        """Return the values of a letter's variables for each way in which the event matches."""
-        if admission.reader.ways is None:
-            return [self.values(admission, event)]
-        time = {} if admission.time is None or self._time is None else {admission.time: self._time.read(event)}
-        return [{**found, **time} for found in admission.reader.ways(event)]
+    def ways(self, admission: Admission, event: Mapping[str, Json], time: int | None) -> list[dict[str, Json]]:
+        """Return the values of a letter's variables for each way in which the event matches.
+
+        `time` is the time of the event.
+        """
+        found = [admission.reader.values(event)] if admission.reader.ways is None else admission.reader.ways(event)
+        return found if admission.time is None else [{**one, admission.time: time} for one in found]
 
     def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
         """Return the table from events to classes."""
@@ -417,8 +422,6 @@ class TreeLetters(EngineLetters):
         if not event_class.timed:
             hits = [_new(Hit, (one[0], one[1], one[3].values(event))) for one in serving]
             return _new(Reading, (event_class.relevant, hits))
-        time, hits = None if self._time is None else self._time.read(event), list[Hit]()
-        for one in serving:
-            for values in [one.reader.values(event)] if one.reader.ways is None else one.reader.ways(event):
-                hits.append(Hit(one.letter, one.nodes, values if one.time is None else {**values, one.time: time}))
+        time = self.time(event)
+        hits = [Hit(one.letter, one.nodes, values) for one in serving for values in self.ways(one, event, time)]
         return Reading(event_class.relevant, hits)

@@ -298,7 +298,8 @@ class ContiguousMatches(Following):
         stages, members, made = self._stages, self._settled(), dict[tuple[Any, ...], Follower]()
         event, event_class = reading.hits
         if event_class.timed:
-            ways = [self.letters.ways(letter, event) for letter in plan.letters]
+            time = self.letters.time(event)
+            ways = [self.letters.ways(letter, event, time) for letter in plan.letters]
         else:
             ways = [[letter.reader.values(event)] for letter in plan.letters]
         for place, at, move in plan.steps:

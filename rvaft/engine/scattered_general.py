@@ -9,7 +9,7 @@ Subsumed partial matches are dropped (see `subsumption`).
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
-from typing import Final, NamedTuple, Self
+from typing import Any, Final, NamedTuple, Self
 
 from rvaft.core.times import Extreme
 from rvaft.engine.compiled_tree import (
@@ -163,7 +163,7 @@ class ScatteredMatches(Following):
         """Return an independent copy."""
         twin = object.__new__(type(self))  # faster than `copy`, since each detection forks
         vars(twin).update(vars(self))
-        twin._hold([(stage, member.configuration, member.rank) for stage, member in self._members])  # noqa: SLF001
+        twin._hold([(stage, member.configuration, member.rank) for stage, member in self._members])
         return twin
 
     @property
@@ -234,14 +234,15 @@ class ScatteredMatches(Following):
         """Return the letters that may change something now."""
         if not event_class.serving:
             return NOTHING
-        loud = list[RelevantHit]()
+        loud, time = list[RelevantHit](), self.letters.time(event) if event_class.timed else None
         for admission, watch, held, fields in self._candidates(event_class):
             if fields is not None:
                 name = _quiet_name(admission.letter, [event[field] for field in fields])
                 if name not in self._quiet:
-                    loud.append(_new(RelevantHit, (self.letters.values(admission, event), watch, held, name)))
+                    hit: tuple[Any, ...] = (admission.reader.values(event), watch, held, name)
+                    loud.append(_new(RelevantHit, hit))
                 continue
-            for values in self.letters.ways(admission, event):
+            for values in self.letters.ways(admission, event, time):
                 name = _quiet_name(admission.letter, [values[name] for name in watch.names])
                 if name not in self._quiet:
                     own = sum([bit for bit, holds in admission.own if holds(values)])
@@ -354,9 +355,15 @@ class ScatteredMatches(Following):
         required = [values[one.name] if type(one) is Variable else value(one, values) for one in scan.terms]
         if UNDEFINED in required:
             return ()
-        ways = [(one, group.between(scan.names, required, one.term, one.bounds, values)) for one in scan.orders]
-        order, lanes = min(ways, key=lambda way: sum(end - start for _, start, end in way[1]))
-        return [(in_order(*lane, last_first=order.last_first), order.enough) for lane in lanes]
+        least, lanes, enough, last_first = -1, list[tuple[list[LaneMember], int, int]](), None, False
+        for order in scan.orders:
+            found = group.between(scan.names, required, order.term, order.bounds, values)
+            count = sum([end - start for _, start, end in found])
+            if least < 0 or count < least:
+                least, lanes, enough, last_first = count, found, order.enough, order.last_first
+            if least <= _MANY:
+                break
+        return [(in_order(*lane, last_first=last_first), enough) for lane in lanes]
 
     def _note(self, new: NewMatch, found: dict[Hashable, NewMatch], others: int) -> None:
         group = self._groups.get(new.stage)
@@ -369,10 +376,10 @@ class ScatteredMatches(Following):
     def _change(
         self, found: Collection[NewMatch], ended: Collection[tuple[StageGroup, Member]], position: int
     ) -> Verdict:
-        added = list[tuple[Stage, Configuration]]()
+        added, changed = list[tuple[Stage, Configuration]](), set[Stage]()
         for _, before, node, values, stage, binding, rank in sorted(found, key=_order) if len(found) > 1 else found:
-            group = self._groups.get(stage)
-            if len(found) == 1 or group is None or not group.excels(rank):
+            if stage not in changed or not self._groups[stage].excels(rank):
+                changed.add(stage)
                 sample, witness = stage.sample, _new(Witness, (before.witness, node, position, values))
                 fields = sample.inversions, sample.flags, sample.tallies
                 made = Configuration(sample.dead, sample.closed, sample.taken, binding, *fields, witness)
@@ -382,9 +389,10 @@ class ScatteredMatches(Following):
             group.remove(member)
         if ended:
             self._drop_empty()
-        self.matches = [made for stage, made in self._join(added) or added if stage.is_match]
+        joined = self._join(added) or added if self._components else added
+        self.matches = [made for stage, made in joined if stage.is_match]
         if self._components:
-            self.matches = [made for one in self.matches if (made := self._in_order(one)) is not None]
+            self.matches = [whole for one in self.matches if (whole := self._in_order(one)) is not None]
         if self.matches:
             self.follow([])
             return Verdict.TRUE
@@ -397,7 +405,7 @@ class ScatteredMatches(Following):
 
         Returns all partial matches with their stages then, and nothing without such a match.
         """
-        for stage, configuration in added if self._components else ():
+        for stage, configuration in added:
             part = self._part_of[next(bits(self._own(configuration)))]
             if not self._is_complete(stage, part):
                 continue

@@ -66,8 +66,8 @@ class StageGroup:
         self.everyone = ((self.members.values(), None),)
         self.watermark: int | None = None
         self._deadlines = deadlines
-        self._ending: list[tuple[int, int]] = []
-        """A heap: the watermark that rules out a member, its number."""
+        self._ending: list[tuple[int, int]] | None = None
+        """A heap: the watermark that rules out a member, its number; None before any watermark."""
         self._fronts: dict[_Place, list[Member]] = {}
         """The members by place, sorted by their first value."""
         self._ordered: dict[tuple[tuple[str, ...], Term | None], dict[_Place, _Lanes]] = {}
@@ -100,11 +100,14 @@ class StageGroup:
         self.members[member.number] = member
         for (names, term), ordered in self._ordered.items():
             self._put_ordered(names, term, ordered, member)
-        if self._deadlines:
-            ends = [one.deadline(member.configuration.binding) for one in self._deadlines]
-            known = [end for end in ends if end is not None]
-            if known:
-                heappush(self._ending, (min(known), member.number))
+        if self._ending is not None and self._deadlines:
+            self._note_end(self._ending, member)
+
+    def _note_end(self, ending: list[tuple[int, int]], member: Member) -> None:
+        ends = [one.deadline(member.configuration.binding) for one in self._deadlines]
+        known = [end for end in ends if end is not None]
+        if known:
+            heappush(ending, (min(known), member.number))
 
     def _surpassed(self, front: Sequence[Member], rank: Rank) -> Sequence[Member]:
         """Return the members of a front that a new one with this rank subsumes."""
@@ -174,10 +177,15 @@ class StageGroup:
     def forget(self, watermark: int) -> None:
         """Set the watermark and remove the members that it rules out."""
         self.watermark = watermark
-        while self._ending and self._ending[0][0] < watermark:
-            member = self.members.get(heappop(self._ending)[1])
-            if member is not None:
-                self.remove(member)
+        ending = self._ending
+        if ending is None:
+            ending = self._ending = []
+            for member in self.members.values() if self._deadlines else ():
+                self._note_end(ending, member)
+        while ending and ending[0][0] < watermark:
+            ended = self.members.get(heappop(ending)[1])
+            if ended is not None:
+                self.remove(ended)
 
     def between(
         self,
@@ -224,11 +232,12 @@ def _lane(
 ) -> tuple[_Place, tuple[Hashable, ...], Json] | None:
     binding = member.configuration.binding
     values = [binding[name] for name in names]
+    place = place_of(values) if values else ()
     if term is None:
-        return place_of(values), (), 0
+        return place, (), 0
     value = term.value(binding)
     kind = scale(value) or (LOOSE if is_number(value) and value - value == 0 else None)
-    return None if kind is None else (place_of(values), (kind, *map(exact, values)), value)
+    return None if kind is None else (place, (kind, *map(exact, values)), value)
 
 
 def _turn(lane: Sequence[LaneMember], holds: Callable[[Json], bool], *, wanted: bool) -> int:

@@ -123,8 +123,7 @@ class Term(NamedTuple):
 
     def value(self, binding: Mapping[str, Json]) -> Json:
         """Return the value of the term in a binding."""
-        names = self.extreme.names
-        return binding[names[0]] if len(names) == 1 else self.extreme.of(binding)
+        return self.extreme.of(binding)
 
 
 class Rank(NamedTuple):
@@ -180,13 +179,13 @@ class Ranking(NamedTuple):
         place: list[Hashable] = [exact(binding[name]) for name in self.exact]
         values: list[Json] = []
         for sign, extreme in self.terms:
-            value = binding[extreme.names[0]] if len(extreme.names) == 1 else extreme.of(binding)
+            value = extreme.of(binding)
             kind = scale(value)
             place.append(tuple([exact(binding[name]) for name in extreme.names]) if kind is None else kind)
             values.append(0 if kind is None else value if sign > 0 else _Backwards(value) if kind is str else -value)
         excluded = [key(binding[name]) for name in self.excluded]
-        place.extend(type(one) is object for one in excluded)  # a value that equals nothing has no substitute
-        return Rank(tuple(place), tuple(values), tuple(excluded))
+        place += [type(one) is object for one in excluded]  # a value that equals nothing has no substitute
+        return _new(Rank, (tuple(place), tuple(values), tuple(excluded)))
 
     def covers(self, rivals: Sequence[Rank], rank: Rank) -> bool:
         """Whether some rivals in the same place are at least as good."""
@@ -383,8 +382,9 @@ def _moderate(value: Json) -> bool:
 
 def scale(value: Json) -> type | None:
     """Return `int` for integral numbers, or the type within which values are comparable."""
-    if type(value) is str or (type(value) is int and _moderate(value)):
-        return type(value)
-    if type(value) is float and _moderate(value):
+    kind = type(value)
+    if kind is str or (kind is int and -MOST <= value <= MOST):
+        return kind
+    if kind is float and -MOST <= value <= MOST:
         return int if value.is_integer() else float
     return None

@@ -426,7 +426,7 @@ def predicate(guard: Guard) -> Predicate:
             return lambda binding: all(part(binding) for part in parts)
         case Operation(operator, (Variable(name), Literal(constant))) if compare := OPERATORS[operator].compare:
             if type(constant) not in (str, *_NUMBERS):
-                return _compiled(guard)
+                return lambda binding: holds(guard, binding)
             other = (int if type(constant) is str else str) if operator in (Operator.EQ, Operator.NE) else None
 
             def with_number(binding: Mapping[str, Json]) -> bool:
@@ -443,23 +443,21 @@ def predicate(guard: Guard) -> Predicate:
                 return bool(compare(value, constant)) if kind is str or kind is other else holds(guard, binding)
 
             return with_text if type(constant) is str else with_number
-        case Operation(operator, (left, right)) if compare := OPERATORS[operator].compare:
-            first, second, function = _evaluation(left), _evaluation(right), OPERATORS[operator].function
+        case Operation(operator, (left, right)) if compares := OPERATORS[operator].compare:
+            first, second, evaluate = _evaluation(left), _evaluation(right), _evaluation(guard)
 
             def with_both(binding: Mapping[str, Json]) -> bool:
                 one, other = first(binding), second(binding)
-                if type(one) is type(other) and type(one) in _PLAIN:
-                    return bool(compare(one, other))
-                return UNDEFINED not in (one, other) and function is not None and function(one, other) is True
+                if type(one) is type(other) and (
+                    type(one) in _PLAIN or (type(one) is float and one - one == other - other == 0)
+                ):
+                    return bool(compares(one, other))
+                return evaluate(binding) is True
 
             return with_both
         case _:
-            return _compiled(guard)
-
-
-def _compiled(guard: Guard) -> Predicate:
-    evaluate = _evaluation(guard)
-    return lambda binding: evaluate(binding) is True
+            compiled = _evaluation(guard)
+            return lambda binding: compiled(binding) is True
 
 
 def _evaluation(guard: Guard) -> Callable[[Binding], Json]:
@@ -470,8 +468,8 @@ def _evaluation(guard: Guard) -> Callable[[Binding], Json]:
         case Variable(name):
             return python.itemgetter(name)
         case Operation(operator, operands):
-            function, parts = OPERATORS[operator].function, [_evaluation(operand) for operand in operands]
-    if function is None:
+            calculate, parts = OPERATORS[operator].function, [_evaluation(operand) for operand in operands]
+    if calculate is None:
         decides = operator is Operator.OR
 
         def decide(binding: Binding) -> Json:
@@ -484,6 +482,7 @@ def _evaluation(guard: Guard) -> Callable[[Binding], Json]:
             return not decides
 
         return decide
+    function = calculate
 
     def evaluate(binding: Binding) -> Json:
         arguments = [part(binding) for part in parts]

@@ -35,7 +35,7 @@ from rvaft.model.guards import (
     value,
 )
 from rvaft.model.patterns import Variable
-from rvaft.model.values import Json, exact
+from rvaft.model.values import Json, equal, exact
 from rvaft.model.verdict import Verdict
 from rvaft.support.bits import bits, union
 
@@ -315,13 +315,17 @@ class ScatteredMatches(Following):
             for move, place in watch.moves:
                 group = self._groups[move.stage]
                 parts: Sequence[tuple[Iterable[Member], tuple[tuple[Term, Extreme], ...] | None]] = group.everyone
-                # few members are visited without the index
-                if move.scan or move.compared or len(group.members) > _MANY:
+                compared = move.compared
+                many = len(group.members) > _MANY  # few members are visited without the index
+                if move.scan or compared or many:
                     scan = move.scan or stages.scan(move)
-                    parts = self._concerned(group, scan, values) if scan.orders else parts
+                    if scan.orders and (many or scan.orders[0].term is not None):
+                        parts, compared = self._concerned(group, scan, values), ()
                 for members, enough in parts:
                     for member in members:
                         before = member.configuration
+                        if compared and not all(equal(before.binding[name], values[name]) for name in compared):
+                            continue
                         bound = {**values, **before.binding} if before.binding else values
                         outcomes = tuple([holds(bound) for holds in move.joint.values()]) if move.joint else ()
                         outcome = stages.outcome(move, held, outcomes)
@@ -361,7 +365,7 @@ class ScatteredMatches(Following):
             count = sum([end - start for _, start, end in found])
             if least < 0 or count < least:
                 least, lanes, enough, last_first = count, found, order.enough, order.last_first
-            if least <= _MANY:
+            if least <= 1:
                 break
         return [(in_order(*lane, last_first=last_first), enough) for lane in lanes]
 

@@ -9,7 +9,7 @@ Subsumed partial matches are dropped (see `subsumption`).
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.core.times import Extreme
 from rvaft.engine.compiled_tree import (
@@ -56,20 +56,15 @@ _order: Final = attrgetter("order")
 _new: Final = tuple.__new__  # twice as fast as the constructors of the classes
 
 
-class LetterMoves(NamedTuple):
-    """The possible effects of a letter on partial matches of some stages."""
-
-    names: tuple[str, ...]
-    """The relevant variables of the event."""
-    moves: Sequence[tuple[StageMove, int]]
-    """The possible moves, with the index of the node."""
+Moves: TypeAlias = Sequence[tuple[StageMove, int]]
+"""The possible moves by a letter, with the index of the node among those that the letter serves."""
 
 
 class RelevantHit(NamedTuple):
     """A letter that may change something: values, guards that hold, cache key."""
 
     values: Mapping[str, Json]
-    watch: LetterMoves
+    moves: Moves
     held: int
     name: Hashable
 
@@ -89,12 +84,13 @@ class NewMatch(NamedTuple):
 class CandidateMove(NamedTuple):
     """A letter with possible moves.
 
-    `fields` are the relevant fields, or None if they are unknown.
+    `names` are the relevant variables, `fields` their fields, or None if these are unknown.
     """
 
     admission: Admission
-    watch: LetterMoves
+    moves: Moves
     held: int
+    names: tuple[str, ...]
     fields: tuple[str, ...] | None
 
 
@@ -103,8 +99,6 @@ class StageSet:
     """Stages, and what events can do with partial matches of these; monitors of a tree share it."""
 
     stages: tuple[Stage, ...]
-    watches: dict[int, LetterMoves] = field(default_factory=dict)
-    """By letter, its moves."""
     candidates: dict[EventClass, tuple[CandidateMove, ...]] = field(default_factory=dict)
     """By event class, the letters with possible moves."""
 
@@ -235,18 +229,18 @@ class ScatteredMatches(Following):
         if not event_class.serving:
             return NOTHING
         loud, time = list[RelevantHit](), self.letters.time(event) if event_class.timed else None
-        for admission, watch, held, fields in self._candidates(event_class):
+        for admission, moves, held, names, fields in self._candidates(event_class):
             if fields is not None:
                 name = _quiet_name(admission.letter, [event[field] for field in fields])
                 if name not in self._quiet:
-                    hit: tuple[Any, ...] = (admission.reader.values(event), watch, held, name)
+                    hit: tuple[Any, ...] = (admission.reader.values(event), moves, held, name)
                     loud.append(_new(RelevantHit, hit))
                 continue
             for values in self.letters.ways(admission, event, time):
-                name = _quiet_name(admission.letter, [values[name] for name in watch.names])
+                name = _quiet_name(admission.letter, [values[name] for name in names])
                 if name not in self._quiet:
                     own = sum([bit for bit, holds in admission.own if holds(values)])
-                    loud.append(RelevantHit(values, watch, held | own, name))
+                    loud.append(RelevantHit(values, moves, held | own, name))
         return _new(Reading, (False, loud)) if loud else QUIET
 
     def inert(self, event_class: EventClass) -> Inert:
@@ -273,27 +267,22 @@ class ScatteredMatches(Following):
     def _find(self, known: StageSet, event_class: EventClass) -> tuple[CandidateMove, ...]:
         found = []
         for one, held in zip(event_class.serving, event_class.held, strict=True):
-            watch = known.watches.get(one.letter) or self._watch(known, one.letter, one.nodes)
+            moves = [
+                (move, place)
+                for stage in known.stages
+                for place, node in enumerate(one.nodes)
+                if self._may_take(stage, node) and (move := self._stages.move(stage, node)) is not None
+            ]
             # the guards of a letter with several ways are not decided yet
-            if any(one.reader.ways is not None or self._stages.is_hopeful(move, held) for move, _ in watch.moves):
+            if any(one.reader.ways is not None or self._stages.is_hopeful(move, held) for move, _ in moves):
+                names = tuple(dict.fromkeys(name for node in one.nodes for name in self.compiled.exported[node]))
                 by_name = one.reader.fields
-                named = None if by_name is None or one.time else tuple(by_name[name] for name in watch.names)
-                found.append(CandidateMove(one, watch, held, named))
+                fields = None if by_name is None or one.time else tuple(by_name[name] for name in names)
+                found.append(CandidateMove(one, moves, held, names, fields))
+                self._stages.size += 1 + len(moves)
         if len(known.candidates) >= REMEMBERED:
             known.candidates.clear()
-        self._stages.size += 1 + len(found)
         return known.candidates.setdefault(event_class, tuple(found))
-
-    def _watch(self, known: StageSet, letter: int, nodes: tuple[int, ...]) -> LetterMoves:
-        exported = dict.fromkeys(name for node in nodes for name in self.compiled.exported[node])
-        moves = list[tuple[StageMove, int]]()
-        for stage in known.stages:
-            for place, node in enumerate(nodes):
-                move = self._stages.move(stage, node) if self._may_take(stage, node) else None
-                if move is not None:
-                    moves.append((move, place))
-        self._stages.size += 1 + len(moves)
-        return known.watches.setdefault(letter, LetterMoves(tuple(exported), moves))
 
     def _may_take(self, stage: Stage, node: int) -> bool:
         """Whether a partial match may take a node of its own part, or begin that part."""
@@ -311,8 +300,8 @@ class ScatteredMatches(Following):
         ended: dict[int, tuple[StageGroup, Member]] = {}
         begun, followed = self._begun, sum([len(group.members) for group in self._groups.values()])
         stages = self._stages
-        for order, (values, watch, held, _) in enumerate(reading.hits):
-            for move, place in watch.moves:
+        for order, (values, moves, held, _) in enumerate(reading.hits):
+            for move, place in moves:
                 group = self._groups[move.stage]
                 parts: Sequence[tuple[Iterable[Member], tuple[tuple[Term, Extreme], ...] | None]] = group.everyone
                 compared = move.compared

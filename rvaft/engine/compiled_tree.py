@@ -350,7 +350,7 @@ class TreeLetters(EngineLetters):
         found = tuple(dict.fromkeys([*serves, *alphabet]))
         self.letters = tuple(letter for letter, _ in found)
         self.serves = tuple(tuple(serves.get(one, ())) for one in found)
-        self._admissions: list[Admission] = []
+        self._admissions: dict[Pattern, list[Admission]] = {}
         for number, (letter, time) in enumerate(found):
             nodes, own = self.serves[number], reader(number, letter)
             known = None if self._time is None else time
@@ -358,13 +358,14 @@ class TreeLetters(EngineLetters):
             guards = compiled.decided_by(nodes).items() if decide else ()
             if own.ways is None:
                 tests = tuple((1 << node, self._test(plain, guard)) for node, guard in guards)
-                self._admissions.append(plain._replace(decided=tests))
+                plain = plain._replace(decided=tests)
             else:
-                self._admissions.append(plain._replace(own=tuple((1 << n, predicate(guard)) for n, guard in guards)))
+                plain = plain._replace(own=tuple((1 << n, predicate(guard)) for n, guard in guards))
+            self._admissions.setdefault(own.pattern, []).append(plain)
         self._ignored = [
             reader(number, Letter(one.pattern, one.when)) for number, one in enumerate(prop.ignored, len(found))
         ]
-        super().__init__(one.pattern for one in chain((one.reader for one in self._admissions), self._ignored))
+        super().__init__((*self._admissions, *(one.pattern for one in self._ignored)))
 
     def _test(self, admission: Admission, guard: Guard) -> Guard | EventTest:
         fields = admission.reader.fields
@@ -395,7 +396,8 @@ class TreeLetters(EngineLetters):
 
     def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
         """Return the table from events to classes."""
-        letters = [one for one in self._admissions if one.reader.pattern in possible]
+        found = (one for pattern in possible for one in self._admissions.get(pattern, ()))
+        letters = sorted(found, key=lambda one: one.letter)  # all letters in turn take too long in a large tree
         ignored = [one for one in self._ignored if one.pattern in possible]
         decided = [test for one in letters for _, test in one.decided]
         first = len(letters) + len(ignored)

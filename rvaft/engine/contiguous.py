@@ -166,17 +166,11 @@ class FrontierTable:
         return found
 
     def _move(self, stage: Progress, node: int) -> NodeMove:
-        matching, names = self._matching, self._matching.compiled.exported[node]
-        guards: dict[int, Predicate] = {}
-        if names:
-            bound = stage.sample.copy()
-            bound.binding.update(dict.fromkeys(names))
-            for guard in matching.closing(bound, names):
-                holds = matching.test(guard)
-                if holds is not None:
-                    guards[guard] = holds
-            guards.update((guard, matching.early_test(guard)) for guard in matching.narrowed(bound, names))
-        compared = tuple([name for name in names if name in stage.sample.binding])
+        matching, sample = self._matching, stage.sample
+        closing, narrowed = matching.decided(sample, node)
+        guards = {guard: holds for guard in closing if (holds := matching.test(guard)) is not None}
+        guards.update((guard, matching.early_test(guard)) for guard in narrowed)
+        compared = tuple([name for name in matching.compiled.exported[node] if name in sample.binding])
         found = stage.moves[node] = NodeMove(node, compared, guards, {})
         return found
 

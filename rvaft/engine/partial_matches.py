@@ -167,6 +167,13 @@ class Matching:
             if not configuration.closed >> node & 1 and all(self.is_bound(configuration, name) for name in needs[node]):
                 yield node
 
+    def decided(self, configuration: Configuration, node: int) -> tuple[list[int], list[int]]:
+        """Return the guards that a node's event decides, and those that it may make fail early."""
+        names = self.compiled.exported[node]
+        bound = configuration.copy()
+        bound.binding.update(dict.fromkeys(names))
+        return list(self.closing(bound, names)), list(self.narrowed(bound, names))
+
     def is_bound(self, configuration: Configuration, name: str) -> bool:
         """Whether a variable has a value, perhaps one that is not remembered (see `stages`)."""
         return name in configuration.binding or self.compiled.mentions.get(name, 0) & configuration.taken > 0

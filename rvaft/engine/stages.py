@@ -225,17 +225,14 @@ class Stages:
             if self.matching.admits(stage.sample, node):
                 compiled, remembered = self.matching.compiled, stage.sample.binding
                 names = compiled.exported[node]
-                bound = stage.sample.copy()
-                bound.binding.update(dict.fromkeys(names))
-                closing = list(self.matching.closing(bound, names))
+                bound = {*remembered, *names}
+                closing, narrowed = self.matching.decided(stage.sample, node)
                 alone = mask_of(guard for guard in closing if remembered.keys().isdisjoint(compiled.needs[guard]))
-                decided = (
-                    (guard, self.matching.test(guard, bound.binding)) for guard in closing if not alone >> guard & 1
-                )
+                decided = ((guard, self.matching.test(guard, bound)) for guard in closing if not alone >> guard & 1)
                 joint = {guard: holds for guard, holds in decided if holds is not None}
-                for guard in self.matching.narrowed(bound, names):
+                for guard in narrowed:
                     if not remembered.keys().isdisjoint(compiled.needs[guard]):
-                        joint[guard] = self.matching.early_test(guard, bound.binding)
+                        joint[guard] = self.matching.early_test(guard, bound)
                 found = StageMove(stage, node, tuple(name for name in names if name in remembered), alone, joint)
             stage.moves[node] = found
         return stage.moves[node]

@@ -262,21 +262,23 @@ class ContiguousMatches(Following):
             return Verdict.UNKNOWN if self._frontier.stages else Verdict.FALSE
         event, event_class = reading.hits or _UNMATCHED
         plan = self._frontier.plans.get(event_class) or self._stages.plan(self._frontier, event_class)
-        if plan.after is not None:
-            after, self.noted = plan.after, bool(plan.steps)
-            self._bound(len(plan.steps))
-        else:
+        _, steps, after, fresh = plan
+        members: list[Follower] | None = None
+        if after is None:
             after, members = self._extended(plan, reading, position)
+        else:
+            self.noted = bool(steps)
+            self._bound(len(steps))
         if not after.stages:
             self.lost = self.partial
             self.follow([])
             return Verdict.FALSE
-        if plan.after is None:
+        if members is not None:
             self._members = members
         else:
-            if plan.fresh or len(self._deferred) == self._deferred.maxlen:
+            if fresh or len(self._deferred) == self._deferred.maxlen:
                 self._members = self._start  # all others have ended
-            if plan.fresh:
+            if fresh:
                 self._deferred.clear()
             self._deferred.append((plan, event, position))
         self._frontier = after

@@ -249,8 +249,8 @@ class MonitorSet:
         final = serves = False
         for column in self._live:
             engine = engines[column]
-            verdict = engine.take(engine.read(event, classes[column]) if column else reading, number)
-            final = final or verdict is not _UNKNOWN
+            if engine.take(engine.read(event, classes[column]) if column else reading, number) is not _UNKNOWN:
+                final = True
             serves = serves or engine.noted
         self.serves = serves and bool(reading.hits)
         return self._changed(number, event) if final else ()

@@ -210,28 +210,32 @@ Proof.
     exists x, v, w'. rewrite completes_filter in *; auto.
 Qed.
 
-(** What is done matters as a set. *)
-Lemma ready_same : forall x d d' o, (forall p, In p d <-> In p d') -> ready x d o = ready x d' o.
+(** What is done matters as a set of the occurrences of the scenario. *)
+Definition agree (x : shape) (d d' : list occurrence) : Prop :=
+  forall p, In p (shape_occurrences x) -> (In p d <-> In p d').
+
+Lemma agree_among : forall x d d' p, agree x d d' -> In p (shape_occurrences x) -> among p d = among p d'.
+Proof. intros x d d' p H I; apply eq_true_iff_eq; rewrite !among_iff; auto. Qed.
+
+Lemma forallb_ext_in : forall (A : Type) (f g : A -> bool) l, (forall a, In a l -> f a = g a) -> forallb f l = forallb g l.
+Proof. induction l; simpl; intros H; auto. rewrite H, IHl; auto. Qed.
+
+Lemma ready_agree : forall x d d' o, agree x d d' -> In o (shape_occurrences x) -> ready x d o = ready x d' o.
 Proof.
-  intros x d d' o H.
-  assert (A : forall p, among p d = among p d') by (intros p; apply eq_true_iff_eq; rewrite !among_iff; auto).
-  unfold ready. rewrite A. f_equal. induction (shape_occurrences x); simpl; auto. now rewrite A, IHl.
+  intros x d d' o H I. unfold ready. rewrite (agree_among x d d' o) by auto. f_equal.
+  apply forallb_ext_in. intros p J. now rewrite (agree_among x d d' p).
 Qed.
 
-Lemma finished_same : forall x d d', (forall p, In p d <-> In p d') -> finished x d = finished x d'.
-Proof.
-  intros x d d' H.
-  assert (A : forall p, among p d = among p d') by (intros p; apply eq_true_iff_eq; rewrite !among_iff; auto).
-  unfold finished. induction (shape_occurrences x); simpl; auto. now rewrite A, IHl.
-Qed.
+Lemma finished_agree : forall x d d', agree x d d' -> finished x d = finished x d'.
+Proof. intros x d d' H. apply forallb_ext_in. intros p J. now apply agree_among with x. Qed.
 
-Lemma completes_same : forall s x d d' u, (forall p, In p d <-> In p d') -> Completes s x d u -> Completes s x d' u.
+Lemma completes_agree : forall s x d d' u, agree x d d' -> Completes s x d u -> Completes s x d' u.
 Proof.
   intros s x d d' u H K; revert d' H.
   induction K as [d u F | d e u S K IH | d e u o N I R S K IH]; intros d' H.
-  - constructor. now rewrite <- (finished_same x d).
+  - constructor. now rewrite <- (finished_agree x d).
   - constructor 2; auto.
-  - apply served with o; auto; [now rewrite <- (ready_same x d) |]. apply IH. intros p; simpl. now rewrite H.
+  - apply served with o; auto; [now rewrite <- (ready_agree x d) |]. apply IH. intros p J; simpl. now rewrite (H p J).
 Qed.
 
 (** Completion does not end when the trace goes on. *)

@@ -220,6 +220,11 @@ End Text.
 
 (** ** Letters *)
 
+Definition all_among (ps qs : list nat) : bool := forallb (fun p => member p qs) ps.
+
+Lemma all_among_incl : forall ps qs, all_among ps qs = true -> incl ps qs.
+Proof. unfold all_among; intros ps qs H p I. rewrite forallb_forall in H. now apply member_iff, H. Qed.
+
 (** All letters over some predicates. *)
 Fixpoint every_letter (predicates : list nat) : list letter :=
   match predicates with

@@ -249,8 +249,6 @@ Definition same_position (q r : position) : bool :=
 
 Definition hash_position (q : position) : nat := match q with At (Some q) => S q | _ => 0 end.
 
-Definition all_among (ps qs : list nat) : bool := forallb (fun p => member p qs) ps.
-
 (** The predicates are those of the scenarios and of the text; the possible letters are over these. *)
 Definition certify_hoa (s : semantics) (xs : list shape) (predicates : list nat) (possible : list letter)
   (fuel : nat) (h : hoa) : outcome :=
@@ -266,9 +264,6 @@ Qed.
 
 Lemma hoa_moves_map : forall h q l, hoa_moves h q l = map (hoa_step h q) l.
 Proof. intros h [[q |] |] l; reflexivity. Qed.
-
-Lemma all_among_incl : forall ps qs, all_among ps qs = true -> incl ps qs.
-Proof. unfold all_among; intros ps qs H p I. rewrite forallb_forall in H. now apply member_iff, H. Qed.
 
 Lemma reads_agree : forall l v w, (forall p, In p (label_atoms l) -> v p = w p) -> reads (Some v) l = reads (Some w) l.
 Proof.

@@ -129,11 +129,10 @@ End Exploration.
 
 (** ** A text beside the automaton *)
 
-Definition factor : nat := 31.
-Definition modulus : nat := 997 * 1009.
-Definition mix (h n : nat) : nat := (h * factor + n) mod modulus.
+(** Hashing is left to the caller: [mix] may be any function, and only the speed depends on it. *)
+Definition mixing := nat -> nat -> nat.
 
-Definition hash_state (q : state) : nat :=
+Definition hash_state (mix : mixing) (q : state) : nat :=
   match q with
   | Accepting => 1
   | Watching sets =>
@@ -172,6 +171,7 @@ Section Text.
 (** A deterministic text: its states, their moves for some letters, and what they accept; [None] is
     "unclear". *)
 Context {T : Type}.
+Variable mix : mixing.
 Variable same_text : T -> T -> bool.
 Variable hash_text : T -> nat.
 Variable text_moves : T -> list letter -> list T.
@@ -187,7 +187,7 @@ Variable possible : list letter.
 Definition accepting (q : state) : bool := match q with Accepting => true | Watching _ => false end.
 
 Definition same_pair (a b : T * state) : bool := same_text (fst a) (fst b) && same_state_of_automaton (snd a) (snd b).
-Definition hash_pair (a : T * state) : nat := mix (hash_text (fst a)) (hash_state (snd a)).
+Definition hash_pair (a : T * state) : nat := mix (hash_text (fst a)) (hash_state mix (snd a)).
 Definition pair_moves (a : T * state) : list (letter * (T * state)) :=
   map2 (fun l t => (l, (t, delta s tables (snd a) l))) possible (text_moves (fst a) possible).
 Definition pair_good (a : T * state) : bool :=

@@ -250,10 +250,10 @@ Definition same_position (q r : position) : bool :=
 Definition hash_position (q : position) : nat := match q with At (Some q) => S q | _ => 0 end.
 
 (** The predicates are those of the scenarios and of the text; the possible letters are over these. *)
-Definition certify_hoa (s : semantics) (xs : list shape) (predicates : list nat) (possible : list letter)
+Definition certify_hoa (mix : mixing) (s : semantics) (xs : list shape) (predicates : list nat) (possible : list letter)
   (fuel : nat) (h : hoa) : outcome :=
   if all_among (alphabet xs) predicates && all_among (hoa_atoms h) predicates
-  then compare_with_automaton same_position hash_position (hoa_moves h) (hoa_accepts h) s (map rows xs) possible fuel
+  then compare_with_automaton mix same_position hash_position (hoa_moves h) (hoa_accepts h) s (map rows xs) possible fuel
          (At (Some (first h)))
   else Exhausted.
 
@@ -318,17 +318,17 @@ Proof.
 Qed.
 
 (** A certified text accepts exactly the traces with a detection. *)
-Theorem certify_hoa_language : forall s xs predicates possible fuel h,
-  certify_hoa s xs predicates possible fuel h = Certified ->
+Theorem certify_hoa_language : forall mix s xs predicates possible fuel h,
+  certify_hoa mix s xs predicates possible fuel h = Certified ->
   (forall e, In (letter_of satisfies predicates e) possible) ->
   forall u, HoaAccepts h (valuations u) <-> Detected Rel (Scenarios (map plain xs)) s u.
 Proof.
-  intros s xs ps possible fuel h C P u. unfold certify_hoa in C.
+  intros mix s xs ps possible fuel h C P u. unfold certify_hoa in C.
   destruct (all_among (alphabet xs) ps && all_among (hoa_atoms h) ps) eqn:A; [| discriminate].
   apply andb_true_iff in A as [A B]. apply all_among_incl in A, B.
   assert (F : Forall (fun l => In l possible) (letters satisfies ps u)).
   { apply Forall_forall. intros l I. apply in_map_iff in I as (e & <- & _). auto. }
-  pose proof (compare_sound same_position hash_position (hoa_moves h) (hoa_step h) (hoa_accepts h) same_position_iff
+  pose proof (compare_sound mix same_position hash_position (hoa_moves h) (hoa_step h) (hoa_accepts h) same_position_iff
     (hoa_moves_map h) s (map rows xs) possible fuel _ C _ F) as K.
   fold (after h (letters satisfies ps u)) in K. apply hoa_reading in K.
   rewrite <- accepts_letters with (predicates := ps), <- K by auto.
@@ -339,8 +339,8 @@ Proof.
 Qed.
 
 (** A certified text has the verdict of the definition on every trace. *)
-Theorem certify_hoa_verdict : forall s xs predicates possible fuel h,
-  certify_hoa s xs predicates possible fuel h = Certified ->
+Theorem certify_hoa_verdict : forall mix s xs predicates possible fuel h,
+  certify_hoa mix s xs predicates possible fuel h = Certified ->
   (forall e, In (letter_of satisfies predicates e) possible) -> Forall acyclic xs -> Forall (servable satisfies s) xs ->
   forall u v, TextVerdict (fun u => HoaAccepts h (valuations u)) u v <-> Verdict Rel (Scenarios (map plain xs)) s u v.
 Proof. intros. apply plain_text_verdict; auto. eapply certify_hoa_language; eauto. Qed.

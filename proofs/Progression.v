@@ -354,27 +354,27 @@ Qed.
 
 (** ** The certificate *)
 
-Fixpoint hash_formula (f : formula) : nat :=
+Fixpoint hash_formula (mix : mixing) (f : formula) : nat :=
   match f with
   | Truth => 1
   | Falsity => 2
   | Atom p => mix 3 p
-  | Neg f => mix 4 (hash_formula f)
-  | Conj f g => mix (mix 5 (hash_formula f)) (hash_formula g)
-  | Disj f g => mix (mix 6 (hash_formula f)) (hash_formula g)
-  | Next f => mix 7 (hash_formula f)
-  | Eventually f => mix 8 (hash_formula f)
-  | Until f g => mix (mix 9 (hash_formula f)) (hash_formula g)
+  | Neg f => mix 4 (hash_formula mix f)
+  | Conj f g => mix (mix 5 (hash_formula mix f)) (hash_formula mix g)
+  | Disj f g => mix (mix 6 (hash_formula mix f)) (hash_formula mix g)
+  | Next f => mix 7 (hash_formula mix f)
+  | Eventually f => mix 8 (hash_formula mix f)
+  | Until f g => mix (mix 9 (hash_formula mix f)) (hash_formula mix g)
   end.
 
 Definition formula_moves (f : formula) (possible : list letter) : list formula := map (derivative f) possible.
 Definition formula_accepts (f : formula) : option bool := Some (at_end f).
 
 (** The predicates are those of the scenarios and of the text; the possible letters are over these. *)
-Definition certify_ltlf (s : semantics) (xs : list shape) (predicates : list nat) (possible : list letter)
+Definition certify_ltlf (mix : mixing) (s : semantics) (xs : list shape) (predicates : list nat) (possible : list letter)
   (fuel : nat) (f : formula) : outcome :=
   if all_among (alphabet xs) predicates && all_among (atoms f) predicates
-  then compare_with_automaton same_formula hash_formula formula_moves formula_accepts s (map rows xs) possible fuel
+  then compare_with_automaton mix same_formula (hash_formula mix) formula_moves formula_accepts s (map rows xs) possible fuel
          (simplified f)
   else Exhausted.
 
@@ -397,17 +397,17 @@ Proof.
 Qed.
 
 (** A certified formula holds on exactly the traces with a detection. *)
-Theorem certify_ltlf_language : forall s xs predicates possible fuel f,
-  certify_ltlf s xs predicates possible fuel f = Certified ->
+Theorem certify_ltlf_language : forall mix s xs predicates possible fuel f,
+  certify_ltlf mix s xs predicates possible fuel f = Certified ->
   (forall e, In (letter_of satisfies predicates e) possible) ->
   forall u, holds f u = true <-> Detected Rel (Scenarios (map plain xs)) s u.
 Proof.
-  intros s xs ps possible fuel f C P u. unfold certify_ltlf in C.
+  intros mix s xs ps possible fuel f C P u. unfold certify_ltlf in C.
   destruct (all_among (alphabet xs) ps && all_among (atoms f) ps) eqn:A; [| discriminate].
   apply andb_true_iff in A as [A B]. apply all_among_incl in A, B.
   assert (F : Forall (fun l => In l possible) (letters satisfies ps u)).
   { apply Forall_forall. intros l I. apply in_map_iff in I as (e & <- & _). auto. }
-  pose proof (compare_sound same_formula hash_formula formula_moves derivative formula_accepts same_formula_iff
+  pose proof (compare_sound mix same_formula (hash_formula mix) formula_moves derivative formula_accepts same_formula_iff
     (fun _ _ => eq_refl) s (map rows xs) possible fuel _ C _ F) as K.
   unfold formula_accepts in K. injection K as K. rewrite progression_correct in K.
   2:{ eapply incl_tran; [apply atoms_simplified | exact B]. }
@@ -418,8 +418,8 @@ Proof.
 Qed.
 
 (** A certified formula has the verdict of the definition on every trace. *)
-Theorem certify_ltlf_verdict : forall s xs predicates possible fuel f,
-  certify_ltlf s xs predicates possible fuel f = Certified ->
+Theorem certify_ltlf_verdict : forall mix s xs predicates possible fuel f,
+  certify_ltlf mix s xs predicates possible fuel f = Certified ->
   (forall e, In (letter_of satisfies predicates e) possible) -> Forall acyclic xs -> Forall (servable satisfies s) xs ->
   forall u v, TextVerdict (fun u => holds f u = true) u v <-> Verdict Rel (Scenarios (map plain xs)) s u v.
 Proof. intros. apply plain_text_verdict; auto. eapply certify_ltlf_language; eauto. Qed.

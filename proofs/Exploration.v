@@ -168,15 +168,15 @@ Proof.
 Qed.
 
 Section Text.
-(** A deterministic text: its states, their moves for some letters, and what they accept; [None] is
-    "unclear". *)
+(** A deterministic text: its states, their moves for some letters, and whether a state fits a state of
+    the automaton. *)
 Context {T : Type}.
 Variable mix : mixing.
 Variable same_text : T -> T -> bool.
 Variable hash_text : T -> nat.
 Variable text_moves : T -> list letter -> list T.
 Variable text_step : T -> letter -> T.
-Variable text_accepts : T -> option bool.
+Variable fits : T -> state -> bool.
 Hypothesis same_text_iff : forall a b, same_text a b = true <-> a = b.
 Hypothesis text_moves_map : forall t l, text_moves t l = map (text_step t) l.
 
@@ -184,14 +184,11 @@ Variable s : semantics.
 Variable tables : list (list row).
 Variable possible : list letter.
 
-Definition accepting (q : state) : bool := match q with Accepting => true | Watching _ => false end.
-
 Definition same_pair (a b : T * state) : bool := same_text (fst a) (fst b) && same_state_of_automaton (snd a) (snd b).
 Definition hash_pair (a : T * state) : nat := mix (hash_text (fst a)) (hash_state mix (snd a)).
 Definition pair_moves (a : T * state) : list (letter * (T * state)) :=
   map2 (fun l t => (l, (t, delta s tables (snd a) l))) possible (text_moves (fst a) possible).
-Definition pair_good (a : T * state) : bool :=
-  match text_accepts (fst a) with Some b => Bool.eqb b (accepting (snd a)) | None => false end.
+Definition pair_good (a : T * state) : bool := fits (fst a) (snd a).
 
 Definition compare_with_automaton (fuel : nat) (t : T) : outcome :=
   explore same_pair hash_pair pair_moves pair_good fuel [([], (t, initial tables))] Empty.
@@ -202,9 +199,9 @@ Proof.
   split; [intros [-> ->]; auto | intros Q; injection Q; auto].
 Qed.
 
-(** A certified text accepts after each word what the automaton accepts. *)
+(** After each word, a certified text is in a state that fits the state of the automaton. *)
 Theorem compare_sound : forall fuel t, compare_with_automaton fuel t = Certified -> forall word, Forall (fun l => In l possible) word ->
-  text_accepts (fold_left text_step word t) = Some (accepting (fold_left (delta s tables) word (initial tables))).
+  fits (fold_left text_step word t) (fold_left (delta s tables) word (initial tables)) = true.
 Proof.
   intros fuel t H word F.
   assert (R : Reachable pair_moves (t, initial tables)
@@ -213,10 +210,19 @@ Proof.
     apply Forall_app in F as [F L]. inversion L; subst. eapply reachable_move; [exact (IH F) |].
     unfold pair_moves. rewrite text_moves_map. simpl. instantiate (1 := l).
     rewrite <- (map_id possible) at 1. rewrite map2_map. apply in_map_iff. exists l; auto. }
-  apply (explore_sound _ _ same_pair_iff _ _ _ _ H) in R. unfold pair_good in R. simpl in R.
-  destruct (text_accepts _) as [b |]; [| discriminate]. apply eqb_prop in R. congruence.
+  apply (explore_sound _ _ same_pair_iff _ _ _ _ H) in R. exact R.
 Qed.
 End Text.
+
+(** A text whose states accept or not fits when it accepts in the same states; [None] is "unclear". *)
+Definition accepting (q : state) : bool := match q with Accepting => true | Watching _ => false end.
+Definition accepts_alike (text_accepts : option bool) (q : state) : bool :=
+  match text_accepts with Some b => Bool.eqb b (accepting q) | None => false end.
+
+Lemma accepts_alike_iff : forall b q, accepts_alike b q = true <-> b = Some (accepting q).
+Proof.
+  intros [b |] q; simpl; [| split; discriminate]. rewrite eqb_true_iff. split; congruence.
+Qed.
 
 (** ** Letters *)
 

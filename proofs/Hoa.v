@@ -253,8 +253,8 @@ Definition hash_position (q : position) : nat := match q with At (Some q) => S q
 Definition certify_hoa (mix : mixing) (s : semantics) (xs : list shape) (predicates : list nat) (possible : list letter)
   (fuel : nat) (h : hoa) : outcome :=
   if all_among (alphabet xs) predicates && all_among (hoa_atoms h) predicates
-  then compare_with_automaton mix same_position hash_position (hoa_moves h) (hoa_accepts h) s (map rows xs) possible fuel
-         (At (Some (first h)))
+  then compare_with_automaton mix same_position hash_position (hoa_moves h) (fun q => accepts_alike (hoa_accepts h q)) s
+         (map rows xs) possible fuel (At (Some (first h)))
   else Exhausted.
 
 Lemma same_position_iff : forall q r, same_position q r = true <-> q = r.
@@ -328,9 +328,9 @@ Proof.
   apply andb_true_iff in A as [A B]. apply all_among_incl in A, B.
   assert (F : Forall (fun l => In l possible) (letters satisfies ps u)).
   { apply Forall_forall. intros l I. apply in_map_iff in I as (e & <- & _). auto. }
-  pose proof (compare_sound mix same_position hash_position (hoa_moves h) (hoa_step h) (hoa_accepts h) same_position_iff
+  pose proof (compare_sound mix same_position hash_position (hoa_moves h) (hoa_step h) _ same_position_iff
     (hoa_moves_map h) s (map rows xs) possible fuel _ C _ F) as K.
-  fold (after h (letters satisfies ps u)) in K. apply hoa_reading in K.
+  apply accepts_alike_iff in K. fold (after h (letters satisfies ps u)) in K. apply hoa_reading in K.
   rewrite <- accepts_letters with (predicates := ps), <- K by auto.
   rewrite <- automaton_accepts with (predicates := ps).
   - fold (automaton_after satisfies ps s xs u). destruct (automaton_after satisfies ps s xs u); simpl; split; congruence.

@@ -368,13 +368,13 @@ Fixpoint hash_formula (mix : mixing) (f : formula) : nat :=
   end.
 
 Definition formula_moves (f : formula) (possible : list letter) : list formula := map (derivative f) possible.
-Definition formula_accepts (f : formula) : option bool := Some (at_end f).
+Definition formula_fits (f : formula) (q : state) : bool := Bool.eqb (at_end f) (accepting q).
 
 (** The predicates are those of the scenarios and of the text; the possible letters are over these. *)
 Definition certify_ltlf (mix : mixing) (s : semantics) (xs : list shape) (predicates : list nat) (possible : list letter)
   (fuel : nat) (f : formula) : outcome :=
   if all_among (alphabet xs) predicates && all_among (atoms f) predicates
-  then compare_with_automaton mix same_formula (hash_formula mix) formula_moves formula_accepts s (map rows xs) possible fuel
+  then compare_with_automaton mix same_formula (hash_formula mix) formula_moves formula_fits s (map rows xs) possible fuel
          (simplified f)
   else Exhausted.
 
@@ -407,9 +407,9 @@ Proof.
   apply andb_true_iff in A as [A B]. apply all_among_incl in A, B.
   assert (F : Forall (fun l => In l possible) (letters satisfies ps u)).
   { apply Forall_forall. intros l I. apply in_map_iff in I as (e & <- & _). auto. }
-  pose proof (compare_sound mix same_formula (hash_formula mix) formula_moves derivative formula_accepts same_formula_iff
+  pose proof (compare_sound mix same_formula (hash_formula mix) formula_moves derivative formula_fits same_formula_iff
     (fun _ _ => eq_refl) s (map rows xs) possible fuel _ C _ F) as K.
-  unfold formula_accepts in K. injection K as K. rewrite progression_correct in K.
+  unfold formula_fits in K. apply eqb_prop in K. rewrite progression_correct in K.
   2:{ eapply incl_tran; [apply atoms_simplified | exact B]. }
   rewrite simplified_same in K. rewrite K. rewrite <- automaton_accepts with (predicates := ps).
   - fold (automaton_after satisfies ps s xs u). destruct (automaton_after satisfies ps s xs u); simpl; split; congruence.

@@ -244,3 +244,9 @@ Proof.
   intros E satisfies ps e; induction ps as [| p ps IH]; simpl; auto. apply in_app_iff.
   destruct (satisfies p e); [right; now apply in_map | auto].
 Qed.
+
+(** Texts read valuations of predicates: those of letters, or those of events. *)
+Definition predicates_of (a : letter) : nat -> bool := fun p => member p a.
+Definition word_of (word : list letter) : list (nat -> bool) := map predicates_of word.
+Definition valuations {E} (satisfies : nat -> E -> bool) (u : list E) : list (nat -> bool) :=
+  map (fun e p => satisfies p e) u.

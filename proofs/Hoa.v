@@ -59,8 +59,6 @@ Definition target (row : list (label * nat)) (at_position : option (nat -> bool)
   | (_, r) :: others => (Some r, forallb (fun edge => Nat.eqb (snd edge) r) others)
   end.
 
-Definition predicates_of (a : letter) : nat -> bool := fun p => member p a.
-
 (** A state of the text as the certifier has it: after a word that stays unambiguous, the state, or
     [None] when the run is stuck. *)
 Inductive position := At (q : option nat) | Ambiguous.
@@ -124,7 +122,6 @@ Proof.
   intros Q; injection Q as ->. now apply target_edge.
 Qed.
 
-Definition word_of (word : list letter) : list (nat -> bool) := map predicates_of word.
 Definition after (h : hoa) (word : list letter) : position := fold_left (hoa_step h) word (At (Some (first h))).
 
 Lemma ambiguous_stays : forall h word, fold_left (hoa_step h) word Ambiguous = Ambiguous.
@@ -300,8 +297,7 @@ Notation relevant := (relevant satisfies).
 Notation Rel := (fun e => relevant e = true).
 Notation plain := (plain satisfies).
 
-(** The predicates that hold at each event of a trace. *)
-Definition valuations (u : list E) : list (nat -> bool) := map (fun e p => satisfies p e) u.
+Notation valuations := (valuations satisfies).
 
 Lemma accepts_letters : forall h predicates u, incl (hoa_atoms h) predicates ->
   (HoaAccepts h (word_of (letters satisfies predicates u)) <-> HoaAccepts h (valuations u)).

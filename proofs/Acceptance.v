@@ -61,6 +61,19 @@ Proof.
     + right. apply left_states; auto. exists c; split; auto. exists m; rewrite S; simpl; auto.
 Qed.
 
+(** False stays false. *)
+Lemma bottom_stays : forall s plans u v, Forall lawful plans ->
+  Verdict s plans u Bottom -> Verdict s plans (u ++ v) Bottom.
+Proof.
+  intros s plans u v L [N N']. split.
+  - intros D. apply detected_later in D as [D | D]; auto.
+  - intros D. apply left_states in D as (c & I & m & J & F); auto. apply N'. apply left_states; auto.
+    assert (NN : states relevant s c u <> []) by (apply states_not_nil with v; intros Z; rewrite Z in J; destruct J).
+    destruct (states relevant s c u) as [| m' l] eqn:S; [congruence |]. exists c; split; auto. exists m'.
+    rewrite S; split; [simpl; auto |]. apply not_true_is_false. intros F'. apply N, detected_states; auto.
+    exists u, [], c. rewrite app_nil_r, S; simpl. now rewrite F'.
+Qed.
+
 Definition undone (c : plan E) (m : assigned E) : nat :=
   length (filter (fun o => negb (among o (domain m))) (plan_occurrences c)).
 

@@ -410,19 +410,3 @@ Proof.
       eapply halts_second; [reflexivity | now apply spent_halts | constructor].
   - apply verdict_stops; eauto.
 Qed.
-
-(** *** The choice of the automaton *)
-
-(** Each state of the text means a state of the automaton, and the first alternative that fits leads
-    where the automaton goes. *)
-Definition chooses_right (s : semantics) (tables : list (list row)) (possible : list letter)
-  (states : list (list alternative)) (means : nat -> state) : Prop :=
-  means 0 = initial tables /\
-  forall n a, In a possible -> verdict_at (means n) = Unknown ->
-    match first_fit (nth n states []) (predicates_of a) with
-    | None => verdict_at (delta s tables (means n) a) = Bottom
-    | Some x => match leads_to x with
-                | None => delta s tables (means n) a = Accepting
-                | Some m => delta s tables (means n) a = means m /\ verdict_at (means m) = Unknown
-                end
-    end.

@@ -21,11 +21,11 @@ Variable same_state : S -> S -> bool.
 Variable hash : S -> nat.
 Hypothesis same_state_iff : forall a b, same_state a b = true <-> a = b.
 
-Inductive store := Empty | Stored (smaller : store) (key : nat) (kept : S) (others : store).
+Inductive store := Vacant | Stored (smaller : store) (key : nat) (kept : S) (others : store).
 
 Fixpoint stored (key : nat) (a : S) (t : store) : bool :=
   match t with
-  | Empty => false
+  | Vacant => false
   | Stored l k b r =>
     match Nat.compare key k with
     | Lt => stored key a l
@@ -36,7 +36,7 @@ Fixpoint stored (key : nat) (a : S) (t : store) : bool :=
 
 Fixpoint put_in (key : nat) (a : S) (t : store) : store :=
   match t with
-  | Empty => Stored Empty key a Empty
+  | Vacant => Stored Vacant key a Vacant
   | Stored l k b r =>
     match Nat.compare key k with
     | Lt => Stored (put_in key a l) k b r
@@ -115,7 +115,7 @@ Proof.
 Qed.
 
 (** When the exploration is certified, every reachable state is good. *)
-Theorem explore_sound : forall fuel a, explore fuel [([], a)] Empty = Certified ->
+Theorem explore_sound : forall fuel a, explore fuel [([], a)] Vacant = Certified ->
   forall b, Reachable a b -> good b = true.
 Proof.
   intros fuel a H b R. destruct (explore_certified _ _ _ H) as (t & X & K).
@@ -191,7 +191,7 @@ Definition pair_moves (a : T * state) : list (letter * (T * state)) :=
 Definition pair_good (a : T * state) : bool := fits (fst a) (snd a).
 
 Definition compare_with_automaton (fuel : nat) (t : T) : outcome :=
-  explore same_pair hash_pair pair_moves pair_good fuel [([], (t, initial tables))] Empty.
+  explore same_pair hash_pair pair_moves pair_good fuel [([], (t, initial tables))] Vacant.
 
 Lemma same_pair_iff : forall a b, same_pair a b = true <-> a = b.
 Proof.

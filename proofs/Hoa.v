@@ -61,22 +61,22 @@ Definition target (row : list (label * nat)) (at_position : option (nat -> bool)
 
 (** A state of the text as the certifier has it: after a word that stays unambiguous, the state, or
     [None] when the run is stuck. *)
-Inductive position := At (q : option nat) | Ambiguous.
+Inductive position := Standing (q : option nat) | Ambiguous.
 
 Definition hoa_next (row : list (label * nat)) (a : letter) : position :=
-  match target row (Some (predicates_of a)) with (r, true) => At r | (_, false) => Ambiguous end.
+  match target row (Some (predicates_of a)) with (r, true) => Standing r | (_, false) => Ambiguous end.
 
 Definition hoa_step (h : hoa) (q : position) (a : letter) : position :=
   match q with
-  | At (Some q) => hoa_next (edges_of h q) a
-  | At None => At None
+  | Standing (Some q) => hoa_next (edges_of h q) a
+  | Standing None => Standing None
   | Ambiguous => Ambiguous
   end.
 
 Definition hoa_moves (h : hoa) (q : position) (possible : list letter) : list position :=
   match q with
-  | At (Some q) => let row := edges_of h q in map (hoa_next row) possible
-  | At None => map (fun _ => At None) possible
+  | Standing (Some q) => let row := edges_of h q in map (hoa_next row) possible
+  | Standing None => map (fun _ => Standing None) possible
   | Ambiguous => map (fun _ => Ambiguous) possible
   end.
 
@@ -95,8 +95,8 @@ Fixpoint hoa_ending (h : hoa) (fuel : nat) (q : nat) : option bool :=
 
 Definition hoa_accepts (h : hoa) (q : position) : option bool :=
   match q with
-  | At (Some q) => hoa_ending h (S (length (edges h))) q
-  | At None => Some false
+  | Standing (Some q) => hoa_ending h (S (length (edges h))) q
+  | Standing None => Some false
   | Ambiguous => None
   end.
 
@@ -115,41 +115,41 @@ Proof.
     + intros Q; injection Q as ->. exists l0; simpl; auto.
 Qed.
 
-Lemma hoa_step_edge : forall h q a r, hoa_step h (At (Some q)) a = At r ->
+Lemma hoa_step_edge : forall h q a r, hoa_step h (Standing (Some q)) a = Standing r ->
   forall r', Edge h (Some (predicates_of a)) q r' <-> r = Some r'.
 Proof.
   intros h q a r. simpl. unfold hoa_next. destruct (target _ _) as [r0 []] eqn:T; [| discriminate].
   intros Q; injection Q as ->. now apply target_edge.
 Qed.
 
-Definition after (h : hoa) (word : list letter) : position := fold_left (hoa_step h) word (At (Some (first h))).
+Definition after (h : hoa) (word : list letter) : position := fold_left (hoa_step h) word (Standing (Some (first h))).
 
 Lemma ambiguous_stays : forall h word, fold_left (hoa_step h) word Ambiguous = Ambiguous.
 Proof. induction word; simpl; auto. Qed.
 
-Lemma stuck_stays : forall h word, fold_left (hoa_step h) word (At None) = At None.
+Lemma stuck_stays : forall h word, fold_left (hoa_step h) word (Standing None) = Standing None.
 Proof. induction word; simpl; auto. Qed.
 
 (** A run has no choice during the word. *)
-Lemma run_during : forall h word q run, fold_left (hoa_step h) word (At (Some q)) <> Ambiguous -> run 0 = q ->
+Lemma run_during : forall h word q run, fold_left (hoa_step h) word (Standing (Some q)) <> Ambiguous -> run 0 = q ->
   (forall i, i < length word -> Edge h (nth_error (word_of word) i) (run i) (run (S i))) ->
-  fold_left (hoa_step h) word (At (Some q)) = At (Some (run (length word))).
+  fold_left (hoa_step h) word (Standing (Some q)) = Standing (Some (run (length word))).
 Proof.
   intros h; induction word as [| a word IH]; intros q run N Z R; [simpl; congruence |].
-  cbn [fold_left] in *. destruct (hoa_step h (At (Some q)) a) as [r |] eqn:S; [| now rewrite ambiguous_stays in N].
+  cbn [fold_left] in *. destruct (hoa_step h (Standing (Some q)) a) as [r |] eqn:S; [| now rewrite ambiguous_stays in N].
   assert (E : Edge h (Some (predicates_of a)) (run 0) (run 1)) by (apply (R 0); simpl; lia).
   rewrite Z in E. rewrite (hoa_step_edge _ _ _ _ S) in E. subst r.
   rewrite (IH (run 1) (fun i => run (Datatypes.S i))); auto. intros i L. apply (R (Datatypes.S i)). simpl; lia.
 Qed.
 
 (** The run during the word, from a state that it reaches. *)
-Lemma run_exists : forall h word q r, fold_left (hoa_step h) word (At (Some q)) = At (Some r) ->
+Lemma run_exists : forall h word q r, fold_left (hoa_step h) word (Standing (Some q)) = Standing (Some r) ->
   exists run, run 0 = q /\ run (length word) = r /\
     forall i, i < length word -> Edge h (nth_error (word_of word) i) (run i) (run (S i)).
 Proof.
   intros h; induction word as [| a word IH]; intros q r H.
   - injection H as ->. exists (fun _ => r); repeat split; auto. simpl; lia.
-  - cbn [fold_left] in H. destruct (hoa_step h (At (Some q)) a) as [[q' |] |] eqn:S.
+  - cbn [fold_left] in H. destruct (hoa_step h (Standing (Some q)) a) as [[q' |] |] eqn:S.
     + destruct (IH q' r H) as (run & Z & L & R). exists (fun i => match i with O => q | Datatypes.S i => run i end).
       repeat split; auto. intros [| i] I; simpl in *.
       * rewrite Z. apply (hoa_step_edge _ _ _ _ S); auto.
@@ -196,7 +196,7 @@ Theorem hoa_reading : forall h word b, hoa_accepts h (after h word) = Some b ->
   (b = true <-> HoaAccepts h (word_of word)).
 Proof.
   intros h word b H. unfold after in H.
-  assert (NA : fold_left (hoa_step h) word (At (Some (first h))) <> Ambiguous) by (intros Q; rewrite Q in H; discriminate).
+  assert (NA : fold_left (hoa_step h) word (Standing (Some (first h))) <> Ambiguous) by (intros Q; rewrite Q in H; discriminate).
   assert (LW : length (word_of word) = length word) by apply map_length.
   assert (END : forall run q, Run h (word_of word) run -> run (length word) = q ->
     (forall i, exists j, i <= j /\ marked h (run j) = true) -> EndAccepts h q).
@@ -205,9 +205,9 @@ Proof.
     - intros i. destruct (M (i + length word)) as (j & L & J). exists (j - length word). split; [lia |].
       replace (j - length word + length word) with j by lia; auto. }
   assert (DURING : forall run, Run h (word_of word) run ->
-    fold_left (hoa_step h) word (At (Some (first h))) = At (Some (run (length word)))).
+    fold_left (hoa_step h) word (Standing (Some (first h))) = Standing (Some (run (length word)))).
   { intros run [Z R]. apply run_during; auto. }
-  destruct (fold_left (hoa_step h) word (At (Some (first h)))) as [[q |] |] eqn:F; [| |congruence].
+  destruct (fold_left (hoa_step h) word (Standing (Some (first h)))) as [[q |] |] eqn:F; [| |congruence].
   - simpl in H. change (hoa_ending h (S (length (edges h))) q = Some b) in H. apply hoa_ending_correct in H. rewrite H. split.
     + intros (tail & Z & R & M). destruct (run_exists _ _ _ _ F) as (run & Z' & L & R').
       exists (fun i => if i <? length word then run i else tail (i - length word)). split; [split |].
@@ -238,20 +238,20 @@ Definition hoa_atoms (h : hoa) : list nat := flat_map (flat_map (fun edge => lab
 
 Definition same_position (q r : position) : bool :=
   match q, r with
-  | At (Some q), At (Some r) => Nat.eqb q r
-  | At None, At None => true
+  | Standing (Some q), Standing (Some r) => Nat.eqb q r
+  | Standing None, Standing None => true
   | Ambiguous, Ambiguous => true
   | _, _ => false
   end.
 
-Definition hash_position (q : position) : nat := match q with At (Some q) => S q | _ => 0 end.
+Definition hash_position (q : position) : nat := match q with Standing (Some q) => S q | _ => 0 end.
 
 (** The predicates are those of the scenarios and of the text; the possible letters are over these. *)
 Definition certify_hoa (mix : mixing) (s : semantics) (xs : list shape) (predicates : list nat) (possible : list letter)
   (fuel : nat) (h : hoa) : outcome :=
   if all_among (alphabet xs) predicates && all_among (hoa_atoms h) predicates
   then compare_with_automaton mix same_position hash_position (hoa_moves h) (fun q => accepts_alike (hoa_accepts h q)) s
-         (map rows xs) possible fuel (At (Some (first h)))
+         (map rows xs) possible fuel (Standing (Some (first h)))
   else Exhausted.
 
 Lemma same_position_iff : forall q r, same_position q r = true <-> q = r.

@@ -11,7 +11,7 @@ Import ListNotations.
 
 (** ** Texts *)
 
-(** Event types: [any], [none], a predicate on events, and types derived from others. *)
+(** OfType types: [any], [none], a predicate on events, and types derived from others. *)
 Inductive event_type :=
 | AnyEvent
 | NoEvent
@@ -24,10 +24,10 @@ Inductive term :=
 | All
 | Empty
 | Nothing
-| Event (t : event_type)
-| Cat (x y : term)
-| Choice (x y : term)                            (* \/ *)
-| Both (x y : term)                              (* /\ *)
+| OfType (t : event_type)
+| Concat (x y : term)
+| Union (x y : term)                            (* \/ *)
+| Intersection (x y : term)                              (* /\ *)
 | Shuffle (x y : term)                           (* | *)
 | Filter (t : event_type) (x y : term)           (* t >> x : y, where y is [all] unless written *)
 | Star (x : term)
@@ -51,10 +51,10 @@ Definition then_ (x y : term) : term :=
   | Nothing, _ => Nothing
   | _, Empty => x
   | Empty, _ => y
-  | _, _ => Cat x y
+  | _, _ => Concat x y
   end.
 Definition shuffled (x y : term) : term := match x, y with Empty, _ => y | _, Empty => x | _, _ => Shuffle x y end.
-Definition joined (x y : term) : term := match x, y with All, _ => y | _, All => x | _, _ => Both x y end.
+Definition joined (x y : term) : term := match x, y with All, _ => y | _, All => x | _, _ => Intersection x y end.
 Definition filtered (t : event_type) (x y : term) : term := match x, y with All, All => All | _, _ => Filter t x y end.
 
 (** ** The rules *)
@@ -65,7 +65,7 @@ Definition body (n : nat) : term := nth n equations Nothing.
 
 (** The operands of the terms that halt when both do. *)
 Definition operands (t : term) : option (term * term) :=
-  match t with Cat x y | Both x y | Shuffle x y | Filter _ x y => Some (x, y) | _ => None end.
+  match t with Concat x y | Intersection x y | Shuffle x y | Filter _ x y => Some (x, y) | _ => None end.
 
 (** Whether a trace may end at a term; the second operand counts when the first does not decide. *)
 Inductive Halts : term -> bool -> Prop :=
@@ -74,11 +74,11 @@ Inductive Halts : term -> bool -> Prop :=
 | halts_star : forall x, Halts (Star x) true
 | halts_optional : forall x, Halts (Optional x) true
 | halts_nothing : Halts Nothing false
-| halts_event : forall t, Halts (Event t) false
+| halts_event : forall t, Halts (OfType t) false
 | halts_first : forall t x y, operands t = Some (x, y) -> Halts x false -> Halts t false
 | halts_second : forall t x y b, operands t = Some (x, y) -> Halts x true -> Halts y b -> Halts t b
-| halts_left : forall x y, Halts x true -> Halts (Choice x y) true
-| halts_right : forall x y b, Halts x false -> Halts y b -> Halts (Choice x y) b
+| halts_left : forall x y, Halts x true -> Halts (Union x y) true
+| halts_right : forall x y b, Halts x false -> Halts y b -> Halts (Union x y) b
 | halts_call : forall n b, Halts (body n) b -> Halts (Call n) b.
 
 (** The term after an event, or [None] where no rule applies. *)
@@ -86,16 +86,16 @@ Inductive Step (a : nat -> bool) : term -> option term -> Prop :=
 | step_all : Step a All (Some All)
 | step_empty : Step a Empty None
 | step_nothing : Step a Nothing None
-| step_event : forall t, Step a (Event t) (if fits t a then Some Empty else None)
-| step_left : forall x y x', Step a x (Some x') -> Step a (Choice x y) (Some x')
-| step_right : forall x y r, Step a x None -> Step a y r -> Step a (Choice x y) r
+| step_event : forall t, Step a (OfType t) (if fits t a then Some Empty else None)
+| step_left : forall x y x', Step a x (Some x') -> Step a (Union x y) (Some x')
+| step_right : forall x y r, Step a x None -> Step a y r -> Step a (Union x y) r
 | step_both : forall x y r q, Step a x r -> Step a y q ->
-    Step a (Both x y) (match r, q with Some x', Some y' => Some (joined x' y') | _, _ => None end)
+    Step a (Intersection x y) (match r, q with Some x', Some y' => Some (joined x' y') | _, _ => None end)
 | step_shuffle_left : forall x y x', Step a x (Some x') -> Step a (Shuffle x y) (Some (shuffled x' y))
 | step_shuffle_right : forall x y r, Step a x None -> Step a y r -> Step a (Shuffle x y) (option_map (shuffled x) r)
-| step_first : forall x y x', Step a x (Some x') -> Step a (Cat x y) (Some (then_ x' y))
-| step_second : forall x y r, Step a x None -> Halts x true -> Step a y r -> Step a (Cat x y) r
-| step_neither : forall x y, Step a x None -> Halts x false -> Step a (Cat x y) None
+| step_first : forall x y x', Step a x (Some x') -> Step a (Concat x y) (Some (then_ x' y))
+| step_second : forall x y r, Step a x None -> Halts x true -> Step a y r -> Step a (Concat x y) r
+| step_neither : forall x y, Step a x None -> Halts x false -> Step a (Concat x y) None
 | step_inside : forall t x y r, fits t a = true -> Step a x r ->
     Step a (Filter t x y) (option_map (fun x' => filtered t x' y) r)
 | step_outside : forall t x y r, fits t a = false -> Step a y r -> Step a (Filter t x y) (option_map (filtered t x) r)
@@ -180,12 +180,12 @@ End Rules.
 Fixpoint events (ps : list nat) : term :=
   match ps with
   | [] => Empty
-  | [p] => Event (Predicate p)
-  | p :: ps => Cat (Event (Predicate p)) (events ps)
+  | [p] => OfType (Predicate p)
+  | p :: ps => Concat (OfType (Predicate p)) (events ps)
   end.
 
 (** Two branches that have the beginning [ps] in common: [((ps q) \/ (ps r)) all]. *)
-Definition branches (ps : list nat) (q r : nat) : term := Cat (Choice (events (ps ++ [q])) (events (ps ++ [r]))) All.
+Definition branches (ps : list nat) (q r : nat) : term := Concat (Union (events (ps ++ [q])) (events (ps ++ [r]))) All.
 
 Definition in_order (ps : list nat) : shape :=
   Shape (map (fun i => (i, 0)) (seq 0 (length ps))) (fun o p => Nat.ltb (fst o) (fst p)) (fun o => nth (fst o) ps 0).
@@ -195,7 +195,7 @@ Context {E : Type}.
 Variable satisfies : nat -> E -> bool.
 Notation relevant := (relevant satisfies).
 
-Lemma events_cons : forall p ps q, events (p :: ps ++ [q]) = Cat (Event (Predicate p)) (events (ps ++ [q])).
+Lemma events_cons : forall p ps q, events (p :: ps ++ [q]) = Concat (OfType (Predicate p)) (events (ps ++ [q])).
 Proof. intros p [| p' ps] q; reflexivity. Qed.
 
 Lemma halts_events : forall eqs ps q, Halts eqs (events (ps ++ [q])) false.
@@ -204,7 +204,7 @@ Proof.
   eapply halts_first; [reflexivity | constructor].
 Qed.
 
-Lemma events_not_simple : forall ps q y, y <> Empty -> then_ (events (ps ++ [q])) y = Cat (events (ps ++ [q])) y.
+Lemma events_not_simple : forall ps q y, y <> Empty -> then_ (events (ps ++ [q])) y = Concat (events (ps ++ [q])) y.
 Proof. intros [| p ps] q y N; [| cbn [app]; rewrite events_cons]; destruct y; simpl; congruence. Qed.
 
 Lemma step_events : forall eqs a p ps q, a p = true ->
@@ -218,7 +218,7 @@ Qed.
 
 (** Once committed to the left branch, the text stops at an event that only the right one takes. *)
 Lemma committed_stops : forall eqs ps q u e', Forall2 (fun p e => satisfies p e = true) ps u -> satisfies q e' = false ->
-  RmlVerdict eqs (Cat (events (ps ++ [q])) All) (valuations satisfies (u ++ [e'])) Bottom.
+  RmlVerdict eqs (Concat (events (ps ++ [q])) All) (valuations satisfies (u ++ [e'])) Bottom.
 Proof.
   intros eqs ps q u e' F N. induction F as [| p e ps u P F IH].
   - apply verdict_stops.
@@ -281,15 +281,15 @@ Record alternative := Alternative { joint : list nat; leads_to : option nat }.
 
 Fixpoint joint_events (ps : list nat) : term :=
   match ps with
-  | [] => Event AnyEvent
-  | [p] => Event (Predicate p)
-  | p :: ps => Both (Event (Predicate p)) (joint_events ps)
+  | [] => OfType AnyEvent
+  | [p] => OfType (Predicate p)
+  | p :: ps => Intersection (OfType (Predicate p)) (joint_events ps)
   end.
 
 Definition written (x : alternative) : term :=
-  Cat (joint_events (joint x)) (match leads_to x with Some n => Call n | None => All end).
+  Concat (joint_events (joint x)) (match leads_to x with Some n => Call n | None => All end).
 
-Fixpoint choices (l : list term) : term := match l with [] => Nothing | [x] => x | x :: l => Choice x (choices l) end.
+Fixpoint choices (l : list term) : term := match l with [] => Nothing | [x] => x | x :: l => Union x (choices l) end.
 
 (** A state is an equation: the choice of its alternatives, in their order. *)
 Definition determinised (states : list (list alternative)) : list term := map (fun l => choices (map written l)) states.
@@ -309,7 +309,7 @@ Fixpoint run_states (states : list (list alternative)) (n : nat) (w : list (nat 
   end.
 
 (** What is left of joint events that have come. *)
-Inductive Spent : term -> Prop := spent_one : Spent Empty | spent_more : forall x, Spent x -> Spent (Both Empty x).
+Inductive Spent : term -> Prop := spent_one : Spent Empty | spent_more : forall x, Spent x -> Spent (Intersection Empty x).
 
 Lemma spent_halts : forall eqs x, Spent x -> Halts eqs x true.
 Proof.
@@ -325,15 +325,15 @@ Lemma joint_step : forall eqs a ps, if forallb a ps then exists x, Spent x /\ St
                                     else Step eqs a (joint_events ps) None.
 Proof.
   intros eqs a ps.
-  assert (ONE : forall p, Step eqs a (Event (Predicate p)) (if a p then Some Empty else None))
+  assert (ONE : forall p, Step eqs a (OfType (Predicate p)) (if a p then Some Empty else None))
     by (intros p; apply (step_event eqs a (Predicate p))).
   destruct ps as [| p ps]; [exists Empty; split; [constructor | apply (step_event eqs a AnyEvent)] |].
   revert p; induction ps as [| p' ps IH]; intros p; simpl forallb.
   - rewrite andb_true_r. specialize (ONE p). destruct (a p); [exists Empty; split; [constructor |] |]; exact ONE.
   - specialize (IH p'). specialize (ONE p). simpl forallb in IH.
-    change (joint_events (p :: p' :: ps)) with (Both (Event (Predicate p)) (joint_events (p' :: ps))).
+    change (joint_events (p :: p' :: ps)) with (Intersection (OfType (Predicate p)) (joint_events (p' :: ps))).
     destruct (a p), (a p' && forallb a ps); simpl andb; cbv iota in *.
-    + destruct IH as (x & S & K). exists (Both Empty x); split; [now constructor |].
+    + destruct IH as (x & S & K). exists (Intersection Empty x); split; [now constructor |].
       pose proof (step_both eqs a _ _ _ _ ONE K) as B. simpl in B. destruct S; exact B.
     + exact (step_both eqs a _ _ _ _ ONE IH).
     + destruct IH as (x & S & K). exact (step_both eqs a _ _ _ _ ONE K).
@@ -343,7 +343,7 @@ Qed.
 Lemma joint_open : forall eqs ps, Halts eqs (joint_events ps) false.
 Proof.
   intros eqs [| p [| p' ps]]; try constructor.
-  change (joint_events (p :: p' :: ps)) with (Both (Event (Predicate p)) (joint_events (p' :: ps))).
+  change (joint_events (p :: p' :: ps)) with (Intersection (OfType (Predicate p)) (joint_events (p' :: ps))).
   eapply halts_first; [reflexivity | constructor].
 Qed.
 
@@ -364,7 +364,7 @@ Proof.
   intros eqs a; induction l as [| x l IH]; [simpl; constructor |].
   unfold first_fit in *. simpl find. pose proof (written_step eqs a x) as W.
   destruct l as [| y l]; [simpl; destruct (forallb a (joint x)); exact W |].
-  change (choices (map written (x :: y :: l))) with (Choice (written x) (choices (map written (y :: l)))).
+  change (choices (map written (x :: y :: l))) with (Union (written x) (choices (map written (y :: l)))).
   destruct (forallb a (joint x)).
   - destruct W as (d & S & W). exists d; split; auto. now apply step_left.
   - destruct (find _ (y :: l)) as [z |].
@@ -380,9 +380,9 @@ Proof.
 Qed.
 
 (** A term that stands for a state: the call of its equation, perhaps behind spent events. *)
-Definition Stands (n : nat) (t : term) : Prop := t = Call n \/ exists d, Spent d /\ t = Cat d (Call n).
+Definition Stands (n : nat) (t : term) : Prop := t = Call n \/ exists d, Spent d /\ t = Concat d (Call n).
 
-Lemma spent_then : forall d y, Spent d -> y <> Empty -> then_ d y = y \/ then_ d y = Cat d y.
+Lemma spent_then : forall d y, Spent d -> y <> Empty -> then_ d y = y \/ then_ d y = Concat d y.
 Proof. intros d y S N; destruct S; destruct y; simpl; auto; congruence. Qed.
 
 (** The determinised text follows its states: in each, the first alternative that fits is taken. *)

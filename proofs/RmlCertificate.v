@@ -21,10 +21,10 @@ Fixpoint halts_in (depth : nat) (t : term) : option bool :=
   | S depth =>
     match t with
     | All | Empty | Star _ | Optional _ => Some true
-    | Nothing | Event _ => Some false
-    | Cat x y | Both x y | Shuffle x y | Filter _ x y =>
+    | Nothing | OfType _ => Some false
+    | Concat x y | Intersection x y | Shuffle x y | Filter _ x y =>
       match halts_in depth x with Some true => halts_in depth y | found => found end
-    | Choice x y => match halts_in depth x with Some false => halts_in depth y | found => found end
+    | Union x y => match halts_in depth x with Some false => halts_in depth y | found => found end
     | Call n => halts_in depth (body equations n)
     end
   end.
@@ -36,9 +36,9 @@ Fixpoint step_in (depth : nat) (a : nat -> bool) (t : term) : option (option ter
     match t with
     | All => Some (Some All)
     | Empty | Nothing => Some None
-    | Event t => Some (if fits t a then Some Empty else None)
-    | Choice x y => match step_in depth a x with Some None => step_in depth a y | found => found end
-    | Both x y =>
+    | OfType t => Some (if fits t a then Some Empty else None)
+    | Union x y => match step_in depth a x with Some None => step_in depth a y | found => found end
+    | Intersection x y =>
       match step_in depth a x, step_in depth a y with
       | Some (Some x'), Some (Some y') => Some (Some (joined x' y'))
       | Some _, Some _ => Some None
@@ -50,7 +50,7 @@ Fixpoint step_in (depth : nat) (a : nat -> bool) (t : term) : option (option ter
       | Some None => option_map (option_map (shuffled x)) (step_in depth a y)
       | None => None
       end
-    | Cat x y =>
+    | Concat x y =>
       match step_in depth a x with
       | Some (Some x') => Some (Some (then_ x' y))
       | Some None =>
@@ -134,8 +134,8 @@ Fixpoint type_over (ps : list nat) (t : event_type) : bool :=
 Fixpoint term_over (ps : list nat) (t : term) : bool :=
   match t with
   | All | Empty | Nothing | Call _ => true
-  | Event t => type_over ps t
-  | Cat x y | Choice x y | Both x y | Shuffle x y => term_over ps x && term_over ps y
+  | OfType t => type_over ps t
+  | Concat x y | Union x y | Intersection x y | Shuffle x y => term_over ps x && term_over ps y
   | Filter t x y => type_over ps t && term_over ps x && term_over ps y
   | Star x | Optional x => term_over ps x
   end.
@@ -243,8 +243,8 @@ Fixpoint same_type (t t' : event_type) : bool :=
 Fixpoint same_term (t t' : term) : bool :=
   match t, t' with
   | All, All | Empty, Empty | Nothing, Nothing => true
-  | Event t, Event t' => same_type t t'
-  | Cat x y, Cat x' y' | Choice x y, Choice x' y' | Both x y, Both x' y' | Shuffle x y, Shuffle x' y' =>
+  | OfType t, OfType t' => same_type t t'
+  | Concat x y, Concat x' y' | Union x y, Union x' y' | Intersection x y, Intersection x' y' | Shuffle x y, Shuffle x' y' =>
     same_term x x' && same_term y y'
   | Filter t x y, Filter t' x' y' => same_type t t' && same_term x x' && same_term y y'
   | Star x, Star x' | Optional x, Optional x' => same_term x x'
@@ -283,10 +283,10 @@ Fixpoint hash_term (mix : mixing) (t : term) : nat :=
   | All => 1
   | Empty => 2
   | Nothing => 3
-  | Event _ => 4
-  | Cat x y => mix (mix 5 (hash_term mix x)) (hash_term mix y)
-  | Choice x y => mix (mix 6 (hash_term mix x)) (hash_term mix y)
-  | Both x y => mix (mix 7 (hash_term mix x)) (hash_term mix y)
+  | OfType _ => 4
+  | Concat x y => mix (mix 5 (hash_term mix x)) (hash_term mix y)
+  | Union x y => mix (mix 6 (hash_term mix x)) (hash_term mix y)
+  | Intersection x y => mix (mix 7 (hash_term mix x)) (hash_term mix y)
   | Shuffle x y => mix (mix 8 (hash_term mix x)) (hash_term mix y)
   | Filter _ x y => mix (mix 9 (hash_term mix x)) (hash_term mix y)
   | Star x => mix 10 (hash_term mix x)

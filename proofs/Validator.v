@@ -123,7 +123,8 @@ End Representation.
 Lemma represented_acyclic : forall satisfies t w x c, IsScenario t w c -> Represents satisfies x c -> acyclic x.
 Proof.
   intros satisfies t w x c (r & last & _ & _ & _ & ([rank F] & _) & O & B & _) [SO SP _].
-  exists rank. intros p o I J K. apply SP in K; auto. apply B in K as (P & Q & K). now apply F.
+  exists rank. intros p o I J K. apply SP in K; auto. apply SO, O in I. apply SO, O in J. apply F; auto.
+  specialize (B p o). tauto.
 Qed.
 
 Section Trees.

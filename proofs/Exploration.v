@@ -12,7 +12,7 @@ Import ListNotations.
 
 Inductive outcome :=
 | Certified
-| Differs (word : list letter)
+| Refuted (word : list letter)
 | Exhausted.
 
 Section Exploration.
@@ -59,7 +59,7 @@ Fixpoint explore (fuel : nat) (todo : list (list letter * S)) (seen : store) : o
       if stored key a seen then explore fuel todo seen
       else if good a
       then explore fuel (rev_append (map (fun m => (fst m :: word, snd m)) (moves a)) todo) (put_in key a seen)
-      else Differs (rev word)
+      else Refuted (rev word)
     end
   end.
 

@@ -229,13 +229,13 @@ Fixpoint threshold (k : nat) (l : list formula) : formula :=
   match k, l with
   | O, _ => Truth
   | S _, [] => Falsity
-  | S k', f :: l => disj (conj f (threshold k' l)) (threshold k l)
+  | S k', f :: l => disjoin (conjoin f (threshold k' l)) (threshold k l)
   end.
 
 Lemma holds_threshold : forall l k u, holds (threshold k l) u = (k <=? length (filter (fun f => holds f u) l)).
 Proof.
   induction l as [| f l IH]; intros [| k] u; auto. cbn [threshold filter].
-  rewrite holds_disj, holds_conj, !IH. destruct (holds f u); cbn [length andb]; auto.
+  rewrite holds_disjoin, holds_conjoin, !IH. destruct (holds f u); cbn [length andb]; auto.
   change (S k <=? S ?n) with (k <=? n). apply eq_true_iff_eq. rewrite orb_true_iff, !Nat.leb_le. lia.
 Qed.
 
@@ -296,7 +296,7 @@ Fixpoint twice (k : nat) (p : nat) : formula :=
   end.
 
 Definition window (k : nat) (l : list occurrence) : formula :=
-  conj (each_position k (some_leaf l)) (conjunction (map (fun o => Neg (twice k (requires o))) l)).
+  conjoin (each_position k (some_leaf l)) (conjunction (map (fun o => Neg (twice k (requires o))) l)).
 
 Definition count (p : nat) (u : list E) : nat := length (filter (satisfies p) u).
 
@@ -368,7 +368,7 @@ Proof. intros. unfold some_leaf. now rewrite holds_disjunction, existsb_map. Qed
 
 Lemma window_serves : forall k l u, 0 < k -> (holds (window k l) u = true <-> k <= length u /\ serves l (firstn k u)).
 Proof.
-  intros [| k] l u L; [lia |]. unfold window. rewrite holds_conj, andb_true_iff, holds_conjunction, forallb_map.
+  intros [| k] l u L; [lia |]. unfold window. rewrite holds_conjoin, andb_true_iff, holds_conjunction, forallb_map.
   assert (Z : holds (some_leaf l) [] = false).
   { unfold some_leaf. rewrite holds_disjunction, existsb_map. clear. induction l; auto. }
   rewrite holds_each_position by exact Z. rewrite forallb_forall. unfold serves.
@@ -491,7 +491,7 @@ Proof.
     + intros o I. specialize (C o I). rewrite W in C. unfold count in *. rewrite filter_app, app_length in C. lia.
 Qed.
 
-Lemma bounded_conj : forall f g, bounded f = true -> bounded g = true -> bounded (conj f g) = true.
+Lemma bounded_conjoin : forall f g, bounded f = true -> bounded g = true -> bounded (conjoin f g) = true.
 Proof. intros f g A B; destruct f, g; simpl in *; rewrite ?A, ?B; auto. Qed.
 
 Lemma bounded_each : forall f k, bounded f = true -> bounded (each_position k f) = true.
@@ -509,9 +509,9 @@ Qed.
 
 Lemma bounded_window : forall k l, bounded (window k l) = true.
 Proof.
-  intros k l. apply bounded_conj.
+  intros k l. apply bounded_conjoin.
   - apply bounded_each, bounded_disjunction. rewrite forallb_map. now apply forallb_forall.
-  - unfold conjunction. induction l as [| o l IH]; auto. cbn [map fold_right]. apply bounded_conj; auto. apply bounded_twice.
+  - unfold conjunction. induction l as [| o l IH]; auto. cbn [map fold_right]. apply bounded_conjoin; auto. apply bounded_twice.
 Qed.
 
 (** The window text of a vote over disjoint leaves that nothing follows. *)

@@ -4,7 +4,8 @@
     that exclude each other never stand in one letter. *)
 
 Require Import List Bool Arith Lia.
-Require Import RVAFT.Values RVAFT.Language RVAFT.Definition RVAFT.Search RVAFT.Plain RVAFT.Automaton RVAFT.Exploration.
+Require Import RVAFT.Values RVAFT.Language RVAFT.Definition RVAFT.Search RVAFT.Conditions RVAFT.Plain RVAFT.Automaton.
+Require Import RVAFT.Exploration.
 Import ListNotations.
 
 (** ** Letters without conflicts *)
@@ -40,9 +41,6 @@ Proof. intros. apply filter_In. split; auto. now apply letters_over_complete. Qe
 
 (** ** Patterns that exclude each other *)
 
-Fixpoint all2 {A B} (f : A -> B -> bool) (l : list A) (m : list B) : bool :=
-  match l, m with a :: l, b :: m => f a b && all2 f l m | [], [] => true | _, _ => false end.
-
 (** Whether the pattern matches the value for some values of the variables, as far as one place of the
     pattern at a time can tell. *)
 Fixpoint may_match (p : pattern) (v : value) : bool :=
@@ -77,31 +75,6 @@ Fixpoint exclude (p q : pattern) {struct p} : bool :=
        end) items others
   | _, _ => false
   end.
-
-Section PatternInduction.
-Variable P : pattern -> Prop.
-Hypothesis on_exactly : forall v, P (Exactly v).
-Hypothesis on_named : forall x, P (Named x).
-Hypothesis on_anything : P Anything.
-Hypothesis on_object : forall f, Forall (fun g => P (snd g)) f -> P (ObjectWith f).
-Hypothesis on_list : forall l, Forall P l -> P (ListOf l).
-Hypothesis on_some : forall p, P p -> P (SomeItem p).
-Fixpoint pattern_induction (p : pattern) : P p :=
-  match p with
-  | Exactly v => on_exactly v
-  | Named x => on_named x
-  | Anything => on_anything
-  | ObjectWith f => on_object f
-      ((fix all f := match f return Forall (fun g => P (snd g)) f with
-                     | [] => Forall_nil _
-                     | g :: f => Forall_cons _ (pattern_induction (snd g)) (all f) end) f)
-  | ListOf l => on_list l
-      ((fix all l := match l return Forall P l with
-                     | [] => Forall_nil _
-                     | p :: l => Forall_cons _ (pattern_induction p) (all l) end) l)
-  | SomeItem p => on_some p (pattern_induction p)
-  end.
-End PatternInduction.
 
 Lemma matches_fields : forall b fields v, matches b (ObjectWith fields) v ->
   exists object, v = Object object /\

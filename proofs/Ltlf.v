@@ -81,40 +81,40 @@ Qed.
 
 (** ** Junctions, without neutral elements *)
 
-Definition conj (f g : formula) : formula :=
+Definition conjoin (f g : formula) : formula :=
   match f, g with
   | Truth, h | h, Truth => h
   | Falsity, _ | _, Falsity => Falsity
   | _, _ => Conj f g
   end.
 
-Definition disj (f g : formula) : formula :=
+Definition disjoin (f g : formula) : formula :=
   match f, g with
   | Falsity, h | h, Falsity => h
   | Truth, _ | _, Truth => Truth
   | _, _ => Disj f g
   end.
 
-Definition conjunction (l : list formula) : formula := fold_right conj Truth l.
-Definition disjunction (l : list formula) : formula := fold_right disj Falsity l.
+Definition conjunction (l : list formula) : formula := fold_right conjoin Truth l.
+Definition disjunction (l : list formula) : formula := fold_right disjoin Falsity l.
 
-Lemma holds_conj : forall f g u, holds (conj f g) u = holds f u && holds g u.
+Lemma holds_conjoin : forall f g u, holds (conjoin f g) u = holds f u && holds g u.
 Proof.
   intros f g u; destruct f, g; simpl; auto;
     repeat match goal with |- context [?b && true] => rewrite andb_true_r | |- context [?b && false] => rewrite andb_false_r end; auto.
 Qed.
 
-Lemma holds_disj : forall f g u, holds (disj f g) u = holds f u || holds g u.
+Lemma holds_disjoin : forall f g u, holds (disjoin f g) u = holds f u || holds g u.
 Proof.
   intros f g u; destruct f, g; simpl; auto;
     repeat match goal with |- context [?b || true] => rewrite orb_true_r | |- context [?b || false] => rewrite orb_false_r end; auto.
 Qed.
 
 Lemma holds_conjunction : forall l u, holds (conjunction l) u = forallb (fun f => holds f u) l.
-Proof. induction l; simpl; intros; auto. now rewrite holds_conj, IHl. Qed.
+Proof. induction l; simpl; intros; auto. now rewrite holds_conjoin, IHl. Qed.
 
 Lemma holds_disjunction : forall l u, holds (disjunction l) u = existsb (fun f => holds f u) l.
-Proof. induction l; simpl; intros; auto. now rewrite holds_disj, IHl. Qed.
+Proof. induction l; simpl; intros; auto. now rewrite holds_disjoin, IHl. Qed.
 
 (** ** From [strict] to [projected] and [consecutive] *)
 

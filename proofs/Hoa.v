@@ -20,7 +20,7 @@ Inductive label :=
 | EitherLabel (l m : label).
 
 (** States are numbered.  Each has edges with a label and a target, and is marked (acceptance set 0) or not. *)
-Record hoa := Hoa { first : nat; edges : list (list (label * nat)); marks : list bool }.
+Record hoa := Hoa { start_state : nat; edges : list (list (label * nat)); marks : list bool }.
 
 (** At a position of the infinite word: the predicates that hold there, or [None] after the end. *)
 Fixpoint reads (at_position : option (nat -> bool)) (l : label) : bool :=
@@ -42,7 +42,7 @@ Definition Edge (h : hoa) (at_position : option (nat -> bool)) (q r : nat) : Pro
 (** A run of the automaton on the infinite word of a finite one; it accepts when it visits marked
     states again and again. *)
 Definition Run (h : hoa) (word : list (nat -> bool)) (run : nat -> nat) : Prop :=
-  run 0 = first h /\ forall i, Edge h (nth_error word i) (run i) (run (S i)).
+  run 0 = start_state h /\ forall i, Edge h (nth_error word i) (run i) (run (S i)).
 
 Definition HoaAccepts (h : hoa) (word : list (nat -> bool)) : Prop :=
   exists run, Run h word run /\ forall i, exists j, i <= j /\ marked h (run j) = true.
@@ -122,7 +122,7 @@ Proof.
   intros Q; injection Q as ->. now apply target_edge.
 Qed.
 
-Definition after (h : hoa) (word : list letter) : position := fold_left (hoa_step h) word (Standing (Some (first h))).
+Definition after (h : hoa) (word : list letter) : position := fold_left (hoa_step h) word (Standing (Some (start_state h))).
 
 Lemma ambiguous_stays : forall h word, fold_left (hoa_step h) word Ambiguous = Ambiguous.
 Proof. induction word; simpl; auto. Qed.
@@ -196,7 +196,7 @@ Theorem hoa_reading : forall h word b, hoa_accepts h (after h word) = Some b ->
   (b = true <-> HoaAccepts h (word_of word)).
 Proof.
   intros h word b H. unfold after in H.
-  assert (NA : fold_left (hoa_step h) word (Standing (Some (first h))) <> Ambiguous) by (intros Q; rewrite Q in H; discriminate).
+  assert (NA : fold_left (hoa_step h) word (Standing (Some (start_state h))) <> Ambiguous) by (intros Q; rewrite Q in H; discriminate).
   assert (LW : length (word_of word) = length word) by apply map_length.
   assert (END : forall run q, Run h (word_of word) run -> run (length word) = q ->
     (forall i, exists j, i <= j /\ marked h (run j) = true) -> EndAccepts h q).
@@ -205,9 +205,9 @@ Proof.
     - intros i. destruct (M (i + length word)) as (j & L & J). exists (j - length word). split; [lia |].
       replace (j - length word + length word) with j by lia; auto. }
   assert (DURING : forall run, Run h (word_of word) run ->
-    fold_left (hoa_step h) word (Standing (Some (first h))) = Standing (Some (run (length word)))).
+    fold_left (hoa_step h) word (Standing (Some (start_state h))) = Standing (Some (run (length word)))).
   { intros run [Z R]. apply run_during; auto. }
-  destruct (fold_left (hoa_step h) word (Standing (Some (first h)))) as [[q |] |] eqn:F; [| |congruence].
+  destruct (fold_left (hoa_step h) word (Standing (Some (start_state h)))) as [[q |] |] eqn:F; [| |congruence].
   - simpl in H. change (hoa_ending h (S (length (edges h))) q = Some b) in H. apply hoa_ending_correct in H. rewrite H. split.
     + intros (tail & Z & R & M). destruct (run_exists _ _ _ _ F) as (run & Z' & L & R').
       exists (fun i => if i <? length word then run i else tail (i - length word)). split; [split |].
@@ -251,7 +251,7 @@ Definition certify_hoa (mix : mixing) (s : semantics) (xs : list shape) (predica
   (fuel : nat) (h : hoa) : outcome :=
   if all_among (alphabet xs) predicates && all_among (hoa_atoms h) predicates
   then compare_with_automaton mix same_position hash_position (hoa_moves h) (fun q => accepts_alike (hoa_accepts h q)) s
-         (map rows xs) possible fuel (Standing (Some (first h)))
+         (map rows xs) possible fuel (Standing (Some (start_state h)))
   else Exhausted.
 
 Lemma same_position_iff : forall q r, same_position q r = true <-> q = r.

@@ -408,12 +408,12 @@ Inductive refusal :=
 | NotListed                           (* a predicate of the tree is not in the list *)
 | NotServed.                          (* no event is known that serves some occurrence *)
 
-Definition checked (t : tree) (ps : list predicate) (served : bool) (compared : outcome) : refusal + outcome :=
+Definition checked (t : tree) (ps : list predicate) (served : bool) (compared : unit -> outcome) : refusal + outcome :=
   if negb (well_formed t) then inl NotWellFormed
   else if negb (plain_tree t) then inl NotPlain
   else if negb (covered t ps) then inl NotListed
   else if negb served then inl NotServed
-  else inr compared.
+  else inr (compared tt).
 
 (** The predicates [ps] are numbered from 1, and 0 is relevance; [given] are events beside those that are
     made from the patterns, to show that each occurrence can be served. *)
@@ -421,25 +421,25 @@ Definition certify_tree_hoa (mix : mixing) (t : tree) (w : selection) (s : seman
   (given : list value) (fuel : nat) (h : hoa) : refusal + outcome :=
   let xs := tree_shapes t w ps in
   checked t ps (forallb (served_among (satisfies t ps) (samples ps given) s) xs)
-    (certify_hoa mix s xs (seq 0 (S (length ps))) (tree_letters t ps) fuel h).
+    (fun _ => certify_hoa mix s xs (seq 0 (S (length ps))) (tree_letters t ps) fuel h).
 
 Definition certify_tree_ltlf (mix : mixing) (t : tree) (w : selection) (s : semantics) (ps : list predicate)
   (given : list value) (fuel : nat) (f : formula) : refusal + outcome :=
   let xs := tree_shapes t w ps in
   checked t ps (forallb (served_among (satisfies t ps) (samples ps given) s) xs)
-    (certify_ltlf mix s xs (seq 0 (S (length ps))) (tree_letters t ps) fuel f).
+    (fun _ => certify_ltlf mix s xs (seq 0 (S (length ps))) (tree_letters t ps) fuel f).
 
 Definition certify_tree_rml (mix : mixing) (t : tree) (w : selection) (s : semantics) (ps : list predicate)
   (fuel depth : nat) (equations : list term) (x : term) : refusal + outcome :=
   checked t ps true
-    (certify_rml mix s (tree_shapes t w ps) (seq 0 (S (length ps))) (tree_letters t ps) fuel depth equations x).
+    (fun _ => certify_rml mix s (tree_shapes t w ps) (seq 0 (S (length ps))) (tree_letters t ps) fuel depth equations x).
 
 Lemma checked_iff : forall t ps served o, checked t ps served o = inr Certified ->
-  WellFormed t /\ plain_tree t = true /\ covered t ps = true /\ served = true /\ o = Certified.
+  WellFormed t /\ plain_tree t = true /\ covered t ps = true /\ served = true /\ o tt = Certified.
 Proof.
   intros t ps served o H. unfold checked in H. destruct (well_formed t) eqn:W; [| discriminate].
   destruct (plain_tree t) eqn:P; [| discriminate]. destruct (covered t ps) eqn:C; [| discriminate].
-  destruct served; [| discriminate]. injection H as ->. apply well_formed_iff in W. auto.
+  destruct served; [| discriminate]. injection H as H. apply well_formed_iff in W. auto.
 Qed.
 
 Lemma served_tree : forall t w s ps given,

@@ -91,7 +91,8 @@ Proof.
   - simpl in M. subst. now apply value_eqb_iff.
   - apply matches_fields in M as (object & -> & M). apply forallb_forall. intros f I. rewrite Forall_forall in IH.
     destruct (M f I) as (w & -> & K). now apply IH.
-  - destruct M as (l & -> & M). revert l M. induction IH as [| p items P _ IHI]; intros [| w l] M; auto; try contradiction.
+  - destruct M as (l & -> & M). revert l M. induction IH as [| p items P _ IHI]; intros [| w l] M; auto;
+      try contradiction.
     destruct M as [M N]. rewrite P by exact M. now apply IHI.
   - destruct M as (l & -> & w & I & M). apply existsb_exists. eauto.
 Qed.
@@ -107,7 +108,8 @@ Proof.
     + simpl in X. apply existsb_exists in X as (f & I & X). apply existsb_exists in X as (g & J & X).
       apply andb_true_iff in X as [Q X]. apply text_eqb_iff in Q.
       apply matches_fields in M as (object & -> & M). apply matches_fields in N as (object' & Z & N).
-      injection Z as <-. destruct (M f I) as (w & F & K), (N g J) as (w' & F' & K'). rewrite Q, F' in F. injection F as ->.
+      injection Z as <-. destruct (M f I) as (w & F & K), (N g J) as (w' & F' & K'). rewrite Q, F' in F.
+      injection F as ->.
       rewrite Forall_forall in IH. eapply IH; eauto.
     + apply matches_fields in M as (object & -> & _). destruct N as (l & Z & _). discriminate.
     + apply matches_fields in M as (object & -> & _). destruct N as (l & Z & _). discriminate.

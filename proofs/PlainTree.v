@@ -341,6 +341,22 @@ Qed.
 (** The predicates without guards: what relevant events meet. *)
 Definition bare (ps : list predicate) (p : pattern) : nat := number_in ps (p, []).
 
+(** The patterns of a letter. *)
+Definition patterns_in (ps : list predicate) (a : letter) : list pattern :=
+  flat_map (fun k => match k with
+                     | O => []
+                     | S i => match nth_error ps i with Some q => [fst q] | None => [] end
+                     end) a.
+
+(** A letter has each predicate without guards that its patterns imply. *)
+Definition closed (ps : list predicate) (a : letter) : bool :=
+  match patterns_in ps a with
+  | [] => true
+  | s => forallb (fun x => negb (is_nil (snd (snd x))) || Automaton.member (S (fst x)) a || negb (implied s (fst (snd
+      x))))
+                 (combine (seq 0 (length ps)) ps)
+  end.
+
 (** A relevant event has one of the patterns of the tree; where nothing is ignored, an event with a
     pattern that has no guard of its own is relevant. *)
 Definition plausible (t : tree) (ps : list predicate) : letter -> bool :=
@@ -351,7 +367,40 @@ Definition plausible (t : tree) (ps : list predicate) : letter -> bool :=
   fun a =>
     implb (known && Automaton.member relevance a) (existsb (fun i => Automaton.member (fst i) a) patterns) &&
     implb (nothing_ignored && existsb (fun i => negb (snd i) && Automaton.member (fst i) a) patterns)
-      (Automaton.member relevance a).
+      (Automaton.member relevance a) &&
+    closed ps a.
+
+Lemma patterns_in_match : forall t ps e p,
+  In p (patterns_in ps (letter_of (satisfies t ps) (seq 0 (S (length ps))) e)) ->
+  late e = false /\ exists b, matches b p (content e).
+Proof.
+  intros t ps e p I. apply in_flat_map in I as (k & K & I). unfold letter_of in K. apply filter_In in K as [_ K].
+  destruct k as [| i]; [destruct I |]. simpl in K. destruct (nth_error ps i) as [q |]; [| destruct I].
+  destruct I as [<- | []]. unfold meets in K. apply andb_true_iff in K as [L K]. split; [now apply negb_true_iff |].
+  apply existsb_exists in K as (bs & J & _).
+  assert (F : fits_pattern (get Nat.eqb bs) (fst q) (content e)).
+  { apply bindings_iff. exists bs; split; auto. now apply (bindings_agree (fst q) (content e)). }
+  destruct F as (b & _ & F). eauto.
+Qed.
+
+Lemma closed_sound : forall t ps e, closed ps (letter_of (satisfies t ps) (seq 0 (S (length ps))) e) = true.
+Proof.
+  intros t ps e. set (a := letter_of _ _ e). unfold closed. destruct (patterns_in ps a) as [| p0 s] eqn:P; auto.
+  apply forallb_forall. intros [i q] I. simpl.
+  apply (combine_seq _ _ (Anything, [])) in I as [I Q]. rewrite Nat.sub_0_r in Q.
+  assert (N : nth_error ps i = Some q) by (rewrite Q; apply nth_error_nth'; lia).
+  destruct (snd q) as [| g gs] eqn:G; simpl; auto.
+  destruct (implied (p0 :: s) (fst q)) eqn:M; [| now rewrite orb_true_r].
+  assert (L : i < length ps) by exact (proj2 I).
+  assert (IN : In (S i) (seq 0 (S (length ps)))) by (apply in_seq; lia).
+  rewrite orb_false_r. unfold a. rewrite member_letter by exact IN. simpl. rewrite N.
+  assert (X : forall p, In p (p0 :: s) -> late e = false /\ exists b, matches b p (content e)).
+  { intros p J. rewrite <- P in J. now apply patterns_in_match in J. }
+  unfold meets. rewrite (proj1 (X p0 (or_introl eq_refl))), G. simpl. apply existsb_exists.
+  assert (F : fits_pattern (fun _ => Null) (fst q) (content e)).
+  { exists (fun _ => Null). split; auto. apply (implied_sound _ (p0 :: s)); auto. intros p J. now apply X. }
+  apply bindings_iff in F as (bs & J & _). exists bs; auto.
+Qed.
 
 Lemma satisfies_bare : forall t ps p e, bare ps p <= length ps ->
   satisfies t ps (bare ps p) e = negb (late e) && fits_with p None (content e).
@@ -370,7 +419,7 @@ Proof.
   assert (MN : forall p, Automaton.member (bare ps p) a = true -> bare ps p <= length ps).
   { intros p M. apply Automaton.member_iff in M. unfold a, letter_of in M. apply filter_In in M as [M _].
     apply in_seq in M. lia. }
-  apply andb_true_iff; split.
+  rewrite !andb_true_iff; split; [split | apply closed_sound].
   - rewrite MR. destruct (relevant_event t e) eqn:R; [| now rewrite andb_false_r]. rewrite andb_true_r.
     destruct (forallb _ _) eqn:K; simpl; auto. unfold relevant_event in R. rewrite !andb_true_iff in R.
     destruct R as [[L _] R]. apply existsb_exists in R as ([p g] & I & F). apply existsb_exists.

@@ -1,0 +1,169 @@
+(** * Certified texts have the verdict of the tree
+
+    The certificates of [Hoa.v], [Progression.v] and [RmlCertificate.v] compare a text with plain
+    scenarios.  Where these represent the scenarios of a tree, a certified text has the verdict that
+    the definition gives for the tree. *)
+
+Require Import List Bool Arith Lia.
+Require Import RVAFT.Language RVAFT.Definition RVAFT.Search RVAFT.Plain RVAFT.Automaton RVAFT.Acceptance.
+Require Import RVAFT.Exploration RVAFT.Hoa RVAFT.Ltlf RVAFT.Progression RVAFT.Rml RVAFT.RmlCertificate.
+Import ListNotations.
+
+(** ** Plain scenarios that represent those of the definition *)
+
+Section Representation.
+Context {E : Type}.
+Variable satisfies : nat -> E -> bool.
+Notation plain := (plain satisfies).
+
+(** The occurrences and the precedence are the same, and an assignment is consistent when each event
+    satisfies the predicate of its occurrence. *)
+Record Represents (x : shape) (c : scenario E) : Prop := {
+  same_occurrences : forall o, In o (occurrences c) <-> In o (shape_occurrences x);
+  same_precedence : forall p o, In p (shape_occurrences x) -> In o (shape_occurrences x) ->
+    (before c p o <-> shape_before x p o = true);
+  same_consistency : forall m, NoDup (domain m) -> incl (domain m) (shape_occurrences x) ->
+    (consistent c m <-> forallb (fun y => satisfies (requirement x (fst y)) (snd y)) m = true) }.
+
+Lemma represented_partial : forall x c u position m, Represents x c ->
+  (Partial c u position m <-> Partial (denoted (plain x)) u position m).
+Proof.
+  intros x c u position m [SO SP SC]. split; intros [ON OF AT NT DC PK CH].
+  - assert (I : incl (domain m) (shape_occurrences x)) by (intros o J; now apply SO, OF).
+    constructor; simpl in *; auto.
+    + intros o p J K B. apply (DC o p J); [now apply SO | apply SP; auto].
+    + intros o p J K B. apply PK; auto. apply SP; auto.
+    + apply SC; auto.
+  - assert (I : incl (domain m) (shape_occurrences x)) by exact OF. simpl in *. constructor; auto.
+    + intros o J. now apply SO, I.
+    + intros o p J K B. apply SO in K. apply (DC o p J); auto. apply SP; auto.
+    + intros o p J K B. apply PK; auto. apply SP; auto.
+    + apply SC; auto.
+Qed.
+
+Lemma represented_complete : forall x c (m : assigned E), Represents x c ->
+  (complete c m <-> complete (denoted (plain x)) m).
+Proof. intros x c m [SO _ _]. unfold complete, incl; simpl. split; intros H o I; apply H; now apply SO. Qed.
+
+(** Every scenario is represented, and every shape represents one. *)
+Definition represented (scenarios : scenario E -> Prop) (xs : list shape) : Prop :=
+  (forall c, scenarios c -> exists x, In x xs /\ Represents x c) /\
+  (forall x, In x xs -> exists c, scenarios c /\ Represents x c).
+
+Variable Rel : E -> Prop.
+Hypothesis relevance_is : forall e, Rel e <-> relevant satisfies e = true.
+
+Lemma relevant_at_same : forall u i, RelevantAt Rel u i <-> RelevantAt (fun e => relevant satisfies e = true) u i.
+Proof. intros u i. unfold RelevantAt. split; intros (e & H & R); exists e; split; auto; now apply relevance_is. Qed.
+
+Lemma match_positions_same : forall s u used, match_positions Rel s u used <->
+  match_positions (fun e => relevant satisfies e = true) s u used.
+Proof.
+  intros s u used; destruct s; simpl; try tauto.
+  - split; intros (k & H); exists k; intros i; rewrite H, relevant_at_same; tauto.
+  - split; intros (j & k & H); exists j, k; intros i; rewrite H, relevant_at_same; tauto.
+Qed.
+
+Lemma partial_positions_same : forall s u used, partial_positions Rel s u used <->
+  partial_positions (fun e => relevant satisfies e = true) s u used.
+Proof.
+  intros s u used; destruct s; simpl; try tauto.
+  - split; intros H i; rewrite H, relevant_at_same; tauto.
+  - split; intros (j & H); exists j; intros i; rewrite H, relevant_at_same; tauto.
+Qed.
+
+Lemma represented_detected : forall scenarios xs s u, represented scenarios xs ->
+  (Detected Rel scenarios s u <-> Detected (fun e => relevant satisfies e = true) (Scenarios (map plain xs)) s u).
+Proof.
+  intros scenarios xs s u [C S]. split.
+  - intros (w & v & c & -> & I & pos & m & P & K & Q). destruct (C c I) as (x & J & R).
+    exists w, v, (denoted (plain x)). repeat split; [exists (plain x); split; auto; now apply in_map |].
+    exists pos, m. rewrite <- (represented_partial x c), <- (represented_complete x c), <- match_positions_same; auto.
+  - intros (w & v & c' & -> & (p & I & ->) & pos & m & P & K & Q). apply in_map_iff in I as (x & <- & I).
+    destruct (S x I) as (c & J & R). exists w, v, c. repeat split; auto. exists pos, m.
+    rewrite (represented_partial x c), (represented_complete x c), match_positions_same; auto.
+Qed.
+
+Lemma represented_left : forall scenarios xs s u, represented scenarios xs ->
+  (Left Rel scenarios s u <-> Left (fun e => relevant satisfies e = true) (Scenarios (map plain xs)) s u).
+Proof.
+  intros scenarios xs s u [C S]. split.
+  - intros (c & I & pos & m & P & K & Q). destruct (C c I) as (x & J & R).
+    exists (denoted (plain x)). split; [exists (plain x); split; auto; now apply in_map |].
+    exists pos, m. rewrite <- (represented_partial x c), <- (represented_complete x c), <- partial_positions_same; auto.
+  - intros (c' & (p & I & ->) & pos & m & P & K & Q). apply in_map_iff in I as (x & <- & I).
+    destruct (S x I) as (c & J & R). exists c. split; auto. exists pos, m.
+    rewrite (represented_partial x c), (represented_complete x c), partial_positions_same; auto.
+Qed.
+
+(** Scenarios have the verdicts of the plain scenarios that represent them. *)
+Theorem represented_verdict : forall scenarios xs s u v, represented scenarios xs ->
+  (Verdict Rel scenarios s u v <-> Verdict (fun e => relevant satisfies e = true) (Scenarios (map plain xs)) s u v).
+Proof.
+  intros scenarios xs s u v R. pose proof (represented_detected scenarios xs s u R) as D.
+  pose proof (represented_left scenarios xs s u R) as L. destruct v; simpl; tauto.
+Qed.
+
+(** Each occurrence can be served, when some of a list of events serves it. *)
+Definition served_among (events : list E) (s : semantics) (x : shape) : bool :=
+  forallb (fun o => existsb (fun e => satisfies (requirement x o) e &&
+    match s with Projected | Consecutive => relevant satisfies e | Strict | Scattered => true end) events)
+    (shape_occurrences x).
+
+Lemma served_among_servable : forall events s x, served_among events s x = true -> servable satisfies s x.
+Proof.
+  intros events s x H o I. unfold served_among in H. rewrite forallb_forall in H. apply H in I.
+  apply existsb_exists in I as (e & _ & K). apply andb_true_iff in K as [K R]. exists e; split; auto.
+  intros [-> | ->]; exact R.
+Qed.
+End Representation.
+
+(** ** Trees *)
+
+Lemma represented_acyclic : forall satisfies t w x c, IsScenario t w c -> Represents satisfies x c -> acyclic x.
+Proof.
+  intros satisfies t w x c (r & last & _ & _ & _ & ([rank F] & _) & O & B & _) [SO SP _].
+  exists rank. intros p o I J K. apply SP in K; auto. apply SO, O in I. apply SO, O in J. apply F; auto.
+  specialize (B p o). tauto.
+Qed.
+
+Section Trees.
+Variable t : tree.
+Variable w : selection.
+Variable satisfies : nat -> event -> bool.
+Variable xs : list shape.
+Hypothesis relevance_is : forall e, RelevantEvent t e <-> relevant satisfies e = true.
+Hypothesis tree_represented : represented satisfies (IsScenario t w) xs.
+
+Lemma tree_verdict : forall s u v, VerdictOfTree t w s u v <->
+  Verdict (fun e => relevant satisfies e = true) (Scenarios (map (plain satisfies) xs)) s u v.
+Proof. intros; now apply represented_verdict. Qed.
+
+Lemma tree_acyclic : Forall acyclic xs.
+Proof.
+  apply Forall_forall. intros x I. apply tree_represented in I as (c & S & R).
+  now apply (represented_acyclic satisfies t w x c).
+Qed.
+
+Variable predicates : list nat.
+Variable possible : list letter.
+Hypothesis letters_possible : forall e, In (letter_of satisfies predicates e) possible.
+
+(** A certified text of HOA has the verdict of the tree on every trace. *)
+Theorem certified_hoa : forall mix s fuel h, certify_hoa mix s xs predicates possible fuel h = Certified ->
+  Forall (servable satisfies s) xs ->
+  forall u v, TextVerdict (fun u => HoaAccepts h (valuations satisfies u)) u v <-> VerdictOfTree t w s u v.
+Proof. intros. rewrite tree_verdict. eapply certify_hoa_verdict; eauto using tree_acyclic. Qed.
+
+(** A certified formula of LTLf has the verdict of the tree on every trace. *)
+Theorem certified_ltlf : forall mix s fuel f, certify_ltlf mix s xs predicates possible fuel f = Certified ->
+  Forall (servable satisfies s) xs ->
+  forall u v, TextVerdict (fun u => holds satisfies f u = true) u v <-> VerdictOfTree t w s u v.
+Proof. intros. rewrite tree_verdict. eapply certify_ltlf_verdict; eauto using tree_acyclic. Qed.
+
+(** A certified text of RML has the verdict of the tree on every trace. *)
+Theorem certified_rml : forall mix s fuel depth equations x,
+  certify_rml mix s xs predicates possible fuel depth equations x = Certified ->
+  forall u v, RmlVerdict equations x (valuations satisfies u) v <-> VerdictOfTree t w s u v.
+Proof. intros. rewrite tree_verdict. eapply certify_rml_verdict; eauto. Qed.
+End Trees.

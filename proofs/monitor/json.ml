@@ -40,7 +40,7 @@ let parse (s : string) : t =
   let word i w v = if i + String.length w <= n && String.sub s i (String.length w) = w then (v, i + String.length w) else bad i "not JSON" in
   let number i =
     let j = if i < n && s.[i] = '-' then i + 1 else i in
-    if not (is_digit j) then bad i "not a number";
+    if not (is_digit j) then bad i "not JSON";
     let k = if s.[j] = '0' then j + 1 else digits j in
     let k = if k < n && s.[k] = '.' then (if is_digit (k + 1) then digits (k + 1) else bad k "a digit must follow the point") else k in
     let k =

@@ -17,8 +17,10 @@ let fail format = Printf.ksprintf (fun message -> raise (Usage message)) format
 let words = [ Top, "true"; Bottom, "false"; Unknown, "unknown" ]
 let sign = function Top -> 'T' | Bottom -> 'F' | Unknown -> '?'
 
+let open_file name = if Sys.file_exists name && Sys.is_directory name then fail "%s: a folder, not a file" name else open_in_bin name
+
 let read_file name =
-  let channel = open_in_bin name in
+  let channel = open_file name in
   Fun.protect ~finally:(fun () -> close_in channel) (fun () -> really_input_string channel (in_channel_length channel))
 
 let is_blank line = String.for_all (fun c -> c = ' ' || c = '\t' || c = '\r') line
@@ -80,8 +82,10 @@ let run () =
     ((greatest seen time, state), verdict) in
   let name, channel = match !log_file with
     | None | Some "-" -> "<stdin>", stdin
-    | Some file -> file, open_in_bin file in
+    | Some file -> file, open_file file in
   let parsed number line =
+    let mark = "\xEF\xBB\xBF" in
+    let line = if number = 1 && String.starts_with ~prefix:mark line then String.sub line 3 (String.length line - 3) else line in
     try Json.parse line with Json.Bad (place, why) -> fail "%s:%d: column %d: %s" name number place why in
   let rec lines number f =
     match input_line channel with

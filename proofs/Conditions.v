@@ -262,7 +262,8 @@ Proof.
   - simpl in I. destruct I as [<- | []]. destruct y; simpl in *; [destruct J as [<- | []]; auto | tauto].
   - destruct J.
   - cbn [ways] in I. destruct v as [| | | | | object |]; try destruct I.
-    cbn [pattern_variables] in J. revert bs I J. induction IH as [| [f p] fields IHp _ IHf]; intros bs I J; [destruct J |].
+    cbn [pattern_variables] in J. revert bs I J.
+    induction IH as [| [f p] fields IHp _ IHf]; intros bs I J; [destruct J |].
     simpl in IHp. cbn [flat_map snd] in J.
     destruct (field f object) as [w |] eqn:F; [| destruct I].
     destruct (ways p w) as [| z l] eqn:W; [destruct I |]. rewrite <- W in I.
@@ -305,14 +306,16 @@ Qed.
 
 Lemma bindings_variables : forall p v bs x, In bs (bindings p v) -> In x (pattern_variables p) -> In x (map fst bs).
 Proof.
-  unfold bindings; intros p v bs x I J. apply in_distinct, in_map_iff in I as (cs & <- & I). apply filter_In in I as [I _].
+  unfold bindings; intros p v bs x I J. apply in_distinct, in_map_iff in I as (cs & <- & I).
+  apply filter_In in I as [I _].
   apply (ways_variables _ _ _ _ I) in J. apply in_map_iff in J as ([y w] & Q & J). simpl in Q; subst.
   apply in_rigid in J. apply (in_map fst) in J; auto.
 Qed.
 
 Lemma bindings_names : forall p v bs x, In bs (bindings p v) -> In x (map fst bs) -> In x (pattern_variables p).
 Proof.
-  unfold bindings; intros p v bs x I J. apply in_distinct, in_map_iff in I as (cs & <- & I). apply filter_In in I as [I _].
+  unfold bindings; intros p v bs x I J. apply in_distinct, in_map_iff in I as (cs & <- & I).
+  apply filter_In in I as [I _].
   apply in_map_iff in J as ([y w] & Q & J). simpl in Q; subst. apply in_rigid in J.
   apply (ways_names p v cs); auto. apply (in_map fst) in J; auto.
 Qed.
@@ -384,7 +387,8 @@ Lemma seen_iff : forall E (m : assigned E) o e, NoDup (domain m) -> (seen m o = 
 Proof.
   unfold seen; induction m as [| [p f] m IH]; simpl; intros o e N; [split; [discriminate | tauto] |].
   inversion N as [| ? ? NI N']; subst. destruct (same o p) eqn:Q; simpl.
-  - apply same_iff in Q; subst. split; [intros H; injection H as ->; auto | intros [H | H]; [injection H as ->; auto |]].
+  - apply same_iff in Q; subst.
+    split; [intros H; injection H as ->; auto | intros [H | H]; [injection H as ->; auto |]].
     exfalso; apply NI. apply in_domain; eauto.
   - rewrite IH by auto. split; auto. intros [H | H]; auto. injection H; intros; subst. now rewrite same_refl in Q.
 Qed.
@@ -418,7 +422,8 @@ Proof.
     + split.
       * intros H; injection H as <-. simpl. f_equal. now apply IH.
       * destruct r; simpl; [discriminate |]. intros H; injection H as -> H. apply IH in H. congruence.
-    + split; [discriminate |]. destruct r; simpl; [discriminate |]. intros H; injection H as -> H. apply IH in H. discriminate.
+    + split; [discriminate |]. destruct r; simpl; [discriminate |]. intros H; injection H as -> H. apply IH in H.
+      discriminate.
   - split; [discriminate | destruct r; discriminate].
 Qed.
 
@@ -431,7 +436,8 @@ Hypothesis le_antisym : forall x y, le x y -> le y x -> x = y.
 Hypothesis choose_one : forall x y, choose x y = x \/ choose x y = y.
 Hypothesis choose_le : forall x y, le (choose x y) x /\ le (choose x y) y.
 
-Lemma fold_choose : forall l t, In (fold_left choose l t) (t :: l) /\ forall x, In x (t :: l) -> le (fold_left choose l t) x.
+Lemma fold_choose : forall l t, In (fold_left choose l t) (t :: l) /\ forall x, In x (t :: l) ->
+  le (fold_left choose l t) x.
 Proof.
   induction l as [| y l IH]; simpl; intros t.
   - split; auto. intros x [<- | []]; auto.
@@ -552,7 +558,8 @@ Qed.
 
 Lemma observed_iff : forall a o e, Fits t a o e <-> exists bs, In bs (observed o e) /\ respects a bs.
 Proof.
-  intros a o e; unfold Fits, observed. destruct (late e); [split; [intros [? _]; discriminate | intros (bs & [] & _)] |].
+  intros a o e; unfold Fits, observed.
+  destruct (late e); [split; [intros [? _]; discriminate | intros (bs & [] & _)] |].
   destruct (on (node_at t (fst o))) as [p |].
   - rewrite <- bindings_iff. split; [intros (_ & q & Q & F); injection Q as ->; auto | intros F; split; eauto].
   - split; [intros (_ & q & Q & _); discriminate | intros (bs & [] & _)].
@@ -565,7 +572,8 @@ Proof.
   simpl. destruct (observed o e); [simpl; tauto | reflexivity].
 Qed.
 
-Lemma unions_iff : forall a m, (forall o e, In (o, e) m -> Fits t a o e) <-> exists bs, In bs (unions m) /\ respects a bs.
+Lemma unions_iff : forall a m, (forall o e, In (o, e) m ->
+  Fits t a o e) <-> exists bs, In bs (unions m) /\ respects a bs.
 Proof.
   intros a; induction m as [| [o e] m IH].
   - split; [intros _; exists []; split; simpl; auto; apply respects_nil | intros _ ? ? []].
@@ -644,7 +652,8 @@ Qed.
 Lemma known_same : forall m m' g, (forall o, In o (domain m) <-> In o (domain m')) -> known m g = known m' g.
 Proof.
   intros m m' g D. apply eq_true_iff_eq. rewrite !known_iff. unfold Known.
-  split; intros [K1 K2]; (split; [intros x X; destruct (K1 x X) as (o & p & I & J); exists o, p; rewrite ?D in *; auto; rewrite <- D; auto |]).
+  split; intros [K1 K2]; (split; [intros x X; destruct (K1 x X) as (o & p & I & J); exists o, p; rewrite ?D in *;
+    auto; rewrite <- D; auto |]).
   - intros p X. specialize (K2 p X). destruct p; [now apply D | |]; intros o I; apply D; auto.
   - intros p X. specialize (K2 p X). destruct p; [now apply D | |]; intros o I; apply D; auto.
 Qed.

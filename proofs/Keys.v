@@ -88,7 +88,8 @@ Definition plan_here : plan event := Plan os before (consistent t guards part).
 Variable r : resolution.
 Hypothesis part_iff : forall n o, In o (part n) <-> InPart t r n o.
 
-Lemma among_same : forall (m m' : assigned event) o, (forall o, In o (domain m) <-> In o (domain m')) -> among o (domain m) = among o (domain m').
+Lemma among_same : forall (m m' : assigned event) o, (forall o, In o (domain m) <-> In o (domain m')) ->
+  among o (domain m) = among o (domain m').
 Proof. intros m m' o D. apply eq_true_iff_eq. rewrite !among_iff. apply D. Qed.
 
 Lemma bound_same : forall m m' x, (forall o, In o (domain m) <-> In o (domain m')) ->
@@ -106,7 +107,8 @@ Proof.
   2:{ rewrite !flat_map_concat_map. f_equal. apply map_ext. intros o. now rewrite (among_same m m' o D). }
   replace (flat_map (fun g => if known t part m' g then [] else variables g) guards)
     with (flat_map (fun g => if known t part m g then [] else variables g) guards).
-  2:{ rewrite !flat_map_concat_map. f_equal. apply map_ext. intros g. now rewrite (known_same t part r part_iff m m' g D). }
+  2:{ rewrite !flat_map_concat_map. f_equal. apply map_ext. intros g.
+  now rewrite (known_same t part r part_iff m m' g D). }
   apply filter_ext. intros x. apply eq_true_iff_eq. rewrite !member_iff.
   split; apply bound_same; auto. intros o; symmetry; apply D.
 Qed.
@@ -139,7 +141,8 @@ Proof.
   assert (NM : NoDup (domain (x ++ m'))).
   { rewrite domain_app in *. apply NoDup_app_iff in NX as (A & B & C). apply NoDup_app_iff. repeat split; auto.
     intros o I. rewrite <- D. auto. }
-  assert (DX : forall o, In o (domain (x ++ m)) <-> In o (domain (x ++ m'))) by (intros o; rewrite !domain_app_iff, D; tauto).
+  assert (DX : forall o, In o (domain (x ++ m)) <-> In o (domain (x ++ m'))) by (intros o;
+    rewrite !domain_app_iff, D; tauto).
   (* the solution of m in x ++ m, and one of m' with the same live values *)
   assert (CM : Under t guards part a m).
   { apply (under_part t guards part r part_iff a (x ++ m)); auto. intros y I; apply in_app_iff; auto. }
@@ -147,7 +150,8 @@ Proof.
   assert (X : exists bs', In bs' (unions t m') /\ solves part (filter (known t part m') guards) m' bs' = true /\
     map (get Nat.eqb bs) (live m) = map (get Nat.eqb bs') (live m')).
   { assert (I : In (map (get Nat.eqb bs) (live m))
-        (map (fun bs => map (get Nat.eqb bs) (live m)) (filter (solves part (filter (known t part m) guards) m) (unions t m)))).
+        (map (fun bs => map (get Nat.eqb bs) (live m)) (filter (solves part (filter (known t part m) guards) m)
+          (unions t m)))).
     { apply in_map_iff. exists bs; split; auto. apply filter_In; auto. }
     apply V, existsb_exists in I as (w & J & Q). apply equal_values_iff in Q.
     apply in_map_iff in J as (bs' & <- & J). apply filter_In in J as [J S]. exists bs'; auto. }
@@ -170,7 +174,8 @@ Proof.
   apply consistent_under. exists b. split.
   - intros o e I. destruct CX as [FX _], CM' as [FM _]. apply in_app_iff in I as [I | I].
     + destruct (FX o e) as (L & p & O & F); [apply in_app_iff; auto |]. split; auto. exists p; split; auto.
-      apply (fits_pattern_same a); auto. intros y Y. symmetry. apply LIVE. unfold asked_variables. apply in_app_iff; left.
+      apply (fits_pattern_same a); auto. intros y Y. symmetry. apply LIVE. unfold asked_variables.
+      apply in_app_iff; left.
       assert (IO : In o (domain x)) by (apply in_domain; eauto).
       apply in_flat_map. exists o; split; [now apply IX |].
       replace (among o (domain m)) with false; [unfold pattern_names; now rewrite O |].
@@ -188,7 +193,8 @@ Proof.
         symmetry; apply not_true_is_false. rewrite among_iff. intros Z. rewrite domain_app in NM.
         apply NoDup_app_iff in NM as (_ & _ & NM). now apply (NM o).
     + assert (KM0 : known t part m g = false) by (rewrite (known_same t part r part_iff m m' g D); auto).
-      assert (KX : known t part (x ++ m) g = true) by (rewrite (known_same t part r part_iff (x ++ m) (x ++ m') g DX); auto).
+      assert (KX : known t part (x ++ m) g = true) by (rewrite (known_same t part r part_iff (x ++ m) (x ++ m') g
+        DX); auto).
       destruct CX as [_ GX]. rewrite <- (GX g J KX). apply holds_same.
       * intros y Y. apply LIVE. unfold asked_variables. apply in_app_iff; right. apply in_flat_map.
         exists g; split; auto. now rewrite KM0.

@@ -89,7 +89,8 @@ Proof.
         -- intros L. exists d; split; auto. destruct G1 as [G1 | (j & w & G1)]; [discriminate |].
            exists (content e), z, j, w, a. rewrite A.
            assert (J : j < i).
-           { assert (j < length (firstn i log)) by (apply nth_error_Some; congruence). rewrite firstn_length in H; lia. }
+           { assert (j < length (firstn i log)) by (apply nth_error_Some; congruence).
+             rewrite firstn_length in H; lia. }
            repeat split; auto. now rewrite nth_firstn in G1.
         -- intros (d' & Q & v & z' & j & w & y & X & J & Y & L). injection Q as <-.
            rewrite A in X. injection X as _ <-. rewrite <- (nth_firstn i) in Y by auto. apply G3 in Y. lia.
@@ -121,7 +122,8 @@ Qed.
 
 Definition own_guard (p : pattern) (g : option guard) : option guard :=
   match g with
-  | Some g => if is_nil (points g) && forallb (fun x => member x (pattern_variables p)) (variables g) then Some g else None
+  | Some g => if is_nil (points g) && forallb (fun x => member x (pattern_variables p)) (variables g) then Some g
+    else None
   | None => None
   end.
 
@@ -312,7 +314,8 @@ Lemma left_same : forall E (Rel Rel' : E -> Prop) (S S' : scenario E -> Prop), (
 Proof.
   intros E Rel Rel' S S' R F s u (c & I & pos & m & P & C & M). destruct (F c I) as (d & J & A).
   exists d; split; auto. exists pos, m. split; [eapply alike_partial; eauto |].
-  split; [intros X; apply C; eapply alike_complete; eauto using alike_sym |]. now apply (partial_positions_same Rel Rel' R).
+  split; [intros X; apply C; eapply alike_complete; eauto using alike_sym |].
+  now apply (partial_positions_same Rel Rel' R).
 Qed.
 
 Lemma verdict_same : forall E (Rel Rel' : E -> Prop) (S S' : scenario E -> Prop), (forall e, Rel e <-> Rel' e) ->
@@ -341,7 +344,8 @@ Proof.
 Qed.
 
 (** There is exactly one verdict. *)
-Theorem verdict_unique : forall E (Rel : E -> Prop) (S : scenario E -> Prop) s u v v', Verdict Rel S s u v -> Verdict Rel S s u v' -> v = v'.
+Theorem verdict_unique : forall E (Rel : E -> Prop) (S : scenario E -> Prop) s u v v', Verdict Rel S s u v ->
+  Verdict Rel S s u v' -> v = v'.
 Proof. intros E Rel S s u v v'; destruct v, v'; simpl; tauto. Qed.
 
 Lemma finished_iff : forall t w s u, well_formed t = true ->

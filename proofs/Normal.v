@@ -132,7 +132,8 @@ Proof.
     assert (E : a = b).
     { destruct (compare_text a b) eqn:C.
       - now apply compare_text_eq.
-      - assert (H := S a). rewrite (field_later a v ((b, w) :: g)) in H; [simpl in H; rewrite SELF in H; discriminate |].
+      - assert (H := S a). rewrite (field_later a v ((b, w) :: g)) in H; [simpl in H; rewrite SELF in H;
+          discriminate |].
         constructor; auto. rewrite Forall_forall in *. intros x I. specialize (Ag x I). unfold before in *; simpl in *.
         eapply compare_text_trans; eauto.
       - apply compare_text_swap in C. assert (H := S b).

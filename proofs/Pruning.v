@@ -111,7 +111,8 @@ Definition extensions (q : tracked) (e : E) (l : list (K * assigned E)) : list (
   end.
 
 (** The kept partial matches after an event, and whether one of the new ones is complete. *)
-Definition pruned_step (s : semantics) (q : tracked) (e : E) (l : list (K * assigned E)) : list (K * assigned E) * bool :=
+Definition pruned_step (s : semantics) (q : tracked) (e : E) (l : list (K * assigned E)) : list (K * assigned E) *
+  bool :=
   let after (kept : list (K * assigned E)) :=
     let new := extensions q e l in (add_new kept (map (keyed q) new), existsb (full (plan_of q)) new) in
   match s with
@@ -148,7 +149,8 @@ Definition pruned_run s qs (trace : list E) : pruned_monitor := fold_left (prune
 Definition Covers (c : plan E) (l : list (assigned E)) (kept : list (assigned E)) : Prop :=
   incl kept l /\ forall m, In m l -> exists m', In m' kept /\ Le c m m'.
 
-Lemma in_extend_by : forall q e m x, Sound q -> (In x (extend_by (plan_of q) (candidates q e) e m) <-> In x (extend (plan_of q) e m)).
+Lemma in_extend_by : forall q e m x, Sound q ->
+  (In x (extend_by (plan_of q) (candidates q e) e m) <-> In x (extend (plan_of q) e m)).
 Proof.
   intros q e m x S. unfold extend_by, extend. rewrite !in_flat_map. split; intros (o & I & H); exists o; split; auto.
   - now apply (sound_candidates q S e).
@@ -159,7 +161,8 @@ Lemma in_extensions : forall q e l x, Sound q ->
   (In x (extensions q e l) <-> exists m, In m (map snd l) /\ In x (extend (plan_of q) e m)).
 Proof.
   intros q e l x S.
-  assert (H : In x (extensions q e l) <-> In x (flat_map (fun km => extend_by (plan_of q) (candidates q e) e (snd km)) l)).
+  assert (H : In x (extensions q e l) <->
+    In x (flat_map (fun km => extend_by (plan_of q) (candidates q e) e (snd km)) l)).
   { unfold extensions. destruct (candidates q e) eqn:C; [| tauto]. simpl. split; [intros [] |].
     intros I. apply in_flat_map in I as (km & _ & I). unfold extend_by in I. destruct I. }
   rewrite H, in_flat_map. split.
@@ -172,7 +175,8 @@ Lemma add_new_spec : forall q kept new, Sound q ->
   (forall km, In km kept \/ In km new -> fst km = key_of q (snd km) /\ NoDup (domain (snd km)) /\
      incl (domain (snd km)) (plan_occurrences (plan_of q)) /\ plan_consistent (plan_of q) (snd km) = true) ->
   (forall km, In km (add_new kept new) -> In km kept \/ In km new) /\
-  (forall m, In m (map snd kept) \/ In m (map snd new) -> exists m', In m' (map snd (add_new kept new)) /\ Le (plan_of q) m m').
+  (forall m, In m (map snd kept) \/ In m (map snd new) ->
+    exists m', In m' (map snd (add_new kept new)) /\ Le (plan_of q) m m').
 Proof.
   intros q kept new S; revert kept. induction new as [| km new IH]; intros kept H.
   - simpl. split; [auto |]. intros m [I | []]. exists m; split; auto. apply le_refl.
@@ -238,10 +242,12 @@ Proof.
     states (u ++ [e]) = base ++ flat_map (extend c e) (states u) ->
     Good (u ++ [e]) (add_new kept (map (keyed q) (extensions q e l)))).
   { intros kept base KEY' [INC' COV'] ST.
-    assert (V : forall km, In km kept \/ In km (map (keyed q) (extensions q e l)) -> In (snd km) (states (u ++ [e])) /\ fst km = key_of q (snd km)).
+    assert (V : forall km, In km kept \/ In km (map (keyed q) (extensions q e l)) ->
+      In (snd km) (states (u ++ [e])) /\ fst km = key_of q (snd km)).
     { intros km [I | I].
       - split; auto. rewrite ST. apply in_app_iff; left. apply INC'. now apply in_map.
-      - apply in_map_iff in I as (x & <- & I). split; auto. simpl. rewrite ST. apply in_app_iff; right. apply IN; auto. }
+      - apply in_map_iff in I as (x & <- & I). split; auto. simpl. rewrite ST. apply in_app_iff; right.
+        apply IN; auto. }
     destruct (add_new_spec q kept (map (keyed q) (extensions q e l)) S) as [A B].
     { intros km I. apply V in I as [I Q]. apply states_valid in I. tauto. }
     split; [intros km I; apply A, V in I; tauto |]. split.
@@ -302,11 +308,13 @@ Proof.
       unfold Search.states; simpl. destruct (existsb _ qs) eqn:X; [left; auto | right].
       exists (map (fun q => map (keyed q) (start (plan_of q))) qs). split; [| split; [apply map_length | split; auto]].
       + f_equal. clear. induction qs; simpl; f_equal; auto.
-      + assert (G : forall q, In q qs -> Good s q [] (map (keyed q) (start (plan_of q)))) by (intros; apply good_start; auto).
+      + assert (G : forall q, In q qs -> Good s q [] (map (keyed q) (start (plan_of q)))) by (intros;
+          apply good_start; auto).
         clear - G. induction qs; simpl; constructor; [apply G; simpl; auto | apply IHqs; intros; apply G; simpl; auto].
     - unfold pruned_run in *. rewrite fold_left_app, run_snoc. simpl.
       destruct IH as [[-> ->] | (ls & -> & LEN & G & R)]; [left; auto |].
-      assert (NF : forall w v c, u = w ++ v -> In c (map plan_of qs) -> existsb (full c) (Search.states relevant s c w) = false).
+      assert (NF : forall w v c, u = w ++ v -> In c (map plan_of qs) ->
+        existsb (full c) (Search.states relevant s c w) = false).
       { destruct (run_spec relevant s (map plan_of qs) u) as [[D _] | [_ N]]; [congruence | auto]. }
       rewrite R. cbn [advance pruned_advance].
       replace (map (fun x => (fst x, step relevant s (fst x) e (snd x))) (snapshot relevant s (map plan_of qs) u))

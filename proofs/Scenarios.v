@@ -106,7 +106,8 @@ Lemma resolve_iff : forall ns i reached r,
 Proof.
   induction ns as [| d ns IH]; intros i reached r W.
   - unfold Local; simpl. split.
-    + intros [<- | []]; simpl. split; [auto | split; [intros ? ? [] |]]. intros n; split; [intros [] | intros [? _]; lia].
+    + intros [<- | []]; simpl. split; [auto | split; [intros ? ? [] |]].
+      intros n; split; [intros [] | intros [? _]; lia].
     + intros (_ & _ & H). destruct r as [| [m kept] r]; auto. exfalso.
       assert (i <= m < i + 0) by (apply H; simpl; auto). lia.
   - assert (W' : forall n c, n < length ns -> In c (children (nth n ns nowhere)) -> S i + n < c).
@@ -268,7 +269,8 @@ Theorem resolutions_iff : forall t r, WellFormed t -> (In r (resolutions t) <-> 
 Proof. intros. apply (resolve_complete choices Choice choices_iff choice_children); auto. Qed.
 
 Theorem branches_iff : forall t b, WellFormed t -> (In b (branches t) <-> Branch t b).
-Proof. intros. apply (resolve_complete branch_choices BranchChoice branch_choices_iff branch_choice_children); auto. Qed.
+Proof. intros. apply (resolve_complete branch_choices BranchChoice branch_choices_iff branch_choice_children); auto.
+Qed.
 
 (** ** Parts *)
 
@@ -276,7 +278,8 @@ Proof. intros. apply (resolve_complete branch_choices BranchChoice branch_choice
 Definition reach (r : resolution) (n : nat) : list nat :=
   fold_left (fun found x => if member (fst x) found then snd x ++ found else found) r [n].
 
-Lemma fold_reach : forall r i found x, Increasing i (map fst r) -> (forall n kept c, In (n, kept) r -> In c kept -> n < c) ->
+Lemma fold_reach : forall r i found x, Increasing i (map fst r) -> (forall n kept c, In (n, kept) r ->
+  In c kept -> n < c) ->
   (In x (fold_left (fun found x => if member (fst x) found then snd x ++ found else found) r found) <->
    exists a, In a found /\ Reached r a x).
 Proof.
@@ -299,11 +302,13 @@ Proof.
           now apply G.
       - destruct IR as [IR | (-> & d & D & IR)]; [left; econstructor; eauto |].
         right; split; auto; exists d; split; auto; econstructor; eauto. }
-    cbn [fold_left fst snd]. rewrite (IH (S n)) by (auto; intros; eapply U; simpl; eauto). destruct (member n found) eqn:M.
+    cbn [fold_left fst snd]. rewrite (IH (S n)) by (auto; intros; eapply U; simpl; eauto).
+    destruct (member n found) eqn:M.
     + apply member_iff in M. split.
       * intros (a & I & R). apply in_app_iff in I as [I | I]; [| eauto].
         exists n; split; auto. clear - I R MONO.
-        induction R; [econstructor; [constructor | simpl; eauto | auto] | econstructor; [exact IHR | simpl; eauto | auto]].
+        induction R; [econstructor; [constructor | simpl; eauto | auto] | econstructor; [exact IHR | simpl;
+          eauto | auto]].
       * intros (a & I & R). apply BACK in R as [R | (-> & c & C & R)].
         -- exists a; split; auto. apply in_app_iff; auto.
         -- exists c; split; auto. apply in_app_iff; auto.
@@ -446,7 +451,8 @@ Definition lasts (t : tree) (r : resolution) : list chosen_last :=
 
 Definition end_pairs (t : tree) (r : resolution) (last : nat -> nat -> occurrence) : list (occurrence * occurrence) :=
   flat_map (fun slot => let (n, kept) := (slot : nat * list nat) in
-    flat_map (fun c => let l := last n c in map (fun o => (o, l)) (filter (fun o => negb (same o l)) (parts t r c))) kept ++
+    flat_map (fun c => let l := last n c in map (fun o => (o,
+      l)) (filter (fun o => negb (same o l)) (parts t r c))) kept ++
     map (fun y => (last n (fst y), last n (snd y))) (in_turn kept)) (slots t r).
 
 Definition precedes (ordered : list (nat * nat)) (ends : list (occurrence * occurrence)) (p o : occurrence) : bool :=
@@ -488,7 +494,8 @@ Proof.
     + left. rewrite T. apply in_map_iff. exists m; split; auto. now apply B.
     + left. rewrite T. apply in_map_iff. exists n; split; auto. now apply B.
     + right. rewrite G. apply S. exists c, d; split; auto. now apply in_turn_iff.
-    + right. rewrite G. apply S. exists d, c; split; auto. apply in_map_iff. exists (c, d); split; auto. now apply in_turn_iff.
+    + right. rewrite G. apply S. exists d, c; split; auto. apply in_map_iff. exists (c, d); split; auto.
+      now apply in_turn_iff.
 Qed.
 
 Lemma slots_iff : forall n kept, In (n, kept) (slots t r) <->
@@ -528,7 +535,8 @@ Qed.
 Lemma end_pairs_iff : forall last p o, In (p, o) (end_pairs t r last) <->
   exists n kept, In (n, kept) r /\ gate_of (node_at t n) = Pand /\
    ((exists c, In c kept /\ InPart t r c p /\ p <> last n c /\ o = last n c) \/
-    (exists c d, Earlier kept c d /\ (exists x, InPart t r c x) /\ (exists x, InPart t r d x) /\ p = last n c /\ o = last n d)).
+    (exists c d, Earlier kept c d /\ (exists x, InPart t r c x) /\ (exists x, InPart t r d x) /\ p = last n c /\
+      o = last n d)).
 Proof.
   intros last p o; unfold end_pairs. rewrite in_flat_map. assert (P := parts_iff t r W R). split.
   - intros ([n kept] & I & H). apply slots_iff in I as (all & I & G & ->). exists n, all; repeat split; auto.
@@ -537,10 +545,12 @@ Proof.
       apply in_map_iff in H as (x & Q & H). injection Q; intros; subst. apply filter_In in H as [H N].
       exists c. split; [auto | split; [now apply P | split; [| auto]]].
       intros E. rewrite E, same_refl in N; discriminate.
-    + right. apply in_map_iff in H as ([c d] & Q & H). injection Q; intros; subst. apply in_turn_iff, earlier_filter in H.
+    + right. apply in_map_iff in H as ([c d] & Q & H). injection Q; intros; subst.
+      apply in_turn_iff, earlier_filter in H.
       destruct H as (H & C & D). exists c, d. rewrite <- !part_filled. auto.
   - intros (n & kept & I & G & H). exists (n, filter (fun c => negb (is_nil (parts t r c))) kept).
-    split; [apply slots_iff; eauto |]. apply in_app_iff. destruct H as [(c & J & K & N & ->) | (c & d & E & C & D & -> & ->)].
+    split; [apply slots_iff; eauto |]. apply in_app_iff.
+    destruct H as [(c & J & K & N & ->) | (c & d & E & C & D & -> & ->)].
     + left. apply in_flat_map. exists c; split; [apply filter_In; split; auto; apply part_filled; eauto |].
       apply in_map_iff. exists p; split; auto. apply filter_In; split; [now apply P |].
       apply negb_true_iff. now apply same_false.
@@ -594,7 +604,8 @@ Lemma last_in_slots : forall chosen, In chosen (lasts t r) -> Lasts t r (last_in
 Proof.
   intros chosen I n kept c o K G C P. unfold lasts in I. apply product_iff in I.
   assert (S : In (n, filter (fun c => negb (is_nil (parts t r c))) kept) (slots t r)) by (apply slots_iff; eauto).
-  assert (F : In c (filter (fun c => negb (is_nil (parts t r c))) kept)) by (apply filter_In; split; auto; apply part_filled; eauto).
+  assert (F : In c (filter (fun c => negb (is_nil (parts t r c))) kept)) by (apply filter_In; split; auto;
+    apply part_filled; eauto).
   set (options := flat_map _ (slots t r)) in I.
   assert (J : In (map (fun o => (n, c, o)) (parts t r c)) options).
   { apply in_flat_map. eexists; split; [exact S |]. apply in_map_iff. exists c; auto. }
@@ -611,7 +622,8 @@ Proof.
   unfold last_in. destruct (find _ chosen) as [x |] eqn:X.
   - apply find_some in X as [X Q]. apply andb_true_iff in Q as [Q1 Q2]. apply Nat.eqb_eq in Q2.
     apply ALL in X. rewrite Q2 in X. now apply (parts_iff t r W R).
-  - destruct SOME as (x & X' & Q1 & Q2). apply (find_none _ _ X) in X'. rewrite Q1, Q2, !Nat.eqb_refl in X'. discriminate.
+  - destruct SOME as (x & X' & Q1 & Q2). apply (find_none _ _ X) in X'. rewrite Q1, Q2, !Nat.eqb_refl in X'.
+    discriminate.
 Qed.
 
 Lemma lasts_cover : forall last, Lasts t r last -> exists chosen, In chosen (lasts t r) /\
@@ -620,12 +632,15 @@ Lemma lasts_cover : forall last, Lasts t r last -> exists chosen, In chosen (las
 Proof.
   intros last L.
   set (all := flat_map (fun slot => map (fun c => (fst slot, c)) (snd slot)) (slots t r)).
-  assert (A : forall n c, In (n, c) all <-> exists kept, In (n, kept) r /\ gate_of (node_at t n) = Pand /\ In c kept /\ exists o, InPart t r c o).
+  assert (A : forall n c, In (n, c) all <-> exists kept, In (n, kept) r /\ gate_of (node_at t n) = Pand /\
+    In c kept /\ exists o, InPart t r c o).
   { intros n c. unfold all. rewrite in_flat_map. split.
     - intros ([k ks] & I & J). apply in_map_iff in J as (d & Q & J). injection Q; intros; subst. simpl in *.
-      apply slots_iff in I as (kept & I & G & ->). apply filter_In in J as [J F]. apply part_filled in F. exists kept; auto.
+      apply slots_iff in I as (kept & I & G & ->). apply filter_In in J as [J F]. apply part_filled in F.
+      exists kept; auto.
     - intros (kept & I & G & J & F). exists (n, filter (fun c => negb (is_nil (parts t r c))) kept).
-      split; [apply slots_iff; eauto |]. apply in_map_iff. exists c; split; auto. apply filter_In; split; auto. now apply part_filled. }
+      split; [apply slots_iff; eauto |]. apply in_map_iff. exists c; split; auto. apply filter_In; split; auto.
+      now apply part_filled. }
   exists (map (fun y => (fst y, snd y, last (fst y) (snd y))) all). split.
   - unfold lasts. apply product_iff.
     assert (V : forall slot c, In slot (slots t r) -> In c (snd slot) -> In (last (fst slot) c) (parts t r c)).
@@ -645,7 +660,8 @@ Proof.
 Qed.
 
 Lemma precedes_lasts : forall last last',
-  (forall n kept c o, In (n, kept) r -> gate_of (node_at t n) = Pand -> In c kept -> InPart t r c o -> last n c = last' n c) ->
+  (forall n kept c o, In (n, kept) r -> gate_of (node_at t n) = Pand -> In c kept -> InPart t r c o ->
+    last n c = last' n c) ->
   forall p o, Precedes t r last p o -> Precedes t r last' p o.
 Proof.
   intros last last' S p o H; destruct H.
@@ -666,7 +682,8 @@ End Precedence.
 Fixpoint drop_first (n : nat) (before : occurrence -> occurrence -> bool) (l : list occurrence) : list occurrence :=
   match n with
   | 0 => l
-  | S n => match filter (fun o => existsb (fun p => before p o) l) l with [] => [] | rest => drop_first n before rest end
+  | S n => match filter (fun o => existsb (fun p => before p o) l) l with [] => [] |
+    rest => drop_first n before rest end
   end.
 
 Definition acyclic before (os : list occurrence) : bool := is_nil (drop_first (length os) before os).
@@ -684,7 +701,8 @@ Proof.
   destruct I as [-> | I]; [rewrite F; lia |]. specialize (IH x I F). destruct (f y); simpl; lia.
 Qed.
 
-Lemma least_by : forall (rank : occurrence -> nat) l, l <> [] -> exists x, In x l /\ forall y, In y l -> rank x <= rank y.
+Lemma least_by : forall (rank : occurrence -> nat) l, l <> [] -> exists x, In x l /\ forall y, In y l ->
+  rank x <= rank y.
 Proof.
   induction l as [| x l IH]; intros N; [congruence |]. destruct l as [| z l].
   - exists x; split; simpl; auto. intros y [<- | []]; auto.
@@ -699,7 +717,8 @@ Proof.
   intros before os; unfold acyclic. split.
   - generalize (length os) as n. intros n H.
     assert (D : drop_first n before os = []) by (destruct (drop_first n before os); [auto | discriminate]).
-    clear H. revert os D. induction n as [| n IH]; intros os D; [simpl in D; subst; exists (fun _ => 0); intros ? ? [] |].
+    clear H. revert os D.
+    induction n as [| n IH]; intros os D; [simpl in D; subst; exists (fun _ => 0); intros ? ? [] |].
     rewrite drop_first_step in D.
     destruct (IH _ D) as [rank R]. set (os' := filter (fun o => existsb (fun p => before p o) os) os) in *.
     exists (fun o => if among o os' then S (rank o) else 0). intros p o I J B.
@@ -769,7 +788,8 @@ Proof.
   - intros H n kept I G. specialize (H _ I). simpl in H. rewrite G in H. apply existsb_exists in H as ([m k] & J & Q).
     simpl in Q. apply andb_true_iff in Q as [Q1 Q2]. apply Nat.eqb_eq in Q1. apply equal_numbers_iff in Q2. subst; auto.
   - intros H [n kept] I. simpl. destruct (gate_of (node_at t n)) eqn:G; auto.
-    apply existsb_exists. exists (n, kept); split; auto. simpl. now rewrite Nat.eqb_refl, (proj2 (equal_numbers_iff _ _) eq_refl).
+    apply existsb_exists. exists (n, kept); split; auto. simpl.
+    now rewrite Nat.eqb_refl, (proj2 (equal_numbers_iff _ _) eq_refl).
 Qed.
 
 Definition same_kind (a b : kind) : bool :=
@@ -778,7 +798,8 @@ Definition same_kind (a b : kind) : bool :=
 Definition has_kind (t : tree) (k : kind) (b : resolution) : bool :=
   existsb (fun n => match kind_of (node_at t n) with Some k' => same_kind k k' | None => false end) (map fst b).
 
-Lemma has_kind_iff : forall t k b, has_kind t k b = true <-> exists n, In n (map fst b) /\ kind_of (node_at t n) = Some k.
+Lemma has_kind_iff : forall t k b, has_kind t k b = true <-> exists n, In n (map fst b) /\
+  kind_of (node_at t n) = Some k.
 Proof.
   intros t k b; unfold has_kind. rewrite existsb_exists. split; intros (n & I & K); exists n; split; auto.
   - destruct (kind_of (node_at t n)) as [k' |]; [| discriminate]. destruct k, k'; try discriminate; auto.
@@ -801,7 +822,9 @@ Proof.
   - rewrite existsb_exists. split.
     + intros (b & I & J). apply filter_In in I as [I K]. exists b. apply branches_iff in I; auto.
       apply in_branch_iff in J. apply has_kind_iff in K. auto.
-    + intros (b & B & J & K). exists b; split; [apply filter_In; split; [now apply branches_iff | now apply has_kind_iff] | now apply in_branch_iff].
+    + intros (b & B & J & K).
+      exists b; split; [apply filter_In; split;
+        [now apply branches_iff | now apply has_kind_iff] | now apply in_branch_iff].
 Qed.
 
 (** ** Plans *)
@@ -861,9 +884,11 @@ Qed.
 Record Alike {E} (c d : scenario E) : Prop := {
   alike_occurrences : forall o, In o (occurrences c) <-> In o (occurrences d);
   alike_before : forall p o, In p (occurrences c) -> In o (occurrences c) -> (before c p o <-> before d p o);
-  alike_consistent : forall m, NoDup (domain m) -> (RVAFT.Definition.consistent c m <-> RVAFT.Definition.consistent d m) }.
+  alike_consistent : forall m, NoDup (domain m) ->
+    (RVAFT.Definition.consistent c m <-> RVAFT.Definition.consistent d m) }.
 
-Theorem plans_complete : forall t w c, WellFormed t -> IsScenario t w c -> exists d, In d (plans t w) /\ Alike c (denoted d).
+Theorem plans_complete : forall t w c, WellFormed t -> IsScenario t w c ->
+  exists d, In d (plans t w) /\ Alike c (denoted d).
 Proof.
   intros t w c W (r & last & R & S & L & [[rank F] C] & O & B & M).
   destruct (lasts_cover t r W R last L) as (chosen & J & Q).
@@ -880,5 +905,6 @@ Proof.
   - constructor; simpl.
     + intros o. now rewrite O, occurrences_iff.
     + intros p o P P'. apply O in P, P'. rewrite B, <- PRE by auto. symmetry; now apply precedes_iff.
-    + intros m N. rewrite M by auto. symmetry. apply consistent_iff; auto; [now apply parts_iff | intros; apply guards_of_iff].
+    + intros m N. rewrite M by auto. symmetry.
+      apply consistent_iff; auto; [now apply parts_iff | intros; apply guards_of_iff].
 Qed.

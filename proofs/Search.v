@@ -35,7 +35,8 @@ Proof.
 Qed.
 
 Lemma occurrence_dec : forall o p : occurrence, {o = p} + {o <> p}.
-Proof. intros o p; destruct (same o p) eqn:Q; [left; now apply same_iff | right; intros H; apply same_iff in H; congruence]. Qed.
+Proof. intros o p; destruct (same o p) eqn:Q; [left; now apply same_iff | right; intros H; apply same_iff in H;
+  congruence]. Qed.
 
 (** ** The search *)
 
@@ -53,7 +54,8 @@ Definition denoted (c : plan) : scenario E :=
   Scenario E (plan_occurrences c) (fun p o => plan_before c p o = true) (fun m => plan_consistent c m = true).
 
 Record lawful (c : plan) : Prop := {
-  in_any_order : forall m m', NoDup (domain m) -> Permutation m m' -> plan_consistent c m = true -> plan_consistent c m' = true;
+  in_any_order : forall m m', NoDup (domain m) -> Permutation m m' -> plan_consistent c m = true ->
+    plan_consistent c m' = true;
   in_part : forall x m, NoDup (domain (x :: m)) -> plan_consistent c (x :: m) = true -> plan_consistent c m = true }.
 
 (** The extensions of a partial match by an event. *)
@@ -216,7 +218,8 @@ Proof.
     apply in_split in I as (l1 & l2 & ->).
     set (m0 := l1 ++ l2).
     assert (P : Permutation (l1 ++ (o, e) :: l2) ((o, e) :: m0)) by (symmetry; apply Permutation_middle).
-    assert (PD : Permutation (domain (l1 ++ (o, e) :: l2)) (o :: domain m0)) by (apply (Permutation_map fst) in P; exact P).
+    assert (PD : Permutation (domain (l1 ++ (o, e) :: l2)) (o :: domain m0)) by (apply (Permutation_map fst) in P;
+      exact P).
     assert (ID : forall x, In x (domain (l1 ++ (o, e) :: l2)) <-> o = x \/ In x (domain m0)).
     { intros x; split; intros I. apply (Permutation_in _ PD) in I; auto.
       apply (Permutation_in _ (Permutation_sym PD)); auto. }
@@ -269,7 +272,8 @@ Proof.
     + subst; rewrite nth_end in H; injection H as ->; auto.
     + exfalso. assert (i < length (u ++ [e])) by (apply nth_error_Some; congruence).
       rewrite app_length in *; simpl in *; lia.
-  - intros [(f & H & R) | [-> R]]; [exists f; split; auto; now apply nth_app_some | exists e; split; auto; apply nth_end].
+  - intros [(f & H & R) | [-> R]]; [exists f; split; auto; now apply nth_app_some | exists e; split; auto;
+      apply nth_end].
 Qed.
 
 Lemma relevant_bound : forall u i, RelevantAt u i -> i < length u.
@@ -380,7 +384,8 @@ Proof.
       * exfalso; apply N, A. rewrite app_length; simpl; lia.
       * destruct (relevant e) eqn:R.
         -- exfalso; apply N, A, relevant_snoc; auto.
-        -- apply PASS; [| right; split; auto; discriminate]. simpl. intros i; rewrite A, relevant_snoc, R. intuition discriminate.
+        -- apply PASS; [| right; split; auto; discriminate]. simpl. intros i; rewrite A, relevant_snoc, R.
+           intuition discriminate.
       * destruct A as [j A]. destruct (relevant e) eqn:R.
         -- (* only possible when nothing is used at all *)
            assert (Q : length u < j).
@@ -390,7 +395,8 @@ Proof.
              assert (U : Used pos ((o, f) :: m) (pos o)) by (exists o; simpl; auto).
              assert (pos o < length u) by (eapply used_bound; eauto). apply A in U. lia. }
            exists []; split; auto. simpl. rewrite R. apply in_app_iff; auto.
-        -- apply PASS; [| right; split; auto; discriminate]. exists j. intros i; rewrite A, relevant_snoc, R. intuition discriminate.
+        -- apply PASS; [| right; split; auto; discriminate]. exists j. intros i; rewrite A, relevant_snoc, R.
+           intuition discriminate.
       * apply PASS; simpl; auto.
     + (* it is used by o *)
       assert (U0 : forall i, Used pos m0 i <-> Used pos m i /\ i <> length u).
@@ -410,7 +416,8 @@ Proof.
         - intros i; rewrite U0, A, relevant_snoc. split; [intros [[F | [F _]] G]; tauto |].
           intros F; split; [tauto |]. apply relevant_bound in F; lia.
         - destruct A as [j A]; exists j; intros i; rewrite U0, A, relevant_snoc.
-          split; [intros [[F [G | [G _]]] J]; tauto |]. intros [F G]; split; [tauto |]. apply relevant_bound in G; lia. }
+          split; [intros [[F [G | [G _]]] J]; tauto |]. intros [F G]; split; [tauto |].
+          apply relevant_bound in G; lia. }
       destruct (EXT A') as (m1 & I & X & Q). exists ((o, e) :: m1); split; auto.
       destruct s; simpl; try rewrite RE by auto; try (apply in_app_iff; right); apply in_flat_map; eauto.
 Qed.
@@ -424,7 +431,8 @@ Notation Left s plans := (Left Rel (Scenarios plans) s).
 Notation Verdict s plans := (Verdict Rel (Scenarios plans) s).
 
 (** A match that ends with the trace. *)
-Definition Whole s c w := exists pos m, Partial c w pos m /\ complete (denoted c) m /\ partial_positions s w (Used pos m).
+Definition Whole s c w := exists pos m, Partial c w pos m /\ complete (denoted c) m /\
+  partial_positions s w (Used pos m).
 
 Lemma nth_firstn : forall k (u : list E) i, i < k -> nth_error (firstn k u) i = nth_error u i.
 Proof. induction k; intros u i H; [lia |]. destruct u; simpl; auto. destruct i; simpl; auto. apply IHk; lia. Qed.
@@ -463,7 +471,8 @@ Proof.
   - intros (w & v & -> & pos & m & H & C & A). exists pos, m; split; [now apply partial_app |]. split; auto.
     assert (RW : forall i, RelevantAt w i <-> i < length w /\ RelevantAt (w ++ v) i).
     { intros i; split.
-      - intros F; split; [now apply relevant_bound in F |]. destruct F as (e & F & R); exists e; split; auto. now apply nth_app_some.
+      - intros F; split; [now apply relevant_bound in F |]. destruct F as (e & F & R); exists e; split; auto.
+        now apply nth_app_some.
       - intros (Q & e & F & R). rewrite nth_error_app1 in F by auto. exists e; auto. }
     destruct s; simpl in *; auto.
     + eauto.
@@ -478,7 +487,8 @@ Proof.
   - intros (pos & m & H & C & A). destruct (states_complete s c L w pos m H A) as (m' & I & Q).
     exists m'; split; auto. apply full_iff. intros o J. apply C in J. apply (Permutation_map fst) in Q.
     now apply (Permutation_in _ Q).
-  - intros (m & I & F). apply states_sound in I as (pos & H & A); auto. exists pos, m. split; auto. split; auto. now apply full_iff.
+  - intros (m & I & F). apply states_sound in I as (pos & H & A); auto. exists pos, m. split; auto. split; auto.
+    now apply full_iff.
 Qed.
 
 Lemma detected_states : forall s plans u, Forall lawful plans -> (Detected s plans u <->
@@ -487,7 +497,8 @@ Proof.
   intros s plans u L; rewrite Forall_forall in L. split.
   - intros (w & v & sc & -> & (c & I & ->) & M). apply match_iff in M as (w1 & w2 & -> & W).
     exists w1, (w2 ++ v), c. rewrite app_assoc. repeat split; auto. apply whole_states; auto.
-  - intros (w & v & c & -> & I & F). apply whole_states in F; auto. exists w, v, (denoted c); repeat split; [exists c; auto |].
+  - intros (w & v & c & -> & I & F). apply whole_states in F; auto.
+    exists w, v, (denoted c); repeat split; [exists c; auto |].
     apply match_iff. exists w, []. rewrite app_nil_r; auto.
 Qed.
 

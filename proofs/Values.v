@@ -161,7 +161,8 @@ Proof.
   - rewrite number_eqb_iff. split; congruence.
   - rewrite text_eqb_iff. split; congruence.
   - revert l'; induction IH as [| v l Hv _ IHl]; destruct l' as [| w l']; try (split; congruence).
-    rewrite andb_true_iff, Hv, IHl. split; [intros [-> H]; injection H as ->; auto | intros H; injection H as -> ->; auto].
+    rewrite andb_true_iff, Hv, IHl.
+    split; [intros [-> H]; injection H as ->; auto | intros H; injection H as -> ->; auto].
   - revert f'; induction IH as [| [a v] f Hv _ IHf]; destruct f' as [| [b w] f']; try (split; congruence).
     simpl in Hv. rewrite !andb_true_iff, text_eqb_iff, Hv, IHf.
     split; [intros [[-> ->] H]; injection H as ->; auto | intros H; injection H as -> -> ->; auto].

@@ -10,7 +10,8 @@ Import ListNotations.
 Lemma states_empty : forall E relevant s (c : plan E) u e,
   states relevant s c u = [] -> states relevant s c (u ++ [e]) = [].
 Proof.
-  intros E relevant s c u e H. rewrite states_snoc. destruct s; simpl; rewrite H; simpl; auto; destruct (relevant e); auto.
+  intros E relevant s c u e H. rewrite states_snoc.
+  destruct s; simpl; rewrite H; simpl; auto; destruct (relevant e); auto.
   rewrite app_nil_r. clear e. unfold start. destruct (plan_consistent c []) eqn:K; auto. exfalso.
   assert (X : In [] (states relevant Consecutive c u)).
   { clear H. induction u as [| e u IH] using rev_ind.
@@ -75,7 +76,8 @@ Qed.
 Definition MayBegin (t : tree) (w : selection) : Prop :=
   exists c o, IsScenario t w c /\ In o (occurrences c) /\ RVAFT.Definition.consistent c [].
 
-Theorem never_bottom : forall t w s u, s = Scattered \/ s = Consecutive -> MayBegin t w -> ~ VerdictOfTree t w s u Bottom.
+Theorem never_bottom : forall t w s u, s = Scattered \/ s = Consecutive -> MayBegin t w ->
+  ~ VerdictOfTree t w s u Bottom.
 Proof.
   intros t w s u S (c & o & I & J & C) [_ H]. apply H. exists c; split; auto.
   exists (fun _ => 0), []. split; [constructor; simpl; auto; try tauto; [constructor | intros ? []] |].
@@ -132,7 +134,8 @@ Definition IsLast (c : nat) (x : occurrence) : Prop :=
   InPart t r c x /\ forall o, InPart t r c o -> position o <= position x.
 
 Definition EndsInOrder : Prop := forall n kept c d x y,
-  In (n, kept) r -> gate_of (node_at t n) = Pand -> Earlier kept c d -> IsLast c x -> IsLast d y -> position x < position y.
+  In (n, kept) r -> gate_of (node_at t n) = Pand -> Earlier kept c d -> IsLast c x -> IsLast d y ->
+    position x < position y.
 
 (** The precedence that [Precedes] adds for [pand] is kept. *)
 Definition EndPrecedence (last : nat -> nat -> occurrence) : Prop :=
@@ -153,7 +156,8 @@ Proof.
     + destruct (IH x) as [A B]. split; [simpl in *; tauto |]. apply Nat.ltb_lt in Q.
       intros o [<- | O]; [specialize (B x (or_introl eq_refl)); lia | auto].
     + destruct (IH best) as [A B]. split; [simpl in *; tauto |]. apply Nat.ltb_ge in Q.
-      intros o [<- | [<- | O]]; [apply B; simpl; auto | specialize (B best (or_introl eq_refl)); lia | apply B; simpl; auto].
+      intros o [<- | [<- | O]]; [apply B; simpl; auto | specialize (B best (or_introl eq_refl)); lia | apply B;
+        simpl; auto].
 Qed.
 
 (** For an injective [position], the order of the ends is the union over the choices of the last

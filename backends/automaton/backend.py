@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from backends.automaton.determinise import HOPELESS, Automaton, determinised, minimised, refined
 from backends.automaton.diagram import BEFORE, READABLE, diagram
+from backends.automaton.formal import formal
 from backends.automaton.hoa_reader import HoaMonitor, program
 from backends.automaton.hoa_writer import title_of, write
 from backends.automaton.letters import FeasibleLetters, Relevance
@@ -19,6 +20,7 @@ from rvaft.errors import TooLarge
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
 from rvaft.support.budget import Work
@@ -80,6 +82,10 @@ class AutomatonBackend(Backend):
         without it, the text is an automaton over finite words.
         """
         return HoaMonitor(program(text, atoms))
+
+    def formal(self, text: str) -> Json:
+        """Return the abstract syntax of an automaton without variables."""
+        return formal(text)
 
     def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:
         """Return the patterns of the propositions, or None if the text has times."""

@@ -68,8 +68,8 @@ class HoaTable:
 
     def __init__(self, text: str) -> None:
         """Raises `LanguageError`, `ToolMissing`, `TooLarge`."""
-        spot, self._buddy = _tools()
-        automaton = _parsed(spot, text)
+        spot, self._buddy = tools()
+        automaton = parsed(spot, text)
         if not automaton.is_existential():
             automaton = spot.remove_alternation(automaton)
         self.names = tuple(str(proposition.ap_name()) for proposition in automaton.ap())
@@ -141,7 +141,8 @@ class HoaTable:
         return next(targets)  # the table is complete
 
 
-def _tools() -> tuple[Any, Any]:
+def tools() -> tuple[Any, Any]:
+    """Return the modules `spot` and `buddy`; raises `ToolMissing`."""
     remedy = "pip install spottl (Linux x86-64, Python below 3.14), or build Spot with its Python bindings"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -153,7 +154,8 @@ def _tools() -> tuple[Any, Any]:
     return spot, buddy
 
 
-def _parsed(spot: Any, text: str) -> Any:
+def parsed(spot: Any, text: str) -> Any:
+    """Return the automaton as Spot's; raises `LanguageError`."""
     start = re.match(r"(?:\s|/\*.*?\*/)*", text, re.DOTALL)
     position = start.end() if start else 0
     if not text.startswith("HOA:", position):
@@ -260,7 +262,7 @@ class HoaProgram:
     """A parsed HOA text, shared by its monitors; `atoms` as for `Backend.read`.
 
     `events` maps propositions to patterns with their shared variables, `guards` to guards.
-    `relevant` holds the propositions that `alphabet` and `ignore` lines define.
+    `relevant` holds the propositions that `alphabet` and `ignored` define.
     """
 
     def __init__(self, text: str, atoms: Mapping[str, Pattern]) -> None:
@@ -269,8 +271,8 @@ class HoaProgram:
         self.guards: dict[int, Guard] = {}
         self.relevant: set[int] = set()
         self._patterns: dict[int, Pattern] = {}
-        self._alphabet: list[Observed] = []
-        self._ignored: list[Observed] = []
+        self.alphabet: list[Observed] = []
+        self.ignored: list[Observed] = []
         lines: list[tuple[re.Match[str], list[str]]] = []
         for token in _HEADER.finditer(text):
             if token.lastgroup == "end":
@@ -301,13 +303,13 @@ class HoaProgram:
             self.time is None and not self.guards and not any(shared for _, shared in self.events.values())
         )
         """Whether the successor depends on the current event alone."""
-        patterns = (*self._patterns.values(), *(line.pattern for line in (*self._alphabet, *self._ignored)))
+        patterns = (*self._patterns.values(), *(line.pattern for line in (*self.alphabet, *self.ignored)))
         self.of_shape = PatternIndex(patterns, self._decided).of
         self.move = lru_cache(maxsize=LIMIT)(self._move)
 
     def _decided(self, decided: Decided) -> frozenset[int] | None:
-        first, last = len(self._patterns), len(self._patterns) + len(self._alphabet)
-        guards = [line.when for line in (*self._alphabet, *self._ignored)]
+        first, last = len(self._patterns), len(self._patterns) + len(self.alphabet)
+        guards = [line.when for line in (*self.alphabet, *self.ignored)]
         if decided.open or any(place >= first and guards[place - first] is not None for place in decided.fits):
             return None
         events = frozenset(number for place, number in enumerate(self._patterns) if place in decided.fits)
@@ -354,13 +356,13 @@ class HoaProgram:
             self._patterns[int(values[0])] = timed(pattern, texts[1]) if len(texts) == 2 else pattern
         else:
             fit = Observed(pattern, parse_guard(texts[1]) if len(texts) == 2 else None)
-            (self._alphabet if name == "alphabet:" else self._ignored).append(fit)
+            (self.alphabet if name == "alphabet:" else self.ignored).append(fit)
 
     def is_relevant(self, event: Json) -> bool:
         """Return whether an event fits an `alphabet` line and no `ignore` line, for some variable
         values.
         """
-        return any(line.fits(event) for line in self._alphabet) and not any(line.fits(event) for line in self._ignored)
+        return any(line.fits(event) for line in self.alphabet) and not any(line.fits(event) for line in self.ignored)
 
     def _matter(self, state: int) -> frozenset[str]:
         propositions = [*bits(self.table.dependencies()[state])]
@@ -375,7 +377,7 @@ class HoaProgram:
             for guard in self.guards.values():  # a guard is a proposition about values that an event binds
                 if not shared.isdisjoint(guard_variables(guard)):
                     yield Observed(pattern, guard)
-        for fit in (*self._alphabet, *self._ignored) if self.relevant else ():
+        for fit in (*self.alphabet, *self.ignored) if self.relevant else ():
             yield fit.untied(rigid_variables(fit.pattern))  # any values suffice
 
 

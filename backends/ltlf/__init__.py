@@ -7,6 +7,7 @@ subformulas. The `limit` counts subformulas. Only reading needs Spot.
 from collections.abc import Mapping
 from typing import ClassVar
 
+from backends.ltlf.formal import formal
 from backends.ltlf.mona import MonaMonitor
 from backends.ltlf.monitor import LtlfMonitor, observed
 from backends.ltlf.translation import Translation
@@ -16,6 +17,7 @@ from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, window
 from rvaft.core.property import Condition, Part, Property
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
+from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
 
@@ -59,6 +61,10 @@ class LtlfBackend(Backend):
     def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:
         """Return the patterns of the atoms, or None if the formula has times."""
         return observed(text, atoms or {})
+
+    def formal(self, text: str) -> Json:
+        """Return the abstract syntax of a formula without variables."""
+        return formal(text)
 
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         """Return a monitor for a formula without variables; ltlf2dfa and MONA (`mona`) build its

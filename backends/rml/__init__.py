@@ -5,6 +5,7 @@ from typing import ClassVar, Final
 
 from backends.rml.reader.deviations import touching
 from backends.rml.reader.event_types import observed
+from backends.rml.reader.formal import formal
 from backends.rml.reader.monitor import read
 from backends.rml.writer import translate
 from backends.rml.writer.terms import FUNCTIONS, KEYWORDS, TYPES, VALUES
@@ -97,6 +98,10 @@ class RmlBackend(RmlCapabilities):
         events.
         """
         return read(text)
+
+    def formal(self, text: str) -> Json:
+        """Return the abstract syntax of a text without shared variables."""
+        return formal(text)
 
     def observed(
         self,

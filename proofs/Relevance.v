@@ -1,0 +1,195 @@
+(** * Relevance and the other predicates of a tree
+
+    A text may define relevance by predicates of its own.  The letters of [PlainTree.v] are fewer when
+    relevance is tied to the predicates that define it, and when a predicate is tied to those that it
+    implies.  The certificates over these letters are as sound as those of [PlainTree.v]. *)
+
+Require Import List Bool Arith Lia.
+Require Import RVAFT.Values RVAFT.Language RVAFT.Definition RVAFT.Search RVAFT.Conditions RVAFT.Scenarios RVAFT.Monitor.
+Require Import RVAFT.Plain RVAFT.Automaton RVAFT.Acceptance RVAFT.Exploration RVAFT.Hoa RVAFT.Ltlf RVAFT.Progression.
+Require Import RVAFT.Rml RVAFT.RmlCertificate RVAFT.Letters RVAFT.Validator RVAFT.PlainTree.
+Import ListNotations.
+
+(** ** Relevance *)
+
+(** What an event type with its guard requires: an entry of the alphabet, or of [ignore]. *)
+Definition entry (i : pattern * option guard) : predicate :=
+  (fst i, match snd i with Some g => [g] | None => [] end).
+
+Definition relevance_entries (t : tree) : list predicate := map entry (Monitor.alphabet t) ++ map entry (ignores t).
+
+Definition listed (ps : list predicate) (q : predicate) : bool := Nat.ltb (index q ps) (length ps).
+
+Lemma entry_meets : forall i e, meets (entry i) e = negb (late e) && fits_with (fst i) (snd i) (content e).
+Proof.
+  intros [p [g |]] e; unfold meets, entry, fits_with; simpl; auto. f_equal.
+  induction (bindings p (content e)) as [| bs l IH]; simpl; auto. now rewrite andb_true_r, IH.
+Qed.
+
+Lemma listed_numbered : forall t ps q e, listed ps q = true -> satisfies t ps (number_in ps q) e = meets q e.
+Proof. intros t ps q e L. apply Nat.ltb_lt in L. simpl. now rewrite index_nth. Qed.
+
+(** An event is relevant when it fits the alphabet and no [ignore]. *)
+Definition relates (t : tree) (ps : list predicate) : letter -> bool :=
+  let wanted := map (number_in ps) (map entry (Monitor.alphabet t)) in
+  let ignored := map (number_in ps) (map entry (ignores t)) in
+  let known := forallb (listed ps) (relevance_entries t) in
+  fun a => implb known (Bool.eqb (Automaton.member relevance a)
+    (existsb (fun k => Automaton.member k a) wanted && negb (existsb (fun k => Automaton.member k a) ignored))).
+
+Section Letter.
+Variable t : tree.
+Variable ps : list predicate.
+Variable e : event.
+Notation a := (letter_of (satisfies t ps) (seq 0 (S (length ps))) e).
+
+Lemma member_of : forall k, k <= length ps -> Automaton.member k a = satisfies t ps k e.
+Proof. intros k L. apply member_letter, in_seq. lia. Qed.
+
+Lemma member_some : forall l, forallb (listed ps) (map entry l) = true ->
+  existsb (fun k => Automaton.member k a) (map (number_in ps) (map entry l)) =
+  negb (late e) && existsb (fun i => fits_with (fst i) (snd i) (content e)) l.
+Proof.
+  induction l as [| i l IH]; cbn [map existsb forallb]; intros H; [now rewrite andb_false_r |].
+  apply andb_true_iff in H as [L H]. rewrite IH by exact H.
+  assert (K : number_in ps (entry i) <= length ps) by (apply Nat.ltb_lt in L; unfold number_in; lia).
+  rewrite member_of, listed_numbered, entry_meets by auto. destruct (late e); auto.
+Qed.
+
+Lemma relates_sound : relates t ps a = true.
+Proof.
+  unfold relates. cbv zeta. destruct (forallb (listed ps) (relevance_entries t)) eqn:K; cbn [implb]; auto.
+  unfold relevance_entries in K. rewrite forallb_app in K. apply andb_true_iff in K as [K I].
+  rewrite !member_some by auto. rewrite member_of by (unfold relevance; lia). apply eqb_true_iff.
+  change (satisfies t ps relevance e) with (relevant_event t e). unfold relevant_event, is_ignored.
+  destruct (late e); simpl; auto. apply andb_comm.
+Qed.
+End Letter.
+
+(** ** Predicates that imply others *)
+
+(** Every value that matches the second pattern matches the first, which has no variables. *)
+Fixpoint weaker (q p : pattern) {struct q} : bool :=
+  match q, p with
+  | Anything, _ => true
+  | Exactly v, Exactly w => value_eqb v w
+  | ObjectWith fields, ObjectWith others =>
+    forallb (fun f => existsb (fun g => text_eqb (fst f) (fst g) && weaker (snd f) (snd g)) others) fields
+  | ListOf items, ListOf others => all2 weaker items others
+  | SomeItem q, SomeItem p => weaker q p
+  | _, _ => false
+  end.
+
+Lemma weaker_sound : forall q p a b v, weaker q p = true -> matches a p v -> matches b q v.
+Proof.
+  induction q as [w | x | | fields IH | items IH | q IH] using pattern_induction; intros p a b v W M; destruct p;
+    simpl in W; try discriminate; try exact I.
+  - apply value_eqb_iff in W. simpl in *. congruence.
+  - apply matches_fields in M as (object & -> & M). exists object; split; auto.
+    induction IH as [| [n q] fields H _ IHF]; auto. simpl in W. apply andb_true_iff in W as [W W']. split; [| exact (IHF W')].
+    apply existsb_exists in W as ([n' p] & J & W). apply andb_true_iff in W as [N W]. apply text_eqb_iff in N.
+    simpl in N; subst n'. destruct (M (n, p) J) as (w & F & K). exists w; split; auto. now apply (H p a).
+  - destruct M as (l & -> & M). exists l; split; auto. revert l items0 W M.
+    induction IH as [| q items H _ IHI]; intros [| w l] [| p others] W M; simpl in W; try discriminate; try contradiction;
+      auto.
+    apply andb_true_iff in W as [W W']. destruct M as [M M']. split; [now apply (H p a) | now apply (IHI l others)].
+  - destruct M as (l & -> & w & J & M). exists l; split; auto. exists w; split; auto. now apply (IH p a).
+Qed.
+
+Definition implies (q r : predicate) : bool :=
+  is_nil (snd r) && (same_pattern (fst q) (fst r) || weaker (fst r) (fst q)).
+
+Lemma implies_sound : forall q r e, implies q r = true -> meets q e = true -> meets r e = true.
+Proof.
+  intros [p g] [p' g'] e H M. unfold implies in H. simpl in H. apply andb_true_iff in H as [N H].
+  apply is_nil_iff in N; subst g'. unfold meets in *. simpl in *. apply andb_true_iff in M as [L M]. rewrite L. simpl.
+  apply existsb_exists in M as (bs & I & _).
+  assert (F : fits_pattern (get Nat.eqb bs) p (content e)).
+  { apply bindings_iff. exists bs; split; auto. now apply (bindings_agree p (content e)). }
+  apply existsb_exists. apply orb_true_iff in H as [H | H].
+  - apply same_pattern_eq in H; subst p'. exists bs; auto.
+  - destruct F as (b & _ & F). apply (weaker_sound p' p b b) in F; auto.
+    assert (F' : fits_pattern (fun x => b (Rigid x)) p' (content e)) by (exists b; split; auto).
+    apply bindings_iff in F' as (cs & J & _). exists cs; auto.
+Qed.
+
+(** The pairs of numbers of predicates of which the first implies the second. *)
+Definition implications (ps : list predicate) : list (nat * nat) :=
+  flat_map (fun q => flat_map (fun r =>
+    if implies q r && listed ps q && listed ps r then [(number_in ps q, number_in ps r)] else []) ps) ps.
+
+Definition closed (ps : list predicate) : letter -> bool :=
+  let pairs := implications ps in
+  fun a => forallb (fun kl => implb (Automaton.member (fst kl) a) (Automaton.member (snd kl) a)) pairs.
+
+Lemma closed_sound : forall t ps e, closed ps (letter_of (satisfies t ps) (seq 0 (S (length ps))) e) = true.
+Proof.
+  intros t ps e. apply forallb_forall. intros [k l] I. apply in_flat_map in I as (q & _ & I).
+  apply in_flat_map in I as (r & _ & I). destruct (implies q r && listed ps q && listed ps r) eqn:H; [| destruct I].
+  destruct I as [I | []]. injection I as <- <-. rewrite !andb_true_iff in H. destruct H as [[H Q] R].
+  assert (B : forall q, listed ps q = true -> number_in ps q <= length ps)
+    by (intros s L; apply Nat.ltb_lt in L; unfold number_in; lia).
+  simpl fst. simpl snd. rewrite !member_of, !listed_numbered by auto.
+  destruct (meets q e) eqn:M; auto. simpl. now apply (implies_sound q r).
+Qed.
+
+(** ** Certificates over fewer letters *)
+
+Definition related_letters (t : tree) (ps : list predicate) : list letter :=
+  let relates := relates t ps in
+  let closed := closed ps in
+  filter (fun a => relates a && closed a) (tree_letters t ps).
+
+Lemma related_letters_complete : forall t ps e,
+  In (letter_of (satisfies t ps) (seq 0 (S (length ps))) e) (related_letters t ps).
+Proof.
+  intros t ps e. apply filter_In. split; [apply tree_letters_complete |]. now rewrite relates_sound, closed_sound.
+Qed.
+
+(** The predicates of a tree, of its relevance, and of a text, each once. *)
+Definition text_predicates (t : tree) (others : list predicate) : list predicate :=
+  tree_predicates t (relevance_entries t ++ others).
+
+Definition certify_text_hoa (mix : mixing) (t : tree) (w : selection) (s : semantics) (ps : list predicate)
+  (given : list value) (fuel : nat) (h : hoa) : refusal + outcome :=
+  let xs := tree_shapes t w ps in
+  checked t ps (forallb (served_among (satisfies t ps) (samples ps given) s) xs)
+    (fun _ => certify_hoa mix s xs (seq 0 (S (length ps))) (related_letters t ps) fuel h).
+
+Definition certify_text_ltlf (mix : mixing) (t : tree) (w : selection) (s : semantics) (ps : list predicate)
+  (given : list value) (fuel : nat) (f : formula) : refusal + outcome :=
+  let xs := tree_shapes t w ps in
+  checked t ps (forallb (served_among (satisfies t ps) (samples ps given) s) xs)
+    (fun _ => certify_ltlf mix s xs (seq 0 (S (length ps))) (related_letters t ps) fuel f).
+
+Definition certify_text_rml (mix : mixing) (t : tree) (w : selection) (s : semantics) (ps : list predicate)
+  (fuel depth : nat) (equations : list term) (x : term) : refusal + outcome :=
+  checked t ps true
+    (fun _ => certify_rml mix s (tree_shapes t w ps) (seq 0 (S (length ps))) (related_letters t ps) fuel depth equations x).
+
+(** A certified automaton has the verdict of the tree on every trace. *)
+Theorem certify_text_hoa_correct : forall mix t w s ps given fuel h,
+  certify_text_hoa mix t w s ps given fuel h = inr Certified ->
+  forall u v, TextVerdict (fun u => HoaAccepts h (valuations (satisfies t ps) u)) u v <-> VerdictOfTree t w s u v.
+Proof.
+  intros mix t w s ps given fuel h H. apply checked_iff in H as (W & P & C & S & H).
+  eapply certified_hoa; eauto using tree_relevance, tree_represented, related_letters_complete, served_tree.
+Qed.
+
+(** A certified formula has the verdict of the tree on every trace. *)
+Theorem certify_text_ltlf_correct : forall mix t w s ps given fuel f,
+  certify_text_ltlf mix t w s ps given fuel f = inr Certified ->
+  forall u v, TextVerdict (fun u => Ltlf.holds (satisfies t ps) f u = true) u v <-> VerdictOfTree t w s u v.
+Proof.
+  intros mix t w s ps given fuel f H. apply checked_iff in H as (W & P & C & S & H).
+  eapply certified_ltlf; eauto using tree_relevance, tree_represented, related_letters_complete, served_tree.
+Qed.
+
+(** A certified text of RML has the verdict of the tree on every trace. *)
+Theorem certify_text_rml_correct : forall mix t w s ps fuel depth equations x,
+  certify_text_rml mix t w s ps fuel depth equations x = inr Certified ->
+  forall u v, RmlVerdict equations x (valuations (satisfies t ps) u) v <-> VerdictOfTree t w s u v.
+Proof.
+  intros mix t w s ps fuel depth equations x H. apply checked_iff in H as (W & P & C & S & H).
+  eapply certified_rml; eauto using tree_relevance, tree_represented, related_letters_complete.
+Qed.

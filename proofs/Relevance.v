@@ -96,21 +96,107 @@ Proof.
   - destruct M as (l & -> & w & J & M). exists l; split; auto. exists w; split; auto. now apply (IH p a).
 Qed.
 
+(** Variables are renamed, so that two nodes may use names of their own. *)
+Section Renaming.
+Variable h : nat -> nat.
+
+Definition rename_name (x : name) : name :=
+  match x with Rigid x => Rigid (h x) | Language.Local x => Language.Local x end.
+
+Fixpoint rename_pattern (p : pattern) : pattern :=
+  match p with
+  | Exactly v => Exactly v
+  | Named x => Named (rename_name x)
+  | Anything => Anything
+  | ObjectWith fields => ObjectWith (map (fun f => (fst f, rename_pattern (snd f))) fields)
+  | ListOf items => ListOf (map rename_pattern items)
+  | SomeItem p => SomeItem (rename_pattern p)
+  end.
+
+Fixpoint rename_guard (g : guard) : guard :=
+  match g with
+  | Constant v => Constant v
+  | ValueOf x => ValueOf (h x)
+  | TimeOf p => TimeOf p
+  | Apply o l => Apply o (map rename_guard l)
+  | AndThen a b => AndThen (rename_guard a) (rename_guard b)
+  | OrElse a b => OrElse (rename_guard a) (rename_guard b)
+  end.
+
+Lemma rename_matches : forall b p v, matches b (rename_pattern p) v -> matches (fun x => b (rename_name x)) p v.
+Proof.
+  intros b p; revert b; induction p as [w | x | | fields IH | items IH | p IH] using pattern_induction; intros b v M;
+    simpl in *; auto.
+  - destruct M as (object & -> & M). exists object; split; auto.
+    induction IH as [| [n p] fields H _ IHF]; auto. simpl in M. destruct M as [(w & F & M) M']. split; [| exact (IHF M')].
+    exists w; split; [exact F | exact (H b w M)].
+  - destruct M as (l & -> & M). exists l; split; auto. revert l M.
+    induction IH as [| p items H _ IHI]; intros [| w l] M; simpl in M; auto. destruct M as [M M']. split; [exact (H b w M) | exact (IHI l M')].
+  - destruct M as (l & -> & w & I & M). exists l; split; auto. exists w; auto.
+Qed.
+
+Lemma rename_eval : forall a time g, eval a time (rename_guard g) = eval (fun x => a (h x)) time g.
+Proof.
+  intros a time; induction g as [v | x | p | o l IH | l r IHl IHr | l r IHl IHr] using guard_induction; simpl; auto.
+  - rewrite map_map. rewrite (map_ext_in (fun g => eval a time (rename_guard g)) (eval (fun x => a (h x)) time) l); auto.
+    intros g I. rewrite Forall_forall in IH. auto.
+  - now rewrite IHl, IHr.
+  - now rewrite IHl, IHr.
+Qed.
+End Renaming.
+
+(** A guard without variables has one value. *)
+Definition constantly (b : bool) (g : guard) : bool :=
+  is_constant g && Bool.eqb b (Language.holds (fun _ => Null) no_time g).
+
+Lemma constantly_holds : forall b g a, constantly b g = true -> Language.holds a no_time g = b.
+Proof.
+  intros b g a H. unfold constantly, is_constant in H. rewrite !andb_true_iff in H. destruct H as [[V P] H].
+  apply is_nil_iff in V. apply is_nil_iff in P. apply eqb_prop in H. rewrite H.
+  apply holds_same; [rewrite V | rewrite P]; intros ? [].
+Qed.
+
+Definition never (q : predicate) : bool := existsb (constantly false) (snd q).
+
+Lemma never_sound : forall q e, never q = true -> meets q e = false.
+Proof.
+  intros [p gs] e N. apply existsb_exists in N as (g & I & N). apply not_true_is_false. intros M.
+  unfold meets in M. apply andb_true_iff in M as [_ M]. apply existsb_exists in M as (bs & _ & M).
+  rewrite forallb_forall in M. apply M in I. rewrite (constantly_holds false) in I by exact N. discriminate.
+Qed.
+
+Fixpoint look_up (x : nat) (pairs : list (nat * nat)) : nat :=
+  match pairs with [] => x | (y, z) :: pairs => if Nat.eqb x y then z else look_up x pairs end.
+
+(** The second predicate follows from the first, after its variables are renamed. *)
 Definition implies (q r : predicate) : bool :=
-  is_nil (snd r) && (same_pattern (fst q) (fst r) || weaker (fst r) (fst q)).
+  let h := fun x => look_up x (combine (pattern_variables (fst r)) (pattern_variables (fst q))) in
+  let p := rename_pattern h (fst r) in
+  (same_pattern (fst q) p || weaker p (fst q)) &&
+  forallb (fun g => is_nil (points g) && forallb (fun x => Conditions.member x (pattern_variables (fst r))) (variables g) &&
+    (constantly true g || existsb (fun g' => same_guard g' (rename_guard h g)) (snd q))) (snd r).
 
 Lemma implies_sound : forall q r e, implies q r = true -> meets q e = true -> meets r e = true.
 Proof.
-  intros [p g] [p' g'] e H M. unfold implies in H. simpl in H. apply andb_true_iff in H as [N H].
-  apply is_nil_iff in N; subst g'. unfold meets in *. simpl in *. apply andb_true_iff in M as [L M]. rewrite L. simpl.
-  apply existsb_exists in M as (bs & I & _).
+  intros [p gs] [p' gs'] e H M. unfold implies in H. cbv zeta in H. cbn [fst snd] in H. set (h := fun x => look_up x _) in H.
+  apply andb_true_iff in H as [H G]. rewrite forallb_forall in G.
+  unfold meets in *. cbn [fst snd] in *. apply andb_true_iff in M as [L M]. rewrite L. cbn [andb].
+  apply existsb_exists in M as (bs & I & M). rewrite forallb_forall in M.
   assert (F : fits_pattern (get Nat.eqb bs) p (content e)).
   { apply bindings_iff. exists bs; split; auto. now apply (bindings_agree p (content e)). }
-  apply existsb_exists. apply orb_true_iff in H as [H | H].
-  - apply same_pattern_eq in H; subst p'. exists bs; auto.
-  - destruct F as (b & _ & F). apply (weaker_sound p' p b b) in F; auto.
-    assert (F' : fits_pattern (fun x => b (Rigid x)) p' (content e)) by (exists b; split; auto).
-    apply bindings_iff in F' as (cs & J & _). exists cs; auto.
+  destruct F as (b & A & F).
+  assert (F' : matches b (rename_pattern h p') (content e)).
+  { apply orb_true_iff in H as [H | H]; [apply same_pattern_eq in H; now rewrite <- H | now apply (weaker_sound _ p b)]. }
+  apply rename_matches in F'.
+  assert (F'' : fits_pattern (fun x => get Nat.eqb bs (h x)) p' (content e)).
+  { exists (fun x => b (rename_name h x)); split; auto. intros x. apply A. }
+  apply bindings_iff in F'' as (cs & J & R). apply existsb_exists. exists cs; split; auto.
+  apply forallb_forall. intros g K. apply G in K. rewrite !andb_true_iff in K. destruct K as [[P V] K].
+  apply is_nil_iff in P. rewrite forallb_forall in V. apply orb_true_iff in K as [K | K]; [now apply constantly_holds |].
+  apply existsb_exists in K as (g' & K & Q). apply same_guard_eq in Q; subst g'. apply M in K. rewrite <- K.
+  unfold Language.holds at 2. rewrite rename_eval. apply holds_same; [| rewrite P; intros ? []].
+  intros x X. apply (respects_get Nat.eqb Nat.eqb_eq _ _ _ R). apply (bindings_variables p' (content e)); auto.
+  now apply Conditions.member_iff, V.
 Qed.
 
 (** The pairs of numbers of predicates of which the first implies the second. *)
@@ -120,17 +206,23 @@ Definition implications (ps : list predicate) : list (nat * nat) :=
 
 Definition closed (ps : list predicate) : letter -> bool :=
   let pairs := implications ps in
-  fun a => forallb (fun kl => implb (Automaton.member (fst kl) a) (Automaton.member (snd kl) a)) pairs.
+  let impossible := map (number_in ps) (filter (fun q => never q && listed ps q) ps) in
+  fun a => forallb (fun kl => implb (Automaton.member (fst kl) a) (Automaton.member (snd kl) a)) pairs &&
+           forallb (fun k => negb (Automaton.member k a)) impossible.
 
 Lemma closed_sound : forall t ps e, closed ps (letter_of (satisfies t ps) (seq 0 (S (length ps))) e) = true.
 Proof.
-  intros t ps e. apply forallb_forall. intros [k l] I. apply in_flat_map in I as (q & _ & I).
-  apply in_flat_map in I as (r & _ & I). destruct (implies q r && listed ps q && listed ps r) eqn:H; [| destruct I].
-  destruct I as [I | []]. injection I as <- <-. rewrite !andb_true_iff in H. destruct H as [[H Q] R].
+  intros t ps e.
   assert (B : forall q, listed ps q = true -> number_in ps q <= length ps)
     by (intros s L; apply Nat.ltb_lt in L; unfold number_in; lia).
-  simpl fst. simpl snd. rewrite !member_of, !listed_numbered by auto.
-  destruct (meets q e) eqn:M; auto. simpl. now apply (implies_sound q r).
+  apply andb_true_iff; split; apply forallb_forall.
+  - intros [k l] I. apply in_flat_map in I as (q & _ & I).
+    apply in_flat_map in I as (r & _ & I). destruct (implies q r && listed ps q && listed ps r) eqn:H; [| destruct I].
+    destruct I as [I | []]. injection I as <- <-. rewrite !andb_true_iff in H. destruct H as [[H Q] R].
+    simpl fst. simpl snd. rewrite !member_of, !listed_numbered by auto.
+    destruct (meets q e) eqn:M; auto. simpl. now apply (implies_sound q r).
+  - intros k I. apply in_map_iff in I as (q & <- & I). apply filter_In in I as [_ I].
+    apply andb_true_iff in I as [N L]. rewrite member_of, listed_numbered by auto. now rewrite never_sound.
 Qed.
 
 (** ** Certificates over fewer letters *)

@@ -11,7 +11,7 @@ from typing import Final
 
 from cross_check.participants import Answer, Outside, absent_on_error
 from rvaft.errors import NotExpressible, ToolFailed
-from rvaft.export.verified import part_options, run
+from rvaft.export.certificates import part_options, run
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json

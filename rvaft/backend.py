@@ -333,7 +333,7 @@ class Backend(ABC):
         """
         raise NotExpressible("the language has no graphs to draw", backend=self.name, semantics=semantics)
 
-    def formal(self, text: str) -> Json:  # noqa: ARG002
+    def formal(self, text: str) -> dict[str, Any]:  # noqa: ARG002
         """Return the abstract syntax of a text for `emit --certify`; raises `NotExpressible`."""
         raise NotExpressible(f"{self.language} has no formal syntax in the proofs", backend=self.name)
 

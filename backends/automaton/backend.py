@@ -2,12 +2,11 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from backends.automaton.determinise import HOPELESS, Automaton, determinised, minimised, refined
 from backends.automaton.diagram import BEFORE, READABLE, diagram
-from backends.automaton.formal import formal
-from backends.automaton.hoa_reader import HoaMonitor, program
+from backends.automaton.hoa_reader import HoaMonitor, formal, program
 from backends.automaton.hoa_writer import title_of, write
 from backends.automaton.letters import FeasibleLetters, Relevance
 from backends.automaton.structure import Structure, structure
@@ -20,7 +19,6 @@ from rvaft.errors import TooLarge
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
 from rvaft.support.budget import Work
@@ -83,7 +81,7 @@ class AutomatonBackend(Backend):
         """
         return HoaMonitor(program(text, atoms))
 
-    def formal(self, text: str) -> Json:
+    def formal(self, text: str) -> dict[str, Any]:
         """Return the abstract syntax of an automaton without variables."""
         return formal(text)
 

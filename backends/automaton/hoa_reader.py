@@ -20,7 +20,8 @@ from backends.automaton.hoa_writer import ALIVE
 from rvaft.backend import Observed
 from rvaft.core.classifier import Decided, PatternIndex
 from rvaft.core.times import timed
-from rvaft.errors import LanguageError, TooLarge, ToolMissing, installed
+from rvaft.errors import LanguageError, NotExpressible, TooLarge, ToolMissing, installed
+from rvaft.export.certificates import EventConditions
 from rvaft.language.diagnostics import error_at
 from rvaft.language.parser import parse_guard, parse_pattern, parse_time
 from rvaft.model.event_time import EventTime
@@ -68,8 +69,8 @@ class HoaTable:
 
     def __init__(self, text: str) -> None:
         """Raises `LanguageError`, `ToolMissing`, `TooLarge`."""
-        spot, self._buddy = tools()
-        automaton = parsed(spot, text)
+        spot, self._buddy = _tools()
+        automaton = _parsed(spot, text)
         if not automaton.is_existential():
             automaton = spot.remove_alternation(automaton)
         self.names = tuple(str(proposition.ap_name()) for proposition in automaton.ap())
@@ -141,8 +142,7 @@ class HoaTable:
         return next(targets)  # the table is complete
 
 
-def tools() -> tuple[Any, Any]:
-    """Return the modules `spot` and `buddy`; raises `ToolMissing`."""
+def _tools() -> tuple[Any, Any]:
     remedy = "pip install spottl (Linux x86-64, Python below 3.14), or build Spot with its Python bindings"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -154,8 +154,7 @@ def tools() -> tuple[Any, Any]:
     return spot, buddy
 
 
-def parsed(spot: Any, text: str) -> Any:
-    """Return the automaton as Spot's; raises `LanguageError`."""
+def _parsed(spot: Any, text: str) -> Any:
     start = re.match(r"(?:\s|/\*.*?\*/)*", text, re.DOTALL)
     position = start.end() if start else 0
     if not text.startswith("HOA:", position):
@@ -391,6 +390,42 @@ def program(text: str, atoms: Mapping[str, Pattern] | None) -> HoaProgram:
     return (
         _program(text) if atoms is None else HoaProgram(text, atoms)
     )  # `atoms` may reject a name by raising, so it is not cached
+
+
+def formal(text: str) -> dict[str, Any]:
+    """Return a Büchi automaton with marked states; raises `NotExpressible` and `LanguageError`."""
+    known, events = program(text, None), EventConditions()
+    spot, buddy = _tools()
+    automaton = _parsed(spot, text)
+    if known.time is not None or known.guards or any(shared for _, shared in known.events.values()):
+        raise NotExpressible("the events of the text have variables or times")
+    if not automaton.is_existential() or not automaton.prop_state_acc() or not automaton.acc().is_buchi():
+        raise NotExpressible("the text is no Büchi automaton with marks on states")
+    tests: dict[int, Json] = {}
+    for number, name in enumerate(known.table.names):
+        variable = automaton.register_ap(name)
+        if number in known.events:
+            tests[variable] = events.of(Observed(known.events[number][0]))
+        else:
+            tests[variable] = ["alive"] if name == ALIVE else events.relevance(known.alphabet, known.ignored)
+    if ["alive"] not in tests.values():
+        raise NotExpressible(f"the text has no proposition {ALIVE}")
+
+    @cache
+    def label(condition: Any) -> Json:
+        if condition in (buddy.bddtrue, buddy.bddfalse):
+            return ["and"] if condition == buddy.bddtrue else ["or"]
+        test, low = tests[buddy.bdd_var(condition)], label(buddy.bdd_low(condition))
+        return ["or", ["and", test, label(buddy.bdd_high(condition))], ["and", ["not", test], low]]
+
+    states: list[Json] = [
+        {
+            "marked": bool(automaton.state_is_accepting(state)),
+            "edges": [[label(edge.cond), edge.dst] for edge in automaton.out(state)],
+        }
+        for state in range(automaton.num_states())
+    ]
+    return events.text("automaton", {"start": automaton.get_init_state_number(), "states": states})
 
 
 class HoaMonitor(Monitor):

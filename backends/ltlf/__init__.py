@@ -5,11 +5,10 @@ subformulas. The `limit` counts subformulas. Only reading needs Spot.
 """
 
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from backends.ltlf.formal import formal
 from backends.ltlf.mona import MonaMonitor
-from backends.ltlf.monitor import LtlfMonitor, observed
+from backends.ltlf.monitor import LtlfMonitor, formal, observed
 from backends.ltlf.translation import Translation
 from rvaft.backend import Backend, Observed, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
@@ -17,7 +16,6 @@ from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, window
 from rvaft.core.property import Condition, Part, Property
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
-from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
 
@@ -62,7 +60,7 @@ class LtlfBackend(Backend):
         """Return the patterns of the atoms, or None if the formula has times."""
         return observed(text, atoms or {})
 
-    def formal(self, text: str) -> Json:
+    def formal(self, text: str) -> dict[str, Any]:
         """Return the abstract syntax of a formula without variables."""
         return formal(text)
 

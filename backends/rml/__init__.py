@@ -1,12 +1,11 @@
 """The `rml` backend: the Runtime Monitoring Language of the published compiler and monitor."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 from backends.rml.reader.deviations import touching
 from backends.rml.reader.event_types import observed
-from backends.rml.reader.formal import formal
-from backends.rml.reader.monitor import read
+from backends.rml.reader.monitor import formal, read
 from backends.rml.writer import translate
 from backends.rml.writer.terms import FUNCTIONS, KEYWORDS, TYPES, VALUES
 from rvaft.backend import Backend, Highlighting, Metrics, Observed, SpecificationText
@@ -99,7 +98,7 @@ class RmlBackend(RmlCapabilities):
         """
         return read(text)
 
-    def formal(self, text: str) -> Json:
+    def formal(self, text: str) -> dict[str, Any]:
         """Return the abstract syntax of a text without shared variables."""
         return formal(text)
 

@@ -7,14 +7,14 @@ from typing import Any, Final, Protocol, runtime_checkable
 import click
 
 from rvaft.api import narrowed, resolve_semantics, translate
-from rvaft.backend import Backend, Specification, UnknownBackend, all_backends, backend
+from rvaft.backend import Backend, UnknownBackend, all_backends, backend
 from rvaft.capabilities import table
 from rvaft.cli import options
-from rvaft.errors import NotExpressible, OptionError, TooLarge, ToolFailed, ToolMissing
+from rvaft.errors import OptionError, TooLarge, ToolFailed, ToolMissing
 from rvaft.export import PICTURES, Format, format_of, picture
+from rvaft.export.certificates import PROGRAM, certificate, on_path
 from rvaft.export.latex import listing
-from rvaft.export.verified import PROGRAM, Certificate, certificate, on_path
-from rvaft.model.nodes import Kind, Node
+from rvaft.model.nodes import Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.support.files import deliver
@@ -108,40 +108,18 @@ def emit_command(
         if not isinstance(signed, _WithSignature):
             raise OptionError(f"{language} specifications have no signature: omit --signature")
         deliver(signed.signature(text).encode(), signature)
-    why = _certificate(loaded, specification, backend(language), verified, **chosen) if certify else None
+    status, answer = 0, ""
+    if certify:
+        semantics = resolve_semantics(loaded, chosen["semantics"])
+        program = on_path() if verified is None else Path(verified)
+        chosen = {"branch": chosen["branch"], "kind": chosen["kind"]}
+        status, answer = certificate(loaded, backend(language), specification, semantics, program, **chosen)
     if form == "latex":
         text = listing(text, backend(language).highlighting)
     deliver((text if text.endswith("\n") else f"{text}\n").encode(), output)
-    if why is None:
-        return 0
-    click.echo(why.text, err=True)
-    return why.status
-
-
-def _certificate(
-    tree: RVAFT,
-    specification: Specification,
-    speaks: Backend,
-    program: str | None,
-    *,
-    branch: int | None,
-    kind: Kind | None,
-    **others: Any,
-) -> Certificate:
-    """Return whether the text is certified; what prevents it is the reason."""
-    if specification.assumes or others["mapping"] is not None:
-        return Certificate(2, "the text relies on assumptions about logs, or on renamed fields")
-    try:
-        return certificate(
-            tree,
-            speaks.formal(specification.text),
-            resolve_semantics(tree, others["semantics"]),
-            on_path() if program is None else Path(program),
-            branch=branch,
-            kind=kind,
-        )
-    except (NotExpressible, TooLarge, ToolMissing, ToolFailed) as error:
-        return Certificate(2, error.reason if isinstance(error, NotExpressible) else str(error))
+    if certify:
+        click.echo(answer, err=True)
+    return status
 
 
 @click.command("backends")

@@ -10,12 +10,12 @@ import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final
 
-from rvaft.backend import Observed
+from rvaft.backend import Backend, Observed, Specification
 from rvaft.core.branches import branch as numbered
 from rvaft.core.solver import witness
-from rvaft.errors import NotExpressible, ToolFailed, ToolMissing
+from rvaft.errors import NotExpressible, TooLarge, ToolFailed, ToolMissing
 from rvaft.export.interchange import condition_json, json_text, pattern_json
 from rvaft.model import guards, patterns
 from rvaft.model.nodes import Kind
@@ -26,7 +26,7 @@ from rvaft.model.verdict import Semantics
 PROGRAM: Final = "rvaft-verified"
 EVERY: Final = Observed(patterns.ObjectPattern(()))
 """Every event is an object."""
-_MEANING: Final = "certified: for every trace the text has the verdict of the tree"
+CERTIFIED: Final = "certified: for every trace the text has the verdict of the tree"
 
 
 def on_path() -> Path | None:
@@ -63,11 +63,8 @@ def run(
             raise ToolMissing("the verified monitor", remedy=remedy) from None
     if done.returncode not in (0, 1, 2):
         raise ToolFailed("verified", reason=f"exit status {done.returncode}")
-    return (
-        done.returncode,
-        done.stdout.split("\n")[:-1],
-        done.stderr.strip().replace(f"{file}: ", "").removeprefix(f"{PROGRAM}: "),
-    )
+    why = done.stderr.strip().replace(f"{file}: ", "").removeprefix(f"{PROGRAM}: ")
+    return done.returncode, done.stdout.split("\n")[:-1], why
 
 
 @dataclass
@@ -91,26 +88,15 @@ class EventConditions:
         """Return the test of an event that some of `relevant` and none of `ignored` accepts."""
         return ["and", ["or", *map(self.of, relevant)], ["not", ["or", *map(self.of, ignored)]]]
 
-    def text(self, language: str, body: Json) -> Json:
+    def text(self, language: str, body: Json) -> dict[str, Any]:
         """Return the formal text with these predicates."""
         return {"language": language, "predicates": self.predicates, "text": body}
 
 
-class Certificate(NamedTuple):
-    """A status, 0 for certified, 1 for a text that differs, 2 for an unknown answer, and the reason."""
-
-    status: int
-    reason: str = ""
-
-    @property
-    def text(self) -> str:
-        """The certificate as a line."""
-        return f"not certified: {self.reason}" if self.status else _MEANING
-
-
 def certificate(
     tree: RVAFT,
-    text: Json,
+    speaks: Backend,
+    specification: Specification,
     semantics: Semantics,
     program: Path | None,
     *,
@@ -118,19 +104,26 @@ def certificate(
     kind: Kind | None = None,
     limit: int = 1_000_000,
     timeout: float = 120,
-) -> Certificate:
-    """Return whether a formal text has the verdicts of the tree; raises `ToolMissing`, `ToolFailed`."""
+) -> tuple[int, str]:
+    """Return 0 if a text has the verdict of the tree on every trace, 1 if not, 2 if this is not
+    known, and a message.
+    """
+    if specification.assumes:
+        return 2, "not certified: the text relies on assumptions about logs"
     if program is None:
-        return Certificate(
-            2, f"{PROGRAM} is not on the PATH: build it by `make verified`, or name it by --verified PROGRAM"
-        )
-    assert isinstance(text, dict)
-    options = [*part_options(tree, semantics, branch, kind), "--limit", str(limit)]
+        return 2, f"not certified: {PROGRAM} is not on the PATH: build it by `make verified`, or name it by --verified"
     try:
-        status, lines, why = run(program, tree, options, text={**text, "samples": _samples(tree)}, timeout=timeout)
+        formal = speaks.formal(specification.text) | {"samples": _samples(tree)}
+        options = [*part_options(tree, semantics, branch, kind), "--limit", str(limit)]
+        status, lines, why = run(program, tree, options, text=formal, timeout=timeout)
+        why = "".join(lines) or why
+    except NotExpressible as error:
+        status, why = 2, error.reason
+    except (TooLarge, ToolMissing, ToolFailed) as error:
+        status, why = 2, str(error)
     except subprocess.TimeoutExpired:
-        return Certificate(2, f"no answer within {timeout:g} s")
-    return Certificate(status, (why, *lines)[-1])
+        status, why = 2, f"no answer within {timeout:g} s"
+    return status, f"not certified: {why}" if status else CERTIFIED
 
 
 def _samples(tree: RVAFT) -> list[Json]:

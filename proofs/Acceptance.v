@@ -103,7 +103,8 @@ Proof.
   destruct (X c C u m I F) as (e & m' & J & R).
   assert (K : In m' (states relevant s c (u ++ [e]))).
   { assert (In m' (flat_map (extend c e) (states relevant s c u))) by (apply in_flat_map; eauto).
-    rewrite states_snoc. unfold projects in R. destruct s; simpl; auto; try rewrite R by auto; auto; apply in_app_iff; auto. }
+    rewrite states_snoc. unfold projects in R.
+    destruct s; simpl; auto; try rewrite R by auto; auto; apply in_app_iff; auto. }
   apply undone_less in J as U. destruct (IH (u ++ [e]) m') as (v & m'' & I' & F'); auto; [lia |].
   exists (e :: v), m''. rewrite <- app_assoc in I'. auto.
 Qed.
@@ -116,7 +117,8 @@ Theorem text_verdict : forall s plans accepts, Forall lawful plans -> Forall (Ex
 Proof.
   intros s plans accepts L X A u.
   assert (T : TextVerdict accepts u Top <-> Verdict s plans u Top).
-  { simpl. split; [| intros D w; apply A, detected_app, D]. intros H; specialize (H []). rewrite app_nil_r in H. now apply A. }
+  { simpl. split; [| intros D w; apply A, detected_app, D]. intros H; specialize (H []). rewrite app_nil_r in H.
+    now apply A. }
   assert (B : TextVerdict accepts u Bottom <-> Verdict s plans u Bottom).
   { simpl. split.
     - intros H; split; intros D; [apply (H []), A; now rewrite app_nil_r |].
@@ -162,7 +164,8 @@ Proof.
   destruct (least rank (filter (fun o => negb (among o done)) (shape_occurrences x))) as (o & I & M).
   { intros Q. rewrite <- not_true_iff_false in F. apply F. apply forallb_forall. intros o I.
     destruct (among o done) eqn:A; auto. exfalso.
-    assert (J : In o (filter (fun o => negb (among o done)) (shape_occurrences x))) by (apply filter_In; rewrite A; auto).
+    assert (J : In o (filter (fun o => negb (among o done)) (shape_occurrences x)))
+      by (apply filter_In; rewrite A; auto).
     rewrite Q in J; destruct J. }
   apply filter_In in I as [I A]. exists o; split; auto. unfold ready. rewrite A; simpl. apply forallb_forall.
   intros p J. destruct (shape_before x p o) eqn:B; simpl; auto. destruct (among p done) eqn:D; auto. exfalso.
@@ -196,7 +199,8 @@ Example servable_is_needed :
   Verdict (fun e => relevant satisfies e = true) (Scenarios [plain satisfies x]) Strict [] Unknown.
 Proof.
   intros satisfies x detected. split.
-  - intros u D. unfold detected in D. apply (detected_completes satisfies Strict [x]) in D as (y & v & w & [<- | []] & _ & _ & K).
+  - intros u D. unfold detected in D.
+    apply (detected_completes satisfies Strict [x]) in D as (y & v & w & [<- | []] & _ & _ & K).
     inversion K; subst; discriminate.
   - apply (verdict_correct (relevant satisfies) Strict [plain satisfies x] []). apply (all_lawful satisfies [x]).
 Qed.

@@ -278,7 +278,8 @@ Lemma successors_complete : forall s x e ds ms, well_lettered x -> Consistents s
 Proof.
   intros s x e ds ms W C [_ B] m I. apply in_flat_map in I as (m0 & I0 & I). destruct (B m0 I0) as (d & J & L).
   apply in_extend_plain in I as (o & -> & O & R & S); auto.
-  assert (K : forall d, In d ds -> ready x d o = true -> In (canon x (o :: d)) (flat_map (successors (rows x) (reads e)) ds)).
+  assert (K : forall d, In d ds -> ready x d o = true ->
+    In (canon x (o :: d)) (flat_map (successors (rows x) (reads e)) ds)).
   { intros d' J' R'. apply in_flat_map; exists d'; split; auto. apply in_successors; eauto. }
   rewrite below_iff in L. simpl domain.
   assert (Q : s <> Scattered -> d = canon x (domain m0)) by (destruct s; congruence).
@@ -293,7 +294,8 @@ Proof.
         apply among_iff in R. apply among_iff, Z. now apply canon_agree.
       * apply below_iff. intros p P. unfold canon in P. apply filter_In in P as [P P']. apply filter_In; split; auto.
         apply among_iff in P' as [<- | P']; apply among_iff; simpl; auto. right. apply Z. now apply canon_agree.
-  - assert (d = canon x (domain m0)) by (apply Q; destruct s; discriminate). subst d. exists (canon x (o :: domain m0)); split.
+  - assert (d = canon x (domain m0)) by (apply Q; destruct s; discriminate). subst d.
+    exists (canon x (o :: domain m0)); split.
     + left. replace (canon x (o :: domain m0)) with (canon x (o :: canon x (domain m0))).
       * apply K; auto. rewrite <- R. apply ready_agree; auto. apply canon_agree.
       * apply canon_same. intros p P; simpl. now rewrite (canon_agree x (domain m0) p P).
@@ -304,7 +306,8 @@ Lemma covers_step : forall s x e ds ms, In relevance predicates -> well_lettered
   covers s x ds ms -> covers s x (advance_sets s (reads e) (rows x) ds) (step relevant s (plain x) e ms).
 Proof.
   intros s x e ds ms A W C H.
-  assert (N : s <> Scattered -> covers s x (flat_map (successors (rows x) (reads e)) ds) (flat_map (extend (plain x) e) ms)).
+  assert (N : s <> Scattered ->
+    covers s x (flat_map (successors (rows x) (reads e)) ds) (flat_map (extend (plain x) e) ms)).
   { intros NS. split; [now apply successors_sound with s |]. intros m I.
     destruct (successors_complete s x e ds ms W C H m I) as (d & [J | [J _]] & L); [eauto | contradiction]. }
   assert (M : member relevance (reads e) = relevant e) by now apply member_letter.
@@ -315,7 +318,8 @@ Proof.
   - apply covers_tidy. split.
     + intros d I. apply in_app_iff in I as [I | I].
       * apply H in I as (m & I & Q). exists m; split; auto. apply in_app_iff; auto.
-      * apply (successors_sound Scattered x e ds ms) in I as (m & I & Q); auto. exists m; split; auto. apply in_app_iff; auto.
+      * apply (successors_sound Scattered x e ds ms) in I as (m & I & Q); auto. exists m; split; auto.
+        apply in_app_iff; auto.
     + intros m I. apply in_app_iff in I as [I | I].
       * apply H in I as (d & I & Q). exists d; split; auto. apply in_app_iff; auto.
       * destruct (successors_complete Scattered x e ds ms W C H m I) as (d & [J | [_ J]] & L);
@@ -363,7 +367,8 @@ Lemma map2_map : forall (A B C D : Type) (f : A -> B -> C) (g : D -> A) (h : D -
   map2 f (map g l) (map h l) = map (fun d => f (g d) (h d)) l.
 Proof. induction l; simpl; congruence. Qed.
 
-Lemma existsb_ext_in : forall (A : Type) (f g : A -> bool) l, (forall a, In a l -> f a = g a) -> existsb f l = existsb g l.
+Lemma existsb_ext_in : forall (A : Type) (f g : A -> bool) l, (forall a, In a l -> f a = g a) ->
+  existsb f l = existsb g l.
 Proof. induction l; simpl; intros H; auto. rewrite H, IHl; auto. Qed.
 
 Definition letters (u : list E) : list letter := map reads u.

@@ -136,8 +136,8 @@ Definition hash_state (mix : mixing) (q : state) : nat :=
   match q with
   | Accepting => 1
   | Watching sets =>
-    fold_left (fun h ds => fold_left (fun h d => fold_left (fun h o => mix (mix h (fst o)) (snd o)) d (mix h 7)) ds (mix h 5))
-              sets 3
+    let of_done := fun h d => fold_left (fun h o => mix (mix h (fst o)) (snd o)) d (mix h 7) in
+    fold_left (fun h ds => fold_left of_done ds (mix h 5)) sets 3
   end.
 
 Fixpoint same_list {A} (equal : A -> A -> bool) (l m : list A) : bool :=
@@ -200,7 +200,8 @@ Proof.
 Qed.
 
 (** After each word, a certified text is in a state that fits the state of the automaton. *)
-Theorem compare_sound : forall fuel t, compare_with_automaton fuel t = Certified -> forall word, Forall (fun l => In l possible) word ->
+Theorem compare_sound : forall fuel t, compare_with_automaton fuel t = Certified ->
+  forall word, Forall (fun l => In l possible) word ->
   fits (fold_left text_step word t) (fold_left (delta s tables) word (initial tables)) = true.
 Proof.
   intros fuel t H word F.

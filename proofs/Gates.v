@@ -241,10 +241,12 @@ Qed.
 
 Definition vote_text (k : nat) (l : list occurrence) : formula := threshold k (map occurs l).
 
-Lemma filter_map_length : forall A B (f : A -> B) p l, length (filter p (map f l)) = length (filter (fun a => p (f a)) l).
+Lemma filter_map_length : forall A B (f : A -> B) p l,
+  length (filter p (map f l)) = length (filter (fun a => p (f a)) l).
 Proof. induction l as [| a l IH]; simpl; auto. destruct (p (f a)); simpl; auto. Qed.
 
-Lemma sublist_forall_length : forall A (p : A -> bool) l m, Sublist m l -> forallb p m = true -> length m <= length (filter p l).
+Lemma sublist_forall_length : forall A (p : A -> bool) l m, Sublist m l -> forallb p m = true ->
+  length m <= length (filter p l).
 Proof.
   intros A p l m S; induction S; simpl; intros H; auto.
   - apply andb_true_iff in H as [P H]. rewrite P. simpl. apply IHS in H. lia.
@@ -258,12 +260,14 @@ Proof. intros l m S D o p e I J. apply D; now apply (sublist_incl _ _ _ S). Qed.
 Theorem vote_text_correct : forall k l, disjoint l -> forall u,
   holds (vote_text k l) u = true <-> Detected Scattered (vote k l) u.
 Proof.
-  intros k l D u. rewrite detected_base by auto. unfold vote_text. rewrite holds_threshold, filter_map_length, Nat.leb_le.
+  intros k l D u. rewrite detected_base by auto. unfold vote_text.
+  rewrite holds_threshold, filter_map_length, Nat.leb_le.
   rewrite (filter_ext _ _ (fun o => holds_occurs o u)). split.
   - intros L. eexists; split; [apply in_vote; eexists; repeat split; [apply sublist_filter | exact L] |].
     apply unordered_detected; [eapply disjoint_sublist; eauto; apply sublist_filter |].
     apply forallb_forall. intros o I. now apply filter_In in I.
-  - intros (x & I & K). apply in_vote in I as (m & -> & S & L). apply unordered_detected in K; [| eapply disjoint_sublist; eauto].
+  - intros (x & I & K). apply in_vote in I as (m & -> & S & L).
+    apply unordered_detected in K; [| eapply disjoint_sublist; eauto].
     apply (sublist_forall_length _ _ _ _ S) in K. lia.
 Qed.
 
@@ -372,7 +376,8 @@ Proof.
   assert (Z : holds (some_leaf l) [] = false).
   { unfold some_leaf. rewrite holds_disjunction, existsb_map. clear. induction l; auto. }
   rewrite holds_each_position by exact Z. rewrite forallb_forall. unfold serves.
-  assert (A : (forall v e w, firstn (S k) u = v ++ e :: w -> holds (some_leaf l) (e :: skipn (S (length v)) u) = true) <->
+  assert (A : (forall v e w, firstn (S k) u = v ++ e :: w ->
+    holds (some_leaf l) (e :: skipn (S (length v)) u) = true) <->
               (forall e, In e (firstn (S k) u) -> exists o, In o l /\ satisfies (requires o) e = true)).
   { split.
     - intros H e I. apply in_split in I as (v & w & Q). specialize (H v e w Q). rewrite holds_some_leaf in H.
@@ -392,7 +397,8 @@ Definition undone (l done : list occurrence) : nat := length (filter (fun o => n
 Lemma undone_served : forall l done o, NoDup l -> In o l -> among o done = false ->
   undone l done = S (undone l (o :: done)).
 Proof.
-  intros l done o N I A. unfold undone. induction l as [| p l IH]; [destruct I |]. inversion N as [| ? ? NI N']; subst. simpl.
+  intros l done o N I A. unfold undone. induction l as [| p l IH]; [destruct I |]. inversion N as [| ? ? NI N']; subst.
+  simpl.
   destruct I as [-> | I].
   - rewrite A, same_refl. simpl. f_equal. f_equal. apply filter_ext_in. intros q J. simpl.
     rewrite same_false; auto. intros ->; contradiction.
@@ -400,9 +406,11 @@ Proof.
 Qed.
 
 (** A match of unordered leaves uses the first events, as many as there are leaves left. *)
-Lemma strict_uses : forall l done u, disjoint l -> NoDup l -> forall m, Sublist m l -> Completes Strict (unordered m) done u ->
+Lemma strict_uses : forall l done u, disjoint l -> NoDup l -> forall m, Sublist m l ->
+  Completes Strict (unordered m) done u ->
   undone m done <= length u /\
-  (forall e, In e (firstn (undone m done) u) -> exists o, In o m /\ among o done = false /\ satisfies (requires o) e = true) /\
+  (forall e, In e (firstn (undone m done) u) -> exists o, In o m /\ among o done = false /\
+    satisfies (requires o) e = true) /\
   (forall o, In o l -> count (requires o) (firstn (undone m done) u) <= 1).
 Proof.
   intros l done u D ND m SU K. assert (NM := sublist_nodup _ _ _ SU ND). assert (IN := sublist_incl _ _ _ SU).
@@ -443,12 +451,14 @@ Proof.
         rewrite R, same_false; auto. intros ->. specialize (C o I). unfold count in C. simpl in C. rewrite S in C.
         assert (K : In e' (filter (satisfies (requires o)) v)) by (apply filter_In; auto).
         simpl in C. destruct (filter _ v); [destruct K | simpl in C; lia].
-      * intros p P. specialize (C p P). unfold count in *. simpl in C. destruct (satisfies (requires p) e); simpl in C; lia.
+      * intros p P. specialize (C p P). unfold count in *. simpl in C.
+        destruct (satisfies (requires p) e); simpl in C; lia.
       * intros p P R. simpl in R. apply orb_false_iff in R as [N R]. specialize (X p P R). simpl in X.
         apply orb_true_iff in X as [X | X]; auto. rewrite (D p o e), same_refl in N; auto. discriminate.
 Qed.
 
-Lemma serving_leaves : forall l v, serves l v -> length v <= length (filter (fun o => existsb (satisfies (requires o)) v) l).
+Lemma serving_leaves : forall l v, serves l v ->
+  length v <= length (filter (fun o => existsb (satisfies (requires o)) v) l).
 Proof.
   intros l; induction v as [| e v IH]; intros [A C]; [simpl; lia |].
   assert (SV : serves l v).
@@ -511,7 +521,8 @@ Lemma bounded_window : forall k l, bounded (window k l) = true.
 Proof.
   intros k l. apply bounded_conjoin.
   - apply bounded_each, bounded_disjunction. rewrite forallb_map. now apply forallb_forall.
-  - unfold conjunction. induction l as [| o l IH]; auto. cbn [map fold_right]. apply bounded_conjoin; auto. apply bounded_twice.
+  - unfold conjunction. induction l as [| o l IH]; auto. cbn [map fold_right]. apply bounded_conjoin; auto.
+    apply bounded_twice.
 Qed.
 
 (** The window text of a vote over disjoint leaves that nothing follows. *)

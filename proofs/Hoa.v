@@ -5,7 +5,8 @@
     proposition holds.  A deterministic text is certified against a tree without variables. *)
 
 Require Import List Bool Arith Lia.
-Require Import RVAFT.Language RVAFT.Definition RVAFT.Search RVAFT.Plain RVAFT.Automaton RVAFT.Acceptance RVAFT.Exploration.
+Require Import RVAFT.Language RVAFT.Definition RVAFT.Search RVAFT.Plain RVAFT.Automaton RVAFT.Acceptance
+  RVAFT.Exploration.
 Import ListNotations.
 
 (** ** Texts and what they accept *)
@@ -122,7 +123,8 @@ Proof.
   intros Q; injection Q as ->. now apply target_edge.
 Qed.
 
-Definition after (h : hoa) (word : list letter) : position := fold_left (hoa_step h) word (Standing (Some (start_state h))).
+Definition after (h : hoa) (word : list letter) : position :=
+  fold_left (hoa_step h) word (Standing (Some (start_state h))).
 
 Lemma ambiguous_stays : forall h word, fold_left (hoa_step h) word Ambiguous = Ambiguous.
 Proof. induction word; simpl; auto. Qed.
@@ -136,7 +138,8 @@ Lemma run_during : forall h word q run, fold_left (hoa_step h) word (Standing (S
   fold_left (hoa_step h) word (Standing (Some q)) = Standing (Some (run (length word))).
 Proof.
   intros h; induction word as [| a word IH]; intros q run N Z R; [simpl; congruence |].
-  cbn [fold_left] in *. destruct (hoa_step h (Standing (Some q)) a) as [r |] eqn:S; [| now rewrite ambiguous_stays in N].
+  cbn [fold_left] in *.
+  destruct (hoa_step h (Standing (Some q)) a) as [r |] eqn:S; [| now rewrite ambiguous_stays in N].
   assert (E : Edge h (Some (predicates_of a)) (run 0) (run 1)) by (apply (R 0); simpl; lia).
   rewrite Z in E. rewrite (hoa_step_edge _ _ _ _ S) in E. subst r.
   rewrite (IH (run 1) (fun i => run (Datatypes.S i))); auto. intros i L. apply (R (Datatypes.S i)). simpl; lia.
@@ -196,7 +199,8 @@ Theorem hoa_reading : forall h word b, hoa_accepts h (after h word) = Some b ->
   (b = true <-> HoaAccepts h (word_of word)).
 Proof.
   intros h word b H. unfold after in H.
-  assert (NA : fold_left (hoa_step h) word (Standing (Some (start_state h))) <> Ambiguous) by (intros Q; rewrite Q in H; discriminate).
+  assert (NA : fold_left (hoa_step h) word (Standing (Some (start_state h))) <> Ambiguous)
+    by (intros Q; rewrite Q in H; discriminate).
   assert (LW : length (word_of word) = length word) by apply map_length.
   assert (END : forall run q, Run h (word_of word) run -> run (length word) = q ->
     (forall i, exists j, i <= j /\ marked h (run j) = true) -> EndAccepts h q).
@@ -208,7 +212,8 @@ Proof.
     fold_left (hoa_step h) word (Standing (Some (start_state h))) = Standing (Some (run (length word)))).
   { intros run [Z R]. apply run_during; auto. }
   destruct (fold_left (hoa_step h) word (Standing (Some (start_state h)))) as [[q |] |] eqn:F; [| |congruence].
-  - simpl in H. change (hoa_ending h (S (length (edges h))) q = Some b) in H. apply hoa_ending_correct in H. rewrite H. split.
+  - simpl in H. change (hoa_ending h (S (length (edges h))) q = Some b) in H. apply hoa_ending_correct in H. rewrite H.
+    split.
     + intros (tail & Z & R & M). destruct (run_exists _ _ _ _ F) as (run & Z' & L & R').
       exists (fun i => if i <? length word then run i else tail (i - length word)). split; [split |].
       * destruct (Nat.ltb_spec 0 (length word)); auto. replace (length word) with 0 in * by lia. simpl. congruence.
@@ -275,7 +280,8 @@ Lemma edge_agree : forall h v w q r, (forall p, In p (hoa_atoms h) -> v p = w p)
 Proof.
   intros h v w q r H (l & I & R). exists l; split; auto. rewrite <- R. apply reads_agree. intros p J. symmetry. apply H.
   apply in_flat_map. exists (edges_of h q). split.
-  - unfold edges_of in *. destruct (lt_dec q (length (edges h))); [now apply nth_In |]. rewrite nth_overflow in I by lia. destruct I.
+  - unfold edges_of in *. destruct (lt_dec q (length (edges h))); [now apply nth_In |].
+    rewrite nth_overflow in I by lia. destruct I.
   - apply in_flat_map. exists (l, r); auto.
 Qed.
 
@@ -305,10 +311,12 @@ Proof.
   intros h ps u A.
   assert (L : length (word_of (letters satisfies ps u)) = length (valuations u))
     by (unfold word_of, letters, valuations; now rewrite !map_length).
-  assert (X : forall i v v', nth_error (word_of (letters satisfies ps u)) i = Some v -> nth_error (valuations u) i = Some v' ->
+  assert (X : forall i v v', nth_error (word_of (letters satisfies ps u)) i = Some v ->
+    nth_error (valuations u) i = Some v' ->
      forall p, In p (hoa_atoms h) -> v p = v' p).
   { intros i v v' V V' p I. unfold word_of, letters in V. rewrite map_map in V. unfold valuations in V'.
-    rewrite nth_error_map in V, V'. destruct (nth_error u i) as [e |]; [| discriminate]. injection V as <-. injection V' as <-.
+    rewrite nth_error_map in V, V'. destruct (nth_error u i) as [e |]; [| discriminate]. injection V as <-.
+    injection V' as <-.
     unfold predicates_of. apply member_letter; auto. }
   split; apply accepts_agree; auto. intros i v v' V V' p I. symmetry. eauto.
 Qed.
@@ -329,7 +337,8 @@ Proof.
   apply accepts_alike_iff in K. fold (after h (letters satisfies ps u)) in K. apply hoa_reading in K.
   rewrite <- accepts_letters with (predicates := ps), <- K by auto.
   rewrite <- automaton_accepts with (predicates := ps).
-  - fold (automaton_after satisfies ps s xs u). destruct (automaton_after satisfies ps s xs u); simpl; split; congruence.
+  - fold (automaton_after satisfies ps s xs u).
+    destruct (automaton_after satisfies ps s xs u); simpl; split; congruence.
   - apply A; simpl; auto.
   - apply Forall_forall. intros x I p J. apply A. right. apply in_flat_map; eauto.
 Qed.

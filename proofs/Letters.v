@@ -91,7 +91,8 @@ Proof.
   - simpl in M. subst. now apply value_eqb_iff.
   - apply matches_fields in M as (object & -> & M). apply forallb_forall. intros f I. rewrite Forall_forall in IH.
     destruct (M f I) as (w & -> & K). now apply IH.
-  - destruct M as (l & -> & M). revert l M. induction IH as [| p items P _ IHI]; intros [| w l] M; auto; try contradiction.
+  - destruct M as (l & -> & M). revert l M. induction IH as [| p items P _ IHI]; intros [| w l] M; auto;
+      try contradiction.
     destruct M as [M N]. rewrite P by exact M. now apply IHI.
   - destruct M as (l & -> & w & I & M). apply existsb_exists. eauto.
 Qed.
@@ -107,7 +108,8 @@ Proof.
     + simpl in X. apply existsb_exists in X as (f & I & X). apply existsb_exists in X as (g & J & X).
       apply andb_true_iff in X as [Q X]. apply text_eqb_iff in Q.
       apply matches_fields in M as (object & -> & M). apply matches_fields in N as (object' & Z & N).
-      injection Z as <-. destruct (M f I) as (w & F & K), (N g J) as (w' & F' & K'). rewrite Q, F' in F. injection F as ->.
+      injection Z as <-. destruct (M f I) as (w & F & K), (N g J) as (w' & F' & K'). rewrite Q, F' in F.
+      injection F as ->.
       rewrite Forall_forall in IH. eapply IH; eauto.
     + apply matches_fields in M as (object & -> & _). destruct N as (l & Z & _). discriminate.
     + apply matches_fields in M as (object & -> & _). destruct N as (l & Z & _). discriminate.
@@ -120,4 +122,55 @@ Proof.
   - destruct q as [w | y | | others | others | q]; try discriminate.
     + simpl in N; subst. apply may_match_complete in M. simpl in X, M. rewrite M in X. discriminate.
     + apply matches_fields in N as (object & -> & _). destruct M as (l & Z & _). discriminate.
+Qed.
+
+(** ** Patterns that others imply *)
+
+(** A value that matches all of the patterns [s], under whatever values of the variables, matches [p].
+    The test knows objects and literals. *)
+Fixpoint implied (s : list pattern) (p : pattern) {struct p} : bool :=
+  match p with
+  | Anything => true
+  | Exactly w => existsb (fun q => match q with Exactly v => value_eqb v w | _ => false end) s
+  | ObjectWith fields =>
+    existsb (fun q => match q with ObjectWith _ => true | _ => false end) s &&
+    forallb (fun f =>
+      let inner := flat_map (fun q => match q with
+        | ObjectWith others => map snd (filter (fun g => text_eqb (fst g) (fst f)) others)
+        | _ => []
+        end) s in
+      negb (is_nil inner) && implied inner (snd f)) fields
+  | Named _ | ListOf _ | SomeItem _ => false
+  end.
+
+Lemma fields_match : forall b fields object,
+  (forall f, In f fields -> exists w, field (fst f) object = Some w /\ matches b (snd f) w) ->
+  matches b (ObjectWith fields) (Object object).
+Proof.
+  intros b fields object H. exists object; split; auto. induction fields as [| [n p] fields IH]; auto.
+  split; [apply (H (n, p)); simpl; auto |]. apply IH. intros f I. apply H; simpl; auto.
+Qed.
+
+Theorem implied_sound : forall p s b v, implied s p = true -> (forall q, In q s -> exists a, matches a q v) ->
+  matches b p v.
+Proof.
+  induction p as [w | x | | fields IH | items IH | p IH] using pattern_induction; intros s b v I M; simpl in I;
+    try discriminate.
+  - apply existsb_exists in I as (q & I & E). destruct (M q I) as (a & K). destruct q; try discriminate.
+    apply value_eqb_iff in E. simpl in *. congruence.
+  - exact Logic.I.
+  - apply andb_true_iff in I as [O I]. apply existsb_exists in O as (q & J & O).
+    destruct (M q J) as (a & K). destruct q as [| | | others | |]; try discriminate.
+    apply matches_fields in K as (object & -> & _). apply fields_match. intros f F.
+    rewrite forallb_forall in I. specialize (I f F). apply andb_true_iff in I as [NN I].
+    set (inner := flat_map _ s) in *.
+    assert (IN : forall q, In q inner -> exists w a, field (fst f) object = Some w /\ matches a q w).
+    { intros q Q. apply in_flat_map in Q as (q' & Q' & Q). destruct q' as [| | | gs | |]; try (destruct Q; fail).
+      apply in_map_iff in Q as (g & <- & Q). apply filter_In in Q as [Q E]. apply text_eqb_iff in E.
+      destruct (M _ Q') as (a' & K'). apply matches_fields in K' as (object' & Z & K'). injection Z as <-.
+      destruct (K' g Q) as (w & W & N). rewrite E in W. eauto. }
+    destruct inner as [| q0 l] eqn:L; [discriminate |].
+    destruct (IN q0) as (w & a0 & W & _); [simpl; auto |]. exists w; split; auto.
+    rewrite Forall_forall in IH. apply (IH f F (q0 :: l)); auto. intros q Q.
+    destruct (IN q Q) as (w' & a' & W' & N). rewrite W in W'. injection W' as <-. eauto.
 Qed.

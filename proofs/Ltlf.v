@@ -101,13 +101,15 @@ Definition disjunction (l : list formula) : formula := fold_right disjoin Falsit
 Lemma holds_conjoin : forall f g u, holds (conjoin f g) u = holds f u && holds g u.
 Proof.
   intros f g u; destruct f, g; simpl; auto;
-    repeat match goal with |- context [?b && true] => rewrite andb_true_r | |- context [?b && false] => rewrite andb_false_r end; auto.
+    repeat match goal with |- context [?b && true] => rewrite andb_true_r
+      | |- context [?b && false] => rewrite andb_false_r end; auto.
 Qed.
 
 Lemma holds_disjoin : forall f g u, holds (disjoin f g) u = holds f u || holds g u.
 Proof.
   intros f g u; destruct f, g; simpl; auto;
-    repeat match goal with |- context [?b || true] => rewrite orb_true_r | |- context [?b || false] => rewrite orb_false_r end; auto.
+    repeat match goal with |- context [?b || true] => rewrite orb_true_r
+      | |- context [?b || false] => rewrite orb_false_r end; auto.
 Qed.
 
 Lemma holds_conjunction : forall l u, holds (conjunction l) u = forallb (fun f => holds f u) l.
@@ -161,7 +163,8 @@ Proof.
   destruct (relevant e); simpl; auto using orb_false_r.
 Qed.
 
-Lemma at_relevant_filter : forall f g, (forall e u, relevant e = true -> holds g (e :: u) = holds f (e :: filter relevant u)) ->
+Lemma at_relevant_filter : forall f g,
+  (forall e u, relevant e = true -> holds g (e :: u) = holds f (e :: filter relevant u)) ->
   forall u, holds (at_relevant g) u = negb (is_nil (filter relevant u)) && holds f (filter relevant u).
 Proof.
   intros f g H; induction u as [| e u IH]; [reflexivity |]. rewrite at_relevant_cons, IH. simpl.
@@ -177,8 +180,10 @@ Proof.
   - apply andb_true_iff in B as [B C]. simpl. now rewrite IHf, IHg.
   - apply andb_true_iff in B as [B C]. simpl. now rewrite IHf, IHg.
   - cbn [relativised]. specialize (IH B).
-    change (holds (Next (at_relevant (relativised f))) (e :: u)) with (negb (is_nil u) && holds (at_relevant (relativised f)) u).
-    change (holds (Next f) (e :: filter relevant u)) with (negb (is_nil (filter relevant u)) && holds f (filter relevant u)).
+    change (holds (Next (at_relevant (relativised f))) (e :: u))
+      with (negb (is_nil u) && holds (at_relevant (relativised f)) u).
+    change (holds (Next f) (e :: filter relevant u))
+      with (negb (is_nil (filter relevant u)) && holds f (filter relevant u)).
     rewrite at_relevant_filter with (f := f) by exact IH. destruct u; auto.
 Qed.
 
@@ -269,7 +274,8 @@ Lemma filter_less : forall (A : Type) (f g : A -> bool) l a, (forall b, f b = tr
   In a l -> f a = false -> g a = true -> length (filter f l) < length (filter g l).
 Proof.
   intros A f g l a H. assert (W : forall l, length (filter f l) <= length (filter g l)).
-  { induction l0 as [| b m IH]; simpl; auto. specialize (H b). destruct (f b), (g b); simpl; try lia; now discriminate H. }
+  { induction l0 as [| b m IH]; simpl; auto. specialize (H b).
+    destruct (f b), (g b); simpl; try lia; now discriminate H. }
   induction l as [| b l IH]; simpl; [tauto |]. intros [-> | I] F G.
   - rewrite F, G. simpl. specialize (W l). lia.
   - specialize (IH I F G). specialize (H b). destruct (f b), (g b); simpl; try lia; now discriminate H.
@@ -298,7 +304,8 @@ Proof.
   intros s x S; induction fuel as [| fuel IH]; intros done u L F.
   - exfalso. unfold not_done in L. rewrite <- not_true_iff_false in F. apply F. apply forallb_forall. intros o I.
     destruct (among o done) eqn:A; auto.
-    assert (J : In o (filter (fun o => negb (among o done)) (shape_occurrences x))) by (apply filter_In; rewrite A; auto).
+    assert (J : In o (filter (fun o => negb (among o done)) (shape_occurrences x)))
+      by (apply filter_In; rewrite A; auto).
     destruct (filter _ _); [destruct J | simpl in L; lia].
   - cbn [sum_from]. set (g := fun o => followed _ _). rewrite holds_await; auto.
     2:{ pose proof (sum_from_nil s x (Datatypes.S fuel) done S) as Z. cbn [sum_from] in Z. fold g in Z.
@@ -306,14 +313,16 @@ Proof.
         apply not_true_is_false. intros H. apply existsb_exists in H as (o & _ & H).
         unfold g in H. destruct (finished x (o :: done)); simpl in H; discriminate. }
     rewrite completes_step by exact F.
-    assert (G : forall e w, holds (disjunction (map g (filter (ready x done) (shape_occurrences x)))) (e :: w) = true <->
+    assert (G : forall e w,
+      holds (disjunction (map g (filter (ready x done) (shape_occurrences x)))) (e :: w) = true <->
       exists o, In o (shape_occurrences x) /\ ready x done o = true /\ satisfies (requirement x o) e = true /\
                 Completes s x (o :: done) w).
     { intros e w. rewrite holds_disjunction, existsb_map, existsb_exists.
       assert (GO : forall o, In o (shape_occurrences x) -> ready x done o = true ->
         (holds (g o) (e :: w) = true <-> satisfies (requirement x o) e = true /\ Completes s x (o :: done) w)).
       { intros o I R. unfold g. rewrite holds_followed.
-        2:{ intros f Q. destruct (finished x (o :: done)); [discriminate |]. injection Q as <-. now apply sum_from_nil. }
+        2:{ intros f Q. destruct (finished x (o :: done)); [discriminate |]. injection Q as <-.
+            now apply sum_from_nil. }
         rewrite andb_true_iff. destruct (finished x (o :: done)) eqn:F'.
         - split; [intros [Q _]; split; auto; now constructor | tauto].
         - rewrite IH; [reflexivity | | exact F']. apply (not_done_less x done o I) in R. lia. }
@@ -368,7 +377,8 @@ Proof.
     { intros x I. unfold sum. rewrite BB. apply sum_from_correct; auto. unfold not_done. simpl.
       clear. induction (shape_occurrences x); simpl; lia. }
     split; intros (x & I & H); exists x; split; auto; now apply X. }
-  assert (ST : forall b u, b <> Scattered -> holds (text_of b (disjunction (map (sum Strict) xs))) u = true <-> Detected b xs u).
+  assert (ST : forall b u, b <> Scattered -> holds (text_of b (disjunction (map (sum Strict) xs))) u = true <->
+    Detected b xs u).
   { intros b u Q. apply text_of_correct; auto.
     - apply bounded_disjunction. rewrite forallb_map. apply forallb_forall. intros x _. apply bounded_sum.
     - rewrite holds_disjunction, existsb_map. apply not_true_is_false. intros H.

@@ -87,7 +87,8 @@ Lemma step_consistent : forall s x e l, Consistents x l -> Consistents x (step r
 Proof.
   intros s x e l C.
   assert (N : Consistents x (flat_map (extend (plain x) e) l)).
-  { intros m I. apply in_flat_map in I as (m0 & _ & I). apply (in_extend relevant) in I as (o & -> & _ & _ & _ & K). exact K. }
+  { intros m I. apply in_flat_map in I as (m0 & _ & I). apply (in_extend relevant) in I as (o & -> & _ & _ & _ & K).
+    exact K. }
   intros m I. destruct s; unfold step in I; [| destruct (relevant e) | destruct (relevant e) |]; auto.
   - apply in_app_iff in I as [I | I]; auto. apply in_start in I as [-> _]; auto.
   - apply in_app_iff in I as [I | I]; auto.
@@ -201,7 +202,8 @@ Proof.
     exists x, [], u. rewrite completes_filter; auto.
 Qed.
 
-Theorem detected_consecutive : forall xs u, Detected Consecutive xs u <-> exists v w, u = v ++ w /\ Detected Projected xs w.
+Theorem detected_consecutive : forall xs u, Detected Consecutive xs u <-> exists v w, u = v ++ w /\
+  Detected Projected xs w.
 Proof.
   intros xs u. rewrite detected_completes. split.
   - intros (x & v & w & I & -> & _ & K). exists v, w; split; auto. apply detected_completes. exists x, [], w.
@@ -217,7 +219,8 @@ Definition agree (x : shape) (d d' : list occurrence) : Prop :=
 Lemma agree_among : forall x d d' p, agree x d d' -> In p (shape_occurrences x) -> among p d = among p d'.
 Proof. intros x d d' p H I; apply eq_true_iff_eq; rewrite !among_iff; auto. Qed.
 
-Lemma forallb_ext_in : forall (A : Type) (f g : A -> bool) l, (forall a, In a l -> f a = g a) -> forallb f l = forallb g l.
+Lemma forallb_ext_in : forall (A : Type) (f g : A -> bool) l, (forall a, In a l -> f a = g a) ->
+  forallb f l = forallb g l.
 Proof. induction l; simpl; intros H; auto. rewrite H, IHl; auto. Qed.
 
 Lemma ready_agree : forall x d d' o, agree x d d' -> In o (shape_occurrences x) -> ready x d o = ready x d' o.

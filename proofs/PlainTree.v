@@ -125,7 +125,8 @@ Qed.
 (** The predicates of a tree, each once, and others that a text uses. *)
 Definition tree_predicates (t : tree) (others : list predicate) : list predicate :=
   fold_right (fun q ps => if existsb (same_predicate q) ps then ps else q :: ps) []
-    (flat_map (fun n => match predicate_of t n with Some q => [q] | None => [] end) (seq 0 (length (nodes t))) ++ others).
+    (flat_map (fun n => match predicate_of t n with Some q => [q] | None => [] end) (seq 0 (length (nodes t)))
+     ++ others).
 
 Definition satisfies (t : tree) (ps : list predicate) : nat -> event -> bool :=
   let relevant := relevant_event t in
@@ -145,7 +146,8 @@ Definition plain_node (t : tree) (n : nat) : bool :=
   forallb (fun g => is_nil (points g) && forallb (fun x => Conditions.member x (node_variables t n)) (variables g))
     (conditions t n) &&
   (is_nil (node_variables t n) || Nat.leb (times (node_at t n)) 1) &&
-  forallb (fun m => Nat.eqb n m || forallb (fun x => negb (Conditions.member x (node_variables t m))) (node_variables t n))
+  forallb (fun m => Nat.eqb n m ||
+      forallb (fun x => negb (Conditions.member x (node_variables t m))) (node_variables t n))
     (seq 0 (length (nodes t))).
 
 Definition plain_tree (t : tree) : bool := forallb (plain_node t) (seq 0 (length (nodes t))).
@@ -176,7 +178,8 @@ Proof. intros n L. unfold conditions. now rewrite nowhere_outside. Qed.
 
 Lemma own_guards : forall n g, In g (conditions t n) -> points g = [] /\ incl (variables g) (node_variables t n).
 Proof.
-  intros n g I. destruct (le_lt_dec (length (nodes t)) n) as [L | L]; [rewrite outside_conditions in I by auto; destruct I |].
+  intros n g I. destruct (le_lt_dec (length (nodes t)) n) as [L | L];
+    [rewrite outside_conditions in I by auto; destruct I |].
   unfold plain_tree in tree_plain. rewrite forallb_forall in tree_plain.
   assert (P := tree_plain n (proj2 (in_seq _ _ _) (conj (Nat.le_0_l n) L))). unfold plain_node in P.
   rewrite !andb_true_iff in P. destruct P as [[P _] _]. rewrite forallb_forall in P. apply P in I.
@@ -223,10 +226,12 @@ Proof.
   intros r m R ND OC CONST. split.
   - intros (a & time & F & _ & G) o e I. destruct (F o e I) as (L & p & O & FP).
     exists (p, own_conditions t (fst o)). unfold predicate_of. rewrite O. split; auto.
-    unfold meets. rewrite L. simpl. apply existsb_exists. apply bindings_iff in FP as (bs & J & RS). exists bs; split; auto.
+    unfold meets. rewrite L. simpl. apply existsb_exists. apply bindings_iff in FP as (bs & J & RS).
+    exists bs; split; auto.
     apply forallb_forall. intros g K. apply filter_In in K as [K _]. destruct (own_guards _ _ K) as [PG VG].
     rewrite <- (G (fst o) g); auto.
-    + apply holds_same; [| rewrite PG; intros ? []]. intros x X. apply VG in X. unfold node_variables in X. rewrite O in X.
+    + apply holds_same; [| rewrite PG; intros ? []]. intros x X. apply VG in X. unfold node_variables in X.
+      rewrite O in X.
       apply (respects_get Nat.eqb Nat.eqb_eq); auto. now apply (bindings_variables p (content e) bs).
     + apply (OC o). apply in_domain; eauto.
     + split; [| rewrite PG; intros ? []]. intros x X. exists o, p. repeat split; auto; [apply in_domain; eauto |].
@@ -263,13 +268,15 @@ Proof.
     + apply time_at_iff; auto. now apply parts_iff.
     + apply time_at_iff; auto. now apply parts_iff.
     + intros n g N I [KV _]. destruct (own_guards _ _ I) as [PG VG]. destruct (variables g) as [| x vs] eqn:V.
-      * rewrite (holds_same a (fun _ => Null) _ (fun _ => None)); [eauto | rewrite V; intros ? [] | rewrite PG; intros ? []].
+      * rewrite (holds_same a (fun _ => Null) _ (fun _ => None));
+          [eauto | rewrite V; intros ? [] | rewrite PG; intros ? []].
       * destruct (KV x) as (o & p & D & O & X); [simpl; auto |]. apply in_domain in D as [e D].
         assert (X' : In x (node_variables t (fst o))) by (unfold node_variables; now rewrite O).
         assert (X'' : In x (node_variables t n)) by (apply VG; simpl; auto).
         destruct (variable_private _ _ _ X' X'') as [Q _]. destruct (CH o e D) as (p' & _ & _ & _ & G).
         rewrite forallb_forall in G. rewrite <- (G g).
-        -- apply holds_same; [| rewrite PG; intros ? []]. intros y Y. apply (A o e); auto. rewrite Q. apply VG. now rewrite <- V.
+        -- apply holds_same; [| rewrite PG; intros ? []]. intros y Y. apply (A o e); auto. rewrite Q. apply VG.
+           now rewrite <- V.
         -- apply filter_In. rewrite Q. split; auto. unfold is_constant. now rewrite V.
 Qed.
 
@@ -279,9 +286,11 @@ Proof.
   constructor; simpl.
   - tauto.
   - tauto.
-  - intros m ND IN. simpl in K. rewrite (K m ND), (plain_consistent r m R ND); [| intros o J; now apply O, IN | exact C].
+  - intros m ND IN. simpl in K. rewrite (K m ND), (plain_consistent r m R ND);
+      [| intros o J; now apply O, IN | exact C].
     rewrite forallb_forall. split.
-    + intros H [o e] J. simpl. destruct (H o e J) as (q & P & M). rewrite P, (predicate_numbered (fst o) q e P). exact M.
+    + intros H [o e] J. simpl. destruct (H o e J) as (q & P & M). rewrite P, (predicate_numbered (fst o) q e P).
+      exact M.
     + intros H o e J. specialize (H (o, e) J). simpl in H.
       destruct (predicate_of t (fst o)) as [q |] eqn:P.
       * exists q; split; auto. now rewrite (predicate_numbered (fst o) q e P) in H.
@@ -315,7 +324,8 @@ Definition conflict (ps : list predicate) (k l : nat) : bool :=
   | _, _ => false
   end.
 
-Lemma conflict_sound : forall t ps e k l, conflict ps k l = true -> satisfies t ps k e = true -> satisfies t ps l e = true ->
+Lemma conflict_sound : forall t ps e k l, conflict ps k l = true -> satisfies t ps k e = true ->
+  satisfies t ps l e = true ->
   False.
 Proof.
   intros t ps e [| i] [| j] C; try discriminate. simpl in *.
@@ -331,16 +341,66 @@ Qed.
 (** The predicates without guards: what relevant events meet. *)
 Definition bare (ps : list predicate) (p : pattern) : nat := number_in ps (p, []).
 
+(** The patterns of a letter. *)
+Definition patterns_in (ps : list predicate) (a : letter) : list pattern :=
+  flat_map (fun k => match k with
+                     | O => []
+                     | S i => match nth_error ps i with Some q => [fst q] | None => [] end
+                     end) a.
+
+(** A letter has each predicate without guards that its patterns imply. *)
+Definition closed (ps : list predicate) (a : letter) : bool :=
+  match patterns_in ps a with
+  | [] => true
+  | s => forallb (fun x => negb (is_nil (snd (snd x))) || Automaton.member (S (fst x)) a || negb (implied s (fst (snd
+      x))))
+                 (combine (seq 0 (length ps)) ps)
+  end.
+
 (** A relevant event has one of the patterns of the tree; where nothing is ignored, an event with a
     pattern that has no guard of its own is relevant. *)
 Definition plausible (t : tree) (ps : list predicate) : letter -> bool :=
-  let patterns := map (fun i => (bare ps (fst i), match snd i with Some _ => true | None => false end)) (Monitor.alphabet t) in
+  let guarded := fun i : pattern * option guard => match snd i with Some _ => true | None => false end in
+  let patterns := map (fun i => (bare ps (fst i), guarded i)) (Monitor.alphabet t) in
   let known := forallb (fun i => Nat.leb (fst i) (length ps)) patterns in
   let nothing_ignored := is_nil (ignores t) in
   fun a =>
     implb (known && Automaton.member relevance a) (existsb (fun i => Automaton.member (fst i) a) patterns) &&
     implb (nothing_ignored && existsb (fun i => negb (snd i) && Automaton.member (fst i) a) patterns)
-      (Automaton.member relevance a).
+      (Automaton.member relevance a) &&
+    closed ps a.
+
+Lemma patterns_in_match : forall t ps e p,
+  In p (patterns_in ps (letter_of (satisfies t ps) (seq 0 (S (length ps))) e)) ->
+  late e = false /\ exists b, matches b p (content e).
+Proof.
+  intros t ps e p I. apply in_flat_map in I as (k & K & I). unfold letter_of in K. apply filter_In in K as [_ K].
+  destruct k as [| i]; [destruct I |]. simpl in K. destruct (nth_error ps i) as [q |]; [| destruct I].
+  destruct I as [<- | []]. unfold meets in K. apply andb_true_iff in K as [L K]. split; [now apply negb_true_iff |].
+  apply existsb_exists in K as (bs & J & _).
+  assert (F : fits_pattern (get Nat.eqb bs) (fst q) (content e)).
+  { apply bindings_iff. exists bs; split; auto. now apply (bindings_agree (fst q) (content e)). }
+  destruct F as (b & _ & F). eauto.
+Qed.
+
+Lemma closed_sound : forall t ps e, closed ps (letter_of (satisfies t ps) (seq 0 (S (length ps))) e) = true.
+Proof.
+  intros t ps e. set (a := letter_of _ _ e). unfold closed. destruct (patterns_in ps a) as [| p0 s] eqn:P; auto.
+  apply forallb_forall. intros [i q] I. simpl.
+  apply (combine_seq _ _ (Anything, [])) in I as [I Q]. rewrite Nat.sub_0_r in Q.
+  assert (N : nth_error ps i = Some q) by (rewrite Q; apply nth_error_nth'; lia).
+  destruct (snd q) as [| g gs] eqn:G; simpl; auto.
+  destruct (implied (p0 :: s) (fst q)) eqn:M; [| now rewrite orb_true_r].
+  assert (L : i < length ps) by exact (proj2 I).
+  assert (IN : In (S i) (seq 0 (S (length ps)))) by (apply in_seq; lia).
+  rewrite orb_false_r. unfold a. rewrite member_letter by exact IN. simpl. rewrite N.
+  assert (X : forall p, In p (p0 :: s) -> late e = false /\ exists b, matches b p (content e)).
+  { intros p J. rewrite <- P in J. now apply patterns_in_match in J. }
+  unfold meets. rewrite (proj1 (X p0 (or_introl eq_refl))), G. simpl. apply existsb_exists.
+  assert (F : fits_pattern (fun _ => Null) (fst q) (content e)).
+  { exists (fun _ => Null). split; auto. apply (implied_sound _ (p0 :: s)); auto. intros p J. now apply X. }
+  apply bindings_iff in F as (bs & J & _). exists bs; auto.
+Qed.
 
 Lemma satisfies_bare : forall t ps p e, bare ps p <= length ps ->
   satisfies t ps (bare ps p) e = negb (late e) && fits_with p None (content e).
@@ -353,12 +413,13 @@ Proof.
   intros t ps e. set (a := letter_of _ _ e). unfold plausible. cbv zeta.
   assert (MR : Automaton.member relevance a = relevant_event t e).
   { unfold a. rewrite member_letter by (apply in_seq; unfold relevance; lia). reflexivity. }
-  assert (MB : forall p, bare ps p <= length ps -> Automaton.member (bare ps p) a = negb (late e) && fits_with p None (content e)).
+  assert (MB : forall p, bare ps p <= length ps ->
+    Automaton.member (bare ps p) a = negb (late e) && fits_with p None (content e)).
   { intros p L. unfold a. rewrite member_letter by (apply in_seq; lia). now apply satisfies_bare. }
   assert (MN : forall p, Automaton.member (bare ps p) a = true -> bare ps p <= length ps).
   { intros p M. apply Automaton.member_iff in M. unfold a, letter_of in M. apply filter_In in M as [M _].
     apply in_seq in M. lia. }
-  apply andb_true_iff; split.
+  rewrite !andb_true_iff; split; [split | apply closed_sound].
   - rewrite MR. destruct (relevant_event t e) eqn:R; [| now rewrite andb_false_r]. rewrite andb_true_r.
     destruct (forallb _ _) eqn:K; simpl; auto. unfold relevant_event in R. rewrite !andb_true_iff in R.
     destruct R as [[L _] R]. apply existsb_exists in R as ([p g] & I & F). apply existsb_exists.
@@ -432,7 +493,8 @@ Definition certify_tree_ltlf (mix : mixing) (t : tree) (w : selection) (s : sema
 Definition certify_tree_rml (mix : mixing) (t : tree) (w : selection) (s : semantics) (ps : list predicate)
   (fuel depth : nat) (equations : list term) (x : term) : refusal + outcome :=
   checked t ps true
-    (fun _ => certify_rml mix s (tree_shapes t w ps) (seq 0 (S (length ps))) (tree_letters t ps) fuel depth equations x).
+    (fun _ => certify_rml mix s (tree_shapes t w ps) (seq 0 (S (length ps))) (tree_letters t ps) fuel depth
+                equations x).
 
 Lemma checked_iff : forall t ps served o, checked t ps served o = inr Certified ->
   WellFormed t /\ plain_tree t = true /\ covered t ps = true /\ served = true /\ o tt = Certified.

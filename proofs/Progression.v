@@ -262,11 +262,13 @@ Proof.
   - now rewrite holds_either, IHf1, IHf2.
   - destruct u as [| e u]; auto. simpl. now rewrite IHf.
   - induction u as [| e u IH]; auto.
-    change (holds (Eventually (simplified f)) (e :: u)) with (holds (simplified f) (e :: u) || holds (Eventually (simplified f)) u).
+    change (holds (Eventually (simplified f)) (e :: u))
+      with (holds (simplified f) (e :: u) || holds (Eventually (simplified f)) u).
     now rewrite IHf, IH.
   - induction u as [| e u IH]; auto.
     change (holds (Until (simplified f1) (simplified f2)) (e :: u)) with
-      (holds (simplified f2) (e :: u) || (holds (simplified f1) (e :: u) && holds (Until (simplified f1) (simplified f2)) u)).
+      (holds (simplified f2) (e :: u) ||
+       (holds (simplified f1) (e :: u) && holds (Until (simplified f1) (simplified f2)) u)).
     now rewrite IHf1, IHf2, IH.
 Qed.
 
@@ -293,7 +295,8 @@ Proof.
     + now rewrite holds_both, holds_goes_on.
     + destruct u; simpl; auto. rewrite holds_at_end; auto.
   - rewrite holds_either, (IH a e) by auto. reflexivity.
-  - rewrite holds_either, holds_both, (IHf a e), (IHg a e) by (intros p I; apply A; simpl; apply in_app_iff; auto). reflexivity.
+  - rewrite holds_either, holds_both, (IHf a e), (IHg a e) by (intros p I; apply A; simpl; apply in_app_iff; auto).
+    reflexivity.
 Qed.
 End Progression.
 
@@ -371,10 +374,12 @@ Definition formula_moves (f : formula) (possible : list letter) : list formula :
 Definition formula_fits (f : formula) (q : state) : bool := Bool.eqb (at_end f) (accepting q).
 
 (** The predicates are those of the scenarios and of the text; the possible letters are over these. *)
-Definition certify_ltlf (mix : mixing) (s : semantics) (xs : list shape) (predicates : list nat) (possible : list letter)
+Definition certify_ltlf (mix : mixing) (s : semantics) (xs : list shape) (predicates : list nat)
+  (possible : list letter)
   (fuel : nat) (f : formula) : outcome :=
   if all_among (alphabet xs) predicates && all_among (atoms f) predicates
-  then compare_with_automaton mix same_formula (hash_formula mix) formula_moves formula_fits s (map rows xs) possible fuel
+  then compare_with_automaton mix same_formula (hash_formula mix) formula_moves formula_fits s
+         (map rows xs) possible fuel
          (simplified f)
   else Exhausted.
 
@@ -412,7 +417,8 @@ Proof.
   unfold formula_fits in K. apply eqb_prop in K. rewrite progression_correct in K.
   2:{ eapply incl_tran; [apply atoms_simplified | exact B]. }
   rewrite simplified_same in K. rewrite K. rewrite <- automaton_accepts with (predicates := ps).
-  - fold (automaton_after satisfies ps s xs u). destruct (automaton_after satisfies ps s xs u); simpl; split; congruence.
+  - fold (automaton_after satisfies ps s xs u).
+    destruct (automaton_after satisfies ps s xs u); simpl; split; congruence.
   - apply A; simpl; auto.
   - apply Forall_forall. intros x I p J. apply A. right. apply in_flat_map; eauto.
 Qed.

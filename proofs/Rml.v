@@ -109,7 +109,8 @@ Inductive RmlVerdict : term -> list (nat -> bool) -> verdict -> Prop :=
 | verdict_halts : forall t w, Halts t true -> RmlVerdict t w Top
 | verdict_open : forall t, Halts t false -> RmlVerdict t [] Unknown
 | verdict_stops : forall t a w, Halts t false -> Step a t None -> RmlVerdict t (a :: w) Bottom
-| verdict_goes_on : forall t a w t' v, Halts t false -> Step a t (Some t') -> RmlVerdict t' w v -> RmlVerdict t (a :: w) v.
+| verdict_goes_on : forall t a w t' v, Halts t false -> Step a t (Some t') -> RmlVerdict t' w v ->
+    RmlVerdict t (a :: w) v.
 
 (** The rules are deterministic. *)
 Lemma halts_unique : forall t b, Halts t b -> forall c, Halts t c -> b = c.
@@ -127,16 +128,19 @@ Proof.
     repeat match goal with
     | IH : forall q, Step ?a ?x q -> ?r = q, H : Step ?a ?x ?q' |- _ => apply IH in H; try discriminate H; subst
     end; auto; try congruence.
-  all: match goal with H : Halts ?x true, H' : Halts ?x false |- _ => pose proof (halts_unique _ _ H _ H'); discriminate end.
+  all: match goal with H : Halts ?x true, H' : Halts ?x false |- _ => pose proof (halts_unique _ _ H _ H');
+    discriminate end.
 Qed.
 
 Theorem verdict_unique : forall t w v, RmlVerdict t w v -> forall v', RmlVerdict t w v' -> v = v'.
 Proof.
   induction 1 as [t w H | t H | t a w H S | t a w t' v H S K IH]; intros v' K'; inversion K'; subst; auto;
-    try match goal with H : Halts ?x true, H' : Halts ?x false |- _ => pose proof (halts_unique _ _ H _ H'); discriminate end.
+    try match goal with H : Halts ?x true, H' : Halts ?x false |- _ => pose proof (halts_unique _ _ H _ H');
+      discriminate end.
   - match goal with H : Step _ _ (Some _) |- _ => pose proof (step_unique _ _ _ S _ H); discriminate end.
   - match goal with H : Step _ _ None |- _ => pose proof (step_unique _ _ _ S _ H); discriminate end.
-  - match goal with H : Step _ _ (Some ?x) |- _ => pose proof (step_unique _ _ _ S _ H) as Q; injection Q as <- end. auto.
+  - match goal with H : Step _ _ (Some ?x) |- _ => pose proof (step_unique _ _ _ S _ H) as Q; injection Q as <- end.
+    auto.
 Qed.
 
 Lemma all_verdict : forall w v, RmlVerdict All w v -> v = Top.
@@ -161,7 +165,8 @@ Proof.
       * apply verdict_halts; auto.
       * apply verdict_stops; auto. exact (step_inside a t x All None F S).
       * apply verdict_goes_on with (filtered t x' All); auto; [exact (step_inside a t x All (Some x') F S) |].
-        destruct x'; try (apply IH; exact K'). simpl. now rewrite (all_verdict _ _ K'); apply verdict_halts; constructor.
+        destruct x'; try (apply IH; exact K'). simpl.
+        now rewrite (all_verdict _ _ K'); apply verdict_halts; constructor.
     + specialize (IH x v K). destruct (match x with All => true | _ => false end) eqn:A.
       * destruct x; try discriminate. rewrite (all_verdict _ _ K). apply verdict_halts. apply O. constructor.
       * assert (S : Step a (Filter t x All) (Some (Filter t x All))).
@@ -217,7 +222,8 @@ Proof.
 Qed.
 
 (** Once committed to the left branch, the text stops at an event that only the right one takes. *)
-Lemma committed_stops : forall eqs ps q u e', Forall2 (fun p e => satisfies p e = true) ps u -> satisfies q e' = false ->
+Lemma committed_stops : forall eqs ps q u e', Forall2 (fun p e => satisfies p e = true) ps u ->
+  satisfies q e' = false ->
   RmlVerdict eqs (Concat (events (ps ++ [q])) All) (valuations satisfies (u ++ [e'])) Bottom.
 Proof.
   intros eqs ps q u e' F N. induction F as [| p e ps u P F IH].
@@ -242,7 +248,8 @@ Theorem branches_miss : forall eqs ps q r u e', ps <> [] -> Forall2 (fun p e => 
     (Scenarios (map (plain satisfies) [in_order (ps ++ [q]); in_order (ps ++ [r])])) Strict (u ++ [e']) Top.
 Proof.
   intros eqs ps q r u e' NE F R Q. split.
-  - destruct F as [| p e ps u P F]; [congruence |]. unfold branches. apply verdict_goes_on with (then_ (events (ps ++ [q])) All).
+  - destruct F as [| p e ps u P F]; [congruence |]. unfold branches.
+    apply verdict_goes_on with (then_ (events (ps ++ [q])) All).
     + eapply halts_first; [reflexivity |]. apply halts_right; apply (halts_events eqs (p :: ps)).
     + constructor. apply step_left. now apply step_events.
     + rewrite events_not_simple by discriminate. now apply committed_stops.
@@ -264,7 +271,8 @@ Proof.
       * apply O. exists k; split; auto; lia.
       * unfold ready. rewrite andb_true_iff, negb_true_iff, forallb_forall. split.
         -- apply not_true_is_false. rewrite among_iff, D. lia.
-        -- intros o I. apply O in I as (i & -> & I). simpl. destruct (Nat.ltb_spec i k); simpl; auto. now apply among_iff, D.
+        -- intros o I. apply O in I as (i & -> & I). simpl. destruct (Nat.ltb_spec i k); simpl; auto.
+           now apply among_iff, D.
       * simpl. specialize (N 0). rewrite Nat.add_0_r in N. rewrite N by (simpl; lia). exact P.
       * apply (IH v' (S k)); auto; [lia | |].
         -- intros i I. replace (S k + i) with (k + S i) by lia. rewrite N by (simpl; lia). reflexivity.
@@ -309,7 +317,9 @@ Fixpoint run_states (states : list (list alternative)) (n : nat) (w : list (nat 
   end.
 
 (** What is left of joint events that have come. *)
-Inductive Spent : term -> Prop := spent_one : Spent Empty | spent_more : forall x, Spent x -> Spent (Intersection Empty x).
+Inductive Spent : term -> Prop :=
+| spent_one : Spent Empty
+| spent_more : forall x, Spent x -> Spent (Intersection Empty x).
 
 Lemma spent_halts : forall eqs x, Spent x -> Halts eqs x true.
 Proof.

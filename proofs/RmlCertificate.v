@@ -151,7 +151,8 @@ Qed.
 
 Lemma over_then : forall ps x y, term_over ps x = true -> term_over ps y = true -> term_over ps (then_ x y) = true.
 Proof. intros ps x y A B; destruct x, y; simpl in *; rewrite ?A, ?B; auto. Qed.
-Lemma over_shuffled : forall ps x y, term_over ps x = true -> term_over ps y = true -> term_over ps (shuffled x y) = true.
+Lemma over_shuffled : forall ps x y, term_over ps x = true -> term_over ps y = true ->
+  term_over ps (shuffled x y) = true.
 Proof. intros ps x y A B; destruct x, y; simpl in *; rewrite ?A, ?B; auto. Qed.
 Lemma over_joined : forall ps x y, term_over ps x = true -> term_over ps y = true -> term_over ps (joined x y) = true.
 Proof. intros ps x y A B; destruct x, y; simpl in *; rewrite ?A, ?B; auto. Qed.
@@ -186,8 +187,10 @@ Proof.
   - split; [now apply step_first | now apply over_then].
   - split; auto. now apply step_second.
   - split; auto. now apply step_neither.
-  - rewrite (fits_over ps a b t H) in * by auto. split; [now apply step_inside |]. destruct r; simpl; auto. now apply over_filtered.
-  - rewrite (fits_over ps a b t H) in * by auto. split; [now apply step_outside |]. destruct r; simpl; auto. now apply over_filtered.
+  - rewrite (fits_over ps a b t H) in * by auto. split; [now apply step_inside |]. destruct r; simpl; auto.
+    now apply over_filtered.
+  - rewrite (fits_over ps a b t H) in * by auto. split; [now apply step_outside |]. destruct r; simpl; auto.
+    now apply over_filtered.
   - split; [now apply step_star |]. destruct r; simpl; auto. now apply over_then.
   - split; auto. now apply step_optional.
   - destruct IHS as [S' R]; [now apply over_body |]. split; auto. now apply step_call.
@@ -196,7 +199,8 @@ Qed.
 Lemma verdict_over : forall ps eqs, forallb (term_over ps) eqs = true -> forall t u v, RmlVerdict eqs t u v -> forall w,
   Forall2 (fun a b => forall p, In p ps -> a p = b p) u w -> term_over ps t = true -> RmlVerdict eqs t w v.
 Proof.
-  intros ps eqs O t u v K; induction K as [t u H | t H | t a u H S | t a u t' v H S K IH]; intros w F T; inversion F; subst.
+  intros ps eqs O t u v K; induction K as [t u H | t H | t a u H S | t a u t' v H S K IH]; intros w F T; inversion F;
+    subst.
   - now apply verdict_halts.
   - now apply verdict_halts.
   - now apply verdict_open.
@@ -244,7 +248,8 @@ Fixpoint same_term (t t' : term) : bool :=
   match t, t' with
   | All, All | Empty, Empty | Nothing, Nothing => true
   | OfType t, OfType t' => same_type t t'
-  | Concat x y, Concat x' y' | Union x y, Union x' y' | Intersection x y, Intersection x' y' | Shuffle x y, Shuffle x' y' =>
+  | Concat x y, Concat x' y' | Union x y, Union x' y'
+  | Intersection x y, Intersection x' y' | Shuffle x y, Shuffle x' y' =>
     same_term x x' && same_term y y'
   | Filter t x y, Filter t' x' y' => same_type t t' && same_term x x' && same_term y y'
   | Star x, Star x' | Optional x, Optional x' => same_term x x'
@@ -311,7 +316,8 @@ Proof. intros eqs depth; induction word; intros r F; auto. simpl. rewrite IHword
 
 (** What is read is the verdict by the rules. *)
 Lemma reading_correct : forall eqs depth word t v,
-  reading_verdict (fold_left (rml_step eqs depth) word (settle eqs depth t)) = Some v -> RmlVerdict eqs t (word_of word) v.
+  reading_verdict (fold_left (rml_step eqs depth) word (settle eqs depth t)) = Some v ->
+    RmlVerdict eqs t (word_of word) v.
 Proof.
   intros eqs depth; induction word as [| a word IH]; intros t v H; unfold settle in H.
   - simpl in *. destruct (halts_in eqs depth t) as [[] |] eqn:Z; try discriminate; apply halts_in_sound in Z;
@@ -405,7 +411,8 @@ Definition chooses_right (s : semantics) (tables : list (list row)) (predicates 
     end.
 
 (** Such a text runs as the automaton does. *)
-Lemma means_follow : forall s xs predicates states means, In relevance predicates -> Forall (well_lettered predicates) xs ->
+Lemma means_follow : forall s xs predicates states means, In relevance predicates ->
+  Forall (well_lettered predicates) xs ->
   chooses_right s (map rows xs) predicates states means ->
   forall u p n, means n = automaton_after satisfies predicates s xs p -> verdict_at (means n) = Unknown ->
   run_states states n (word_of (letters satisfies predicates u))
@@ -432,7 +439,8 @@ Qed.
 Theorem determinised_correct : forall s xs predicates states means,
   all_among (alphabet xs) predicates = true -> forallb (term_over predicates) (determinised states) = true ->
   chooses_right s (map rows xs) predicates states means ->
-  forall u v, RmlVerdict (determinised states) (Call 0) (valuations u) v <-> Verdict Rel (Scenarios (map plain xs)) s u v.
+  forall u v, RmlVerdict (determinised states) (Call 0) (valuations u) v <->
+    Verdict Rel (Scenarios (map plain xs)) s u v.
 Proof.
   intros s xs ps states means A O C. apply alphabet_among in A as [R W].
   apply rml_verdict_of_automaton with ps; auto. intros u. destruct C as (Z & N & C).

@@ -338,7 +338,8 @@ class Repetition(Monitor):
 
     def step(self, event: Json) -> Verdict:
         """Read one event and return the verdict after it."""
-        self.begin_again()
+        if self.current.verdict is Verdict.TRUE:
+            self.begin_again()
         return self.current.step(event)
 
     def fork(self) -> Self:

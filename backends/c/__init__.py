@@ -3,14 +3,16 @@
 The `limit` counts downward-closed sets of events of all scenarios. Only reading needs a C compiler.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from copy import copy
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from backends.c.events import OPERATORS
 from backends.c.library import CAPACITY, CMonitor, cached_program, require_compiler
+from backends.c.log import NativeLog
 from backends.c.questions import observed
-from backends.c.translation import translation
+from backends.c.translation import KeyField, translation
 from rvaft.backend import Backend, Metrics, Observed, SpecificationText
 from rvaft.capabilities import GATES, JSON_VALUES, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, expand_times, order_ends, simplify, windows_to_guards
@@ -48,9 +50,17 @@ class CBackend(Backend):
     }
     default_limit: ClassVar[int] = 5_000
 
+    _key: Sequence[KeyField] = ()
+
+    def keyed(self, key: Sequence[KeyField]) -> Self:
+        """Return a backend whose texts monitor each value of a key as a log of its own."""
+        twin = copy(self)
+        vars(twin)["_key"] = tuple(key)
+        return twin
+
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the file; raises `NotExpressible` and `TooLarge`."""
-        written = translation(prop, semantics, limit)
+        written = translation(prop, semantics, limit, self._key)
         sizes = Metrics(written.stages + written.moves, states=written.stages, edges=written.moves)
         return SpecificationText(written.text, sizes)
 
@@ -69,6 +79,13 @@ class CBackend(Backend):
         Raises `ToolMissing`, `ToolFailed` and `OSError`.
         """
         return cached_program(text, CAPACITY)
+
+    def native_log(self, text: str, *, keys: int, repeat: bool) -> NativeLog:
+        """Return a monitor of one log, compiled from a text, with room for some values of its key.
+
+        Raises `ToolMissing`, `ToolFailed` and `OSError`.
+        """
+        return NativeLog(text, keys=keys, repeat=repeat)
 
     def require(self) -> None:
         """Raise `ToolMissing` if there is no C compiler."""

@@ -6,7 +6,7 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from functools import lru_cache
 from hashlib import sha256
 from importlib.util import find_spec
@@ -77,21 +77,33 @@ def build_program(text: str, to: Path, capacity: int, *, places: bool = False) -
     With `places` its detections have the places of their events. Raises `ToolMissing`, `ToolFailed`
     and `OSError`.
     """
-    options = ("-O3", "-DRVAFT_MAIN=1", f"-DRVAFT_CAPACITY={capacity}", f"-DRVAFT_PLACES={int(places)}")
+    _build(text, to, ("-DRVAFT_MAIN=1", f"-DRVAFT_CAPACITY={capacity}", f"-DRVAFT_PLACES={int(places)}"))
+
+
+def _build(text: str, to: Path, options: Sequence[str]) -> None:
     with tempfile.TemporaryDirectory(prefix=".rvaft-", dir=to.resolve().parent) as folder:
         made = Path(folder) / "monitor"
-        compile_c(text, made, options)
+        compile_c(text, made, ("-O3", *options))
         made.replace(to)
 
 
 def cached_program(text: str, capacity: int) -> Path:
     """Return a program with places from the cache of the user, compiled where it is not there."""
+    return _cached((text, capacity), lambda made: build_program(text, made, capacity, places=True))
+
+
+def cached_library(text: str, capacity: int, keys: int) -> Path:
+    """Return a library for `rvaft_log_read` from the cache of the user, compiled where it is not there."""
+    options = [f"-DRVAFT_CAPACITY={capacity}", f"-DRVAFT_KEYS={keys}", "-DRVAFT_PLACES=1", "-shared", "-fPIC"]
+    return _cached((text, *options), lambda made: _build(text, made, options))
+
+
+def _cached(about: Sequence[object], make: Callable[[Path], None]) -> Path:
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rvaft" / "native"
-    key = sha256(repr((text, capacity, compiler())).encode()).hexdigest()
-    made = folder / key
+    made = folder / sha256(repr((*about, compiler())).encode()).hexdigest()
     if not made.exists():
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        build_program(text, made, capacity, places=True)
+        make(made)
     return made
 
 

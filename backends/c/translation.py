@@ -3,6 +3,7 @@
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
+from textwrap import fill
 from typing import Final
 
 from backends.c.events import EventFields, Step, expression
@@ -17,6 +18,10 @@ from rvaft.model.verdict import Semantics
 
 CAPACITY: Final = 1024
 """The default number of partial matches."""
+_KEYS: Final = 1024
+"""The default number of values of a key."""
+_FILES: Final = ("runtime.c", "json.c", "program.c")
+_INDENT: Final = "   "
 _MARK: Final = "/* @tables */\n"
 _BUCKETS: Final = range(6, 23)
 _SCALES: Final[Mapping[TimeFormat, int]] = {
@@ -54,21 +59,32 @@ class WrittenMonitor:
     moves: int
 
 
-def translation(prop: Property, semantics: Semantics, limit: int) -> WrittenMonitor:
-    """Return one self-contained C file; raises `NotExpressible` and `TooLarge`."""
+KeyField = tuple[tuple[str, ...], tuple[str, ...]]
+"""The paths of a key in an event: the second is read where the first is absent."""
+
+
+def translation(prop: Property, semantics: Semantics, limit: int, key: Sequence[KeyField] = ()) -> WrittenMonitor:
+    """Return one self-contained C file, which monitors each value of a key as a log of its own.
+
+    Raises `NotExpressible` and `TooLarge`.
+    """
+    if key and semantics is not Semantics.SCATTERED:
+        raise NotExpressible("a key of the events needs `scattered`")
     found = stages_of(prop, semantics, limit)
     if not found.starts:  # no scenario is feasible: one that waits for nothing
         found = StageTable((*found.stages, TableStage((), 0, (), (), (), 1)), (len(found.stages),))
-    return _Writer(prop, semantics, found).written()
+    return _Writer(prop, semantics, found, key).written()
 
 
 class _Writer:
-    def __init__(self, prop: Property, semantics: Semantics, found: StageTable) -> None:
+    def __init__(self, prop: Property, semantics: Semantics, found: StageTable, key: Sequence[KeyField]) -> None:
         self._prop = prop
         self._semantics = semantics
         self._found = found
         self._scattered = semantics is Semantics.SCATTERED
         self._fields = EventFields()
+        self._key = [(self._fields.number(first), self._fields.number(second)) for first, second in key]
+        self._fields.whole.update(*self._key)
         self._guards: dict[str, int] = {}
         self._patterns: dict[Pattern, int] = {}
         self._tests: list[str] = []
@@ -155,10 +171,11 @@ class _Writer:
                 owners.append(number)
         relevance = self._relevance() if self._semantics.projects else ""
         time = self._time()
-        head, tail = files("backends.c").joinpath("runtime.c").read_text("utf-8").split(_MARK)
+        runtime, *others = (files("backends.c").joinpath(name).read_text("utf-8") for name in _FILES)
+        head, tail = runtime.split(_MARK)
         config = self._config(most_links)
         tables = self._tables(rows, moves, owners) + relevance + time
-        code = f"{self._title(len(moves), most_links)}{config}{head}{tables}{tail}"
+        code = "\n".join((f"{self._title(len(moves), most_links)}{config}{head}{tables}{tail}", *others))
         return WrittenMonitor(f"{comment(self._prop, code)}{code}", len(stages), len(moves))
 
     @property
@@ -172,14 +189,17 @@ class _Writer:
         tree, stages = self._prop.tree, self._found.stages
         slots = max(len(stage.slots) for stage in stages)
         most = max((len(stage.moves) for stage in stages), default=0)
-        # no name ends the comment, or begins another one
-        name = "".join(c if c.isprintable() else "?" for c in tree.root).replace("*/", "* /").replace("/*", "/ *")
+        paths = (".".join(map(str, path)) for path in self._fields.paths)
+        fields = ", ".join(f"field[{number}] is {path}" for number, path in enumerate(paths)) or "none is read"
+        listed = f"Fields of an event: {_in_comment(fields)}. */"
+        shown = fill(listed, 100, initial_indent=_INDENT, subsequent_indent=_INDENT)
         return (
-            f'/* A monitor of the tree "{name}" under {self._semantics}, by rvaft.\n'
+            f'/* A monitor of the tree "{_in_comment(tree.root)}" under {self._semantics}, by rvaft.\n'
             f"   {len(stages)} stages, {moves} moves, at most {slots} values in a partial match.\n"
             f"   Work per event: at most {most} moves for each of RVAFT_CAPACITY partial matches.\n"
             f"   Memory: sizeof(rvaft_monitor) is {self._size(links)} bytes with the sizes below. Nothing is\n"
-            "   allocated; only values of lists and objects are read by recursion, at most 500 levels. */\n\n"
+            "   allocated; only values of lists and objects are read by recursion, at most 500 levels.\n"
+            f"{shown}\n\n"
         )
 
     def _sizes(self) -> tuple[int, bool]:
@@ -194,10 +214,12 @@ class _Writer:
         number, content = (capacity, 32 * capacity) if texts else (1, 8)
         fields = max(1, len(self._fields.paths))
         width = max(1, *(len(stage.slots) for stage in self._found.stages))
-        store = _whole(12 + 8 * links * buckets) + capacity * (_whole(4 * links + 4) + 16 * width)
+        own = 8 if self._key else 0
+        store = _whole(12 + 8 * links * buckets) + capacity * (_whole(4 * links + 4 + own) + 16 * width)
+        keys = 16 + (4 + 40 + 64) * _KEYS if self._key else 0
         pool = 16 + 4 * buckets + 17 * number + content
         stores = store if self._scattered else 2 * store
-        return 40 + stores + _whole(_padded(pool)) + _whole(17 * fields)
+        return 40 + keys + stores + _whole(_padded(pool)) + _whole(17 * fields)
 
     def _config(self, links: int) -> str:
         stages = self._found.stages
@@ -212,6 +234,7 @@ class _Writer:
             "JSON": 1,
             "MAIN": 0,
             "PLACES": 0,
+            **({"KEYS": _KEYS, "KEY_BYTES": "(64U * RVAFT_KEYS)"} if self._key else {}),
             "API": "",
         }
         expiring = self._scattered and late is not None and bool(self._expiries.rows)
@@ -231,6 +254,8 @@ class _Writer:
             "LATE": "(-1)" if late is None else f"INT64_C({late})",
             "TIMED": int(self._prop.time is not None),
             "EXPIRIES": int(expiring),
+            "KEYED": int(bool(self._key)),
+            **({"KEY_FIELDS": len(self._key)} if self._key else {}),
         }
         lines = [f"#ifndef RVAFT_{name}\n#define RVAFT_{name} {value}\n#endif\n" for name, value in defaults.items()]
         lines += [f"#define RVAFT_{name} {value}\n" for name, value in fixed.items()]
@@ -250,6 +275,7 @@ class _Writer:
             _array("uint16_t", "link_slots", self._slots.rows),
             _array("uint8_t", "slot_order", self._order.rows or ["0"]),
             _array("uint32_t", "starts", [str(one) for one in found.starts]),
+            *([_key_fields(self._key)] if self._key else []),
         ]
         if self._scattered:
             order = sorted(range(len(moves)), key=lambda number: found.stages[owners[number]].rank)
@@ -307,12 +333,22 @@ class _Writer:
                 return f"decimal_time(&(e)->field[{field}], {_SCALES[time.format]}, time)"
 
 
+def _in_comment(text: str) -> str:
+    """Return a text that neither ends a comment nor begins another one."""
+    return "".join(c if c.isprintable() else "?" for c in text).replace("*/", "* /").replace("/*", "/ *")
+
+
 def _whole(size: int) -> int:
     return (size + 7) // 8 * 8
 
 
 def _padded(size: int) -> int:
     return (size + 3) // 4 * 4
+
+
+def _key_fields(key: Sequence[tuple[int, int]]) -> str:
+    rows = ", ".join(f"{{{first}, {second}}}" for first, second in key)
+    return f"static const uint16_t key_fields[][2] = {{{rows}}};\n\n"
 
 
 def _array(kind: str, name: str, rows: Sequence[str]) -> str:

@@ -14,7 +14,8 @@ from rvaft.cli import FAILED, Failures, native, options, warn
 from rvaft.cli.alerts import FORMS, Template
 from rvaft.cli.monitor_output import REPORTERS, MonitorSettings
 from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
-from rvaft.engine.monitor import DEFAULT_LIMIT
+from rvaft.cli.native_run import NativeEngine, NativeRun
+from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
 from rvaft.errors import TooLarge, ToolMissing
 from rvaft.export import PICTURES
 from rvaft.model.event_time import duration_text
@@ -22,6 +23,7 @@ from rvaft.model.expressions import on_text
 from rvaft.model.nodes import Kind
 from rvaft.model.patterns import match
 from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
 from rvaft.readers.json_lines import JsonLinesReader
 from rvaft.readers.log import InputOptions, LogReader, expanded, required_stream
@@ -111,7 +113,7 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 )
 @options.repeat_options
 @stream_options
-@click.option("--native", is_flag=True, help="With --format jsonl, compile the monitor; needs a C compiler.")
+@click.option("--native", is_flag=True, help="Compile the monitor, which needs a C compiler.")
 @click.option("--follow", is_flag=True, help="Keep reading as the file grows, until Ctrl-C.")
 @options.log_format
 @options.strict_json
@@ -140,7 +142,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         resolve_semantics(whole, given["semantics"]),
         given["backend"],
     )
-    plan = plan_of(part, whole, given)
+    native_run = _native_run(part, semantics, given) if given["native"] else None
+    plan = plan_of(part, whole, given, native_run)
     engine = None if given["engine"] is None else engine_class(given["engine"])(plan)
     names = given["traces"] or ("-",)
     if given["word"] is not None:
@@ -153,11 +156,12 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     if given["word"] is not None:
         traces.sources.append(_word(given["word"], whole))
     if given["native"]:
-        why = "--native reads files of JSON Lines that are not compressed"
-        options.refuse(not all(one.is_plain for one in traces.sources), why)
-        files = [one.file for one in traces.sources if one.file is not None]
-        status = native.run(part, semantics, files, repeat=given["repeat"], detections=given["detections"])
-        return FAILED if traces.missing.met else status
+        other = next((one.reader.name for one in traces.sources if one.reader is not None), None)
+        options.refuse(other, f"--native reads JSON Lines, not {other}: omit --native, or convert the log")
+        if native.works_alone(given) and all(one.is_plain for one in traces.sources):
+            files = [one.file for one in traces.sources if one.file is not None]
+            status = native.run(part, semantics, files, repeat=given["repeat"], detections=given["detections"])
+            return FAILED if traces.missing.met else status
     if engine is not None:
         traces.require_whole(engine)
     if traces.live:
@@ -203,6 +207,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         hooks=Hooks(given["execute"], {Kind.FAULT: given["exec_fault"], Kind.ATTACK: given["exec_attack"]}),
         checkpoints=checkpoints,
         engine=engine,
+        native=native_run,
         unchosen=given["semantics"] is None and whole.semantics is None and backend is None,
     )
     if given["template"] is not None:
@@ -228,7 +233,16 @@ def _with_foxglove(
         return run(replace(settings, others=(sink,)), traces)
 
 
-def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any]) -> MonitoringPlan:
+def _native_run(part: RVAFT, semantics: Semantics, given: Mapping[str, Any]) -> NativeRun | None:
+    """Return the run in which a compiled monitor replaces the engine, or None if that has few partial matches."""
+    if semantics is not Semantics.SCATTERED or not Engine(part, semantics).joins:
+        return None
+    key = Key.parse(given["key"]) if given["key"] else None
+    with options.suggesting():
+        return NativeRun(part, key=key, keys=given["max_keys"] or MAX_KEYS, repeat=given["repeat"])
+
+
+def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any], native_run: NativeRun | None = None) -> MonitoringPlan:
     """Return how each trace is monitored, by default by the engine."""
     semantics, backend, limit = (
         resolve_semantics(whole, given["semantics"]),
@@ -241,6 +255,8 @@ def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any]) -> MonitoringPl
         if backend is not None:
             with options.suggesting():
                 return translate(part, backend, semantics=semantics).monitor()
+        if native_run is not None:
+            return NativeEngine(part, native_run)
         try:
             return monitor(part, semantics=semantics, limit=limit)
         except TooLarge as error:

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple, TextIO
 import click
 
 from rvaft.cli import described
+from rvaft.cli.native_run import NativeRun
 from rvaft.export import fired_text
 from rvaft.model.event_time import UNITS
 from rvaft.model.tree import RVAFT
@@ -112,6 +113,7 @@ class MonitorSettings:
     checkpoints: CheckpointFile | None
     follow: bool
     engine: QueryEngine | None = None
+    native: NativeRun | None = None
     unchosen: bool = False
     template: str | None = None
     others: Sequence[Listener] = ()

@@ -265,6 +265,17 @@ class _Run(Listener):
             return None
         return answer
 
+    def _source(self, stack: ExitStack, run: TraceRun, trace: TraceSource) -> Iterable[Json] | LogSource:
+        """Open a trace; a compiled monitor, if there is one, reads it first."""
+        source: Iterable[Json] | LogSource = trace.events
+        if trace.file is not None:
+            source = stack.enter_context(source_of(trace.reader, trace.file) if trace.reader else open_log(trace.file))
+        native = self.settings.native
+        if native is None:
+            return source
+        same = Path(trace.file) if trace.file is not None and trace.is_plain else None
+        return stack.enter_context(native.trace(same, cast("BinaryIO", source), run.buffer))
+
     def _read(self, run: TraceRun, trace: TraceSource) -> None:
         """Read all events since the last checkpoint; save and flush after each batch."""
         follow, kept, sink = self.settings.follow, self.settings.checkpoints, self.sink
@@ -299,17 +310,15 @@ class _Run(Listener):
             kept.save(run.state, 0, LinesRead(BytesIO()))
         run.begin()
         with ExitStack() as stack:
-            source: Iterable[Json] | LogSource = trace.events
+            source: Iterable[Json] | LogSource = ()
             if trace.file is not None and follow and not trace.live:
                 stop, idle = stack.enter_context(stopping()), partial(keep, idle=True)
                 stream = FollowedFile(trace.file, stop=stop, changed=sink.warn, idle=idle, offset=offset, line=line)
                 stack.callback(stream.close)
             elif trace.file is not None and kept is not None:
                 stream = stack.enter_context(open_at(Path(trace.file), offset=offset, line=line))
-            elif trace.file is not None:
-                source = stack.enter_context(
-                    source_of(trace.reader, trace.file) if trace.reader else open_log(trace.file)
-                )
+            else:
+                source = self._source(stack, run, trace)
             at_once = trace.file is None or follow  # events arrive live
             live = stack.enter_context(_listening(trace, sink, partial(keep, idle=True)))
             self._log = trace.log(stream or source, self.settings.plan, line + 1, live, sink if follow else None)

@@ -1,4 +1,8 @@
-"""`rvaft monitor --native`: a compiled monitor finds the verdicts, and the engine explains them."""
+"""`rvaft monitor --native`: a compiled monitor finds the verdicts, and the engine explains them.
+
+A program reads plain files by itself if JSON Lines are wanted, one for each event or detection. For other
+output, logs and options a run reads the events (see `native_run`).
+"""
 
 import json
 import re
@@ -7,11 +11,11 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import IO, Any, Final, Protocol, runtime_checkable
+from typing import IO, Any, Final
 
 from rvaft.api import monitor, translate
-from rvaft.backend import backend
 from rvaft.cli import options
+from rvaft.cli.native_run import BACKEND, compiling
 from rvaft.core.classifier import TreeReads
 from rvaft.errors import ToolFailed, TraceError
 from rvaft.model.tree import RVAFT
@@ -21,28 +25,32 @@ from rvaft.readers.json_lines import decode
 from rvaft.readers.log import BOM
 from rvaft.stream import detection
 
-BACKEND: Final = "c"
-WORKS_WITH: Final = frozenset(
-    {"semantics", "traces", "form", "detections", "repeat", "native", "log_format", "per", "jobs"}
-)
-"""The options of `rvaft monitor` that a native monitor honours, and those that are checked elsewhere."""
+ALONE: Final = frozenset({"semantics", "traces", "form", "detections", "repeat", "native", "log_format", "per", "jobs"})
+"""The options of `rvaft monitor` that a program honours by itself, and those that are checked elsewhere."""
+WORKS_WITH: Final = ALONE | {
+    *("key", "max_keys", "template", "explain", "cooldown", "execute", "exec_fault", "exec_attack", "strict_json"),
+}
+"""The options that a native monitor honours."""
 _CHUNK: Final = 1 << 18
 _ERROR: Final = re.compile(r"(?P<file>.*?)(?::(?P<line>\d+))?: error: (?P<reason>.*)", re.DOTALL)
-
-
-@runtime_checkable
-class _Compiling(Protocol):
-    def program(self, text: str) -> Path: ...
 
 
 def check(given: Mapping[str, Any]) -> None:
     """Refuse the options that a native monitor does not honour."""
     refuse = options.refuse
-    refuse(given["form"] != "jsonl", "--native prints JSON Lines: add --format jsonl")
     for name in sorted(given.keys() - WORKS_WITH):
-        refuse(given[name] not in (None, False, (), ""), f"--native does not take --{name.replace('_', '-')}")
+        refuse(_is_given(given[name]), f"--native does not take --{name.replace('_', '-')}")
     refuse(str(given["per"]) != "tree", "--native monitors the tree: omit --per")
     refuse(given["jobs"] > 1, "--native needs a single process: omit --jobs")
+
+
+def works_alone(given: Mapping[str, Any]) -> bool:
+    """Whether a program gives the output for plain files."""
+    return given["form"] == "jsonl" and not any(_is_given(given[name]) for name in given.keys() - ALONE)
+
+
+def _is_given(value: object) -> bool:
+    return value not in (None, False, (), "")
 
 
 def run(part: RVAFT, semantics: Semantics, files: Sequence[str], *, repeat: bool, detections: bool) -> int:
@@ -50,9 +58,7 @@ def run(part: RVAFT, semantics: Semantics, files: Sequence[str], *, repeat: bool
 
     Raises `TraceError`, and the errors of `translate` and of the compiler.
     """
-    language = backend(BACKEND)
-    if not isinstance(language, _Compiling):
-        raise ToolFailed(f"the backend {BACKEND}", reason="it compiles no programs")
+    language = compiling()
     with options.suggesting():
         text = translate(part, BACKEND, semantics=semantics).text
     chosen = [*(["--repeat"] if repeat else []), *(["--detections"] if detections else [])]

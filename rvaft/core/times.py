@@ -24,10 +24,13 @@ class Extreme(NamedTuple):
 
     def of(self, binding: Mapping[str, Json]) -> Json:
         """Return the value over the bound variables; None if one is undefined or none is bound."""
-        values = [binding[name] for name in self.names if name in binding]
+        operator, names = self
+        if len(names) == 1:
+            return binding.get(names[0])
+        values = [binding[name] for name in names if name in binding]
         if not values or None in values:
             return None
-        return max(values) if self.operator is Operator.MAX else min(values)
+        return max(values) if operator is Operator.MAX else min(values)
 
     def among(self, names: Collection[str]) -> "Extreme":
         """Return the extreme restricted to some of the variables."""
@@ -61,11 +64,17 @@ class TimeDifference(NamedTuple):
         """Whether the condition can still hold given the known times; an undefined time makes it
         fail.
         """
-        if any(name in binding and binding[name] is None for extreme in self[:2] for name in extreme.names):
+        (late, plus_names), (early, minus_names), most = self
+        plus = [binding[name] for name in plus_names if name in binding]
+        minus = [binding[name] for name in minus_names if name in binding]
+        if None in plus or None in minus:
             return False
-        if not (self.plus.known(binding, Operator.MAX) and self.minus.known(binding, Operator.MIN)):
+        if not (plus if late is Operator.MAX else len(plus) == len(plus_names)):
             return True
-        return bool(self.plus.of(binding) - self.minus.of(binding) <= self.most)
+        if not (minus if early is Operator.MIN else len(minus) == len(minus_names)):
+            return True
+        last = max(plus) if late is Operator.MAX else min(plus)
+        return bool(last - (min(minus) if early is Operator.MIN else max(minus)) <= most)
 
     def deadline(self, binding: Mapping[str, Json]) -> int | None:
         """Return the greatest watermark with which the condition can still hold, or None."""

@@ -350,7 +350,7 @@ class TreeLetters(EngineLetters):
         found = tuple(dict.fromkeys([*serves, *alphabet]))
         self.letters = tuple(letter for letter, _ in found)
         self.serves = tuple(tuple(serves.get(one, ())) for one in found)
-        self._admissions: list[Admission] = []
+        self._admissions: dict[Pattern, list[Admission]] = {}
         for number, (letter, time) in enumerate(found):
             nodes, own = self.serves[number], reader(number, letter)
             known = None if self._time is None else time
@@ -358,13 +358,14 @@ class TreeLetters(EngineLetters):
             guards = compiled.decided_by(nodes).items() if decide else ()
             if own.ways is None:
                 tests = tuple((1 << node, self._test(plain, guard)) for node, guard in guards)
-                self._admissions.append(plain._replace(decided=tests))
+                plain = plain._replace(decided=tests)
             else:
-                self._admissions.append(plain._replace(own=tuple((1 << n, predicate(guard)) for n, guard in guards)))
+                plain = plain._replace(own=tuple((1 << n, predicate(guard)) for n, guard in guards))
+            self._admissions.setdefault(own.pattern, []).append(plain)
         self._ignored = [
             reader(number, Letter(one.pattern, one.when)) for number, one in enumerate(prop.ignored, len(found))
         ]
-        super().__init__(one.pattern for one in chain((one.reader for one in self._admissions), self._ignored))
+        super().__init__((*self._admissions, *(one.pattern for one in self._ignored)))
 
     def _test(self, admission: Admission, guard: Guard) -> Guard | EventTest:
         fields = admission.reader.fields
@@ -374,23 +375,29 @@ class TreeLetters(EngineLetters):
         name = (admission.reader.pattern, admission.time, guard)
         return EventTest(name, lambda event: admits(event) and holds(self.values(admission, event)))
 
+    def time(self, event: Mapping[str, Json]) -> int | None:
+        """Return the time of an event; None if it has none."""
+        return None if self._time is None else self._time.read(event)
+
     def values(self, admission: Admission, event: Mapping[str, Json]) -> dict[str, Json]:
         """Return the values of a letter's variables."""
         found = admission.reader.values(event)
-        if admission.time is not None and self._time is not None:
-            found[admission.time] = self._time.read(event)
+        if admission.time is not None:
+            found[admission.time] = self.time(event)
         return found
 
-    def ways(self, admission: Admission, event: Mapping[str, Json]) -> list[dict[str, Json]]:
-        """Return the values of a letter's variables for each way in which the event matches."""
-        if admission.reader.ways is None:
-            return [self.values(admission, event)]
-        time = {} if admission.time is None or self._time is None else {admission.time: self._time.read(event)}
-        return [{**found, **time} for found in admission.reader.ways(event)]
+    def ways(self, admission: Admission, event: Mapping[str, Json], time: int | None) -> list[dict[str, Json]]:
+        """Return the values of a letter's variables for each way in which the event matches.
+
+        `time` is the time of the event.
+        """
+        found = [admission.reader.values(event)] if admission.reader.ways is None else admission.reader.ways(event)
+        return found if admission.time is None else [{**one, admission.time: time} for one in found]
 
     def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
         """Return the table from events to classes."""
-        letters = [one for one in self._admissions if one.reader.pattern in possible]
+        found = (one for pattern in possible for one in self._admissions.get(pattern, ()))
+        letters = sorted(found, key=lambda one: one.letter)  # all letters in turn take too long in a large tree
         ignored = [one for one in self._ignored if one.pattern in possible]
         decided = [test for one in letters for _, test in one.decided]
         first = len(letters) + len(ignored)
@@ -417,8 +424,6 @@ class TreeLetters(EngineLetters):
         if not event_class.timed:
             hits = [_new(Hit, (one[0], one[1], one[3].values(event))) for one in serving]
             return _new(Reading, (event_class.relevant, hits))
-        time, hits = None if self._time is None else self._time.read(event), list[Hit]()
-        for one in serving:
-            for values in [one.reader.values(event)] if one.reader.ways is None else one.reader.ways(event):
-                hits.append(Hit(one.letter, one.nodes, values if one.time is None else {**values, one.time: time}))
+        time = self.time(event)
+        hits = [Hit(one.letter, one.nodes, values) for one in serving for values in self.ways(one, event, time)]
         return Reading(event_class.relevant, hits)

@@ -190,7 +190,8 @@ class PartProgress:
         """Whether a choice in the part of a node has been made against it."""
         parent = self.compiled.parent[node]
         while parent >= 0:
-            chosen = self.compiled.ops[parent] is PartKind.ONE and self.flags(configuration, parent) & TOUCHED
+            # the gate's own event touches the gate, but makes no choice
+            chosen = self.compiled.ops[parent] is PartKind.ONE and self.inner(configuration, parent) & TOUCHED
             if chosen and not self.flags(configuration, node) & TOUCHED:
                 return True
             node, parent = parent, self.compiled.parent[parent]

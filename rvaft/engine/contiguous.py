@@ -7,15 +7,15 @@ frontier as well, and an event costs one look-up and the new steps.
 """
 
 from collections import deque
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import product
 from typing import Any, Final, NamedTuple, Self
 
 from rvaft.engine.compiled_tree import NOTHING, Admission, CompiledTree, EventClass, Reading, TreeLetters
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.partial_matches import Following, Matching
+from rvaft.model.guards import Predicate
 from rvaft.model.values import Json, equal, exact
 from rvaft.model.verdict import Semantics, Verdict
 
@@ -48,7 +48,7 @@ class NodeMove(NamedTuple):
 
     node: int
     compared: tuple[str, ...]
-    guards: Mapping[int, Callable[[Mapping[str, Json]], bool]]
+    guards: Mapping[int, Predicate]
     targets: dict[tuple[bool, ...], "Progress | None"]
 
 
@@ -68,12 +68,14 @@ class FrontierPlan(NamedTuple):
     """The effect of the events of a class on a frontier.
 
     A step is the place of a partial match, the number of a letter, and a move. Unless `after` is
-    known, the values of the event decide which steps are possible.
+    known, the values of the event decide which steps are possible. A plan is `fresh` if all its steps
+    begin a match.
     """
 
     letters: tuple[Admission, ...]
     steps: tuple[tuple[int, int, NodeMove], ...]
     after: "Frontier | None"
+    fresh: bool
 
 
 @dataclass(slots=True, eq=False)
@@ -131,17 +133,20 @@ class FrontierTable:
             for letter, move in self._possible(stage, event_class)
         ]
         after = None
-        if all(_is_certain(letter, move) for _, letter, move in steps):
+        if not any(move.compared or move.guards or letter.reader.ways for _, letter, move in steps):
             first: dict[Progress | None, tuple[int, Admission, NodeMove]] = {}
             for step in steps:
                 first.setdefault(step[2].targets[()], step)
-            steps = list(first.values())
-            after = self.frontier((*[stage for stage in first if stage is not None], *self.start))
+            # two partial matches of one stage may remember different values
+            if len(first) == len(steps) or not any(stage is not None and stage.names for stage in first):
+                steps = list(first.values())
+                after = self.frontier((*[stage for stage in first if stage is not None], *self.start))
         self._grow(1 + len(steps))
         letters = {letter.letter: letter for _, letter, _ in steps}
         numbers = {number: place for place, number in enumerate(letters)}
         numbered = tuple([(place, numbers[letter.letter], move) for place, letter, move in steps])
-        found = frontier.plans[event_class] = FrontierPlan(tuple(letters.values()), numbered, after)
+        fresh = bool(self.start) and all(place == len(frontier.stages) - 1 for place, _, _ in steps)
+        found = frontier.plans[event_class] = FrontierPlan(tuple(letters.values()), numbered, after, fresh)
         return found
 
     def _possible(self, stage: Progress, event_class: EventClass) -> Sequence[tuple[Admission, NodeMove]]:
@@ -161,17 +166,11 @@ class FrontierTable:
         return found
 
     def _move(self, stage: Progress, node: int) -> NodeMove:
-        matching, names = self._matching, self._matching.compiled.exported[node]
-        guards: dict[int, Callable[[Mapping[str, Json]], bool]] = {}
-        if names:
-            bound = stage.sample.copy()
-            bound.binding.update(dict.fromkeys(names))
-            for guard in matching.closing(bound, names):
-                holds = matching.compiled.predicates[guard]
-                if holds is not None:
-                    guards[guard] = holds
-            guards.update((guard, partial(matching.may_hold, guard)) for guard in matching.narrowed(bound, names))
-        compared = tuple([name for name in names if name in stage.sample.binding])
+        matching, sample = self._matching, stage.sample
+        closing, narrowed = matching.decided(sample, node)
+        guards = {guard: holds for guard in closing if (holds := matching.test(guard)) is not None}
+        guards.update((guard, matching.early_test(guard)) for guard in narrowed)
+        compared = tuple([name for name in matching.compiled.exported[node] if name in sample.binding])
         found = stage.moves[node] = NodeMove(node, compared, guards, {})
         return found
 
@@ -197,14 +196,6 @@ class FrontierTable:
             self._frontiers.clear()
             self._size = 0
             self._begin()
-
-
-def _is_certain(letter: Admission, move: NodeMove) -> bool:
-    """Whether each event of a letter makes the move, and nothing is remembered of it."""
-    if move.compared or move.guards or letter.reader.ways is not None:
-        return False
-    target = move.targets[()]
-    return target is not None and not target.names
 
 
 class ContiguousMatches(Following):
@@ -241,12 +232,14 @@ class ContiguousMatches(Following):
     def _settled(self) -> list[Follower]:
         """Return the partial matches with all steps."""
         for plan, event, position in self._deferred:
-            members, values = self._members, [self.letters.values(letter, event) for letter in plan.letters]
-            self._members = [
-                Follower(_NO_VALUES, Witness(members[place].last if members else None, move.node, position, values[at]))
-                for place, at, move in plan.steps
-            ]
-            self._members += self._start
+            members, ways = self._members, [self.letters.values(letter, event) for letter in plan.letters]
+            made = list[Follower]()
+            for place, at, move in plan.steps:
+                (binding, last), values = members[place if place < len(members) else -1], ways[at]
+                names = () if (target := move.targets[()]) is None else target.names
+                kept = {name: binding[name] if name in binding else values.get(name) for name in names}
+                made.append(Follower(kept, _new(Witness, (last, move.node, position, values))))
+            self._members = made + self._start
         self._deferred.clear()
         return self._members
 
@@ -269,20 +262,24 @@ class ContiguousMatches(Following):
             return Verdict.UNKNOWN if self._frontier.stages else Verdict.FALSE
         event, event_class = reading.hits or _UNMATCHED
         plan = self._frontier.plans.get(event_class) or self._stages.plan(self._frontier, event_class)
-        if plan.after is not None:
-            after, self.noted = plan.after, bool(plan.steps)
-            self._bound(len(plan.steps))
-        else:
+        _, steps, after, fresh = plan
+        members: list[Follower] | None = None
+        if after is None:
             after, members = self._extended(plan, reading, position)
+        else:
+            self.noted = bool(steps)
+            self._bound(len(steps))
         if not after.stages:
             self.lost = self.partial
             self.follow([])
             return Verdict.FALSE
-        if plan.after is None:
+        if members is not None:
             self._members = members
         else:
-            if len(self._deferred) == self._deferred.maxlen:
-                self._members = []  # these partial matches have ended
+            if fresh or len(self._deferred) == self._deferred.maxlen:
+                self._members = self._start  # all others have ended
+            if fresh:
+                self._deferred.clear()
             self._deferred.append((plan, event, position))
         self._frontier = after
         if not after.matches:
@@ -297,7 +294,8 @@ class ContiguousMatches(Following):
         stages, members, made = self._stages, self._settled(), dict[tuple[Any, ...], Follower]()
         event, event_class = reading.hits
         if event_class.timed:
-            ways = [self.letters.ways(letter, event) for letter in plan.letters]
+            time = self.letters.time(event)
+            ways = [self.letters.ways(letter, event, time) for letter in plan.letters]
         else:
             ways = [[letter.reader.values(event)] for letter in plan.letters]
         for place, at, move in plan.steps:

@@ -103,6 +103,17 @@ class Engine(Monitor):
         return strategy.inert(event_class) if isinstance(strategy, LinearMonitor | ScatteredMatches) else None
 
     @property
+    def joins(self) -> bool:
+        """Whether events are joined with many partial matches.
+
+        Without `late` in all alternatives: the others also decide which events the monitor regards.
+        """
+        strategy = self._strategy
+        parts = strategy.parts if isinstance(strategy, Alternatives) else (strategy,)
+        joined = [isinstance(one, ScatteredMatches) for one in parts]
+        return any(joined) and (all(joined) or self._may_be_late)
+
+    @property
     def noted(self) -> bool:
         """Whether the last event may be in a match; False is certain."""
         return self._strategy.noted

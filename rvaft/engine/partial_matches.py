@@ -1,7 +1,7 @@
 """The extension of partial matches, and the strategy of large trees under `strict` and `projected`."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Iterable, Iterator, Mapping
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
 from copy import copy
 from functools import partial
 from typing import ClassVar, Final, Self
@@ -95,7 +95,7 @@ class Matching:
                 if waiting not in compiled.members and not self.progress.refresh(new, waiting):
                     return None
             for waiting in self.narrowed(new, names):
-                if not (self.may_hold(waiting, new.binding) if judged is None else judged.get(waiting, True)):
+                if not (self.early_test(waiting)(new.binding) if judged is None else judged.get(waiting, True)):
                     settled.update(name for name in compiled.needs[waiting] if name in new.binding)
                     if not self.fail(new, waiting):
                         return None
@@ -167,13 +167,30 @@ class Matching:
             if not configuration.closed >> node & 1 and all(self.is_bound(configuration, name) for name in needs[node]):
                 yield node
 
+    def decided(self, configuration: Configuration, node: int) -> tuple[list[int], list[int]]:
+        """Return the guards that a node's event decides, and those that it may make fail early."""
+        names = self.compiled.exported[node]
+        bound = configuration.copy()
+        bound.binding.update(dict.fromkeys(names))
+        return list(self.closing(bound, names)), list(self.narrowed(bound, names))
+
     def is_bound(self, configuration: Configuration, name: str) -> bool:
         """Whether a variable has a value, perhaps one that is not remembered (see `stages`)."""
         return name in configuration.binding or self.compiled.mentions.get(name, 0) & configuration.taken > 0
 
-    def test(self, node: int) -> Predicate | None:
+    def test(self, node: int, names: Collection[str] | None = None) -> Predicate | None:
         """Return the test of the guard of a node, once its variables are bound."""
-        return partial(self.may_hold, node) if node in self.windows else self.compiled.predicates[node]
+        return self.early_test(node, names) if node in self.windows else self.compiled.predicates[node]
+
+    def early_test(self, node: int, names: Collection[str] | None = None) -> Predicate:
+        """Return the test whether a guard over times can still hold.
+
+        With `names`, windows are tested on these times only.
+        """
+        differences = self.early_differences[node]
+        if names is not None:
+            differences = tuple(one.among(names) if one.is_window() else one for one in differences)
+        return partial(_may_hold, differences)
 
     def narrowed(self, configuration: Configuration, names: Iterable[str]) -> Iterator[int]:
         """Iterate over the nodes whose guard waits for more variables and may have failed."""
@@ -183,15 +200,15 @@ class Matching:
                 if waits and not all(self.is_bound(configuration, name) for name in self.compiled.needs[node]):
                     yield node
 
-    def may_hold(self, node: int, binding: Mapping[str, Json]) -> bool:
-        """Whether a guard over times can still hold."""
-        return all(one.holds(binding) for one in self.early_differences[node])
-
     def fail(self, configuration: Configuration, node: int) -> bool:
         """Mark a guard as failed; return False if a touched node is ruled out."""
         configuration.closed |= 1 << node
         configuration.dead |= 1 << node
         return node in self.compiled.members or self.progress.refresh(configuration, node)
+
+
+def _may_hold(differences: Iterable[TimeDifference], binding: Mapping[str, Json]) -> bool:
+    return all(one.holds(binding) for one in differences)
 
 
 class Following(ABC):

@@ -6,10 +6,10 @@ Otherwise an index finds the partial matches of a stage (see `stages`) that an e
 Subsumed partial matches are dropped (see `subsumption`).
 """
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
-from typing import Final, NamedTuple
+from operator import attrgetter
+from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.core.times import Extreme
 from rvaft.engine.compiled_tree import (
@@ -35,7 +35,7 @@ from rvaft.model.guards import (
     value,
 )
 from rvaft.model.patterns import Variable
-from rvaft.model.values import Json, exact
+from rvaft.model.values import Json, equal, exact
 from rvaft.model.verdict import Verdict
 from rvaft.support.bits import bits, union
 
@@ -47,27 +47,24 @@ MIN_STAGES: Final = 1_000
 """The number of stages allowed for any limit."""
 STAGE_COST: Final = 10
 """The cost of a stage, in partial matches."""
+MOST_SHARED: Final = 64
+"""The maximum number of stages of a remembered `StageSet`."""
 _MANY: Final = 4
 """The maximum number of members to visit without the index."""
 _UNKNOWN: Final = Verdict.UNKNOWN
+_order: Final = attrgetter("order")
+_new: Final = tuple.__new__  # twice as fast as the constructors of the classes
 
 
-@dataclass(slots=True)
-class LetterMoves:
-    """The possible effects of a letter on the partial matches."""
-
-    names: tuple[str, ...]
-    """The relevant variables of the event."""
-    moves: list[tuple[StageGroup, StageMove, int]] = field(default_factory=list)
-    """The possible moves of groups, with the index of the node."""
-    groups: int = 0
+Moves: TypeAlias = Sequence[tuple[StageMove, int]]
+"""The possible moves by a letter, with the index of the node among those that the letter serves."""
 
 
 class RelevantHit(NamedTuple):
     """A letter that may change something: values, guards that hold, cache key."""
 
     values: Mapping[str, Json]
-    watch: LetterMoves
+    moves: Moves
     held: int
     name: Hashable
 
@@ -87,13 +84,23 @@ class NewMatch(NamedTuple):
 class CandidateMove(NamedTuple):
     """A letter with possible moves.
 
-    `fields` are the relevant fields, or None if they are unknown.
+    `names` are the relevant variables, `fields` their fields, or None if these are unknown.
     """
 
     admission: Admission
-    watch: LetterMoves
+    moves: Moves
     held: int
+    names: tuple[str, ...]
     fields: tuple[str, ...] | None
+
+
+@dataclass(slots=True, eq=False)
+class StageSet:
+    """Stages, and what events can do with partial matches of these; monitors of a tree share it."""
+
+    stages: tuple[Stage, ...]
+    candidates: dict[EventClass, tuple[CandidateMove, ...]] = field(default_factory=dict)
+    """By event class, the letters with possible moves."""
 
 
 def _quiet_name(letter: int, values: Iterable[Json]) -> Hashable:
@@ -117,34 +124,51 @@ class ScatteredMatches(Following):
         self._begun = 0
         """The nodes of the parts that need not begin again."""
         self._watermark: int | None = None
+        self._sets: dict[Hashable, StageSet] = {}
+        """The sets of stages by what their moves depend on; copies share them."""
         self._begin()
 
     def follow(self, configurations: Iterable[Configuration]) -> None:
         """Replace the followed partial matches."""
         if self._stages.size > MEMORY:
             self._stages = Stages(self.matching, self._stages.choices)  # otherwise copies share the stages
+            self._sets = {}
+        self._hold((self._stages.of(configuration), configuration, None) for configuration in configurations)
+
+    def _hold(self, followed: Iterable[tuple[Stage, Configuration, Rank | None]]) -> None:
+        """Replace the followed partial matches; a rank of None is computed."""
         self._groups: dict[Stage, StageGroup] = {}
-        self._watches: dict[int, LetterMoves] = {}
         self._quiet: set[Hashable] = set()
         """Letters with values that change nothing at present."""
-        self._candidates: dict[EventClass, tuple[CandidateMove, ...]] = {}
-        """By event class, the letters with possible moves at present."""
+        self._set: StageSet | None = None
+        """The stages of the groups, if known."""
         self._added = 0
         self._complete: dict[IndependentPart, list[tuple[Stage, StageGroup]]] = {}
         """The matches of each part."""
         # a copy must not drop partial matches earlier
         watermark, self._watermark = self._watermark, None
-        for configuration in configurations:
-            self._add(self._stages.of(configuration), configuration)
+        for stage, configuration, rank in followed:
+            self._add(stage, configuration, rank)
         self._watermark = watermark
         for group in self._groups.values():
             group.watermark = watermark
 
+    def fork(self) -> Self:
+        """Return an independent copy."""
+        twin = object.__new__(type(self))  # faster than `copy`, since each detection forks
+        vars(twin).update(vars(self))
+        twin._hold([(stage, member.configuration, member.rank) for stage, member in self._members])
+        return twin
+
+    @property
+    def _members(self) -> list[tuple[Stage, Member]]:
+        members = [(stage, member) for stage, group in self._groups.items() for member in group.members.values()]
+        return sorted(members, key=lambda one: one[1].number)
+
     @property
     def partial(self) -> list[Configuration]:
         """The followed partial matches."""
-        members = [member for group in self._groups.values() for member in group.members.values()]
-        return [member.configuration for member in sorted(members, key=lambda member: member.number)]
+        return [member.configuration for _, member in self._members]
 
     @property
     def combined(self) -> list[Configuration]:
@@ -152,8 +176,9 @@ class ScatteredMatches(Following):
         if not self._components:
             return self.partial
         found: list[list[Configuration]] = []
+        followed = self.partial
         for part in dict.fromkeys(self._part_of.values()):
-            some = [one for one in self.partial if self._own(one) & part.nodes]
+            some = [one for one in followed if self._own(one) & part.nodes]
             begins = not (self._begun | self._base.taken) & part.nodes
             found.append([self._base, *some] if begins else some)
         made = dict[Hashable, Configuration]()
@@ -203,53 +228,61 @@ class ScatteredMatches(Following):
         """Return the letters that may change something now."""
         if not event_class.serving:
             return NOTHING
-        candidates = self._candidates.get(event_class)
-        loud = list[RelevantHit]()
-        for admission, watch, held, fields in self._find(event_class) if candidates is None else candidates:
+        loud, time = list[RelevantHit](), self.letters.time(event) if event_class.timed else None
+        for admission, moves, held, names, fields in self._candidates(event_class):
             if fields is not None:
                 name = _quiet_name(admission.letter, [event[field] for field in fields])
                 if name not in self._quiet:
-                    loud.append(RelevantHit(self.letters.values(admission, event), watch, held, name))
+                    hit: tuple[Any, ...] = (admission.reader.values(event), moves, held, name)
+                    loud.append(_new(RelevantHit, hit))
                 continue
-            for values in self.letters.ways(admission, event):
-                name = _quiet_name(admission.letter, [values[name] for name in watch.names])
+            for values in self.letters.ways(admission, event, time):
+                name = _quiet_name(admission.letter, [values[name] for name in names])
                 if name not in self._quiet:
                     own = sum([bit for bit, holds in admission.own if holds(values)])
-                    loud.append(RelevantHit(values, watch, held | own, name))
-        return Reading(False, loud) if loud else QUIET
+                    loud.append(RelevantHit(values, moves, held | own, name))
+        return _new(Reading, (False, loud)) if loud else QUIET
 
     def inert(self, event_class: EventClass) -> Inert:
         """Return which events of a class change nothing until another event is read."""
-        candidates = self._candidates.get(event_class)
-        found = self._find(event_class) if candidates is None else candidates
+        found = self._candidates(event_class)
         return Inert([(one.admission.letter, one.fields) for one in found], self._quiet)
 
-    def _find(self, event_class: EventClass) -> tuple[CandidateMove, ...]:
+    def _candidates(self, event_class: EventClass) -> tuple[CandidateMove, ...]:
+        """Return the letters of a class with possible moves at present."""
+        known = self._set or self._find_set()
+        candidates = known.candidates.get(event_class)
+        return self._find(known, event_class) if candidates is None else candidates
+
+    def _find_set(self) -> StageSet:
+        stages = tuple(self._groups)
+        if len(stages) > MOST_SHARED:
+            found = StageSet(stages)
+        else:
+            place = stages, self._begun, self._base.taken
+            found = self._sets.get(place) or self._sets.setdefault(place, StageSet(stages))
+        self._set = found
+        return found
+
+    def _find(self, known: StageSet, event_class: EventClass) -> tuple[CandidateMove, ...]:
         found = []
         for one, held in zip(event_class.serving, event_class.held, strict=True):
-            watch = self._watch(one.letter, one.nodes)
+            moves = [
+                (move, place)
+                for stage in known.stages
+                for place, node in enumerate(one.nodes)
+                if self._may_take(stage, node) and (move := self._stages.move(stage, node)) is not None
+            ]
             # the guards of a letter with several ways are not decided yet
-            if any(one.reader.ways is not None or self._stages.is_hopeful(move, held) for _, move, _ in watch.moves):
+            if any(one.reader.ways is not None or self._stages.is_hopeful(move, held) for move, _ in moves):
+                names = tuple(dict.fromkeys(name for node in one.nodes for name in self.compiled.exported[node]))
                 by_name = one.reader.fields
-                named = None if by_name is None or one.time else tuple(by_name[name] for name in watch.names)
-                found.append(CandidateMove(one, watch, held, named))
-        if len(self._candidates) >= REMEMBERED:
-            self._candidates.clear()
-        self._candidates[event_class] = tuple(found)
-        return self._candidates[event_class]
-
-    def _watch(self, letter: int, nodes: tuple[int, ...]) -> LetterMoves:
-        watch = self._watches.get(letter)
-        if watch is None:
-            exported = dict.fromkeys(name for node in nodes for name in self.compiled.exported[node])
-            watch = self._watches[letter] = LetterMoves(tuple(exported))
-        for stage, group in islice(self._groups.items(), watch.groups, None):
-            for place, node in enumerate(nodes):
-                move = self._stages.move(stage, node) if self._may_take(stage, node) else None
-                if move is not None:
-                    watch.moves.append((group, move, place))
-        watch.groups = len(self._groups)
-        return watch
+                fields = None if by_name is None or one.time else tuple(by_name[name] for name in names)
+                found.append(CandidateMove(one, moves, held, names, fields))
+                self._stages.size += 1 + len(moves)
+        if len(known.candidates) >= REMEMBERED:
+            known.candidates.clear()
+        return known.candidates.setdefault(event_class, tuple(found))
 
     def _may_take(self, stage: Stage, node: int) -> bool:
         """Whether a partial match may take a node of its own part, or begin that part."""
@@ -265,20 +298,26 @@ class ScatteredMatches(Following):
             return _UNKNOWN
         found: dict[Hashable, NewMatch] = {}
         ended: dict[int, tuple[StageGroup, Member]] = {}
-        begun, followed = self._begun, sum(len(group.members) for group in self._groups.values())
-        for order, (values, watch, held, _) in enumerate(reading.hits):
-            for group, move, place in watch.moves:
+        begun, followed = self._begun, sum([len(group.members) for group in self._groups.values()])
+        stages = self._stages
+        for order, (values, moves, held, _) in enumerate(reading.hits):
+            for move, place in moves:
+                group = self._groups[move.stage]
                 parts: Sequence[tuple[Iterable[Member], tuple[tuple[Term, Extreme], ...] | None]] = group.everyone
-                # few members are visited without the index
-                if move.scan or move.compared or len(group.members) > _MANY:
-                    scan = move.scan or self._stages.scan(move)
-                    parts = self._concerned(group, scan, values) if scan.orders else parts
+                compared = move.compared
+                many = len(group.members) > _MANY  # few members are visited without the index
+                if move.scan or compared or many:
+                    scan = move.scan or stages.scan(move)
+                    if scan.orders and (many or scan.orders[0].term is not None):
+                        parts, compared = self._concerned(group, scan, values), ()
                 for members, enough in parts:
                     for member in members:
                         before = member.configuration
+                        if compared and not all(equal(before.binding[name], values[name]) for name in compared):
+                            continue
                         bound = {**values, **before.binding} if before.binding else values
-                        outcomes = tuple([holds(bound) for holds in move.joint.values()])
-                        outcome = self._stages.outcome(move, held, outcomes)
+                        outcomes = tuple([holds(bound) for holds in move.joint.values()]) if move.joint else ()
+                        outcome = stages.outcome(move, held, outcomes)
                         if outcome is not None:
                             stage, commits_to_it = outcome
                             if commits_to_it and self._components and not self._own(before):
@@ -287,15 +326,14 @@ class ScatteredMatches(Following):
                                 ended[member.number] = group, member
                             binding = stage.remembered(bound)
                             at = (member.number, order, place)
-                            rank = self._stages.rank(stage, binding, before.witness, move.node)
-                            new = NewMatch(at, before, move.node, values, stage, binding, rank)
+                            rank = stages.rank(stage, binding, before.witness, move.node)
+                            new = _new(NewMatch, (at, before, move.node, values, stage, binding, rank))
                             self._note(new, found, followed - len(ended))
                             if enough is not None and all(one.value(binding) == own.of(values) for one, own in enough):
                                 break
         self.noted = bool(found or ended)
         if begun != self._begun:
-            self._begun = begun
-            self._forget_watches()
+            self._begun, self._set = begun, None
         if self.noted or len(self._quiet) > REMEMBERED:
             self._quiet.clear()
         if self.noted:
@@ -310,9 +348,15 @@ class ScatteredMatches(Following):
         required = [values[one.name] if type(one) is Variable else value(one, values) for one in scan.terms]
         if UNDEFINED in required:
             return ()
-        ways = [(one, group.between(scan.names, required, one.term, one.bounds, values)) for one in scan.orders]
-        order, lanes = min(ways, key=lambda way: sum(end - start for _, start, end in way[1]))
-        return [(in_order(*lane, last_first=order.last_first), order.enough) for lane in lanes]
+        least, lanes, enough, last_first = -1, list[tuple[list[LaneMember], int, int]](), None, False
+        for order in scan.orders:
+            found = group.between(scan.names, required, order.term, order.bounds, values)
+            count = sum([end - start for _, start, end in found])
+            if least < 0 or count < least:
+                least, lanes, enough, last_first = count, found, order.enough, order.last_first
+            if least <= 1:
+                break
+        return [(in_order(*lane, last_first=last_first), enough) for lane in lanes]
 
     def _note(self, new: NewMatch, found: dict[Hashable, NewMatch], others: int) -> None:
         group = self._groups.get(new.stage)
@@ -322,23 +366,26 @@ class ScatteredMatches(Following):
                 found[new.stage, new.rank] = new
                 self._bound(others + len(found))
 
-    def _change(self, found: Iterable[NewMatch], ended: Iterable[tuple[StageGroup, Member]], position: int) -> Verdict:
-        added = list[tuple[Stage, Configuration]]()
-        for new in sorted(found, key=lambda new: new.order):
-            group = self._groups.get(new.stage)
-            if group is None or not group.excels(new.rank):
-                sample, witness = new.stage.sample, Witness(new.before.witness, new.node, position, new.values)
+    def _change(
+        self, found: Collection[NewMatch], ended: Collection[tuple[StageGroup, Member]], position: int
+    ) -> Verdict:
+        added, changed = list[tuple[Stage, Configuration]](), set[Stage]()
+        for _, before, node, values, stage, binding, rank in sorted(found, key=_order) if len(found) > 1 else found:
+            if stage not in changed or not self._groups[stage].excels(rank):
+                changed.add(stage)
+                sample, witness = stage.sample, _new(Witness, (before.witness, node, position, values))
                 fields = sample.inversions, sample.flags, sample.tallies
-                made = Configuration(sample.dead, sample.closed, sample.taken, new.binding, *fields, witness)
-                self._add(new.stage, made, new.rank)
-                added.append((new.stage, made))
+                made = Configuration(sample.dead, sample.closed, sample.taken, binding, *fields, witness)
+                self._add(stage, made, rank)
+                added.append((stage, made))
         for group, member in ended:
             group.remove(member)
-        self._drop_empty()
-        self._join(added)
-        matches = (made for stage, made in added if stage.is_match)
-        in_order = ((self._in_order(made) if self._components else made) for made in matches)
-        self.matches = [made for made in in_order if made is not None]
+        if ended:
+            self._drop_empty()
+        joined = self._join(added) or added if self._components else added
+        self.matches = [made for stage, made in joined if stage.is_match]
+        if self._components:
+            self.matches = [whole for one in self.matches if (whole := self._in_order(one)) is not None]
         if self.matches:
             self.follow([])
             return Verdict.TRUE
@@ -346,26 +393,25 @@ class ScatteredMatches(Following):
             self.follow(self.partial)
         return _UNKNOWN
 
-    def _join(self, added: list[tuple[Stage, Configuration]]) -> None:
+    def _join(self, added: Iterable[tuple[Stage, Configuration]]) -> list[tuple[Stage, Configuration]]:
         """Find a match of a component with a new match of a part, and extend all others by it.
 
-        The argument then has all partial matches.
+        Returns all partial matches with their stages then, and nothing without such a match.
         """
-        for stage, configuration in added if self._components else ():
+        for stage, configuration in added:
             part = self._part_of[next(bits(self._own(configuration)))]
+            if not self._is_complete(stage, part):
+                continue
             component = next(one for one in self._components if part in one.parts)
-            if not component.chooses and self._is_complete(stage, part):
-                whole = self._match(component, configuration, [one for one in component.parts if one is not part])
-                if whole is not None:
-                    others = [one for one in self.partial if self._own(one) & ~component.nodes]
-                    joined = [self._joined(one, whole) for one in others]
-                    self._base = whole
-                    self.follow([whole, *(one for one in joined if one is not None)])
-                    followed = [
-                        (stage, member) for stage, group in self._groups.items() for member in group.members.values()
-                    ]
-                    added[:] = [(stage, member.configuration) for stage, member in followed]
-                    return
+            others = [one for one in component.parts if one is not part]
+            whole = None if component.chooses else self._match(component, configuration, others)
+            if whole is not None:
+                joined = [self._joined(one, whole) for one in self.partial if self._own(one) & ~component.nodes]
+                self._base = whole
+                self.follow([whole, *(one for one in joined if one is not None)])
+                groups = self._groups.items()
+                return [(stage, one.configuration) for stage, group in groups for one in group.members.values()]
+        return []
 
     def _is_complete(self, stage: Stage, part: IndependentPart) -> bool:
         return not part.events & ~stage.sample.taken
@@ -408,15 +454,11 @@ class ScatteredMatches(Following):
             group.forget(watermark)
         self._drop_empty()
 
-    def _forget_watches(self) -> None:
-        self._watches.clear()
-        self._candidates.clear()
-        self._complete.clear()
-
     def _drop_empty(self) -> None:
         for stage in [stage for stage, group in self._groups.items() if not group.members]:
             del self._groups[stage]
-            self._forget_watches()
+            self._set = None
+            self._complete.clear()
 
     def _add(self, stage: Stage, configuration: Configuration, rank: Rank | None = None) -> None:
         group = self._groups.get(stage)
@@ -426,14 +468,9 @@ class ScatteredMatches(Following):
                 named = f"{', '.join(names[:10])}{', …' if len(names) > 10 else ''}"
                 raise TooLarge(f"sets of events in partial matches; any of {named} may be skipped", limit=most)
             group = self._groups[stage] = StageGroup(stage.ranking, stage.deadlines)
-            self._candidates.clear()
+            self._set = None
             self._complete.clear()
             group.watermark = self._watermark
-        group.add(
-            Member(
-                self._added,
-                configuration,
-                rank or self._stages.rank(stage, configuration.binding, configuration.witness),
-            )
-        )
+        rank = rank or self._stages.rank(stage, configuration.binding, configuration.witness)
+        group.add(_new(Member, (self._added, configuration, rank)))
         self._added += 1

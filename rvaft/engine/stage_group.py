@@ -66,8 +66,8 @@ class StageGroup:
         self.everyone = ((self.members.values(), None),)
         self.watermark: int | None = None
         self._deadlines = deadlines
-        self._ending: list[tuple[int, int]] = []
-        """A heap: the watermark that rules out a member, its number."""
+        self._ending: list[tuple[int, int]] | None = None
+        """A heap: the watermark that rules out a member, its number; None before any watermark."""
         self._fronts: dict[_Place, list[Member]] = {}
         """The members by place, sorted by their first value."""
         self._ordered: dict[tuple[tuple[str, ...], Term | None], dict[_Place, _Lanes]] = {}
@@ -89,14 +89,36 @@ class StageGroup:
     def add(self, member: Member) -> None:
         """Add a member and remove those that it subsumes."""
         rank = member.rank
-        front, surpassed = self._fronts.get(rank.place, []), list[Member]()
+        front = self._fronts.get(rank.place)
+        if front is None:
+            self._fronts[rank.place] = [member]
+        else:
+            for one in self._surpassed(front, rank):
+                self.remove(one)
+            front = self._fronts.setdefault(rank.place, front)  # perhaps it was removed with its last member
+            front.insert(bisect_left(front, rank.values[0], key=_first) if rank.values else len(front), member)
+        self.members[member.number] = member
+        for (names, term), ordered in self._ordered.items():
+            self._put_ordered(names, term, ordered, member)
+        if self._ending is not None and self._deadlines:
+            self._note_end(self._ending, member)
+
+    def _note_end(self, ending: list[tuple[int, int]], member: Member) -> None:
+        ends = [one.deadline(member.configuration.binding) for one in self._deadlines]
+        known = [end for end in ends if end is not None]
+        if known:
+            heappush(ending, (min(known), member.number))
+
+    def _surpassed(self, front: Sequence[Member], rank: Rank) -> Sequence[Member]:
+        """Return the members of a front that a new one with this rank subsumes."""
+        surpassed: Sequence[Member] = []
         start, end = self._worse(front, rank)
         if rank.excluded:
             for one in front[start:end] if rank.values else ():
                 better = slice(*self._better(front, one.rank))
                 rivals = [other.rank for other in front[better] if other is not one and other not in surpassed]
                 if self.ranking.covers([*rivals, rank], one.rank):
-                    surpassed.append(one)
+                    surpassed = [*surpassed, one]
         elif len(rank.values) == SORTED:  # the better the first value, the worse the second
             if self.ranking.above_watermark and self.watermark is not None:
                 count = 1
@@ -106,21 +128,10 @@ class StageGroup:
             start = end
             while start > len(surpassed) and front[start - 1].rank.values[1] <= rank.values[1]:
                 start -= 1
-            surpassed += front[start:end]
+            surpassed = [*surpassed, *front[start:end]]
         else:
             surpassed = [one for one in front[start:end] if all(map(ge, rank.values, one.rank.values))]
-        for one in surpassed:
-            self.remove(one)
-        front = self._fronts.setdefault(rank.place, [])
-        front.insert(bisect_left(front, rank.values[0], key=_first) if rank.values else len(front), member)
-        self.members[member.number] = member
-        for (names, term), ordered in self._ordered.items():
-            self._put_ordered(names, term, ordered, member)
-        if self._deadlines:
-            ends = [one.deadline(member.configuration.binding) for one in self._deadlines]
-            known = [end for end in ends if end is not None]
-            if known:
-                heappush(self._ending, (min(known), member.number))
+        return surpassed
 
     def _better(self, front: Sequence[Member], rank: Rank) -> tuple[int, int]:
         """Return the slice of a front with all members that may be at least as good."""
@@ -166,10 +177,15 @@ class StageGroup:
     def forget(self, watermark: int) -> None:
         """Set the watermark and remove the members that it rules out."""
         self.watermark = watermark
-        while self._ending and self._ending[0][0] < watermark:
-            member = self.members.get(heappop(self._ending)[1])
-            if member is not None:
-                self.remove(member)
+        ending = self._ending
+        if ending is None:
+            ending = self._ending = []
+            for member in self.members.values() if self._deadlines else ():
+                self._note_end(ending, member)
+        while ending and ending[0][0] < watermark:
+            ended = self.members.get(heappop(ending)[1])
+            if ended is not None:
+                self.remove(ended)
 
     def between(
         self,
@@ -216,11 +232,12 @@ def _lane(
 ) -> tuple[_Place, tuple[Hashable, ...], Json] | None:
     binding = member.configuration.binding
     values = [binding[name] for name in names]
+    place = place_of(values) if values else ()
     if term is None:
-        return place_of(values), (), 0
+        return place, (), 0
     value = term.value(binding)
     kind = scale(value) or (LOOSE if is_number(value) and value - value == 0 else None)
-    return None if kind is None else (place_of(values), (kind, *map(exact, values)), value)
+    return None if kind is None else (place, (kind, *map(exact, values)), value)
 
 
 def _turn(lane: Sequence[LaneMember], holds: Callable[[Json], bool], *, wanted: bool) -> int:

@@ -6,9 +6,8 @@ values. So the effect of an event is computed once per *stage*, node and outcome
 Of many times that only windows bound, a partial match remembers the least and the greatest.
 """
 
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import chain, product
 from typing import Final, NamedTuple
 
@@ -36,6 +35,7 @@ from rvaft.support.bits import bits, mask_of
 _MANY: Final = 4
 """The maximum number of joint guards to enumerate."""
 _TIMES: Final = 3
+"""The minimum number of times of a span: fewer are remembered as they are."""
 
 
 class Span(NamedTuple):
@@ -225,28 +225,17 @@ class Stages:
             if self.matching.admits(stage.sample, node):
                 compiled, remembered = self.matching.compiled, stage.sample.binding
                 names = compiled.exported[node]
-                bound = stage.sample.copy()
-                bound.binding.update(dict.fromkeys(names))
-                closing = list(self.matching.closing(bound, names))
+                bound = {*remembered, *names}
+                closing, narrowed = self.matching.decided(stage.sample, node)
                 alone = mask_of(guard for guard in closing if remembered.keys().isdisjoint(compiled.needs[guard]))
-                decided = ((guard, self._test(guard, bound)) for guard in closing if not alone >> guard & 1)
+                decided = ((guard, self.matching.test(guard, bound)) for guard in closing if not alone >> guard & 1)
                 joint = {guard: holds for guard, holds in decided if holds is not None}
-                for guard in self.matching.narrowed(bound, names):
+                for guard in narrowed:
                     if not remembered.keys().isdisjoint(compiled.needs[guard]):
-                        joint[guard] = partial(_may_hold, self._differences(guard, bound))
+                        joint[guard] = self.matching.early_test(guard, bound)
                 found = StageMove(stage, node, tuple(name for name in names if name in remembered), alone, joint)
             stage.moves[node] = found
         return stage.moves[node]
-
-    def _test(self, guard: int, bound: Configuration) -> Predicate | None:
-        if guard in self.matching.windows:
-            return partial(_may_hold, self._differences(guard, bound))
-        return self.matching.compiled.predicates[guard]
-
-    def _differences(self, guard: int, bound: Configuration) -> tuple[TimeDifference, ...]:
-        """Return the differences of a guard, those of usual windows over the remembered times only."""
-        differences = self.matching.early_differences[guard]
-        return tuple(one.among(bound.binding) if one.is_window() else one for one in differences)
 
     def outcome(self, move: StageMove, held: int, outcomes: tuple[bool, ...]) -> tuple[Stage, bool] | None:
         """Return the target of a move for these outcomes: `held` of guards on the event alone,
@@ -311,6 +300,7 @@ class Stages:
         """
         found = self._equalities.get((names, stage))
         if found is None:
+            self.size += 1
             compiled = self.matching.compiled
             joined: dict[str, Guard] = {name: Variable(name) for name in stage.names if name in names}
             waiting = {node for name in stage.names for node in compiled.guarded_by.get(name, ())}
@@ -326,10 +316,6 @@ class Stages:
         """Whether a move is possible for some outcomes of the joint guards."""
         ways = product((True, False), repeat=len(move.joint))
         return len(move.joint) > _MANY or any(self.outcome(move, held, outcomes) for outcomes in ways)
-
-
-def _may_hold(differences: Sequence[TimeDifference], binding: Mapping[str, Json]) -> bool:
-    return all(one.holds(binding) for one in differences)
 
 
 def _time_bounds(

@@ -74,7 +74,10 @@ def is_finite(value: Json) -> bool:
     todo = [value]
     while todo:
         part = todo.pop()
-        if isinstance(part, Mapping):
+        if type(part) in _PLAIN:
+            if type(part) is float and not math.isfinite(part):
+                return False
+        elif isinstance(part, Mapping):
             todo.extend(part.values())
         elif isinstance(part, (list, tuple)):
             todo.extend(part)

@@ -28,6 +28,8 @@ TIMEOUT: Final = 30.0
 _GRACE: Final = 1.0
 """Seconds between SIGTERM and SIGKILL."""
 _SHELL_STATUS: Final = {126: " (cannot be executed)", 127: " (command not found)"}
+_FINITE: Final = frozenset({str, int, bool})
+"""Types of which all values are finite."""
 _UNEXPLAINED: Final[Mapping[str, Json]] = {"branch": None, "kinds": [], "matched": [], "variables": {}}
 
 
@@ -76,14 +78,16 @@ def kept(event: Json, fields: Sequence[str]) -> dict[str, Json]:
     """Return the values of an event in these fields, without numbers that are not finite."""
     if type(event) is not dict and not isinstance(event, Mapping):
         return {}
-    return {name: event[name] for name in fields if name in event and is_finite(event[name])}
+    found = [(name, event[name]) for name in fields if name in event]
+    return {name: value for name, value in found if type(value) in _FINITE or is_finite(value)}
 
 
 def other_fields(node: str, event: Json, tree: RVAFT, fields: Sequence[str]) -> dict[str, Json]:
     """Return the identifying fields besides time and topic; none for a default event."""
-    if node in tree.nodes and tree.nodes[node].on is None:
+    others = _others(tuple(fields), _time_field(tree))
+    if not others or (node in tree.nodes and tree.nodes[node].on is None):
         return {}
-    found = kept(event, _others(tuple(fields), _time_field(tree)))
+    found = kept(event, others)
     return {name: value for name, value in found.items() if not isinstance(value, (Mapping, list))} if found else found
 
 
@@ -104,9 +108,13 @@ def explained(
     for node, occurrence, number in explanation.matched:
         event = events.get(number)
         others = other_fields(node, event, tree, fields)
-        occurrence_of = {"node": node, "occurrence": occurrence, "event": number}
-        occurrence_of |= {} if lines is None else {"line": lines.get(number)}
-        matched.append({**occurrence_of, **places(event, tree), **({"fields": others} if others else {})})
+        record = {"node": node, "occurrence": occurrence, "event": number}
+        if lines is not None:
+            record["line"] = lines.get(number)
+        record.update(places(event, tree))
+        if others:
+            record["fields"] = others
+        matched.append(record)
     return {
         "branch": explanation.branch,
         "kinds": sorted(kind.value for kind in explanation.kinds),

@@ -212,8 +212,13 @@ class MonitorSet:
             self._resting = ()
             self._take_over(self.monitors)
 
-    def step(self, event: Json, number: int, event_kind: EventKind | None = None) -> Sequence[int]:
-        """Read one event of this kind and return the columns whose verdict changed."""
+    def step(
+        self, event: Json, number: int, event_kind: EventKind | None = None, *, late: bool | None = None
+    ) -> Sequence[int]:
+        """Read one event of this kind and return the columns whose verdict changed.
+
+        `late` is what `is_late` of the first engine returned, or None if it was not called.
+        """
         self.serves = False
         if self._resting:
             self.begin_again()
@@ -224,7 +229,7 @@ class MonitorSet:
                 self.monitors[column].step(event)
             return self._changed(number, event)
         if self.may_be_late:
-            self.late = engines[0].is_late(event)
+            self.late = engines[0].is_late(event) if late is None else late
             for column in self._live:
                 if engines[column].latest != engines[0].latest:
                     engines[column].pass_time(engines[0].latest)
@@ -244,8 +249,8 @@ class MonitorSet:
         final = serves = False
         for column in self._live:
             engine = engines[column]
-            verdict = engine.take(engine.read(event, classes[column]) if column else reading, number)
-            final = final or verdict is not _UNKNOWN
+            if engine.take(engine.read(event, classes[column]) if column else reading, number) is not _UNKNOWN:
+                final = True
             serves = serves or engine.noted
         self.serves = serves and bool(reading.hits)
         return self._changed(number, event) if final else ()

@@ -200,6 +200,7 @@ class TraceRun:
         data_warnings, semantics_hint = self.totals.data_warnings, self.totals.semantics_hint
         statistics, clock, assumed = self.totals.statistics, self.clock, self.assumed
         watch: MonitoredTrace | None = self.watch
+        late: bool | None = None
         served, concerned = list[tuple[int, JsonObject]](), list[tuple[int, JsonObject]]()
         try:
             for place, event in events:
@@ -236,7 +237,7 @@ class TraceRun:
                     continue
                 if event_kind.relevant or counts_all or (event_kind.serves and not skips):
                     monitors = watch.monitors
-                    changed = monitors.step(event, number, event_kind)
+                    changed = monitors.step(event, number, event_kind, late=late)
                     if monitors.concerned:
                         concerned.append((number, event))
                     if monitors.serves:

@@ -18,6 +18,7 @@ from backends.c.library import CAPACITY, build_program, compiler
 from rvaft import Semantics, load, loads, translate
 from tests.benchmarks.conftest import Ratios
 from tests.benchmarks.logs import TREE, attacks, inspections, telemetry
+from tests.cli.runs import COMMAND
 
 pytestmark = [
     pytest.mark.benchmark,
@@ -30,13 +31,13 @@ USERS = "time ts as s late 0 s; event e(k, u) = { event: k, user: u }; top TOP;"
 )
 
 
-def logins(file: Path) -> None:
-    """Four types of events of 500 users, 100 events a second."""
+def logins(file: Path, users: int = 500) -> None:
+    """Four types of events of some users, 100 events a second."""
     random = Random(1)
 
     def lines() -> Iterator[str]:
         for number in range(EVENTS):
-            event = {"event": random.choice("wxyz"), "user": f"user{random.randrange(500)}", "ts": number / 100}
+            event = {"event": random.choice("wxyz"), "user": f"user{random.randrange(users)}", "ts": number / 100}
             yield json.dumps({**event, "host": "h1", "path": "/usr/bin/ls"}) + "\n"
 
     with file.open("w", encoding="utf-8") as out:
@@ -86,3 +87,38 @@ def test_programs_beside_decoding(
     with capsys.disabled():
         print(f"\n{case:20} {ratio:5.2f} times orjson.loads, {found.count(b'verdict'):6} detections")
     assert ratio < most
+
+
+FAILED = """time ts as s late 0 s; event e(k, u) = { event: k, user: u };
+top and failed within 60 s; failed on e("w", U) times 5;"""
+
+
+def test_keys_beside_decoding(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], ratios: Ratios
+) -> None:
+    """`rvaft monitor --native --key`: 4,237 users, one monitor each, with the summary."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    (tree := tmp_path / "tree.rvaft").write_text(FAILED, encoding="utf-8")
+    logins(log := tmp_path / "log.jsonl", users=4_237)
+    call = [
+        *COMMAND,
+        "monitor",
+        str(tree),
+        str(log),
+        "--semantics",
+        "scattered",
+        "--key",
+        "user",
+        "--repeat",
+        "--native",
+    ]
+    subprocess.run(call, stdout=subprocess.DEVNULL, check=False)  # compiles
+    before = os.times()
+    subprocess.run(call, stdout=subprocess.DEVNULL, check=False)
+    after = os.times()
+    seconds = after.children_user + after.children_system - before.children_user - before.children_system
+    ratio = seconds / decoding(log)
+    ratios.add("native: keys", "orjson.loads", ratio, 75)
+    with capsys.disabled():
+        print(f"\n{'keys':20} {ratio:5.2f} times orjson.loads, {EVENTS / seconds:,.0f} events a second")
+    assert ratio < 75

@@ -1,45 +1,40 @@
-"""Monitors in C: warnings, sanitizers, the reader of JSON, and the program of `rvaft build`."""
+"""Monitors in C: warnings, sanitizers, static analysis, and the program of `rvaft build`."""
 
 import json
-import math
 import re
 import shutil
+import struct
 import subprocess
 import sys
 from collections.abc import Sequence
-from functools import cache
 from importlib.util import find_spec
+from itertools import product
 from pathlib import Path
 from random import Random
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from backends.c import CBackend
-from backends.c.library import CMonitor, NoVerdict, build_program, compile_c, compiler
+from backends.c.library import CMonitor, NoVerdict, compile_c, compiler
 from cross_check.generate.disturbances import disturbed
 from cross_check.generate.traces import NoTraceFound, detecting, random_trace
 from cross_check.generate.trees import Shape, random_tree
-from rvaft import RVAFT, LanguageError, NotExpressible, Semantics, TooLarge, TraceError, load, loads
+from rvaft import RVAFT, LanguageError, NotExpressible, Semantics, TooLarge, TraceError, load, loads, monitor
 from rvaft.core.classifier import TreeReads
 from rvaft.model.values import Json
+from rvaft.model.verdict import Verdict
+from rvaft.monitors import Repetition
 from rvaft.readers.json_lines import decode
 from rvaft.semantics import Reference
+from tests.backends.c.programs import BACKEND, SCATTERED, TIED, WINDOW, program, status
 from tests.backends.texts import SHAPES
 from tests.cli.runs import TREES, run
-from tests.tables import rows, spelled
+from tests.docs.examples import ROOT
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
-BACKEND, SCATTERED = CBackend(), Semantics.SCATTERED
-READERS = str(Path(__file__).parents[2] / "readers" / "test_json_lines.py")
-LINES = [(kind, name, spelled(text)) for kind, name, text in rows(READERS, "lines.txt")]
-REPEATED = rows(READERS, "repeated_keys.txt")
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
 SANITIZERS = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-TIED = "event e(k, u) = { k: k, u: u }; top sand x y; x on e(1, U); y on e(2, U);"
-READING = 'event x(v) = { a: v }; event y(v) = { topic: "t", value: v }; top or a b c; a on x(_); b on y(_);'
-WINDOW = f"time ts as s late 0 s; {TIED.replace('x y;', 'x y within 10 s;')}"
+KEY = [(("key",), ("key",)), (("a.b",), ("a", "b"))]
 VARIED = (
     "top or a b;",
     TIED,
@@ -56,23 +51,6 @@ def trees() -> list[RVAFT]:
     return [*map(loads, VARIED), *shipped]
 
 
-@cache
-def program(text: str, folder: Path, semantics: Semantics = SCATTERED, capacity: int = 64) -> Path:
-    file = folder / f"monitor-{abs(hash((text, semantics, capacity)))}"
-    build_program(BACKEND.translate(loads(text), semantics).text, file, capacity)
-    return file
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("native")
-
-
-def status(file: Path, data: bytes, *options: str) -> tuple[int, str, str]:
-    done = subprocess.run([file, *options], input=data, capture_output=True, check=False, timeout=60)
-    return done.returncode, done.stdout.decode(), done.stderr.decode()
-
-
 @pytest.mark.parametrize("name", ["gcc", "clang"])
 @pytest.mark.parametrize(
     "options",
@@ -86,39 +64,8 @@ def test_no_warnings(name: str, options: Sequence[str], tmp_path: Path) -> None:
         for semantics in (Semantics.PROJECTED, SCATTERED) if "-O2" in options else (SCATTERED,):
             text = BACKEND.translate(tree, semantics).text
             compile_c(text, tmp_path / "monitor.o", (*WARNINGS, *options, "-c"), command=[name])
-
-
-@pytest.mark.parametrize(("kind", "data"), [(kind, data) for kind, _, data in LINES], ids=[row[1] for row in LINES])
-def test_what_the_python_reader_refuses(kind: str, data: bytes, folder: Path) -> None:
-    """Numbers that are not finite are undefined, unless a log is read strictly; where a tree reads nothing, a
-    repeated key is no error.
-    """
-    if kind == "odd":
-        return
-    first = b'{"a":1}\n\n' if kind == "bad" else b""
-    code, _, error = status(program(READING, folder), first + data)
-    assert (code == 2) == (kind == "bad"), error
-    assert bool(error) == (kind == "bad")
-
-
-@pytest.mark.parametrize(("kind", "line"), REPEATED)
-def test_repeated_keys(kind: str, line: str, folder: Path) -> None:
-    """The native reader refuses them in all fields of the tree, and anywhere in a list or an object that it
-    compares.
-    """
-    tree = 'event e(v) = { topic: "t", pose: { x: _ }, value: v, list: [{ y: 1 }] }; top or a; a on e(V);'
-    code, _, error = status(program(tree, folder), line.encode())
-    if kind == "refused":
-        assert code == 2
-        assert error.startswith("<stdin>:1: error: not JSON: a key is repeated (byte ")
-    else:
-        assert code in (0, 2)
-
-
-def test_errors_name_the_line(folder: Path) -> None:
-    code, out, error = status(program(TIED, folder), b'{"k": 1}\n\n{"k": nope}\n{"k": 1}\n')
-    assert (code, out) == (2, '{"event": 1, "verdict": "unknown"}\n')
-    assert error == "<stdin>:3: error: not JSON: expecting value (byte 7 of the line)\n"
+        text = BACKEND.keyed(KEY).translate(tree, SCATTERED).text
+        compile_c(text, tmp_path / "monitor.o", (*WARNINGS, *options, "-DRVAFT_PLACES=1", "-c"), command=[name])
 
 
 @pytest.mark.parametrize("text", [TIED, WINDOW, "top sand a b;"])
@@ -140,56 +87,6 @@ def test_the_output_of_monitor(
     code, out, error = status(program(text, folder, semantics), log.read_bytes(), *options)
     assert [json.loads(line) for line in out.splitlines()] == wanted, error
     assert code == ours.exit_code
-
-
-@pytest.mark.parametrize(
-    "text",
-    [TIED, *(pytest.param(one, marks=pytest.mark.ci) for one in (WINDOW, "top or p q; p sand a b; q sand c a fault;"))],
-)
-@pytest.mark.parametrize("options", [(), ("--repeat",), ("--detections",)])
-def test_native_monitoring_explains_as_the_engine_does(
-    text: str, options: tuple[str, ...], folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
-    random, tree, detections = Random(text), loads(text), 0
-    file = tmp_path / "tree.rvaft"
-    file.write_text(text, encoding="utf-8")
-    for semantics in Semantics:
-        log = tmp_path / "log.jsonl"
-        trace = [event for _ in range(4) for event in detecting(random, tree, semantics)]
-        log.write_text("\n\r\n".join(json.dumps(event) for event in trace), encoding="utf-8")
-        call = ("monitor", str(file), str(log), "--format", "jsonl", "--semantics", semantics, *options)
-        wanted, found = run(*call), run(*call, "--native")
-        records = [json.loads(line) for line in wanted.stdout.splitlines()]
-        detections += sum("matched" in record for record in records)
-        kept = [{name: value for name, value in record.items() if name != "expected"} for record in records]
-        assert [json.loads(line) for line in found.stdout.splitlines()] == kept
-        assert (found.exit_code, found.stderr) == (wanted.exit_code, "")
-    assert detections >= 4
-
-
-def test_native_monitoring_of_many_detections(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Blocks of output end within lines."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    file, log = tmp_path / "tree.rvaft", tmp_path / "log.jsonl"
-    file.write_text("top sand a b;", encoding="utf-8")
-    log.write_text('{"event": "a"}\n{"event": "b"}\n{"event": "c"}\n' * 3_000, encoding="utf-8")
-    call = ("monitor", str(file), str(log), "--format", "jsonl", "--semantics", "scattered", "--repeat")
-    assert run(*call, "--native").stdout == run(*call).stdout
-
-
-def test_native_monitoring_needs_a_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setenv("PATH", "")
-    monkeypatch.delenv("CC", raising=False)
-    monkeypatch.setattr("backends.c.library.find_spec", lambda _: None)
-    log = tmp_path / "log.jsonl"
-    log.touch()
-    for call in (("monitor", str(log), "--native", "--format", "jsonl"), ("build", "-o", str(tmp_path / "made"))):
-        found = run(call[0], str(TREES / "gates" / "sand.rvaft"), *call[1:])
-        assert found.exit_code == 2
-        assert "a C compiler is not installed: install gcc or clang, or pip install" in found.stderr
-    assert not (tmp_path / "made").exists()
 
 
 def test_a_full_array_is_no_verdict(folder: Path) -> None:
@@ -220,44 +117,12 @@ def test_more_than_64_bits_are_no_verdict(tree: str, event: Json) -> None:
         monitor.step(event)
 
 
-def equal(left: str, right: str) -> bool:
-    """Whether two JSON numbers are equal for a monitor, which then detects."""
-    monitor = CMonitor(BACKEND.translate(loads(TIED), SCATTERED).text)
-    found = monitor.read_line(f'{{"k": 1, "u": {left}}}'.encode())
-    found = monitor.read_line(f'{{"k": 2, "u": {right}}}'.encode())
-    return found.value == "true"
-
-
-@given(st.floats(allow_nan=False, allow_infinity=False))
-def test_decimals_become_the_nearest_double(number: float) -> None:
-    exact = f"{number:.800e}" if abs(number) < 1e300 else repr(number)
-    assert equal(repr(number), exact)
-    assert not equal(repr(number), repr(math.nextafter(number, 0) if number else 5e-324))
-
-
-@given(st.integers(-(10**25), 10**25), st.integers(-2, 2))
-def test_integers_are_exact(number: int, offset: int) -> None:
-    assert equal(str(number), str(number + offset)) == (offset == 0)
-    assert equal(str(number), repr(float(number))) == (int(float(number)) == number)
-
-
-@given(
-    st.recursive(
-        st.none() | st.booleans() | st.integers(-3, 3) | st.floats(-2, 2, width=16) | st.text(max_size=2),
-        lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=2), inner, max_size=3),
-        max_leaves=6,
-    )
+@pytest.mark.parametrize(
+    ("backend", "semantics"), [*((BACKEND, one) for one in Semantics), (BACKEND.keyed(KEY), SCATTERED)]
 )
-def test_lists_and_objects_are_compared_as_a_whole(value: Json) -> None:
-    other = json.dumps(value, sort_keys=True, ensure_ascii=True, indent=1).replace("\n", "")
-    assert equal(json.dumps(value, ensure_ascii=False), other)
-    assert not equal(json.dumps([value]), other)
-
-
-@pytest.mark.parametrize("semantics", Semantics)
-def test_the_size_is_told(semantics: Semantics) -> None:
+def test_the_size_is_told(backend: CBackend, semantics: Semantics) -> None:
     for tree in trees():
-        text = BACKEND.translate(tree, semantics).text
+        text = backend.translate(tree, semantics).text
         found = re.search(r"sizeof\(rvaft_monitor\) is (\d+) bytes", text)
         assert found is not None
         assert int(found[1]) == CMonitor(text).size
@@ -302,32 +167,98 @@ void analysed(void) {
 """Any number of any events."""
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which("frama-c") is None, reason="needs Frama-C (apt-get install frama-c-base)")
-@pytest.mark.parametrize(
-    ("tree", "semantics"), [*(("sand", one) for one in Semantics), ("or", SCATTERED), ("vot", SCATTERED)]
+SCANNED = """
+#include "__fc_builtin.h"
+static rvaft_reader the_reader;
+static char line[64];
+void analysed(void) {
+    rvaft_event e;
+    size_t size = (size_t)Frama_C_interval(0, 40);
+    Frama_C_make_unknown(line, sizeof line);
+    line[size] = '\\n';
+    (void)rvaft_read(&the_reader, line, size, &e);
+}
+"""
+"""Any line of up to 40 bytes."""
+needs_frama_c = pytest.mark.skipif(
+    shutil.which("frama-c") is None, reason="needs Frama-C (apt-get install frama-c-base)"
 )
-def test_no_run_time_errors_by_eva(tree: str, semantics: Semantics, tmp_path: Path) -> None:
-    file = tmp_path / "monitor.c"
-    text = BACKEND.translate(load(TREES / "gates" / f"{tree}.rvaft"), semantics).text
-    file.write_text(text + ANALYSED, encoding="utf-8")
-    options = ["-machdep", "gcc_x86_64", "-cpp-extra-args=-DRVAFT_JSON=0", "-main", "analysed", "-eva-precision", "3"]
-    done = subprocess.run(["frama-c", *options, file, "-eva"], capture_output=True, text=True, check=False, timeout=600)
-    assert "0 alarms generated by the analysis" in done.stdout, done.stdout[-2000:]
+GATES = {name: load(TREES / "gates" / f"{name}.rvaft") for name in ("or", "and", "sand", "sand_rl", "pand", "vot")}
+WITHIN = loads("time ts as s late 0 s; top sand a b within 10 s;")
+
+
+def analysis(text: str, file: Path, *options: str) -> str:
+    file.write_text(text, encoding="utf-8")
+    command = ["frama-c", "-machdep", "gcc_x86_64", "-main", "analysed", "-warn-special-float", "none", *options]
+    return subprocess.run([*command, file, "-eva"], capture_output=True, text=True, check=False, timeout=900).stdout
+
+
+@pytest.mark.slow
+@needs_frama_c
+@pytest.mark.parametrize(
+    ("tree", "semantics"), [*product(GATES.values(), Semantics), (WITHIN, SCATTERED)], ids=lambda one: str(one)[:40]
+)
+def test_no_run_time_errors_by_eva(tree: RVAFT, semantics: Semantics, tmp_path: Path) -> None:
+    text = BACKEND.translate(tree, semantics).text
+    options = ("-cpp-extra-args=-DRVAFT_JSON=0", "-eva-precision", "1")
+    found = analysis(text + ANALYSED, tmp_path / "monitor.c", *options)
+    assert "0 alarms generated by the analysis" in found, found[-2000:]
+
+
+@pytest.mark.slow
+@needs_frama_c
+def test_no_run_time_errors_of_the_scanner_by_eva(tmp_path: Path) -> None:
+    """Without the conversion of numbers, for which Eva raises alarms."""
+    text = BACKEND.translate(load(TREES / "gates" / "sand.rvaft"), SCATTERED).text
+    options = ("-cpp-extra-args=-DRVAFT_SCRATCH=64", "-eva-use-spec", "read_number", "-eva-precision", "1")
+    found = analysis(text + SCANNED, tmp_path / "monitor.c", *options)
+    assert "0 alarms generated by the analysis" in found, found[-2000:]
+
+
+PAGE = (ROOT / "docs" / "reference" / "languages" / "c.md").read_text(encoding="utf-8")
+
+
+def test_the_example_of_the_page(tmp_path: Path) -> None:
+    text = BACKEND.translate(load(TREES / "gates" / "sand.rvaft"), SCATTERED).text
+    (tmp_path / "monitor.c").write_text(text, encoding="utf-8")
+    example = (ROOT / "docs" / "first" / "application.c").read_text(encoding="utf-8")
+    calls = 'start(); return on_event("a") + 3 * on_event("b") + 9 * on_event("c") + 27 * on_event("d");'
+    options = (*WARNINGS, "-DRVAFT_JSON=0", "-Wno-unused-parameter")
+    compile_c(f"{example}\nint main(void) {{ {calls} }}\n", tmp_path / "application", options)
+    assert status(tmp_path / "application", b"")[0] == 9 + 27  # detected at c; final
 
 
 ZIG = shutil.which("zig")
+ROWS = re.findall(r"^\| `(\w+/\w+)` \| ([\d,]+) \| ([\d,]+) \|$", PAGE, re.MULTILINE)
+
+
+def allocated(file: Path) -> tuple[int, int]:
+    """The bytes of an ELF file for 32 bits that are constant, and those that are not."""
+    data = file.read_bytes()
+    (headers,) = struct.unpack_from("<I", data, 0x20)
+    size, count = struct.unpack_from("<HH", data, 0x2E)
+    found = [0, 0]
+    for number in range(count):
+        _, _, flags, _, _, length = struct.unpack_from("<6I", data, headers + number * size)
+        if flags & 2:
+            found[flags & 1] += length
+    return found[0], found[1]
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(ZIG is None and find_spec("ziglang") is None, reason="needs zig (the extra native)")
-def test_a_microcontroller(tmp_path: Path) -> None:
-    """A Cortex-M3 without an operating system: the object file of a sequence is small."""
+@pytest.mark.parametrize(("name", "flash", "ram"), ROWS)
+def test_the_sizes_on_a_microcontroller(name: str, flash: str, ram: str, tmp_path: Path) -> None:
+    """Other versions of the compiler may need a tenth more or less."""
     zig = [ZIG] if ZIG else [sys.executable, "-m", "ziglang"]
-    text = BACKEND.translate(load(TREES / "gates" / "sand.rvaft"), SCATTERED).text
-    target = ("-target", "thumb-freestanding-eabi", "-mcpu=cortex_m3", "-ffreestanding", "-Os", "-DRVAFT_JSON=0", "-c")
-    compile_c(text, tmp_path / "monitor.o", (*WARNINGS, *target), command=[*zig, "cc"])
-    assert (tmp_path / "monitor.o").stat().st_size < 16_384
+    text = BACKEND.translate(load(TREES / f"{name}.rvaft"), SCATTERED).text
+    target = ("-target", "thumb-freestanding-eabi", "-mcpu=cortex_m3", "-ffreestanding", "-Os", "-c")
+    options = (*WARNINGS, *target, "-DRVAFT_JSON=0", "-DRVAFT_CAPACITY=32")
+    compile_c(f"{text}\nrvaft_monitor the_monitor;\n", tmp_path / "monitor.o", options, command=[*zig, "cc"])
+    stated = int(flash.replace(",", ""))
+    constant, variable = allocated(tmp_path / "monitor.o")
+    assert abs(constant - stated) <= stated / 10, constant
+    assert variable == int(ram.replace(",", ""))
 
 
 def spoiled(random: Random, line: bytes) -> bytes:
@@ -384,3 +315,55 @@ def test_sanitizers(rounds: int, tmp_path: Path) -> None:
                 assert "Sanitizer" not in error
                 assert accepts(tree, bad) or code in (2, 3) or not bad.strip(), bad
     assert compared >= 5
+
+
+PIECES = """
+#include <stdio.h>
+static rvaft_log the_log;
+static char text[1 << 20];
+int main(void) {
+    size_t size = fread(text, 1, sizeof text - 16, stdin), at = 0;
+    rvaft_log_begin(&the_log, 1, 1);
+    while (at < size && the_log.verdict >= 0) {
+        uint32_t i;
+        at += rvaft_log_read(&the_log, text + at, size - at);
+        for (i = 0; i < the_log.taken; i++) {
+            printf(i == 0 ? "%d" : " %d", (int)the_log.match[i].number);
+        }
+        printf(the_log.taken == 0 ? "" : "\\n");
+    }
+    return the_log.verdict < 0 ? 3 : 0;
+}
+"""
+"""Prints the numbers of the events of each detection."""
+
+
+@pytest.mark.parametrize("rounds", [1, pytest.param(12, marks=pytest.mark.ci)])
+def test_sanitizers_with_keys(rounds: int, tmp_path: Path) -> None:
+    """The detections of each key are those of an engine for its events, and each is one by the definition."""
+    random, compared = Random(rounds), 0
+    for number in range(rounds):
+        tree = random_tree(random, Shape(max_nodes=6, variables=1, guards=0.3)) if number else loads(TIED)
+        try:
+            text = BACKEND.keyed([(("key",), ("key",))]).translate(tree, SCATTERED).text
+            traces = [detecting(random, tree, SCATTERED) for _ in range(30)]
+        except (NotExpressible, TooLarge, NoTraceFound):
+            continue
+        file = tmp_path / "monitor"
+        compile_c(text + PIECES, file, (*SANITIZERS, "-DRVAFT_PLACES=1", "-DRVAFT_KEYS=3", "-DRVAFT_CAPACITY=512"))
+        events = [{**event, "key": random.choice(["a", 1, [True]])} for trace in traces for event in trace]
+        code, out, error = status(file, b"\n".join(json.dumps(event).encode() for event in events))
+        assert code in (0, 3), error
+        found = [[int(one) for one in line.split()] for line in out.splitlines()]
+        wanted = []
+        for key in ("a", 1, [True]):
+            watching = Repetition(monitor(tree, semantics=SCATTERED))
+            own = [place for place, one in enumerate(events) if one["key"] == key]
+            wanted += [place + 1 for place in own if watching.step(events[place]) is Verdict.TRUE]
+        if code == 0:
+            assert sorted(one[-1] for one in found) == sorted(wanted)
+            for one in found:
+                assert [*Reference(tree, SCATTERED).run([events[place - 1] for place in one])][-1] is Verdict.TRUE
+                assert len({str(events[place - 1]["key"]) for place in one}) == 1
+            compared += len(found)
+    assert compared >= 3

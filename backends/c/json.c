@@ -1,0 +1,873 @@
+#if RVAFT_JSON
+
+/* JSON: a scanner that validates a line and reads the fields of the tree. The byte after the line is
+   no part of JSON (a newline), and eight more can be read. */
+
+#define MAX_DEPTH 500
+#define MEMBERS 4096
+
+typedef struct member {
+    size_t value; /* its place in the line */
+    size_t end;
+    uint32_t key; /* the decoded key in scratch */
+    uint32_t size;
+} member;
+
+typedef struct frame {
+    size_t start;
+    int32_t node;
+    uint32_t items;
+    uint8_t object;
+} frame;
+
+typedef struct rvaft_reader {
+    const char *text;
+    size_t size;
+    size_t at;
+    const char *reason;
+    uint32_t used; /* of scratch */
+    uint32_t members;
+    frame frames[MAX_DEPTH];
+    member member[MEMBERS];
+    char scratch[RVAFT_SCRATCH];
+} rvaft_reader;
+
+static int refused(rvaft_reader *r, const char *reason) {
+    r->reason = reason;
+    return RVAFT_MALFORMED;
+}
+
+static int full(rvaft_reader *r, const char *reason) {
+    r->reason = reason;
+    return RVAFT_FULL;
+}
+
+static uint32_t hex_digit(char c) {
+    if (c >= '0' && c <= '9') {
+        return (uint32_t)(c - '0');
+    }
+    if (c >= 'a' && c <= 'f') {
+        return (uint32_t)(c - 'a') + 10;
+    }
+    return c >= 'A' && c <= 'F' ? (uint32_t)(c - 'A') + 10 : NONE;
+}
+
+/* The four hexadecimal digits at a place, or NONE. */
+static uint32_t hex(const rvaft_reader *r, size_t at) {
+    uint32_t i, n = 0;
+    if (at > r->size || r->size - at < 4) {
+        return NONE;
+    }
+    for (i = 0; i < 4; i++) {
+        uint32_t digit = hex_digit(r->text[at + i]);
+        if (digit == NONE) {
+            return NONE;
+        }
+        n = n * 16 + digit;
+    }
+    return n;
+}
+
+/* The size of the character in UTF-8 at a place, or 0. */
+static size_t character(const rvaft_reader *r, size_t at) {
+    unsigned char a = (unsigned char)r->text[at], b, c, d;
+    size_t left = r->size - at;
+    b = left > 1 ? (unsigned char)r->text[at + 1] : 0;
+    c = left > 2 ? (unsigned char)r->text[at + 2] : 0;
+    d = left > 3 ? (unsigned char)r->text[at + 3] : 0;
+    if (a < 0x80U) {
+        return 1;
+    }
+    if ((b & 0xC0U) != 0x80U || a < 0xC2U) {
+        return 0;
+    }
+    if (a < 0xE0U) {
+        return 2;
+    }
+    if ((c & 0xC0U) != 0x80U) {
+        return 0;
+    }
+    if (a < 0xF0U) {
+        return (a == 0xE0U && b < 0xA0U) || (a == 0xEDU && b >= 0xA0U) ? 0 : 3;
+    }
+    if ((d & 0xC0U) != 0x80U || a > 0xF4U) {
+        return 0;
+    }
+    return (a == 0xF0U && b < 0x90U) || (a == 0xF4U && b >= 0x90U) ? 0 : 4;
+}
+
+/* The first of eight bytes whose high bit is set, or 0 where it is not known. */
+#if defined(__GNUC__) && defined(__BYTE_ORDER__) && __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
+#define FIRST_BYTE(w) ((size_t)__builtin_ctzll(w) / 8)
+#else
+#define FIRST_BYTE(w) 0
+#endif
+
+/* Pass a string whose quote is behind `at`; notes whether it has escapes. */
+static int scan_string(rvaft_reader *r, int *escaped) {
+    const uint64_t ones = UINT64_C(0x0101010101010101), high = ones * 0x80;
+    size_t at = r->at;
+    *escaped = 0;
+    for (;;) {
+        unsigned char c;
+        uint64_t w;
+        while (at < r->size && r->size - at >= 8) {
+            uint64_t quote, slash;
+            memcpy(&w, r->text + at, 8);
+            quote = w ^ (ones * 0x22);
+            slash = w ^ (ones * 0x5C);
+            w = (w | (w - ones * 0x20) | ((quote - ones) & ~quote) | ((slash - ones) & ~slash)) & high;
+            if (w != 0) {
+                at += FIRST_BYTE(w);
+                break;
+            }
+            at += 8;
+        }
+        if (at >= r->size) {
+            r->at = r->size;
+            return refused(r, "unterminated string");
+        }
+        c = (unsigned char)r->text[at];
+        if (c == '"') {
+            r->at = at + 1;
+            return 0;
+        }
+        if (c == '\\') {
+            char kind = at + 1 < r->size ? r->text[at + 1] : 'x';
+            *escaped = 1;
+            if (kind == 'u') {
+                uint32_t unit = hex(r, at + 2);
+                r->at = at;
+                if (unit == NONE) {
+                    return refused(r, "invalid \\uXXXX escape");
+                }
+                at += 6;
+                if (unit >= 0xD800U && unit < 0xE000U) {
+                    uint32_t low = unit < 0xDC00U && at + 1 < r->size && r->text[at] == '\\' && r->text[at + 1] == 'u'
+                                       ? hex(r, at + 2)
+                                       : NONE;
+                    if (low == NONE || low < 0xDC00U || low >= 0xE000U) {
+                        return refused(r, "a lone surrogate: \\ud800 to \\udfff stand only in pairs");
+                    }
+                    at += 6;
+                }
+            } else if (kind == '"' || kind == '\\' || kind == '/' || kind == 'b' || kind == 'f' || kind == 'n' ||
+                       kind == 'r' || kind == 't') {
+                at += 2;
+            } else {
+                r->at = at;
+                return refused(r, "invalid escape");
+            }
+        } else if (c < 0x20U) {
+            r->at = at;
+            return refused(r, "a control character in a string");
+        } else if (c < 0x80U) {
+            at++;
+        } else {
+            size_t size = character(r, at);
+            if (size == 0) {
+                r->at = at;
+                return refused(r, "not UTF-8");
+            }
+            at += size;
+        }
+    }
+}
+
+static int put(rvaft_reader *r, uint32_t c) {
+    if (r->used >= RVAFT_SCRATCH) {
+        return full(r, "the texts of an event");
+    }
+    r->scratch[r->used++] = (char)(unsigned char)c;
+    return 0;
+}
+
+static int put_bytes(rvaft_reader *r, const void *from, size_t size) {
+    if (size > RVAFT_SCRATCH - r->used) {
+        return full(r, "the texts of an event");
+    }
+    memcpy(r->scratch + r->used, from, size);
+    r->used += (uint32_t)size;
+    return 0;
+}
+
+/* Decode a valid string between two places into scratch. */
+static int decode(rvaft_reader *r, size_t at, size_t end) {
+    while (at < end && at < r->size) {
+        uint32_t c = (unsigned char)r->text[at++];
+        int error = 0;
+        if (c != '\\') {
+            error = put(r, c);
+        } else {
+            c = at < r->size ? (unsigned char)r->text[at] : '\\';
+            at++;
+            if (c != 'u') {
+                static const char from[] = "bfnrt", to[] = "\b\f\n\r\t";
+                uint32_t i;
+                for (i = 0; i < 5; i++) {
+                    if (c == (unsigned char)from[i]) {
+                        c = (unsigned char)to[i];
+                        break;
+                    }
+                }
+                error = put(r, c);
+            } else {
+                c = hex(r, at);
+                at += 4;
+                if (c >= 0xD800U && c < 0xDC00U) {
+                    c = 0x10000U + ((c - 0xD800U) << 10) + (hex(r, at + 2) - 0xDC00U);
+                    at += 6;
+                }
+                if (c < 0x80U) {
+                    error = put(r, c);
+                } else if (c < 0x800U) {
+                    error = put(r, 0xC0U | c >> 6) || put(r, 0x80U | (c & 0x3FU));
+                } else if (c < 0x10000U) {
+                    error = put(r, 0xE0U | c >> 12) || put(r, 0x80U | (c >> 6 & 0x3FU)) || put(r, 0x80U | (c & 0x3FU));
+                } else {
+                    error = put(r, 0xF0U | c >> 18) || put(r, 0x80U | (c >> 12 & 0x3FU)) ||
+                            put(r, 0x80U | (c >> 6 & 0x3FU)) || put(r, 0x80U | (c & 0x3FU));
+                }
+            }
+        }
+        if (error) {
+            return RVAFT_FULL;
+        }
+    }
+    return 0;
+}
+
+static void pass_blanks(rvaft_reader *r) {
+    size_t at = r->at, size = r->size;
+    const char *text = r->text;
+    while (at < size && (unsigned char)text[at] <= 0x20U &&
+           (text[at] == ' ' || text[at] == '\t' || text[at] == '\r' || text[at] == '\n')) {
+        at++;
+    }
+    r->at = at;
+}
+
+#define skip_blanks(r)                                                    \
+    do {                                                                  \
+        if ((r)->at < (r)->size && (unsigned char)(r)->text[(r)->at] <= 0x20U) { \
+            pass_blanks(r);                                               \
+        }                                                                 \
+    } while (0)
+
+/* Go on by so many bytes, at most to the end. */
+static inline void advance(rvaft_reader *r, size_t size) {
+    r->at = size < r->size - r->at ? r->at + size : r->size;
+}
+
+static int is_word(const rvaft_reader *r, const char *word, size_t size) {
+    return r->at < r->size && size <= r->size - r->at && memcmp(r->text + r->at, word, size) == 0;
+}
+
+/* Pass a value that is no string, list or object; `v` may be NULL. */
+static int scan_scalar(rvaft_reader *r, rvaft_value *v) {
+    static const struct {
+        const char *word;
+        uint32_t size;
+        uint32_t tag;
+    } words[6] = {{"true", 4, RVAFT_YES},      {"false", 5, RVAFT_NO},          {"null", 4, RVAFT_NULL},
+                  {"NaN", 3, RVAFT_UNDEFINED}, {"Infinity", 8, RVAFT_UNDEFINED}, {"-Infinity", 9, RVAFT_UNDEFINED}};
+    const char *text;
+    uint32_t end, size, i;
+    int point;
+    char c = r->at < r->size ? r->text[r->at] : '\n';
+    if ((c < '0' || c > '9') && c != '-') {
+        for (i = 0; i < 5; i++) {
+            if (is_word(r, words[i].word, words[i].size)) {
+                advance(r, words[i].size);
+                if (v != NULL) {
+                    *v = plain(words[i].tag);
+                }
+                return 0;
+            }
+        }
+        return refused(r, "expecting value");
+    }
+    text = r->text;
+    end = number_end(text, (uint32_t)r->at, (uint32_t)r->size, &point);
+    if (end == 0) {
+        if (is_word(r, words[5].word, words[5].size)) {
+            advance(r, words[5].size);
+            if (v != NULL) {
+                *v = plain(words[5].tag);
+            }
+            return 0;
+        }
+        return refused(r, "expecting value");
+    }
+    text = r->text + r->at;
+    size = end - (uint32_t)r->at;
+    if (!point && size - (c == '-') > MOST_DIGITS) {
+        return refused(r, "a number of more than 4300 digits");
+    }
+    advance(r, size);
+    if (v != NULL) {
+        char *digits = NULL;
+        if (point && RVAFT_SCRATCH - r->used >= 320) {
+            digits = r->scratch + r->used;
+        }
+        *v = read_number(text, size, point, digits);
+        if (v->tag == RVAFT_BIG && point) {
+            r->used += v->size <= RVAFT_SCRATCH - r->used ? v->size : 0;
+        } else if (v->tag != RVAFT_BIG) { /* as written, for times */
+            v->text = text;
+            v->size = size;
+        }
+    }
+    return 0;
+}
+
+/* Write the canonical form of the value at `r->at`, which is valid JSON: equal values have equal
+   bytes. Sets `undefined` where a number is not finite. */
+static int canonical(rvaft_reader *r, int *undefined) {
+    int error, escaped;
+    uint32_t start, size;
+    size_t from;
+    char c;
+    skip_blanks(r);
+    c = r->text[r->at];
+    if (c == '"') {
+        from = ++r->at;
+        if (scan_string(r, &escaped) || put(r, '"') || put_bytes(r, "size", 4)) {
+            return RVAFT_FULL;
+        }
+        start = r->used;
+        if (decode(r, from, r->at - 1)) {
+            return RVAFT_FULL;
+        }
+        size = r->used - start;
+        memcpy(r->scratch + start - 4, &size, 4);
+        return 0;
+    }
+    if (c == '[') {
+        r->at++;
+        error = put(r, '[');
+        skip_blanks(r);
+        while (!error && r->text[r->at] != ']') {
+            error = canonical(r, undefined);
+            skip_blanks(r);
+            r->at += r->text[r->at] == ',';
+            skip_blanks(r);
+        }
+        r->at++;
+        return error ? error : put(r, ']');
+    }
+    if (c == '{') {
+        uint32_t first = r->members, begin = r->used, i, k;
+        size_t end;
+        r->at++;
+        skip_blanks(r);
+        while (r->text[r->at] != '}') {
+            member made;
+            uint32_t keep;
+            from = r->at + 1;
+            r->at = from;
+            if (r->members >= MEMBERS) {
+                return full(r, "the fields of an object");
+            }
+            made.key = r->used;
+            error = scan_string(r, &escaped);
+            if (error || decode(r, from, r->at - 1)) {
+                return RVAFT_FULL;
+            }
+            made.size = r->used - made.key;
+            skip_blanks(r);
+            r->at++;
+            made.value = r->at;
+            keep = r->used;
+            r->member[r->members++] = made;
+            error = canonical(r, undefined); /* to pass the value */
+            if (error) {
+                return error;
+            }
+            r->used = keep;
+            skip_blanks(r);
+            r->at += r->text[r->at] == ',';
+            skip_blanks(r);
+        }
+        end = r->at + 1;
+        for (i = first + 1; i < r->members; i++) { /* few fields: insertion sort */
+            member moved = r->member[i];
+            rvaft_value key = bytes_of(RVAFT_TEXT, r->scratch + moved.key, moved.size);
+            for (k = i; k > first; k--) {
+                rvaft_value other =
+                    bytes_of(RVAFT_TEXT, r->scratch + r->member[k - 1].key, r->member[k - 1].size);
+                if (compare_bytes(&other, &key) <= 0) {
+                    break;
+                }
+                r->member[k] = r->member[k - 1];
+            }
+            r->member[k] = moved;
+        }
+        start = r->used; /* behind the keys, over which the object then moves */
+        error = put(r, '{');
+        for (i = first; !error && i < r->members; i++) {
+            member one = r->member[i];
+            if (i > first && one.size == r->member[i - 1].size &&
+                (one.size == 0 || memcmp(r->scratch + one.key, r->scratch + r->member[i - 1].key, one.size) == 0)) {
+                return refused(r, "a key is repeated");
+            }
+            if (put_bytes(r, &one.size, 4) || put_bytes(r, r->scratch + one.key, one.size)) {
+                return RVAFT_FULL;
+            }
+            r->at = one.value;
+            error = canonical(r, undefined);
+        }
+        r->members = first;
+        r->at = end;
+        if (error || put(r, '}')) {
+            return error ? error : RVAFT_FULL;
+        }
+        memmove(r->scratch + begin, r->scratch + start, r->used - start);
+        r->used -= start - begin;
+        return 0;
+    }
+    {
+        rvaft_value v;
+        char digits[320];
+        start = r->used;
+        error = scan_scalar(r, &v);
+        if (error) {
+            return error;
+        }
+        *undefined |= v.tag == RVAFT_UNDEFINED;
+        if (v.tag == RVAFT_BIG && v.text == NULL) {
+            return full(r, "the texts of an event");
+        }
+        if (r->used != start) { /* digits that the scanner wrote */
+            memcpy(digits, v.text, v.size);
+            v.text = digits;
+            r->used = start;
+        }
+        error = put(r, 'a' + v.tag);
+        if (v.tag == RVAFT_INTEGER) {
+            error = error || put_bytes(r, &v.integer, 8);
+        } else if (v.tag == RVAFT_REAL) {
+            error = error || put_bytes(r, &v.real, 8);
+        } else if (v.tag == RVAFT_BIG) {
+            error = error || put_bytes(r, &v.size, 4) || put_bytes(r, v.text, v.size);
+        }
+        return error ? RVAFT_FULL : 0;
+    }
+}
+
+/* The node for a key below a node, or -1; the key is at a place of a text of `limit` bytes. */
+static inline int32_t child_of(int32_t node, const char *text, size_t at, uint32_t size, size_t limit) {
+    int32_t child = node < -1 ? FIRST_FIELD : node >= 0 && node < RVAFT_FIELDS ? fields[node].child : -1;
+    while (child >= 0 && child < RVAFT_FIELDS) {
+        const field_node *f = &fields[child];
+        if (f->size == size && f->name != NULL && size <= limit && at <= limit - size &&
+            (size == 0 || (f->name[0] == text[at] && memcmp(f->name, text + at, size) == 0))) {
+            return child;
+        }
+        child = f->next;
+    }
+    return -1;
+}
+
+static int32_t item_of(int32_t node, uint32_t item) {
+    int32_t child = node >= 0 && node < RVAFT_FIELDS ? fields[node].child : -1;
+    while (child >= 0 && child < RVAFT_FIELDS) {
+        if (fields[child].name == NULL && fields[child].size == item) {
+            return child;
+        }
+        child = fields[child].next;
+    }
+    return -1;
+}
+
+/* The value of a list or an object between two places of the line. */
+static int whole_value(rvaft_reader *r, rvaft_value *v, size_t start) {
+    size_t end = r->at;
+    uint32_t used = r->used;
+    int undefined = 0, error;
+    r->at = start;
+    r->members = 0;
+    error = canonical(r, &undefined);
+    if (error == 0 && !undefined) {
+        v->text = r->scratch + used;
+        v->size = r->used - used;
+    }
+    if (error == 0) {
+        r->at = end;
+    }
+    return error;
+}
+
+/* Read a line as one JSON object: 0, or an error with its reason in `reason`. */
+static int scan(rvaft_reader *r, rvaft_event *e) {
+    uint32_t depth = 0, i;
+    int32_t node = -2; /* the event itself; -1 is what the tree does not read */
+    int escaped, error;
+    for (i = 0; i < RVAFT_FIELDS; i++) {
+        e->field[i].tag = RVAFT_ABSENT;
+    }
+    r->used = 0;
+    r->at = 0;
+    skip_blanks(r);
+    for (;;) { /* a value of `node` */
+        char c = r->at < r->size ? r->text[r->at] : '\n';
+        if (c == '{' || c == '[') {
+            frame *f = &r->frames[depth];
+            if (depth >= MAX_DEPTH) {
+                return refused(r, "nested more than 500 levels deep");
+            }
+            if (depth == 0 && c == '[') {
+                return refused(r, "not a JSON object");
+            }
+            depth++;
+            f->object = c == '{';
+            f->node = node;
+            f->start = r->at;
+            f->items = 0;
+            if (node >= 0) {
+                e->field[node] = plain(f->object ? RVAFT_OBJECT : RVAFT_LIST);
+            }
+            advance(r, 1);
+            skip_blanks(r);
+            if (r->at < r->size && r->text[r->at] == (f->object ? '}' : ']')) {
+                goto closed;
+            }
+            if (f->object) {
+                goto key;
+            }
+            f->items = 1;
+            node = item_of(node, 0);
+            continue;
+        }
+        if (depth == 0) {
+            return refused(r, c == '"' || c == '-' || (c >= '0' && c <= '9') ? "not a JSON object" : "expecting value");
+        }
+        if (c == '"') {
+            size_t start = r->at + 1;
+            r->at = start;
+            error = scan_string(r, &escaped);
+            if (error) {
+                return error;
+            }
+            if (node >= 0) {
+                if (escaped) {
+                    uint32_t used = r->used;
+                    if (decode(r, start, r->at - 1)) {
+                        return RVAFT_FULL;
+                    }
+                    e->field[node] = bytes_of(RVAFT_TEXT, r->scratch + used, r->used - used);
+                } else {
+                    e->field[node] = bytes_of(RVAFT_TEXT, r->text + start, (uint32_t)(r->at - 1 - start));
+                }
+            }
+        } else {
+            error = scan_scalar(r, node >= 0 ? &e->field[node] : NULL);
+            if (error) {
+                return error;
+            }
+        }
+        for (;;) { /* after a value */
+            frame *f;
+            skip_blanks(r);
+            if (depth == 0) {
+                return r->at == r->size ? 0 : refused(r, "extra data");
+            }
+            f = &r->frames[depth - 1];
+            c = r->at < r->size ? r->text[r->at] : '\n';
+            if (c == ',') {
+                advance(r, 1);
+                skip_blanks(r);
+                if (f->object) {
+                    goto key;
+                }
+                node = item_of(f->node, f->items++);
+                break;
+            }
+            if (c != (f->object ? '}' : ']')) {
+                return refused(r, "expecting ',' delimiter");
+            }
+        closed:
+            f = &r->frames[depth - 1];
+            advance(r, 1);
+            depth--;
+            if (f->node >= 0 && f->node < RVAFT_FIELDS) {
+                rvaft_value *v = &e->field[f->node];
+                v->integer = f->items;
+                if (fields[f->node].whole) {
+                    error = whole_value(r, v, f->start);
+                    if (error) {
+                        return error;
+                    }
+                }
+            }
+        }
+        continue;
+    key: {
+        frame *f = &r->frames[depth - 1];
+        size_t start = r->at + 1;
+        if (r->at >= r->size || r->text[r->at] != '"') {
+            return refused(r, "expecting property name enclosed in double quotes");
+        }
+        r->at = start;
+        error = scan_string(r, &escaped);
+        if (error) {
+            return error;
+        }
+        node = -1;
+        if (f->node != -1) {
+            if (escaped) {
+                uint32_t used = r->used;
+                if (decode(r, start, r->at - 1)) {
+                    return RVAFT_FULL;
+                }
+                node = child_of(f->node, r->scratch, used, r->used - used, RVAFT_SCRATCH);
+                r->used = used;
+            } else {
+                node = child_of(f->node, r->text, start, (uint32_t)(r->at - 1 - start), r->size);
+            }
+            if (node >= 0 && e->field[node].tag != RVAFT_ABSENT) {
+                return refused(r, "a key is repeated");
+            }
+        }
+        skip_blanks(r);
+        if (r->at >= r->size || r->text[r->at] != ':') {
+            return refused(r, "expecting ':' delimiter");
+        }
+        advance(r, 1);
+        skip_blanks(r);
+    }
+    }
+}
+
+#if RVAFT_TIMED
+
+#define SECOND INT64_C(1000000000)
+
+static int read_two(const char *text, int *number) {
+    if (text[0] < '0' || text[0] > '9' || text[1] < '0' || text[1] > '9') {
+        return 0;
+    }
+    *number = (text[0] - '0') * 10 + (text[1] - '0');
+    return 1;
+}
+
+/* Seconds and nanoseconds as a time: 1, or an error. */
+static int instant(int64_t seconds, int64_t rest, int64_t *time) {
+    int error = 0;
+    rvaft_value t = add(&error, multiply(&error, integer(seconds), integer(SECOND)), integer(rest));
+    if (error != 0) {
+        return error;
+    }
+    *time = t.integer;
+    return 1;
+}
+
+/* A decimal number of units of 10^scale nanoseconds, half to even: 1, 0 if undefined, or an error. */
+RVAFT_UNUSED static int decimal_time(const rvaft_value *v, int scale, int64_t *time) {
+    decimal d;
+    uint64_t n;
+    int point;
+    int minus;
+    if (v->tag == RVAFT_TEXT ? v->size == 0 || v->size > 1000 || number_end(v->text, 0, v->size, &point) != v->size
+                             : !is_number(v) || v->text == NULL) {
+        return 0;
+    }
+    minus = v->text[0] == '-';
+    read_decimal(v->text, v->size, &d);
+    *time = 0;
+    if (d.count == 0 || d.point < -39) {
+        return 1;
+    }
+    if (d.point > 31) {
+        return 0;
+    }
+    d.point += scale;
+    if (d.point > 19) {
+        return RVAFT_UNSUPPORTED;
+    }
+    n = rounded(&d);
+    if (n > (uint64_t)INT64_MAX) {
+        return RVAFT_UNSUPPORTED;
+    }
+    *time = minus ? -(int64_t)n : (int64_t)n;
+    return 1;
+}
+
+/* A number of 100 ns since 1601-01-01: 1, 0 if undefined, or an error. */
+RVAFT_UNUSED static int filetime(const rvaft_value *v, int64_t *time) {
+    int found, error = 0;
+    int64_t rest, ticks = 0;
+    rvaft_value t;
+    decimal d;
+    found = decimal_time(v, -40, &rest);
+    if (found != 1) {
+        return found;
+    }
+    read_decimal(v->text, v->size, &d);
+    if (d.point > 18) {
+        return RVAFT_UNSUPPORTED;
+    }
+    while (d.point > 0) { /* the whole number apart: with two more digits it may need more than 64 bits */
+        ticks = ticks * 10 + (d.count > 0 ? d.digit[0] : 0);
+        if (d.count > 0) {
+            memmove(d.digit, d.digit + 1, (size_t)--d.count);
+        }
+        d.point--;
+    }
+    d.point += 2;
+    rest = (int64_t)rounded(&d);
+    if (v->text[0] == '-') {
+        ticks = -ticks;
+        rest = -rest;
+    }
+    t = multiply(&error, integer(ticks - INT64_C(116444736000000000)), integer(100));
+    t = add(&error, t, integer(rest));
+    *time = t.integer;
+    return error != 0 ? error : 1;
+}
+
+static int64_t day_number(int year, int month, int day) { /* from 1970-01-01 */
+    int64_t y = year - (month <= 2), era = y / 400, of_era = y - era * 400;
+    int64_t of_year = (153 * (month + (month > 2 ? -3 : 9)) + 2) / 5 + day - 1;
+    return era * 146097 + of_era * 365 + of_era / 4 - of_era / 100 + of_year - 719468;
+}
+
+static int is_day(int year, int month, int day) {
+    static const int days[12] = {31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31};
+    int leap = (year % 4 == 0 && year % 100 != 0) || year % 400 == 0;
+    return year >= 1 && month >= 1 && month <= 12 && day >= 1 && day <= days[month - 1] + (month == 2 && leap);
+}
+
+/* An offset of a zone such as +02:00 at a place, in seconds; returns the place after it, or NONE. */
+static uint32_t offset_of(const char *text, uint32_t at, uint32_t size, int *seconds) {
+    int hours, minutes = 0, sign = text[at] == '-' ? -1 : 1;
+    at++;
+    if (at + 2 > size || !read_two(text + at, &hours)) {
+        return NONE;
+    }
+    at += 2;
+    if (at + 2 <= size && read_two(text + at, &minutes)) {
+        at += 2;
+    } else if (at + 3 <= size && text[at] == ':' && read_two(text + at + 1, &minutes)) {
+        at += 3;
+    }
+    if (hours > 23 || minutes > 59) {
+        return NONE;
+    }
+    *seconds = sign * (hours * 60 + minutes) * 60;
+    return at;
+}
+
+/* The nanoseconds that decimals of a second write, half to even. */
+static int64_t decimals_of(const char *text, uint32_t size) {
+    decimal d;
+    uint32_t i;
+    d.count = 0;
+    d.point = 0;
+    d.truncated = 0;
+    for (i = 0; i < size; i++) {
+        if (d.count < DIGITS) {
+            d.digit[d.count++] = (uint8_t)(text[i] - '0');
+        } else {
+            d.truncated |= text[i] != '0';
+        }
+    }
+    trim(&d);
+    if (d.count == 0) {
+        return 0;
+    }
+    d.point = 9;
+    return (int64_t)rounded(&d);
+}
+
+RVAFT_UNUSED static int iso_time(const rvaft_value *v, int64_t *time) {
+    const char *t = v->text;
+    uint32_t at = 16, size = v->size;
+    int century, year, month, day, hour, minute, second = 0, ahead = 0;
+    int64_t rest = 0;
+    if (v->tag != RVAFT_TEXT || size < 16 || size > 1000 || !read_two(t, &century) || !read_two(t + 2, &year) ||
+        t[4] != '-' || !read_two(t + 5, &month) || t[7] != '-' || !read_two(t + 8, &day) ||
+        (t[10] != 'T' && t[10] != 't' && t[10] != ' ') || !read_two(t + 11, &hour) || t[13] != ':' ||
+        !read_two(t + 14, &minute)) {
+        return 0;
+    }
+    year += century * 100;
+    if (at + 3 <= size && t[at] == ':' && read_two(t + at + 1, &second)) {
+        at += 3;
+        if (at + 1 < size && (t[at] == '.' || t[at] == ',') && t[at + 1] >= '0' && t[at + 1] <= '9') {
+            uint32_t from = ++at;
+            while (at < size && t[at] >= '0' && t[at] <= '9') {
+                at++;
+            }
+            rest = decimals_of(t + from, at - from);
+        }
+    }
+    if (at < size && (t[at] == 'Z' || t[at] == 'z')) {
+        at++;
+    } else if (at < size && (t[at] == '+' || t[at] == '-')) {
+        at = offset_of(t, at, size, &ahead);
+    }
+    if (at != size || !is_day(year, month, day) || hour > 23 || minute > 59 || second > 60) {
+        return 0;
+    }
+    return instant(((day_number(year, month, day) * 24 + hour) * 60 + minute) * 60 + second - ahead, rest, time);
+}
+
+static int is_written_integer(const rvaft_value *v) {
+    uint32_t i;
+    if (!is_number(v) || v->text == NULL) {
+        return 0;
+    }
+    for (i = 0; i < v->size; i++) {
+        if (v->text[i] == '.' || v->text[i] == 'e' || v->text[i] == 'E') {
+            return 0;
+        }
+    }
+    return v->tag != RVAFT_BIG || i != 0;
+}
+
+/* {sec, nanosec} or {secs, nsecs}, both integers. */
+RVAFT_UNUSED static int ros_time(const rvaft_value *sec, const rvaft_value *nanosec, const rvaft_value *secs,
+                                 const rvaft_value *nsecs, int64_t *time) {
+    if (!is_written_integer(sec) || !is_written_integer(nanosec)) {
+        if (!is_written_integer(secs) || !is_written_integer(nsecs)) {
+            return 0;
+        }
+        sec = secs;
+        nanosec = nsecs;
+    }
+    if (sec->tag == RVAFT_BIG || nanosec->tag == RVAFT_BIG) {
+        return RVAFT_UNSUPPORTED;
+    }
+    return instant(sec->integer, nanosec->integer, time);
+}
+
+#endif
+
+/* Read a line as an event: 0, or an error. */
+RVAFT_API int rvaft_read(rvaft_reader *r, const char *text, size_t size, rvaft_event *e) {
+    int error, found = 0;
+    r->text = text;
+    r->size = size;
+    r->reason = "";
+    e->has_time = 0;
+    e->time = 0;
+    if (size > UINT32_MAX / 2) {
+        return full(r, "the bytes of a line");
+    }
+    error = scan(r, e);
+#if RVAFT_TIMED
+    if (error == 0) {
+        found = READ_TIME(e, &e->time);
+        if (found < 0) {
+            r->reason = "a time of more than 64 bits";
+            return found;
+        }
+        e->has_time = found;
+    }
+#endif
+    (void)found;
+    return error;
+}
+
+#endif

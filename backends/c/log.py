@@ -1,0 +1,105 @@
+"""A compiled monitor of one log, which reads its lines in blocks."""
+
+import ctypes
+import os
+import secrets
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from mmap import mmap
+from pathlib import Path
+from typing import Final, TypeAlias
+
+from backends.c.library import cached_library
+from rvaft.errors import RvaftError, TooLarge, ToolFailed
+
+CAPACITY: Final = 1 << 20
+"""The number of partial matches of all keys; memory that is not used is not touched."""
+_SLACK: Final = bytes(16)
+"""The reader may read a few bytes behind a line."""
+_TRUE: Final = 1
+_FULL: Final = -1
+_UNSUPPORTED: Final = -2
+_REMEDY: Final = "omit --native"
+
+
+EventPlace: TypeAlias = tuple[int, int, int]
+"""An event of a log: its number, its line, and the offset of the line in bytes."""
+
+
+class _Place(ctypes.Structure):
+    _fields_ = [("number", ctypes.c_uint64), ("line", ctypes.c_uint64), ("offset", ctypes.c_uint64)]
+
+
+class _Head(ctypes.Structure):
+    """The first fields of `rvaft_log`."""
+
+    _fields_ = [
+        ("verdict", ctypes.c_int32),
+        ("taken", ctypes.c_uint32),
+        ("number", ctypes.c_uint64),
+        ("line", ctypes.c_uint64),
+        ("offset", ctypes.c_uint64),
+        ("reason", ctypes.c_char_p),
+    ]
+
+
+@lru_cache(maxsize=16)
+def _functions(file: Path) -> ctypes.CDLL:
+    try:
+        found = ctypes.CDLL(os.fspath(file))
+    except OSError as error:
+        raise ToolFailed("the native monitor", reason=str(error)) from None
+    found.rvaft_log_size.restype = found.rvaft_log_read.restype = ctypes.c_size_t
+    found.rvaft_log_begin.argtypes = [ctypes.c_void_p, ctypes.c_uint64, ctypes.c_int]
+    found.rvaft_log_begin.restype = None
+    found.rvaft_log_read.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t]
+    return found
+
+
+class NativeLog:
+    """Monitors one log that comes in pieces.
+
+    `failure` is why there is no verdict from event `failed` on.
+    """
+
+    def __init__(self, text: str, *, keys: int, repeat: bool) -> None:
+        self._functions = _functions(cached_library(text, CAPACITY, keys))
+        self._state = mmap(-1, self._functions.rvaft_log_size())  # zeros; what is not used takes no memory
+        self._head = _Head.from_buffer(self._state)
+        self._address = ctypes.addressof(self._head)
+        self._functions.rvaft_log_begin(self._address, secrets.randbits(64), int(repeat))
+        self._rest = b""
+        self.failed = 0
+        self.failure: RvaftError | None = None
+
+    def read(self, data: bytes, *, ended: bool = False) -> Iterator[Sequence[EventPlace]]:
+        """Read a piece of the log, and yield the events of each detection, the last one first detected.
+
+        A line that a piece does not end is read with the next one, or where the log has `ended`.
+        """
+        if not ended:
+            at = data.rfind(b"\n") + 1
+            data, self._rest = self._rest + data[:at] if at else b"", data[at:] if at else self._rest + data
+        else:
+            data, self._rest = self._rest + data, b""
+        size, data = len(data), data + _SLACK
+        done, head, start = 0, self._head, ctypes.cast(ctypes.c_char_p(data), ctypes.c_void_p).value or 0
+        while done < size and self.failure is None:
+            done += self._functions.rvaft_log_read(self._address, start + done, size - done)
+            if head.verdict < 0:
+                self.failed, self.failure = head.number, self._why()
+            elif head.taken:
+                places = (_Place * head.taken).from_buffer(self._state, ctypes.sizeof(_Head))
+                yield [(one.number, one.line, one.offset) for one in places]
+
+    def _why(self) -> RvaftError:
+        reason = (self._head.reason or b"").decode()
+        match self._head.verdict:
+            case code if code == _FULL and reason:
+                return ToolFailed("the native monitor", reason=f"line {self._head.line} has too much of {reason}")
+            case code if code == _FULL:
+                return TooLarge("partial matches or texts of the native monitor", limit=CAPACITY, remedy=_REMEDY)
+            case code if code == _UNSUPPORTED:
+                return TooLarge("bits of a number or a time in the native monitor", limit=64, remedy=_REMEDY)
+            case _:
+                return ToolFailed("the native monitor", reason=f"line {self._head.line} is refused: {reason}")

@@ -1,0 +1,1 @@
+"""The machine-checked meaning: a section of a paper, and its figures."""

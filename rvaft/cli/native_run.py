@@ -1,0 +1,227 @@
+"""A run in which a compiled monitor replaces the joins of the engine.
+
+Events are read as without `--native`. `NativeRun` passes each block of the log to the compiled monitor
+before the block is read, and `NativeEngine` detects at the events that the compiled monitor named.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from io import BufferedIOBase
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import BinaryIO, Final, NamedTuple, Protocol, Self, cast, runtime_checkable
+
+from rvaft.api import monitor
+from rvaft.backend import Specification, backend
+from rvaft.core.classifier import TreeReads
+from rvaft.engine.compiled_tree import NOTHING, EventClass, Inert, Reading
+from rvaft.engine.monitor import Engine
+from rvaft.errors import RvaftError, ToolFailed
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitors import Explanation
+from rvaft.readers.json_lines import decode
+from rvaft.readers.log import BOM
+from rvaft.stream.keys import Key
+from rvaft.stream.listeners import EventBuffer
+
+BACKEND: Final = "c"
+_HIT: Final = Reading(relevant=False, hits=(None,))
+"""An event that some node may have."""
+
+
+class MatchedLine(NamedTuple):
+    """An event of a log: its number, its line, and the offset of the line in bytes."""
+
+    number: int
+    line: int
+    offset: int
+
+
+class CompiledLog(Protocol):
+    """A compiled monitor of one log; `failure` is why it has no verdict from event `failed` on."""
+
+    failed: int
+    failure: RvaftError | None
+
+    def read(self, data: bytes, *, ended: bool = False) -> Iterator[Sequence[tuple[int, int, int]]]:
+        """Read a piece of the log, and yield the places of the events of each detection."""
+
+
+@runtime_checkable
+class Compiling(Protocol):
+    """A backend that compiles monitors."""
+
+    def keyed(self, key: Sequence[tuple[tuple[str, ...], tuple[str, ...]]]) -> Self:
+        """Return a backend whose monitors regard each value of a key as a log of its own."""
+
+    def translate(self, tree: RVAFT, semantics: Semantics) -> Specification:
+        """Return the tree as a text."""
+
+    def program(self, text: str) -> Path:
+        """Return a compiled program."""
+
+    def native_log(self, text: str, *, keys: int, repeat: bool) -> CompiledLog:
+        """Return a new monitor of one log."""
+
+
+def compiling() -> Compiling:
+    """Return the backend that compiles monitors; raises `UnknownBackend` and `ToolFailed`."""
+    found = backend(BACKEND)
+    if not isinstance(found, Compiling):
+        raise ToolFailed(f"the backend {BACKEND}", reason="it compiles no monitors")
+    return found
+
+
+class _Fed(BufferedIOBase):
+    """A stream that passes each piece to `feed` before it returns it, with b"" at the end.
+
+    With `ahead` another thread reads and passes the next piece in the meantime.
+    """
+
+    def __init__(self, stream: BinaryIO, feed: Callable[[bytes], object], ahead: ThreadPoolExecutor | None) -> None:
+        self.fileobj = getattr(stream, "fileobj", stream)
+        self._stream = cast("BufferedIOBase", stream)
+        self._feed = feed
+        self._ahead = ahead
+        self._next: Future[bytes] | None = None
+
+    def _piece(self, size: int) -> bytes:
+        data = self._stream.read1(size)
+        self._feed(data)
+        return data
+
+    def read1(self, size: int = -1) -> bytes:
+        """Return the next bytes."""
+        data = self._piece(size) if self._next is None else self._next.result()
+        self._next = self._ahead.submit(self._piece, size) if self._ahead is not None and data else None
+        return data
+
+    def readline(self, size: int | None = -1) -> bytes:
+        """Return the rest of a line."""
+        data = self._stream.readline(size)
+        self._feed(data)
+        if data and not data.endswith(b"\n") and (size is None or size < 0 or len(data) < size):
+            self._feed(b"")  # the last line has no newline
+        return data
+
+
+class NativeRun:
+    """Monitors traces one after the other; `part` is the monitored tree.
+
+    Raises the errors of `translate`; `begin` raises those of the compiler.
+    """
+
+    def __init__(self, part: RVAFT, *, key: Key | None, keys: int, repeat: bool) -> None:
+        fields = () if key is None else tuple(((one.text,), one.path) for one in key.fields)
+        self._backend = compiling().keyed(fields)
+        self._text = self._backend.translate(part, Semantics.SCATTERED).text
+        self._keys, self._repeat = keys, repeat
+        self._start = monitor(part, semantics=Semantics.STRICT)  # of nothing but the events of a match
+        self._reads = TreeReads(part if part.part_of is None else part.part_of.tree)
+        self._found: dict[int, Sequence[MatchedLine]] = {}
+        self._log: CompiledLog | None = None
+        self._copy: BinaryIO | None = None
+        self._buffer = EventBuffer()
+
+    @contextmanager
+    def trace(self, file: Path | None, stream: BinaryIO, buffer: EventBuffer) -> Iterator[BinaryIO]:
+        """Yield the stream to read a trace from; `file` has the same bytes, or is None.
+
+        Matched events are read from the file, or from a temporary copy of the stream, into the buffer.
+        """
+        self._log = self._backend.native_log(self._text, keys=self._keys, repeat=self._repeat)
+        self._found.clear()
+        self._buffer = buffer
+        with ExitStack() as stack:
+            if file is None:
+                self._copy = cast("BinaryIO", stack.enter_context(TemporaryFile()))
+                yield cast("BinaryIO", _Fed(stream, self._feed_and_copy, None))
+            else:
+                self._copy = stack.enter_context(file.open("rb"))
+                yield cast("BinaryIO", _Fed(stream, self._feed, stack.enter_context(ThreadPoolExecutor(1))))
+        if self._log.failure is not None:
+            raise self._log.failure
+        if self._found:
+            raise ToolFailed("the native monitor", reason=f"event {min(self._found)} is no detection of the engine")
+
+    def _feed(self, data: bytes) -> None:
+        assert self._log is not None, "the trace has begun"
+        for places in self._log.read(data, ended=not data):
+            self._found[places[-1][0]] = [MatchedLine(*one) for one in places]
+
+    def _feed_and_copy(self, data: bytes) -> None:
+        assert self._copy is not None, "the trace has begun"
+        self._copy.seek(0, 2)
+        self._copy.write(data)
+        self._feed(data)
+
+    def match(self, number: int) -> Sequence[MatchedLine]:
+        """Return the events of the detection at this event, or (); raises why there is no verdict."""
+        log = self._log
+        if log is not None and log.failure is not None and number >= log.failed:
+            raise log.failure
+        return self._found.pop(number, ())
+
+    def explanation(self, places: Sequence[MatchedLine]) -> Explanation:
+        """Return the match of these events by the engine, after storing them in the buffer."""
+        events, numbers = list(map(self._event, places)), [one.number for one in places]
+        self._buffer.remember_all(list(zip(numbers, events, strict=True)), [one.line for one in places])
+        engine = self._start.fork()
+        verdicts = list(engine.run(events))
+        found = engine.explanation
+        if found is None or verdicts.index(Verdict.TRUE) < len(verdicts) - 1:
+            raise ToolFailed("the native monitor", reason=f"the engine has no match at event {numbers[-1]}")
+        return replace(found, matched=tuple(one._replace(event=numbers[one.event - 1]) for one in found.matched))
+
+    def _event(self, place: MatchedLine) -> Json:
+        assert self._copy is not None, "the trace has begun"
+        self._copy.seek(place.offset)
+        return decode(self._copy.readline().removeprefix(BOM).rstrip(b"\r\n"), reads=self._reads)
+
+
+class NativeEngine(Engine):
+    """The engine of a tree, which detects where a `NativeRun` does, under `scattered`."""
+
+    def __init__(self, tree: RVAFT, run: NativeRun) -> None:
+        super().__init__(tree, Semantics.SCATTERED)
+        self._run = run
+        self._match: Sequence[MatchedLine] = ()
+
+    @property
+    def read(self) -> Callable[[Mapping[str, Json], EventClass], Reading]:
+        """The function from an event and its class to a reading."""
+        return lambda _, event_class: _HIT if event_class.serving else NOTHING
+
+    def inert(self, event_class: EventClass) -> Inert | None:  # noqa: ARG002
+        """Return None: each event must be read."""
+        return None
+
+    @property
+    def noted(self) -> bool:
+        """False: the buffer has the events of a match when it is explained."""
+        return False
+
+    def take(self, reading: Reading, position: int | None = None) -> Verdict:  # noqa: ARG002
+        """Return the verdict after the event with the number `position`."""
+        assert position is not None, "a run numbers the events"
+        if self._verdict is Verdict.UNKNOWN:
+            self._position = position
+            self._match = self._run.match(position)
+            if self._match:
+                self._verdict = Verdict.TRUE
+        return self._verdict
+
+    def pass_time(self, latest: int | None) -> None:
+        """Set the maximum event time."""
+        self._latest = latest
+
+    @property
+    def explanation(self) -> Explanation | None:
+        """The match that the native monitor found, after ⊤."""
+        if self._explanation is None and self._match:
+            self._explanation = self._run.explanation(self._match)
+        return self._explanation

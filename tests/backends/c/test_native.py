@@ -1,0 +1,176 @@
+"""`rvaft monitor --native`."""
+
+import gzip
+import json
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from backends.c.library import compiler
+from backends.c.log import NativeLog
+from cross_check.generate.traces import detecting
+from rvaft import Semantics, loads
+from tests.backends.c.programs import TIED, WINDOW
+from tests.cli.runs import TREES, run, started
+
+pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [TIED, *(pytest.param(one, marks=pytest.mark.ci) for one in (WINDOW, "top or p q; p sand a b; q sand c a fault;"))],
+)
+@pytest.mark.parametrize("options", [(), ("--repeat",), ("--detections",)])
+def test_native_monitoring_explains_as_the_engine_does(
+    text: str, options: tuple[str, ...], folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    random, tree, detections = Random(text), loads(text), 0
+    file = tmp_path / "tree.rvaft"
+    file.write_text(text, encoding="utf-8")
+    for semantics in Semantics:
+        log = tmp_path / "log.jsonl"
+        trace = [event for _ in range(4) for event in detecting(random, tree, semantics)]
+        log.write_text("\n\r\n".join(json.dumps(event) for event in trace), encoding="utf-8")
+        call = ("monitor", str(file), str(log), "--format", "jsonl", "--semantics", semantics, *options)
+        wanted, found = run(*call), run(*call, "--native")
+        records = [json.loads(line) for line in wanted.stdout.splitlines()]
+        detections += sum("matched" in record for record in records)
+        kept = [{name: value for name, value in record.items() if name != "expected"} for record in records]
+        assert [json.loads(line) for line in found.stdout.splitlines()] == kept
+        assert (found.exit_code, found.stderr) == (wanted.exit_code, "")
+    assert detections >= 4
+
+
+def test_native_monitoring_of_many_detections(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blocks of output end within lines."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    file, log = tmp_path / "tree.rvaft", tmp_path / "log.jsonl"
+    file.write_text("top sand a b;", encoding="utf-8")
+    log.write_text('{"event": "a"}\n{"event": "b"}\n{"event": "c"}\n' * 3_000, encoding="utf-8")
+    call = ("monitor", str(file), str(log), "--format", "jsonl", "--semantics", "scattered", "--repeat")
+    assert run(*call, "--native").stdout == run(*call).stdout
+
+
+def test_native_monitoring_needs_a_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setattr("backends.c.library.find_spec", lambda _: None)
+    log = tmp_path / "log.jsonl"
+    log.touch()
+    for call in (("monitor", str(log), "--native", "--format", "jsonl"), ("build", "-o", str(tmp_path / "made"))):
+        found = run(call[0], str(TREES / "gates" / "sand.rvaft"), *call[1:])
+        assert found.exit_code == 2
+        assert "a C compiler is not installed: install gcc or clang, or pip install" in found.stderr
+    assert not (tmp_path / "made").exists()
+
+
+JOINED = """time ts as s; event e(k, u) = { k: k, user: u };
+top or p q; p sand a b within 9 s fault; q sand b c when U != 2;
+a on e("a", U); b on e("b", U); c on e("c", U) times 2;"""
+KEYS = ("x", "é", 1, 1.0, True, None, [1, {"a": None}], {"id": 2}, 10**30, 1e30, 2.5)
+
+
+def keyed_log(random: Random, count: int) -> bytes:
+    """Events of keys of all types, some without a key, in lines of all kinds. No two matches end at one event."""
+    lines = [b"\xef\xbb\xbf"]
+    for user in range(count):
+        keys = {} if random.random() < 0.1 else {"key": random.choice(KEYS if random.random() < 0.5 else KEYS[:3])}
+        keys |= random.choice([{}, {"robot": {"id": 1}}, {"robot.id": 1, "robot": None}])
+        for name in random.sample("abccd", 5):
+            time = len(lines) + random.choice((0, 0, 0, -2))
+            text = json.dumps({"k": name, "user": user, "ts": time, **keys}, ensure_ascii=random.random() < 0.5)
+            lines.append(text.encode() + random.choice([b"\n", b"\r\n \n"]))
+    return b"".join(lines).rstrip(b"\r\n ")
+
+
+@pytest.mark.parametrize("keys", [(), ("--key", "key"), ("--key", "robot.id", "--key", "key")])
+@pytest.mark.parametrize(
+    "options",
+    [
+        (),
+        ("--repeat", "--explain"),
+        ("--repeat", "--cooldown", "3 s"),
+        ("--repeat", "--format", "jsonl", "--strict-json"),
+        ("--repeat", "--template", "{event} {line} {key} {a} {U}"),
+    ],
+)
+@pytest.mark.parametrize("given", ["file", "stream", pytest.param("compressed", marks=pytest.mark.ci)])
+def test_native_output_is_that_of_the_engine(
+    given: str, options: tuple[str, ...], keys: tuple[str, ...], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    (tree := folder / "joined.rvaft").write_text(JOINED, encoding="utf-8")
+    data = keyed_log(Random(str((given, options, keys))), 60)
+    log = folder / f"log.jsonl{'.gz' if given == 'compressed' else ''}"
+    log.write_bytes(gzip.compress(data) if given == "compressed" else data)
+    call = ("monitor", tree, "-" if given == "stream" else log, "--semantics", "scattered", *keys, *options)
+    wanted, found = (run(*call, *more, data=data if given == "stream" else None) for more in ((), ("--native",)))
+    assert (found.stdout, found.stderr, found.exit_code) == (wanted.stdout, wanted.stderr, wanted.exit_code)
+    assert found.exit_code == 1
+    assert not keys or "without the field" in found.stderr
+
+
+@pytest.mark.parametrize("semantics", Semantics)
+@pytest.mark.parametrize("text", ["top sand a b;", JOINED])
+def test_the_engine_monitors_where_it_does_not_join(
+    text: str, semantics: Semantics, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    (tree := tmp_path / "tree.rvaft").write_text(text, encoding="utf-8")
+    (log := tmp_path / "log.jsonl").write_bytes(keyed_log(Random(1), 10))
+    call = ("monitor", tree, log, "--semantics", semantics, "--key", "key")
+    assert run(*call, "--native").output == run(*call).output
+    joined = text == JOINED and semantics is Semantics.SCATTERED
+    assert (tmp_path / "rvaft" / "native").exists() == joined
+
+
+def test_native_output_of_a_stream_comes_as_its_events_come(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    (tree := tmp_path / "tree.rvaft").write_text(JOINED, encoding="utf-8")
+    with started("monitor", tree, "--semantics", "scattered", "--native", "--repeat") as running:
+        for time in (1, 2):
+            for name in "ab":
+                print(json.dumps({"k": name, "user": time, "ts": time}), file=running.stdin)
+            assert running.stdout.readline() == f"event {2 * time}: true (detection {time})\n"
+            assert "branch 1: fault" in "".join(running.stdout.readline() for _ in range(4))
+
+
+PRODUCT = "event e(u) = { u: u }; top and x y when U * V == 4; x on e(U); y on e(V);"
+ONE_KEY = ("--key", "n", "--max-keys", "1")
+
+
+@pytest.mark.parametrize(
+    ("text", "lines", "wrong"),
+    [
+        (TIED, ['{"k": 1, "u": 1}', '{"k": 1, "u": 2}', '{"k": 1, "u": 3}'], "partial matches or texts of the"),
+        (TIED, ['{"k": 1, "u": 1, "n": "x"}', '{"k": 1, "u": 2, "n": "y"}'], "different values of n"),
+        (TIED, ['{"k": 1, "u": 1}', '{"k": 1, "u": nope}'], "log.jsonl:2: not JSON"),
+        (PRODUCT, ['{"u": 4294967296}'] * 2, "bits of a number or a time in the native monitor (limit 64)"),
+    ],
+)
+def test_without_a_verdict_there_is_an_error(
+    text: str, lines: list[str], wrong: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = ONE_KEY if wrong.endswith(" n") else ()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    monkeypatch.setattr("backends.c.log.CAPACITY", 3)
+    (tree := folder / "tree.rvaft").write_text(text, encoding="utf-8")
+    (log := folder / "log.jsonl").write_text("\n".join([*lines, '{"k": 2, "u": 1}']), encoding="utf-8")
+    found = run("monitor", tree, log, "--semantics", "scattered", "--native", *options)
+    assert found.exit_code == 2
+    assert wrong in found.stderr
+    assert "verdict" not in found.stdout
+
+
+def test_the_engine_checks_each_match(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A monitor in C that names other events is an error."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(NativeLog, "read", lambda _, __, ended: iter([] if ended else [[(1, 1, 0), (2, 2, 17)]]))
+    (tree := tmp_path / "tree.rvaft").write_text(TIED, encoding="utf-8")
+    (log := tmp_path / "log.jsonl").write_text('{"k": 1, "u": 1}\n{"k": 2, "u": 2}\n', encoding="utf-8")
+    found = run("monitor", tree, log, "--semantics", "scattered", "--native")
+    assert found.exit_code == 2
+    assert "the native monitor failed: the engine has no match at event 2" in found.stderr

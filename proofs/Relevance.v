@@ -5,7 +5,8 @@
     implies.  The certificates over these letters are as sound as those of [PlainTree.v]. *)
 
 Require Import List Bool Arith Lia.
-Require Import RVAFT.Values RVAFT.Language RVAFT.Definition RVAFT.Search RVAFT.Conditions RVAFT.Scenarios RVAFT.Monitor.
+Require Import RVAFT.Values RVAFT.Language RVAFT.Definition RVAFT.Search RVAFT.Conditions RVAFT.Scenarios.
+Require Import RVAFT.Monitor.
 Require Import RVAFT.Plain RVAFT.Automaton RVAFT.Acceptance RVAFT.Exploration RVAFT.Hoa RVAFT.Ltlf RVAFT.Progression.
 Require Import RVAFT.Rml RVAFT.RmlCertificate RVAFT.Letters RVAFT.Validator RVAFT.PlainTree.
 Import ListNotations.
@@ -86,12 +87,13 @@ Proof.
     simpl in W; try discriminate; try exact I.
   - apply value_eqb_iff in W. simpl in *. congruence.
   - apply matches_fields in M as (object & -> & M). exists object; split; auto.
-    induction IH as [| [n q] fields H _ IHF]; auto. simpl in W. apply andb_true_iff in W as [W W']. split; [| exact (IHF W')].
+    induction IH as [| [n q] fields H _ IHF]; auto. simpl in W. apply andb_true_iff in W as [W W'].
+    split; [| exact (IHF W')].
     apply existsb_exists in W as ([n' p] & J & W). apply andb_true_iff in W as [N W]. apply text_eqb_iff in N.
     simpl in N; subst n'. destruct (M (n, p) J) as (w & F & K). exists w; split; auto. now apply (H p a).
   - destruct M as (l & -> & M). exists l; split; auto. revert l items0 W M.
-    induction IH as [| q items H _ IHI]; intros [| w l] [| p others] W M; simpl in W; try discriminate; try contradiction;
-      auto.
+    induction IH as [| q items H _ IHI]; intros [| w l] [| p others] W M; simpl in W;
+      try discriminate; try contradiction; auto.
     apply andb_true_iff in W as [W W']. destruct M as [M M']. split; [now apply (H p a) | now apply (IHI l others)].
   - destruct M as (l & -> & w & J & M). exists l; split; auto. exists w; split; auto. now apply (IH p a).
 Qed.
@@ -128,17 +130,20 @@ Proof.
   intros b p; revert b; induction p as [w | x | | fields IH | items IH | p IH] using pattern_induction; intros b v M;
     simpl in *; auto.
   - destruct M as (object & -> & M). exists object; split; auto.
-    induction IH as [| [n p] fields H _ IHF]; auto. simpl in M. destruct M as [(w & F & M) M']. split; [| exact (IHF M')].
+    induction IH as [| [n p] fields H _ IHF]; auto. simpl in M. destruct M as [(w & F & M) M'].
+    split; [| exact (IHF M')].
     exists w; split; [exact F | exact (H b w M)].
   - destruct M as (l & -> & M). exists l; split; auto. revert l M.
-    induction IH as [| p items H _ IHI]; intros [| w l] M; simpl in M; auto. destruct M as [M M']. split; [exact (H b w M) | exact (IHI l M')].
+    induction IH as [| p items H _ IHI]; intros [| w l] M; simpl in M; auto. destruct M as [M M'].
+    split; [exact (H b w M) | exact (IHI l M')].
   - destruct M as (l & -> & w & I & M). exists l; split; auto. exists w; auto.
 Qed.
 
 Lemma rename_eval : forall a time g, eval a time (rename_guard g) = eval (fun x => a (h x)) time g.
 Proof.
   intros a time; induction g as [v | x | p | o l IH | l r IHl IHr | l r IHl IHr] using guard_induction; simpl; auto.
-  - rewrite map_map. rewrite (map_ext_in (fun g => eval a time (rename_guard g)) (eval (fun x => a (h x)) time) l); auto.
+  - rewrite map_map.
+    rewrite (map_ext_in (fun g => eval a time (rename_guard g)) (eval (fun x => a (h x)) time) l); auto.
     intros g I. rewrite Forall_forall in IH. auto.
   - now rewrite IHl, IHr.
   - now rewrite IHl, IHr.
@@ -173,12 +178,14 @@ Definition implies (q r : predicate) : bool :=
   let h := fun x => look_up x (combine (pattern_variables (fst r)) (pattern_variables (fst q))) in
   let p := rename_pattern h (fst r) in
   (same_pattern (fst q) p || weaker p (fst q)) &&
-  forallb (fun g => is_nil (points g) && forallb (fun x => Conditions.member x (pattern_variables (fst r))) (variables g) &&
+  forallb (fun g => is_nil (points g) &&
+    forallb (fun x => Conditions.member x (pattern_variables (fst r))) (variables g) &&
     (constantly true g || existsb (fun g' => same_guard g' (rename_guard h g)) (snd q))) (snd r).
 
 Lemma implies_sound : forall q r e, implies q r = true -> meets q e = true -> meets r e = true.
 Proof.
-  intros [p gs] [p' gs'] e H M. unfold implies in H. cbv zeta in H. cbn [fst snd] in H. set (h := fun x => look_up x _) in H.
+  intros [p gs] [p' gs'] e H M. unfold implies in H. cbv zeta in H. cbn [fst snd] in H.
+  set (h := fun x => look_up x _) in H.
   apply andb_true_iff in H as [H G]. rewrite forallb_forall in G.
   unfold meets in *. cbn [fst snd] in *. apply andb_true_iff in M as [L M]. rewrite L. cbn [andb].
   apply existsb_exists in M as (bs & I & M). rewrite forallb_forall in M.
@@ -186,13 +193,15 @@ Proof.
   { apply bindings_iff. exists bs; split; auto. now apply (bindings_agree p (content e)). }
   destruct F as (b & A & F).
   assert (F' : matches b (rename_pattern h p') (content e)).
-  { apply orb_true_iff in H as [H | H]; [apply same_pattern_eq in H; now rewrite <- H | now apply (weaker_sound _ p b)]. }
+  { apply orb_true_iff in H as [H | H]; [apply same_pattern_eq in H; now rewrite <- H |].
+    now apply (weaker_sound _ p b). }
   apply rename_matches in F'.
   assert (F'' : fits_pattern (fun x => get Nat.eqb bs (h x)) p' (content e)).
   { exists (fun x => b (rename_name h x)); split; auto. intros x. apply A. }
   apply bindings_iff in F'' as (cs & J & R). apply existsb_exists. exists cs; split; auto.
   apply forallb_forall. intros g K. apply G in K. rewrite !andb_true_iff in K. destruct K as [[P V] K].
-  apply is_nil_iff in P. rewrite forallb_forall in V. apply orb_true_iff in K as [K | K]; [now apply constantly_holds |].
+  apply is_nil_iff in P. rewrite forallb_forall in V. apply orb_true_iff in K as [K | K];
+    [now apply constantly_holds |].
   apply existsb_exists in K as (g' & K & Q). apply same_guard_eq in Q; subst g'. apply M in K. rewrite <- K.
   unfold Language.holds at 2. rewrite rename_eval. apply holds_same; [| rewrite P; intros ? []].
   intros x X. apply (respects_get Nat.eqb Nat.eqb_eq _ _ _ R). apply (bindings_variables p' (content e)); auto.
@@ -204,13 +213,13 @@ Definition implications (ps : list predicate) : list (nat * nat) :=
   flat_map (fun q => flat_map (fun r =>
     if implies q r && listed ps q && listed ps r then [(number_in ps q, number_in ps r)] else []) ps) ps.
 
-Definition closed (ps : list predicate) : letter -> bool :=
+Definition follows (ps : list predicate) : letter -> bool :=
   let pairs := implications ps in
   let impossible := map (number_in ps) (filter (fun q => never q && listed ps q) ps) in
   fun a => forallb (fun kl => implb (Automaton.member (fst kl) a) (Automaton.member (snd kl) a)) pairs &&
            forallb (fun k => negb (Automaton.member k a)) impossible.
 
-Lemma closed_sound : forall t ps e, closed ps (letter_of (satisfies t ps) (seq 0 (S (length ps))) e) = true.
+Lemma follows_sound : forall t ps e, follows ps (letter_of (satisfies t ps) (seq 0 (S (length ps))) e) = true.
 Proof.
   intros t ps e.
   assert (B : forall q, listed ps q = true -> number_in ps q <= length ps)
@@ -229,13 +238,13 @@ Qed.
 
 Definition related_letters (t : tree) (ps : list predicate) : list letter :=
   let relates := relates t ps in
-  let closed := closed ps in
-  filter (fun a => relates a && closed a) (tree_letters t ps).
+  let follows := follows ps in
+  filter (fun a => relates a && follows a) (tree_letters t ps).
 
 Lemma related_letters_complete : forall t ps e,
   In (letter_of (satisfies t ps) (seq 0 (S (length ps))) e) (related_letters t ps).
 Proof.
-  intros t ps e. apply filter_In. split; [apply tree_letters_complete |]. now rewrite relates_sound, closed_sound.
+  intros t ps e. apply filter_In. split; [apply tree_letters_complete |]. now rewrite relates_sound, follows_sound.
 Qed.
 
 (** The predicates of a tree, of its relevance, and of a text, each once. *)
@@ -257,7 +266,8 @@ Definition certify_text_ltlf (mix : mixing) (t : tree) (w : selection) (s : sema
 Definition certify_text_rml (mix : mixing) (t : tree) (w : selection) (s : semantics) (ps : list predicate)
   (fuel depth : nat) (equations : list term) (x : term) : refusal + outcome :=
   checked t ps true
-    (fun _ => certify_rml mix s (tree_shapes t w ps) (seq 0 (S (length ps))) (related_letters t ps) fuel depth equations x).
+    (fun _ =>
+      certify_rml mix s (tree_shapes t w ps) (seq 0 (S (length ps))) (related_letters t ps) fuel depth equations x).
 
 (** A certified automaton has the verdict of the tree on every trace. *)
 Theorem certify_text_hoa_correct : forall mix t w s ps given fuel h,

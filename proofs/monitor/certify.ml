@@ -155,7 +155,8 @@ let certify read selection semantics limit v =
       certify_text_rml mix tree selection semantics ps fuel depth equations (Call 0)
     | other -> refuse "unknown language %s" other in
   let satisfied = satisfies tree ps and all = List.init (List.length ps + 1) Fun.id in
-  let letters = lazy (List.map (letter_of satisfied all) (samples ps values)) in
+  let is_object e = match e.content with Object _ -> true | _ -> false in
+  let letters = lazy (List.map (letter_of satisfied all) (List.filter is_object (samples ps values))) in
   let named a =
     let nodes = List.filter_map (fun (name, q) -> match q with
         | Some q when List.mem (place q) a -> Some name | _ -> None) own in

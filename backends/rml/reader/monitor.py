@@ -107,8 +107,6 @@ def formal(text: str) -> dict[str, Any]:
                 return [operator, *below]
             case Expression("event" | "filter" as operator, data=use) if not use.variables:
                 return [operator, test(use), *below]
-            case Expression("times", data=number) if number > 0:
-                return ["cat", *below * number]
             case Expression("call", data=(name, (), ())):
                 return ["call", place[name]]
             case _:

@@ -124,8 +124,10 @@ _OWN: Final = {
     ("check", "--format"): "--format sarif",
     ("compare", "--width"): "--width column",
     ("coverage", "--format"): "--format json",
+    ("emit", "--certify"): "--to rml --certify",
     ("emit", "--format"): "--format latex",
     ("emit", "--output"): "-o query.sql",
+    ("emit", "--verified"): "--to rml --certify --verified ./rvaft-verified",
     ("fields", "--format"): "--format json",
     ("infer", "--output"): "-o tree.rvaft",
     ("monitor", "--format"): "--format jsonl",
@@ -170,6 +172,8 @@ def example(name: str, option: click.Option) -> str:
         call = ""
     if long in ("--to", "-o", "--output"):
         call = call.split(" -", 1)[0] if name != "emit" or long == "--to" else call
+    if given.startswith("--to "):
+        call = call.split(" -", 1)[0]
     return " ".join(f"rvaft {name} {call} {given}".split())
 
 

@@ -1,9 +1,11 @@
-(** * The monitor as an OCaml program
+(** * The monitor and the certifier of texts as an OCaml program
 
     Natural numbers (nodes, variables, code points) become machine integers.  Integers of events,
     times and guards stay Coq's binary integers, which do not overflow. *)
 
 Require Import RVAFT.Values RVAFT.Language RVAFT.Definition RVAFT.Monitor.
+Require Import RVAFT.Plain RVAFT.Automaton RVAFT.Exploration RVAFT.Hoa RVAFT.Ltlf RVAFT.Rml RVAFT.Letters.
+Require Import RVAFT.PlainTree RVAFT.Relevance.
 Require Import ZArith.
 Require Extraction.
 Require Import ExtrOcamlBasic ExtrOcamlNatInt.
@@ -17,4 +19,6 @@ Extraction Language OCaml.
 Extraction "rvaft_monitor.ml"
   well_formed first next next_repeated verdict_after mark greatest
   object parse_number integer
+  text_predicates same_predicate predicate_of relevance_entries samples satisfies conflict letter_of
+  certify_text_hoa certify_text_ltlf certify_text_rml
   Z.mul Z.add Z.sub Z.opp Z.div_eucl Z.ltb Z.eqb Z.abs.

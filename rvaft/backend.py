@@ -333,6 +333,10 @@ class Backend(ABC):
         """
         raise NotExpressible("the language has no graphs to draw", backend=self.name, semantics=semantics)
 
+    def formal(self, text: str) -> dict[str, Any]:  # noqa: ARG002
+        """Return the abstract syntax of a text for `emit --certify`; raises `NotExpressible`."""
+        raise NotExpressible(f"{self.language} has no formal syntax in the proofs", backend=self.name)
+
     def observed(
         self,
         text: str,  # noqa: ARG002

@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from backends.automaton.determinise import HOPELESS, Automaton, determinised, minimised, refined
 from backends.automaton.diagram import BEFORE, READABLE, diagram
-from backends.automaton.hoa_reader import HoaMonitor, program
+from backends.automaton.hoa_reader import HoaMonitor, formal, program
 from backends.automaton.hoa_writer import title_of, write
 from backends.automaton.letters import FeasibleLetters, Relevance
 from backends.automaton.structure import Structure, structure
@@ -80,6 +80,10 @@ class AutomatonBackend(Backend):
         without it, the text is an automaton over finite words.
         """
         return HoaMonitor(program(text, atoms))
+
+    def formal(self, text: str) -> dict[str, Any]:
+        """Return the abstract syntax of an automaton without variables."""
+        return formal(text)
 
     def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:
         """Return the patterns of the propositions, or None if the text has times."""

@@ -20,7 +20,8 @@ from backends.automaton.hoa_writer import ALIVE
 from rvaft.backend import Observed
 from rvaft.core.classifier import Decided, PatternIndex
 from rvaft.core.times import timed
-from rvaft.errors import LanguageError, TooLarge, ToolMissing, installed
+from rvaft.errors import LanguageError, NotExpressible, TooLarge, ToolMissing, installed
+from rvaft.export.certificates import EventConditions
 from rvaft.language.diagnostics import error_at
 from rvaft.language.parser import parse_guard, parse_pattern, parse_time
 from rvaft.model.event_time import EventTime
@@ -260,7 +261,7 @@ class HoaProgram:
     """A parsed HOA text, shared by its monitors; `atoms` as for `Backend.read`.
 
     `events` maps propositions to patterns with their shared variables, `guards` to guards.
-    `relevant` holds the propositions that `alphabet` and `ignore` lines define.
+    `relevant` holds the propositions that `alphabet` and `ignored` define.
     """
 
     def __init__(self, text: str, atoms: Mapping[str, Pattern]) -> None:
@@ -269,8 +270,8 @@ class HoaProgram:
         self.guards: dict[int, Guard] = {}
         self.relevant: set[int] = set()
         self._patterns: dict[int, Pattern] = {}
-        self._alphabet: list[Observed] = []
-        self._ignored: list[Observed] = []
+        self.alphabet: list[Observed] = []
+        self.ignored: list[Observed] = []
         lines: list[tuple[re.Match[str], list[str]]] = []
         for token in _HEADER.finditer(text):
             if token.lastgroup == "end":
@@ -301,13 +302,13 @@ class HoaProgram:
             self.time is None and not self.guards and not any(shared for _, shared in self.events.values())
         )
         """Whether the successor depends on the current event alone."""
-        patterns = (*self._patterns.values(), *(line.pattern for line in (*self._alphabet, *self._ignored)))
+        patterns = (*self._patterns.values(), *(line.pattern for line in (*self.alphabet, *self.ignored)))
         self.of_shape = PatternIndex(patterns, self._decided).of
         self.move = lru_cache(maxsize=LIMIT)(self._move)
 
     def _decided(self, decided: Decided) -> frozenset[int] | None:
-        first, last = len(self._patterns), len(self._patterns) + len(self._alphabet)
-        guards = [line.when for line in (*self._alphabet, *self._ignored)]
+        first, last = len(self._patterns), len(self._patterns) + len(self.alphabet)
+        guards = [line.when for line in (*self.alphabet, *self.ignored)]
         if decided.open or any(place >= first and guards[place - first] is not None for place in decided.fits):
             return None
         events = frozenset(number for place, number in enumerate(self._patterns) if place in decided.fits)
@@ -354,13 +355,13 @@ class HoaProgram:
             self._patterns[int(values[0])] = timed(pattern, texts[1]) if len(texts) == 2 else pattern
         else:
             fit = Observed(pattern, parse_guard(texts[1]) if len(texts) == 2 else None)
-            (self._alphabet if name == "alphabet:" else self._ignored).append(fit)
+            (self.alphabet if name == "alphabet:" else self.ignored).append(fit)
 
     def is_relevant(self, event: Json) -> bool:
         """Return whether an event fits an `alphabet` line and no `ignore` line, for some variable
         values.
         """
-        return any(line.fits(event) for line in self._alphabet) and not any(line.fits(event) for line in self._ignored)
+        return any(line.fits(event) for line in self.alphabet) and not any(line.fits(event) for line in self.ignored)
 
     def _matter(self, state: int) -> frozenset[str]:
         propositions = [*bits(self.table.dependencies()[state])]
@@ -375,7 +376,7 @@ class HoaProgram:
             for guard in self.guards.values():  # a guard is a proposition about values that an event binds
                 if not shared.isdisjoint(guard_variables(guard)):
                     yield Observed(pattern, guard)
-        for fit in (*self._alphabet, *self._ignored) if self.relevant else ():
+        for fit in (*self.alphabet, *self.ignored) if self.relevant else ():
             yield fit.untied(rigid_variables(fit.pattern))  # any values suffice
 
 
@@ -389,6 +390,42 @@ def program(text: str, atoms: Mapping[str, Pattern] | None) -> HoaProgram:
     return (
         _program(text) if atoms is None else HoaProgram(text, atoms)
     )  # `atoms` may reject a name by raising, so it is not cached
+
+
+def formal(text: str) -> dict[str, Any]:
+    """Return a Büchi automaton with marked states; raises `NotExpressible` and `LanguageError`."""
+    known, events = program(text, None), EventConditions()
+    spot, buddy = _tools()
+    automaton = _parsed(spot, text)
+    if known.time is not None or known.guards or any(shared for _, shared in known.events.values()):
+        raise NotExpressible("the events of the text have variables or times")
+    if not automaton.is_existential() or not automaton.prop_state_acc() or not automaton.acc().is_buchi():
+        raise NotExpressible("the text is no Büchi automaton with marks on states")
+    tests: dict[int, Json] = {}
+    for number, name in enumerate(known.table.names):
+        variable = automaton.register_ap(name)
+        if number in known.events:
+            tests[variable] = events.of(Observed(known.events[number][0]))
+        else:
+            tests[variable] = ["alive"] if name == ALIVE else events.relevance(known.alphabet, known.ignored)
+    if ["alive"] not in tests.values():
+        raise NotExpressible(f"the text has no proposition {ALIVE}")
+
+    @cache
+    def label(condition: Any) -> Json:
+        if condition in (buddy.bddtrue, buddy.bddfalse):
+            return ["and"] if condition == buddy.bddtrue else ["or"]
+        test, low = tests[buddy.bdd_var(condition)], label(buddy.bdd_low(condition))
+        return ["or", ["and", test, label(buddy.bdd_high(condition))], ["and", ["not", test], low]]
+
+    states: list[Json] = [
+        {
+            "marked": bool(automaton.state_is_accepting(state)),
+            "edges": [[label(edge.cond), edge.dst] for edge in automaton.out(state)],
+        }
+        for state in range(automaton.num_states())
+    ]
+    return events.text("automaton", {"start": automaton.get_init_state_number(), "states": states})
 
 
 class HoaMonitor(Monitor):

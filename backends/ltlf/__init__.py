@@ -5,10 +5,10 @@ subformulas. The `limit` counts subformulas. Only reading needs Spot.
 """
 
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from backends.ltlf.mona import MonaMonitor
-from backends.ltlf.monitor import LtlfMonitor, observed
+from backends.ltlf.monitor import LtlfMonitor, formal, observed
 from backends.ltlf.translation import Translation
 from rvaft.backend import Backend, Observed, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
@@ -59,6 +59,10 @@ class LtlfBackend(Backend):
     def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:
         """Return the patterns of the atoms, or None if the formula has times."""
         return observed(text, atoms or {})
+
+    def formal(self, text: str) -> dict[str, Any]:
+        """Return the abstract syntax of a formula without variables."""
+        return formal(text)
 
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         """Return a monitor for a formula without variables; ltlf2dfa and MONA (`mona`) build its

@@ -9,13 +9,16 @@ none is left.
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from typing import Any, Final
 
-from backends.ltlf.formulas import Formulas
+from backends.ltlf.formulas import Connective, Formulas
 from backends.ltlf.progression import Residuals
 from backends.ltlf.reader import Header, Observation, formula_of
 from backends.slices import advance, fits, start
 from rvaft.backend import Observed
 from rvaft.core.classifier import FirstLiterals, Letter, PatternIndex, Reader, literals_of, reader
+from rvaft.errors import NotExpressible
+from rvaft.export.certificates import EventConditions
 from rvaft.model import guards, patterns
 from rvaft.model.patterns import Binding, Pattern
 from rvaft.model.values import Json
@@ -112,6 +115,34 @@ def _questions(header: Header, formulas: Formulas, root: int, given: Mapping[str
         for one in (*header.relevant.get(name, ()), *header.ignored.get(name, ())):
             if set(guards.variables(one.when)) <= set(patterns.variables(one.pattern)):
                 yield Observed(one.pattern, one.when).untied()  # any values suffice
+
+
+_AS_JUNCTION: Final = {Connective.TRUE: "AND", Connective.FALSE: "OR"}
+
+
+def formal(text: str) -> dict[str, Any]:
+    """Return the formula as rows, operands first; raises `NotExpressible` and `LanguageError`."""
+    events = EventConditions()
+    header, formulas, root = _formula(text)
+    if header.time is not None:
+        raise NotExpressible("the text has times")
+
+    def atom(name: str) -> Json:
+        if name in header.relevant or name in header.ignored:
+            kinds = header.relevant.get(name, ()), header.ignored.get(name, ())
+            return events.relevance(*([Observed(one.pattern, one.when) for one in kind] for kind in kinds))
+        one = _observation(header, name, {})
+        if one.guards or patterns.rigid_variables(one.pattern):
+            raise NotExpressible("the events of the text have variables")
+        return events.of(Observed(one.pattern))
+
+    place: dict[int, int] = {}
+    body: list[Json] = []
+    for number in formulas.reachable(root):
+        place[number], row = len(body), formulas.rows[number]
+        operands = [atom(row.name)] if row.op is Connective.ATOM else [place[operand] for operand in row.operands]
+        body.append([_AS_JUNCTION.get(row.op, row.op.name).lower(), *operands])
+    return events.text("ltlf", body)
 
 
 @lru_cache(maxsize=32)

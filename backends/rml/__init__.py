@@ -1,11 +1,11 @@
 """The `rml` backend: the Runtime Monitoring Language of the published compiler and monitor."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 from backends.rml.reader.deviations import touching
 from backends.rml.reader.event_types import observed
-from backends.rml.reader.monitor import read
+from backends.rml.reader.monitor import formal, read
 from backends.rml.writer import translate
 from backends.rml.writer.terms import FUNCTIONS, KEYWORDS, TYPES, VALUES
 from rvaft.backend import Backend, Highlighting, Metrics, Observed, SpecificationText
@@ -97,6 +97,10 @@ class RmlBackend(RmlCapabilities):
         events.
         """
         return read(text)
+
+    def formal(self, text: str) -> dict[str, Any]:
+        """Return the abstract syntax of a text without shared variables."""
+        return formal(text)
 
     def observed(
         self,

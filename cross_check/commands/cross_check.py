@@ -21,9 +21,9 @@ from cross_check.counterexamples import load as load_case
 from cross_check.participants import faithful_backends, handwritten, is_specification, missing_extras
 from cross_check.results import Job, Result, Status, exit_status
 from cross_check.traces import AGAINST, CATALOGUE, ONE_TREE, RANDOM
-from cross_check.verified import PROGRAM, on_path
 from rvaft.api import narrowed, resolve_semantics
 from rvaft.cli import FAILED, INTERRUPTED, Failures, Stopped, options
+from rvaft.export.certificates import PROGRAM, on_path
 from rvaft.model.nodes import Kind
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.support.files import deliver

@@ -4,11 +4,14 @@ open Rvaft_monitor
 
 let usage = "usage: rvaft-verified TREE.json [LOG.jsonl] [--semantics strict|projected|consecutive|scattered]
          [--kind fault|attack] [--choose NODE=CHILD ...] [--repeat] [--traces]
+       rvaft-verified TREE.json --certify TEXT.json [--semantics S] [--kind K] [--choose NODE=CHILD ...] [--limit N]
 
 Write TREE.json by `rvaft show TREE --format json -o TREE.json`. Without LOG, or for -, events come from
 standard input. One line per event is printed: {\"event\": 1, \"verdict\": \"unknown\"}. With --traces each line
 is a list of events, and one line per trace is printed: T, F or ? after each event.
-Exit status: 0 nothing detected, 1 a detection, 2 an error."
+With --certify, a text of LTLf, HOA or RML, which `rvaft emit --certify` writes as JSON, is compared with
+the tree for all traces; N bounds the comparison.
+Exit status: 0 nothing detected, 1 a detection, 2 an error; 0 certified, 1 the text differs, 2 not decided."
 
 exception Usage of string
 
@@ -27,7 +30,7 @@ let is_blank line = String.for_all (fun c -> c = ' ' || c = '\t' || c = '\r') li
 
 let run () =
   let tree_file = ref None and log_file = ref None and semantics = ref None and kind = ref None in
-  let choices = ref [] and repeat = ref false and traces = ref false in
+  let choices = ref [] and repeat = ref false and traces = ref false and certify = ref None and limit = ref 1_000_000 in
   let rec options = function
     | "--semantics" :: s :: rest -> semantics := Some s; options rest
     | "--kind" :: k :: rest -> kind := Some k; options rest
@@ -36,6 +39,8 @@ let run () =
        | Some i -> choices := (String.sub c 0 i, String.sub c (i + 1) (String.length c - i - 1)) :: !choices
        | None -> fail "--choose takes NODE=CHILD, not %s" c);
       options rest
+    | "--certify" :: file :: rest -> certify := Some file; options rest
+    | "--limit" :: n :: rest -> (match int_of_string_opt n with Some n when n > 0 -> limit := n | _ -> fail "--limit takes a number, not %s" n); options rest
     | "--repeat" :: rest -> repeat := true; options rest
     | "--traces" :: rest -> traces := true; options rest
     | ("--help" | "-h") :: _ -> print_endline usage; exit 0
@@ -66,6 +71,14 @@ let run () =
     | Some other, [] -> fail "unknown kind %s" other
     | None, choices -> OneBranch (List.map (fun (n, c) -> (node n, [ node c ])) choices)
     | Some _, _ -> fail "--kind and --choose exclude each other" in
+  match !certify with
+  | Some file ->
+    (match Certify.certify read selection semantics !limit (Json.parse (read_file file)) with
+     | Certify.Holds -> print_endline "certified"; 0
+     | Certify.Differs why -> print_endline why; 1
+     | Certify.Unknown why | exception Tree_reader.Refused why -> fail "%s" why
+     | exception Json.Bad (place, why) -> fail "%s: byte %d: %s" file place why)
+  | None ->
   let begin_ = first tree selection in
   let step = next tree semantics in
   let step = if !repeat then next_repeated begin_ step else step in

@@ -130,6 +130,8 @@ type t = {
   time : (int list list * Clock.format) option;
   semantics : string option;
   numbers : string -> int option;              (* of the nodes below the root *)
+  names : string list;                         (* by number *)
+  lower : int -> int list;
 }
 
 (* The names of the nodes, parents before children. *)
@@ -192,4 +194,5 @@ let read (v : Json.t) : t =
     ignores = List.map ignore (items (need "ignores" v));
     lateness = Option.bind time snd } in
   if not (well_formed tree) then refuse "the tree is not well formed";
-  { tree; time = Option.map fst time; semantics = optional text (need "semantics" v); numbers = node_number }
+  { tree; time = Option.map fst time; semantics = optional text (need "semantics" v); numbers = node_number;
+    names = order; lower }

@@ -1,7 +1,7 @@
 """`rvaft emit` writes a specification or draws the automaton; `rvaft backends` lists the languages."""
 
 from collections.abc import Iterator
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import Any, Final, Protocol, runtime_checkable
 
 import click
@@ -12,6 +12,7 @@ from rvaft.capabilities import table
 from rvaft.cli import options
 from rvaft.errors import OptionError, TooLarge, ToolFailed, ToolMissing
 from rvaft.export import PICTURES, Format, format_of, picture
+from rvaft.export.certificates import PROGRAM, certificate, on_path
 from rvaft.export.latex import listing
 from rvaft.model.nodes import Node
 from rvaft.model.tree import RVAFT
@@ -26,6 +27,9 @@ _DIALECT: Final = (
 )
 _TO: Final = "A language that `rvaft backends` lists, or dot for a drawing of the automaton."
 
+_CERTIFY: Final = "Compare ltlf, automaton or rml with the tree for every trace, by the verified validator."
+_VERIFIED: Final = f"For --certify: this build of the verified monitor.  [default: {PROGRAM} on the PATH]"
+
 
 @runtime_checkable
 class _WithSignature(Protocol):
@@ -37,6 +41,8 @@ class _WithSignature(Protocol):
 @click.option("--to", "language", metavar="LANGUAGE", required=True, help=_TO)
 @click.option("--dialect", metavar="DIALECT", help=_DIALECT)
 @click.option("--signature", metavar="FILE", help="For MFOTL: also write the predicate signature to FILE.")
+@click.option("--certify", is_flag=True, help=_CERTIFY)
+@click.option("--verified", metavar="PROGRAM", help=_VERIFIED)
 @options.semantics_option
 @options.part_options
 @options.output_format("text", "latex", text=_FORMATS)
@@ -50,16 +56,24 @@ def emit_command(
     language: str,
     dialect: str | None,
     signature: str | None,
+    certify: bool,
+    verified: str | None,
     form: str,
     output: str | None,
     **chosen: Any,
 ) -> int:
-    """Write a specification of a tree in another language, equivalent under the chosen semantics."""
+    """Write a specification of a tree in another language, equivalent under the chosen semantics.
+
+    With `--certify`, standard error says whether the text is proved to have the verdicts of the tree, and
+    the exit status is 0 if it is, 1 if it differs, and 2 if this is not known.
+    """
+    options.refuse(verified is not None and not certify, "--verified is for --certify: add it")
     drawing = None if output is None else format_of(output)
     drawn, suffix = drawing in (*PICTURES, Format.DOT), PurePath(output or "").suffix
     if language == "dot":
         options.refuse(dialect, "--to dot writes a drawing: omit --dialect")
         options.refuse(signature, "--to dot writes a drawing: omit --signature")
+        options.refuse(certify, "--to dot writes a drawing: omit --certify")
         loaded = options.read_tree(tree)
         options.refuse(form != "text", f"--to dot writes a drawing: omit --format {form}")
         options.refuse(chosen["mapping"] is not None, "--to dot writes a drawing: omit --mapping")
@@ -84,7 +98,9 @@ def emit_command(
     with options.suggesting():
         try:
             language = language if dialect is None else backend(language).dialect_backend(dialect)
-            text = translate(options.read_tree(tree), language, **chosen).text
+            loaded = options.read_tree(tree)
+            specification = translate(loaded, language, **chosen)
+            text = specification.text
         except UnknownBackend as error:
             raise UnknownBackend(error.name, (*error.known, "dot")) from error
     if signature is not None:
@@ -92,10 +108,18 @@ def emit_command(
         if not isinstance(signed, _WithSignature):
             raise OptionError(f"{language} specifications have no signature: omit --signature")
         deliver(signed.signature(text).encode(), signature)
+    status, answer = 0, ""
+    if certify:
+        semantics = resolve_semantics(loaded, chosen["semantics"])
+        program = on_path() if verified is None else Path(verified)
+        chosen = {"branch": chosen["branch"], "kind": chosen["kind"]}
+        status, answer = certificate(loaded, backend(language), specification, semantics, program, **chosen)
     if form == "latex":
         text = listing(text, backend(language).highlighting)
     deliver((text if text.endswith("\n") else f"{text}\n").encode(), output)
-    return 0
+    if certify:
+        click.echo(answer, err=True)
+    return status
 
 
 @click.command("backends")

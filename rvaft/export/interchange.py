@@ -36,11 +36,11 @@ def json_text(tree: RVAFT) -> str:
         "time": None if tree.time is None else _record(tree.time, "field format late"),
         "nodes": [
             _record(node, "name gate threshold children on times when within kind label attributes")
-            | {"condition": _condition(node.when)}
+            | {"condition": condition_json(node.when)}
             for node in tree.nodes.values()
         ],
         "events": [_record(event, "name parameters pattern") for event in tree.events.values()],
-        "ignores": [_record(ignore, "on when") | {"condition": _condition(ignore.when)} for ignore in tree.ignores],
+        "ignores": [_record(ignore, "on when") | {"condition": condition_json(ignore.when)} for ignore in tree.ignores],
         "topics": [_record(topic, "name type publishers") for topic in tree.topics.values()],
     }
     guards = [node.when for node in tree.nodes.values()] + [ignore.when for ignore in tree.ignores]
@@ -55,17 +55,18 @@ def _record(thing: object, names: str) -> dict[str, Any]:
     for name in names.split():
         found[name] = value = getattr(thing, name)
         if name == "on" and value is not None:
-            found[name] = {"event": value.event, "arguments": list(map(_pattern, value.arguments))}
+            found[name] = {"event": value.event, "arguments": list(map(pattern_json, value.arguments))}
         elif name == "when" and value is not None:
             found[name] = guard_text(value)
         elif name == "pattern":
-            found[name] = _pattern(value)
+            found[name] = pattern_json(value)
         elif isinstance(value, TextFormat):
             found[name] = {"strptime": value.pattern, "year": value.year, "zone": value.zone}
     return found
 
 
-def _pattern(pattern: Pattern) -> Json:
+def pattern_json(pattern: Pattern) -> Json:
+    """Return a pattern as in `json_text`."""
     match pattern:
         case Literal(value):
             return {"literal": value}
@@ -74,25 +75,26 @@ def _pattern(pattern: Pattern) -> Json:
         case Anything():
             return {"any": True}
         case ObjectPattern(fields):
-            return {"object": {name: _pattern(inner) for name, inner in fields}}
+            return {"object": {name: pattern_json(inner) for name, inner in fields}}
         case ListPattern(items):
-            return {"list": list(map(_pattern, items))}
+            return {"list": list(map(pattern_json, items))}
         case SomeItem(item):
-            return {"some": _pattern(item)}
+            return {"some": pattern_json(item)}
         case _ as never:
             assert_never(never)
 
 
-def _condition(guard: Guard | None) -> Json:
+def condition_json(guard: Guard | None) -> Json:
+    """Return a guard as in `json_text`."""
     match guard:
         case None:
             return None
         case TimePoint(point=point, node=node):
             return {"point": point, "node": node}
         case Literal() | Variable():
-            return _pattern(guard)
+            return pattern_json(guard)
         case Operation(operator, operands):
-            return {"operator": operator, "operands": list(map(_condition, operands))}
+            return {"operator": operator, "operands": list(map(condition_json, operands))}
         case _ as never:
             assert_never(never)
 

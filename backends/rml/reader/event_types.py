@@ -9,13 +9,14 @@ import operator
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum, auto
-from itertools import count, product
+from itertools import chain, count, product
 from math import prod
 from typing import Any, Final, TypeAlias
 
 from backends.rml.reader import syntax as s
 from backends.rml.reader.parser import parse
 from rvaft.backend import Observed
+from rvaft.errors import NotExpressible
 from rvaft.model import guards as g
 from rvaft.model import patterns as p
 from rvaft.model.guards import Guard, Operation, Operator
@@ -248,6 +249,24 @@ def observed(text: str) -> tuple[Observed, ...] | None:
     return tuple(dict.fromkeys(one for one in questions.found if one != _ALWAYS))
 
 
+def alternatives_of(program: s.RmlProgram, declaration: s.Declaration, use: s.TypeUse) -> list[Observed]:
+    """Return the patterns and guards of which a use of one declaration accepts any; raises
+    `NotExpressible`.
+    """
+    questions, derived = _Questions(program), [declaration]
+    for one in derived:
+        derived += chain.from_iterable(
+            program.declared.get(s.signature(each), ()) for each in one.alternatives if isinstance(each, s.TypeUse)
+        )
+    if any(one.negated for one in derived):
+        raise NotExpressible("an event type is derived from a negated one")
+    try:
+        questions.ask(questions.declared_ways(declaration, use, {}))
+    except _Unknown:
+        raise NotExpressible("an event type is no pattern with a guard") from None
+    return questions.found
+
+
 class _Questions:
     def __init__(self, program: s.RmlProgram) -> None:
         self._fresh = count(1)
@@ -268,18 +287,21 @@ class _Questions:
 
     def ways(self, use: s.TypeUse, scope: _Scope) -> Iterator[_Way]:
         for declaration in self._declared.get(s.signature(use), ()):
-            inner = _inward(declaration, use, scope)
-            if inner is None:
-                continue
-            ways = self._alternatives(declaration, inner)
-            if declaration.negated:
-                self.ask(ways)
-                ways = iter([_Way(None, inner)])
-            for way in ways:
-                guards = () if declaration.guard is None else (_condition(declaration.guard, way.scope),)
-                outer = self._outward(declaration, use, replace(way, guards=(*way.guards, *guards)), scope)
-                if outer is not None:
-                    yield outer
+            yield from self.declared_ways(declaration, use, scope)
+
+    def declared_ways(self, declaration: s.Declaration, use: s.TypeUse, scope: _Scope) -> Iterator[_Way]:
+        inner = _inward(declaration, use, scope)
+        if inner is None:
+            return
+        ways = self._alternatives(declaration, inner)
+        if declaration.negated:
+            self.ask(ways)
+            ways = iter([_Way(None, inner)])
+        for way in ways:
+            guards = () if declaration.guard is None else (_condition(declaration.guard, way.scope),)
+            outer = self._outward(declaration, use, replace(way, guards=(*way.guards, *guards)), scope)
+            if outer is not None:
+                yield outer
 
     def _alternatives(self, declaration: s.Declaration, inner: _Scope) -> Iterator[_Way]:
         for one in declaration.alternatives:

@@ -11,13 +11,14 @@ An event may match without binding a variable (`not` types, `|` in patterns). Th
 
 from collections.abc import Hashable
 from functools import lru_cache
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
-from backends.rml.reader.event_types import UNBOUND, EventTypes, value
+from backends.rml.reader.event_types import UNBOUND, EventTypes, alternatives_of, value
 from backends.rml.reader.parser import parse
-from backends.rml.reader.syntax import Name, RmlProgram
+from backends.rml.reader.syntax import Expression, Name, RmlProgram, TypeUse, fold, signature
 from backends.rml.reader.terms import RmlTerm, TermTable, is_open, mark
-from rvaft.errors import TooLarge
+from rvaft.errors import NotExpressible, TooLarge
+from rvaft.export.certificates import EventConditions
 from rvaft.model.values import Json, equal
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
@@ -75,6 +76,45 @@ class RmlMonitor(Monitor):
             self._term = None
             return Verdict.TRUE
         return Verdict.UNKNOWN
+
+
+def formal(text: str) -> dict[str, Any]:
+    """Return the equations, `Main` first; raises `NotExpressible`, `LanguageError`, `TooLarge`."""
+    program, events = parse(text), EventConditions()
+    reachable = list(program.reachable())
+    place = {equation.name: number for number, equation in enumerate(reachable)}
+
+    def test(use: TypeUse) -> Json:
+        alternatives: list[Json] = ["or"]
+        for declaration in program.declared.get(signature(use), ()):
+            derived = [one for one in declaration.alternatives if isinstance(one, TypeUse)]
+            if declaration.negated or (derived and not declaration.parameters and declaration.guard is None):
+                if (
+                    declaration.parameters
+                    or declaration.guard is not None
+                    or len(derived) < len(declaration.alternatives)
+                ):
+                    raise NotExpressible("an event type has a negation with variables")
+                either: Json = ["or", *map(test, derived)]
+                alternatives.append(["not", either] if declaration.negated else either)
+            else:
+                alternatives += map(events.of, alternatives_of(program, declaration, use))
+        return alternatives
+
+    def term(part: Expression, below: list[Json]) -> Json:
+        match part:
+            case Expression("all" | "empty" | "cat" | "and" | "or" | "shuffle" | "star" | "optional" as operator):
+                return [operator, *below]
+            case Expression("event" | "filter" as operator, data=use) if not use.variables:
+                return [operator, test(use), *below]
+            case Expression("call", data=(name, (), ())):
+                return ["call", place[name]]
+            case _:
+                raise NotExpressible("the text has variables, or an operator that is not in the formal syntax")
+
+    if any(equation.parameters for equation in reachable):
+        raise NotExpressible("an equation of the text has parameters")
+    return events.text("rml", [fold(equation.body, term, lambda part: part.parts) for equation in reachable])
 
 
 class Transitions:

@@ -1,0 +1,142 @@
+"""The program `rvaft-verified`: the monitor and the validator of texts, extracted from `proofs/`.
+
+`make verified` builds it. It reads a tree as JSON, and uses no part of rvaft.
+"""
+
+import json
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from rvaft.backend import Backend, Observed, Specification
+from rvaft.core.branches import branch as numbered
+from rvaft.core.solver import witness
+from rvaft.errors import NotExpressible, TooLarge, ToolFailed, ToolMissing
+from rvaft.export.interchange import condition_json, json_text, pattern_json
+from rvaft.model import guards, patterns
+from rvaft.model.nodes import Kind
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics
+
+PROGRAM: Final = "rvaft-verified"
+EVERY: Final = Observed(patterns.ObjectPattern(()))
+"""Every event is an object."""
+CERTIFIED: Final = "certified: for every trace the text has the verdict of the tree"
+
+
+def on_path() -> Path | None:
+    """Return the program if it is on the PATH."""
+    found = shutil.which(PROGRAM)
+    return None if found is None else Path(found)
+
+
+def part_options(tree: RVAFT, semantics: Semantics, branch: int | None, kind: Kind | None) -> list[str]:
+    """Return the options of the program for a part of a tree."""
+    choices = {} if branch is None else numbered(tree, branch).choices
+    narrowed = [word for node, child in choices.items() for word in ("--choose", f"{node}={child}")]
+    return ["--semantics", semantics, *narrowed, *([] if kind is None else ["--kind", kind])]
+
+
+def run(
+    program: Path, tree: RVAFT, options: Sequence[str], *, given: str = "", text: Json = None, timeout: float
+) -> tuple[int, list[str], str]:
+    """Return the exit status, the lines of output, and the message of an error.
+
+    `given` is the standard input, `text` a formal text to certify. Raises `ToolMissing`,
+    `ToolFailed` and `TimeoutExpired`.
+    """
+    with tempfile.TemporaryDirectory(prefix="rvaft-") as folder:
+        (file := Path(folder) / "tree.json").write_text(json_text(tree), encoding="utf-8")
+        (other := Path(folder) / "text.json").write_text(json.dumps(text), encoding="utf-8")
+        command = [str(program), str(file), *(["--certify", str(other)] if text is not None else []), *options]
+        try:
+            done = subprocess.run(  # noqa: S603
+                command, input=given, capture_output=True, encoding="utf-8", timeout=timeout, check=False
+            )
+        except OSError:
+            remedy = f"{program} cannot be run; build it by `make verified`, which needs Coq and OCaml"
+            raise ToolMissing("the verified monitor", remedy=remedy) from None
+    if done.returncode not in (0, 1, 2):
+        raise ToolFailed("verified", reason=f"exit status {done.returncode}")
+    why = done.stderr.strip().replace(f"{file}: ", "").removeprefix(f"{PROGRAM}: ")
+    return done.returncode, done.stdout.split("\n")[:-1], why
+
+
+@dataclass
+class EventConditions:
+    """The tests of events in a formal text: Boolean formulas over numbered patterns with guards."""
+
+    predicates: list[Json] = field(default_factory=list)
+
+    def of(self, one: Observed) -> Json:
+        """Return a test whose variables are its own; raises `NotExpressible` for shared ones."""
+        if one == EVERY:
+            return ["and"]
+        if not set(guards.variables(one.when)) <= set(patterns.variables(one.pattern)):
+            raise NotExpressible("a guard has variables that its event does not bind")
+        predicate: Json = {"pattern": pattern_json(one.pattern), "condition": condition_json(one.when)}
+        if predicate not in self.predicates:
+            self.predicates.append(predicate)
+        return ["predicate", self.predicates.index(predicate)]
+
+    def relevance(self, relevant: Iterable[Observed], ignored: Iterable[Observed]) -> Json:
+        """Return the test of an event that some of `relevant` and none of `ignored` accepts."""
+        return ["and", ["or", *map(self.of, relevant)], ["not", ["or", *map(self.of, ignored)]]]
+
+    def text(self, language: str, body: Json) -> dict[str, Any]:
+        """Return the formal text with these predicates."""
+        return {"language": language, "predicates": self.predicates, "text": body}
+
+
+def certificate(
+    tree: RVAFT,
+    speaks: Backend,
+    specification: Specification,
+    semantics: Semantics,
+    program: Path | None,
+    *,
+    branch: int | None = None,
+    kind: Kind | None = None,
+    limit: int = 1_000_000,
+    timeout: float = 120,
+) -> tuple[int, str]:
+    """Return 0 if a text has the verdict of the tree on every trace, 1 if not, 2 if this is not
+    known, and a message.
+    """
+    if specification.assumes:
+        return 2, "not certified: the text relies on assumptions about logs"
+    if program is None:
+        return 2, f"not certified: {PROGRAM} is not on the PATH: build it by `make verified`, or name it by --verified"
+    try:
+        formal = speaks.formal(specification.text) | {"samples": _samples(tree)}
+        options = [*part_options(tree, semantics, branch, kind), "--limit", str(limit)]
+        status, lines, why = run(program, tree, options, text=formal, timeout=timeout)
+        why = "".join(lines) or why
+    except NotExpressible as error:
+        status, why = 2, error.reason
+    except (TooLarge, ToolMissing, ToolFailed) as error:
+        status, why = 2, str(error)
+    except subprocess.TimeoutExpired:
+        status, why = 2, f"no answer within {timeout:g} s"
+    return status, f"not certified: {why}" if status else CERTIFIED
+
+
+def _samples(tree: RVAFT) -> list[Json]:
+    """Return for each node with a guard a pattern of events that the node accepts."""
+    found: list[Json] = []
+    for node in tree.top_down():
+        pattern = tree.pattern(node.name)
+        if (
+            pattern is None
+            or node.when is None
+            or any(isinstance(part, guards.TimePoint) for part in guards.walk(node.when))
+        ):
+            continue
+        values = {name: patterns.Literal(value) for name, value in (witness([node.when]) or {}).items()}
+        found.append({"pattern": pattern_json(patterns.substitute(pattern, values)), "condition": None})
+    return found

@@ -1,0 +1,312 @@
+"""Emitted texts that the validator of the proofs certifies, and texts of other trees that it does not."""
+
+from collections import Counter
+from importlib.util import find_spec
+from itertools import islice
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from cross_check.generate.traces import random_trace
+from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape, random_tree
+from rvaft import RVAFT, NotExpressible, Semantics, TooLarge, TreeError, loads, translate
+from rvaft.backend import Metrics, Specification, backend
+from rvaft.cli import main
+from rvaft.export.certificates import CERTIFIED, certificate
+from rvaft.model.nodes import Kind
+from rvaft.semantics import Reference
+from tests.faults.wrong_trees import MISTAKES
+from tests.proofs.verified import PROGRAM, PROOFS, built
+from tests.tables import sampled
+
+NEEDS_SPOT = [pytest.mark.spot, pytest.mark.skipif(find_spec("spot") is None, reason="needs Spot")]
+LANGUAGES = [pytest.param("rml"), *(pytest.param(one, marks=NEEDS_SPOT) for one in ("ltlf", "automaton"))]
+TREES = PROOFS.parent / "trees"
+
+
+def certified(
+    tree: RVAFT, text: str, language: str, semantics: Semantics, *, branch: int | None = None, kind: Kind | None = None
+) -> tuple[int, str]:
+    """The exit status of a certificate, and its message."""
+    specification = Specification(text, language, Metrics(0))
+    return certificate(tree, backend(language), specification, semantics, PROGRAM, branch=branch, kind=kind, timeout=60)
+
+
+def emitted(tree: RVAFT, language: str, semantics: Semantics, **part: Any) -> str | None:
+    """The text of a tree, or None where it breaks a rule or the backend does not express it."""
+    try:
+        return translate(tree, language, semantics=semantics, **part).text
+    except (NotExpressible, TooLarge, TreeError):
+        return None
+
+
+VARIABLES = "the events of the text have variables"
+SMALL = {
+    "and": ((TREES / "gates/and.rvaft").read_text(), {}),
+    "or": ((TREES / "gates/or.rvaft").read_text(), {}),
+    "vot": ((TREES / "gates/vot.rvaft").read_text(), {}),
+    "sand": ((TREES / "gates/sand.rvaft").read_text(), {}),
+    "sand_rl": ((TREES / "gates/sand_rl.rvaft").read_text(), {}),
+    "pand": ((TREES / "gates/pand.rvaft").read_text(), {}),
+    "halt": ((TREES / "multiprocessor/halt.rvaft").read_text(), {}),
+    "bottom up": ("causality bottom_up; top and m d; m or a b; d sand b c;", {}),
+    "shared": ("top and m d; m or a b; d sand b c;", {}),
+    "counted": ("top sand a b; a times 3;", {}),
+    "ignored": ("event e(x) = { n: x }; event f(x) = { m: x }; ignore f(1); top sand a b; a on e(1); b on e(_);", {}),
+    "ignored for values": ("event e(x) = { n: x }; ignore e(X) when X > 5; top sand a b; a on e(1); b on e(2);", {}),
+    "overlapping": ("event e(x, y) = { n: x, m: y }; top and a b c; a on e(1, _); b on e(_, 2); c;", {}),
+    "constant": ("event e(x) = { n: x }; top or a b; a on e(1) when 1 < 0; b on e(2) when 1 > 0;", {}),
+    "one event": (
+        "event e(x) = { n: x }; top sand a b; a on e(X) when X > 3; b on e(_);",
+        {"ltlf": VARIABLES, "automaton": f"{VARIABLES} or times"},
+    ),
+    "names of one event": (
+        "event e(x) = { n: x, m: x }; top sand a b; a on e(X); b on e(Y);",
+        {"ltlf": VARIABLES, "automaton": f"{VARIABLES} or times"},
+    ),
+    "across nodes": (
+        "event e(x) = { n: x }; top sand a b; a on e(X); b on e(Y) when Y > X;",
+        {
+            "ltlf": VARIABLES,
+            "automaton": f"{VARIABLES} or times",
+            "rml": "the text has variables, or an operator that is not in the formal syntax",
+        },
+    ),
+    "times": (
+        "time t as s; top sand a b within 5 s;",
+        {"ltlf": "the text has times", "automaton": f"{VARIABLES} or times"},
+    ),
+}
+"""For each tree the languages that are not certified, with the reason."""
+
+
+@built
+@pytest.mark.parametrize("semantics", Semantics)
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("name", SMALL)
+def test_what_is_certified(name: str, language: str, semantics: Semantics) -> None:
+    text, reasons = SMALL[name]
+    tree = loads(text)
+    written = emitted(tree, language, semantics)
+    if written is None:
+        assert language == "rml"
+        assert name in ("times", "across nodes")
+        return
+    expected = (2, f"not certified: {reasons[language]}") if language in reasons else (0, CERTIFIED)
+    assert certified(tree, written, language, semantics) == expected
+
+
+SAND = "top sand a b c;"
+WRONG = [
+    ("the order", "ltlf", "strict", SAND, "b & X[!] c", "c & X[!] b"),
+    ("no order", "ltlf", "scattered", SAND, "F(a & X[!] F(b & X[!] F c))", "(F a) & F b & F c"),
+    ("one operand less", "ltlf", "strict", SAND, "(b & X[!] c)", "b"),
+    ("a weak next", "ltlf", "strict", SAND, "X[!] c", "X c"),
+    ("the event of an atom", "ltlf", "strict", SAND, '"c"', '"d"'),
+    ("a relevant event less", "ltlf", "projected", SAND, 'relevant rel := { event: "c" }\n', ""),
+    ("relevance", "ltlf", "projected", SAND, "!rel U (rel & c)", "1 U c"),
+    ("the accepting state", "automaton", "strict", SAND, "[0] 1\n", "[0] 1\n[!0] 5\n"),
+    ("no accepting state", "automaton", "strict", SAND, "State: 5 {0}", "State: 5"),
+    ("an edge less", "automaton", "strict", SAND, "[0&3] 4\n", ""),
+    ("another target", "automaton", "projected", SAND, "[0&1&3] 3", "[0&1&3] 4"),
+    ("a relevant event less", "automaton", "projected", SAND, 'alphabet: "{ event: \\"c\\" }"\n', ""),
+    ("the order", "rml", "strict", SAND, "a b c all", "a c b all"),
+    ("no order", "rml", "strict", SAND, "a b c all", "(a | b | c) all"),
+    ("one operand less", "rml", "strict", SAND, "a b c all", "a b all"),
+    ("no rest", "rml", "strict", SAND, "a b c all", "a b c empty none"),
+    ("a relevant event less", "rml", "projected", SAND, "a | b | c;", "a | b;"),
+    ("no filter", "rml", "projected", SAND, "relevant >> (a b c all)", "a b c all"),
+    ("a branch less", "rml", "strict", "top or m n; m sand a b; n sand a c;", "(b \\/ c)", "b"),
+    (
+        "left preference",
+        "rml",
+        "strict",
+        "top or m n; m sand a b; n sand a c;",
+        "a (b \\/ c) all",
+        "(a b all) \\/ (a c all)",
+    ),
+]
+
+
+@built
+@pytest.mark.parametrize(
+    ("language", "semantics", "tree", "old", "new"),
+    [
+        pytest.param(*row, id=f"{language} {name}", marks=[] if language == "rml" else NEEDS_SPOT)
+        for name, *row in WRONG
+        for language in row[:1]
+    ],
+)
+def test_a_fault_in_a_text_is_not_certified(language: str, semantics: str, tree: str, old: str, new: str) -> None:
+    found, meaning = loads(tree), Semantics(semantics)
+    text = translate(found, language, semantics=meaning).text
+    assert text.count(old) == 1, text
+    assert certified(found, text, language, meaning)[0] == 0
+    status, why = certified(found, text.replace(old, new), language, meaning)
+    assert status == 1
+    assert why.startswith("not certified: the verdicts differ after the ")
+
+
+@built
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_text_of_another_semantics_is_not_certified(language: str) -> None:
+    tree = loads(SAND)
+    for one in Semantics:
+        text = translate(tree, language, semantics=one).text
+        assert [certified(tree, text, language, other)[0] for other in Semantics if other is not one] == [1, 1, 1]
+
+
+@built
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_branches_and_kinds(language: str) -> None:
+    """Clause: relevance is that of the whole tree."""
+    tree = loads("top or m n; m sand a b; n sand c d fault; a; b; c fault; d fault;")
+    for semantics in Semantics:
+        whole = translate(tree, language, semantics=semantics).text
+        for part in ({"branch": 1}, {"branch": 2}, {"kind": Kind.FAULT}):
+            text = translate(tree, language, semantics=semantics, **part).text
+            assert certified(tree, text, language, semantics, **part)[0] == 0
+            assert certified(tree, whole, language, semantics, **part)[0] == 1
+            assert certified(tree, text, language, semantics)[0] == 1
+
+
+def differing(right: RVAFT, wrong: RVAFT, semantics: Semantics, random: Random) -> bool:
+    """Whether the definition gives the trees different verdicts on some random trace."""
+    first, second = Reference(right, semantics), Reference(wrong, semantics)
+    traces = (random_trace(random, tree, max_length=8) for _ in range(100) for tree in (right, wrong))
+    return any(list(first.fork().run(trace)) != list(second.fork().run(trace)) for trace in traces)
+
+
+@built
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("seed", sampled(((seed,) for seed in range(6)), 3))
+def test_random_trees_and_mistakes(language: str, seed: int) -> None:
+    """Clause: what is certified has the verdicts of the tree; what differs has a trace of its nodes."""
+    statuses: Counter[tuple[bool, int]] = Counter()
+    for number in range(4):
+        random = Random(f"{seed} {number}")
+        tree = random_tree(random, (PLAIN, VARIABLE_FREE)[number % 2])
+        others = (MISTAKES[name](tree) for name in random.sample(sorted(MISTAKES), len(MISTAKES)))
+        wrong_trees = [tree, *islice((one for one in others if one != tree), 5)]
+        for semantics in Semantics:
+            for wrong in wrong_trees:
+                text = emitted(wrong, language, semantics)
+                if text is None:
+                    continue
+                status, why = certified(tree, text, language, semantics)
+                statuses[wrong == tree, status] += 1
+                if status == 0 and wrong != tree:
+                    assert not differing(tree, wrong, semantics, random), (number, semantics)
+                if status == 1:
+                    assert wrong != tree, (number, semantics, why)
+                    word = why.partition(" trace ")[2].split()
+                    if tree.events or "+" in why or "(" in why:
+                        continue
+                    trace = [{"event": name} for name in word]
+                    verdicts = list(backend(language).read(text).run(trace))
+                    assert verdicts != list(Reference(tree, semantics).run(trace)), (number, semantics, word)
+    assert statuses[True, 0] > 8
+    assert statuses[False, 1] > 4
+    assert statuses[True, 1] == 0
+
+
+@built
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_most_random_trees_without_variables_are_certified(language: str) -> None:
+    counts: Counter[int] = Counter()
+    for seed in range(12):
+        tree = random_tree(Random(seed), VARIABLE_FREE)
+        for semantics in Semantics:
+            text = emitted(tree, language, semantics)
+            if text is not None:
+                counts[certified(tree, text, language, semantics)[0]] += 1
+    assert counts[0] >= 40
+    assert counts[1] == 0
+
+
+@built
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "language"), [(seed, one) for seed in range(8) for one in ("rml", "ltlf", "automaton")]
+)
+def test_random_trees_of_all_kinds(seed: int, language: str) -> None:
+    for number in range(30):
+        random = Random(f"{seed} {number}")
+        tree = random_tree(random, Shape())
+        for semantics in Semantics:
+            text = emitted(tree, language, semantics)
+            if text is None:
+                continue
+            status, why = certified(tree, text, language, semantics)
+            assert status in (0, 2), (number, semantics, why)
+
+
+def emit(folder: Path, tree: str, *options: str) -> Any:
+    (file := folder / "tree.rvaft").write_text(tree)
+    return CliRunner().invoke(main, ["emit", str(file), *options])
+
+
+@built
+def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    options = ["--to", "rml", "--semantics", "strict", "--certify", "--verified", str(PROGRAM)]
+    done = emit(tmp_path, SAND, *options)
+    assert (done.exit_code, done.stderr) == (0, f"{CERTIFIED}\n")
+    assert done.stdout == emit(tmp_path, SAND, *options[:4]).stdout
+    done = emit(tmp_path, SAND, *options, "--format", "latex")
+    assert done.exit_code == 0
+    other = translate(loads("top sand a c b;"), "rml", semantics="strict")
+    with monkeypatch.context() as patched:
+        patched.setattr("rvaft.cli.emit.translate", lambda *_, **__: other)
+        done = emit(tmp_path, SAND, *options)
+    assert done.exit_code == 1
+    assert done.stdout.endswith("Main = a c b all;\n")
+    assert done.stderr == "not certified: the verdicts differ after the trace a c\n"
+
+
+@built
+@pytest.mark.parametrize(
+    ("tree", "to", "reason"),
+    [
+        (SAND, "c", "c has no formal syntax in the proofs"),
+        ("event e(x) = { n: x }; top sand a b; a on e(X); b on e(X);", "rml", "the text has variables, or an operator"),
+        ("time t as s late 5 s; assume order 5 s; top sand a b;", "rml", "the text relies on assumptions about logs"),
+    ],
+)
+def test_what_cannot_be_certified(tmp_path: Path, tree: str, to: str, reason: str) -> None:
+    options = ["--to", to, "--semantics", "strict"]
+    done = emit(tmp_path, tree, *options, "--certify", "--verified", str(PROGRAM))
+    assert done.exit_code == 2
+    assert done.stderr.startswith(f"not certified: {reason}")
+    assert done.stdout == emit(tmp_path, tree, *options).stdout
+
+
+@built
+def test_a_limit() -> None:
+    tree, rml = loads("top 3of5 a b c d e;"), backend("rml")
+    text = translate(tree, "rml", semantics="scattered")
+    assert certificate(tree, rml, text, Semantics.SCATTERED, PROGRAM) == (0, CERTIFIED)
+    found = certificate(tree, rml, text, Semantics.SCATTERED, PROGRAM, limit=10)
+    assert found == (2, "not certified: the comparison ended at the limit of 10 steps")
+    found = certificate(tree, rml, text, Semantics.SCATTERED, PROGRAM, timeout=1e-6)
+    assert found == (2, "not certified: no answer within 1e-06 s")
+
+
+def test_without_the_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    options = ["--to", "rml", "--semantics", "strict"]
+    for more, reason in (
+        ([], "rvaft-verified is not on the PATH: build it by `make verified`"),
+        (["--verified", str(tmp_path / "nowhere")], "the verified monitor is not installed"),
+    ):
+        done = emit(tmp_path, SAND, *options, "--certify", *more)
+        assert done.exit_code == 2
+        assert done.stderr.startswith(f"not certified: {reason}")
+        assert done.stdout.endswith("Main = a b c all;\n")
+
+
+def test_wrong_options(tmp_path: Path) -> None:
+    assert "--verified is for --certify" in emit(tmp_path, SAND, "--to", "rml", "--verified", "x").stderr
+    assert "omit --certify" in emit(tmp_path, SAND, "--to", "dot", "--certify").stderr

@@ -41,8 +41,8 @@ from cross_check.published_monitor import NAME as PUBLISHED
 from cross_check.published_monitor import published_of
 from cross_check.results import DETECTIONS_ONLY, Difference, Job, Result, Status, raised, reason
 from cross_check.traces import Effort, Trace, letters_of, trials
-from cross_check.verified import NAME as VERIFIED
-from cross_check.verified import verified_of
+from cross_check.verified_monitor import NAME as VERIFIED
+from cross_check.verified_monitor import verified_of
 from rvaft.api import narrowed
 from rvaft.backend import Match
 from rvaft.core.branches import restrict

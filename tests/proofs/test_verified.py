@@ -17,7 +17,7 @@ from cross_check.generate.trees import random_tree
 from cross_check.participants import ENGINE, Absent, Outside, Participant, engine_of
 from cross_check.results import Job, Status
 from cross_check.traces import CATALOGUE, trials
-from cross_check.verified import verified_of
+from cross_check.verified_monitor import verified_of
 from rvaft import RVAFT, NotExpressible, Semantics, Verdict, loads, monitor
 from rvaft.cli import main
 from rvaft.core.branches import restrict

@@ -15,7 +15,7 @@ from typing import Final, TypeAlias, TypeVar
 
 from cross_check.generate.assumptions import conforming
 from cross_check.generate.times import in_order
-from cross_check.judges import FLINK, MONPOLY, R2U2, VERIMON, flink_of, monpoly_of, r2u2_of
+from cross_check.judges import FLINK, MONPOLY, R2U2, VERIFIED, VERIMON, flink_of, monpoly_of, r2u2_of, verified_of
 from cross_check.letters import TIMES, VARIABLES
 from cross_check.participants import (
     ENGINE,
@@ -41,8 +41,6 @@ from cross_check.published_monitor import NAME as PUBLISHED
 from cross_check.published_monitor import published_of
 from cross_check.results import DETECTIONS_ONLY, Difference, Job, Result, Status, raised, reason
 from cross_check.traces import Effort, Trace, letters_of, trials
-from cross_check.verified_monitor import NAME as VERIFIED
-from cross_check.verified_monitor import verified_of
 from rvaft.api import narrowed
 from rvaft.backend import Match
 from rvaft.core.branches import restrict

@@ -1,5 +1,8 @@
-"""Participants that run texts in external tools: MonPoly with VeriMon, R2U2, and Apache Flink."""
+"""Participants that run in external programs: MonPoly with VeriMon, R2U2, Apache Flink, and the
+verified monitor, which is extracted from the Coq proofs (`proofs/`) and reads the tree itself.
+"""
 
+import json
 import subprocess
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -13,17 +16,23 @@ from backends.mfotl.monpoly import MfotlHeader
 from backends.mtl import r2u2
 from cross_check.participants import Answer, Outside, absent_on_error, detected
 from rvaft.backend import Specification, backend
+from rvaft.errors import NotExpressible, ToolFailed
+from rvaft.export.certificates import part_options, run
+from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
-from rvaft.model.verdict import Semantics
+from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import LeftOpen
 
 MONPOLY: Final = "mfotl-monpoly"
 VERIMON: Final = "mfotl-verimon"
 R2U2: Final = "mtl-r2u2"
 FLINK: Final = "match-recognize-flink"
+VERIFIED: Final = "verified"
 FLINK_LIMIT: Final = 200
 """Maximum number of events of a text for Flink, which takes minutes beyond it."""
+
+_SIGNS: Final = {"T": Verdict.TRUE, "F": Verdict.FALSE, "?": Verdict.UNKNOWN}
 
 Traces: TypeAlias = Sequence[Sequence[Json]]
 
@@ -55,6 +64,32 @@ def flink_of(part: RVAFT, semantics: Semantics) -> Outside:
         RowHeader.read(made.text).left_open,
         lambda traces: flink.first_detections([(made.text, traces)])[0],
     )
+
+
+@absent_on_error
+def verified_of(
+    tree: RVAFT, semantics: Semantics, program: Path, *, branch: int | None, kind: Kind | None, timeout: float
+) -> Outside:
+    """Return the verified monitor of a tree, or the error as `Absent`.
+
+    A construct that the program does not support makes `NotExpressible`.
+    """
+    options = ["--traces", *part_options(tree, semantics, branch, kind)]
+    _, _, refused = run(program, tree, options, timeout=timeout)
+    if refused:
+        raise NotExpressible(refused, backend=VERIFIED, semantics=semantics)
+
+    def answers(traces: Sequence[Sequence[Json]]) -> list[Answer]:
+        given = "".join(f"{json.dumps(list(trace))}\n" for trace in traces)
+        try:
+            _, lines, why = run(program, tree, options, given=given, timeout=timeout)
+        except subprocess.TimeoutExpired:
+            return [Answer(error=f"timeout: no answer within {timeout:g} s", expired=True)] * len(traces)
+        if why or len(lines) != len(traces):
+            raise ToolFailed(VERIFIED, reason=why or f"{len(lines)} answers to {len(traces)} traces")
+        return [Answer(tuple(_SIGNS[sign] for sign in line)) for line in lines]
+
+    return Outside(VERIFIED, answers)
 
 
 def _judge(

@@ -14,10 +14,10 @@ from backends.conformance import examples
 from cross_check.campaign import catalogue
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import random_tree
+from cross_check.judges import verified_of
 from cross_check.participants import ENGINE, Absent, Outside, Participant, engine_of
 from cross_check.results import Job, Status
 from cross_check.traces import CATALOGUE, trials
-from cross_check.verified_monitor import verified_of
 from rvaft import RVAFT, NotExpressible, Semantics, Verdict, loads, monitor
 from rvaft.cli import main
 from rvaft.core.branches import restrict

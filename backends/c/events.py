@@ -159,7 +159,7 @@ class EventFields:
         return " && ".join([*literals, *(one for one in found if "ABSENT" in one)]) or "1", bound
 
     def rows(self) -> list[str]:
-        """Return the rows of the table of fields: name, size, first child, next sibling, whole."""
+        """Return the rows of the table of fields: name, size, first child, next sibling, keys of children, whole."""
         children: dict[tuple[Step, ...], list[int]] = {}
         for number, path in enumerate(self.paths):
             children.setdefault(path[:-1], []).append(number)
@@ -170,5 +170,11 @@ class EventFields:
             following = siblings[place] if place < len(siblings) else -1
             child = children.get(path, [-1])[0]
             name = string(path[-1]) if isinstance(path[-1], str) else f"NULL, {path[-1]}"
-            rows.append(f"{{{name}, {child}, {following}, {int(number in self.whole)}}}")
+            rows.append(f"{{{name}, {child}, {following}, {self.keys(path)}, {int(number in self.whole)}}}")
         return rows
+
+    def keys(self, path: tuple[Step, ...]) -> str:
+        """Return the set of the hashes (`KEY_HASH`) of the keys below a field, or of its items."""
+        names = (str(one[-1]).encode(errors="replace") for one in self.paths if one[:-1] == path)
+        bits = {(5 * len(name) + (name[0] if name else 0)) % 64 for name in names}
+        return f"UINT64_C({sum(1 << bit for bit in bits)})"

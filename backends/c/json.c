@@ -96,33 +96,28 @@ static size_t character(const rvaft_reader *r, size_t at) {
     return (a == 0xF0U && b < 0x90U) || (a == 0xF4U && b >= 0x90U) ? 0 : 4;
 }
 
-/* The first of eight bytes whose high bit is set, or 0 where it is not known. */
-#if defined(__GNUC__) && defined(__BYTE_ORDER__) && __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
-#define FIRST_BYTE(w) ((size_t)__builtin_ctzll(w) / 8)
-#else
-#define FIRST_BYTE(w) 0
-#endif
-
-/* Pass a string whose quote is behind `at`; notes whether it has escapes. */
-static int scan_string(rvaft_reader *r, int *escaped) {
+/* The first place that is not a plain character of a string; before it are only such. */
+static inline size_t plain_end(const char *text, size_t at, size_t size) {
     const uint64_t ones = UINT64_C(0x0101010101010101), high = ones * 0x80;
-    size_t at = r->at;
-    *escaped = 0;
+    while (at < size && size - at >= 8) {
+        uint64_t w, quote, slash;
+        memcpy(&w, text + at, 8);
+        quote = w ^ (ones * 0x22);
+        slash = w ^ (ones * 0x5C);
+        w = (w | (w - ones * 0x20) | ((quote - ones) & ~quote) | ((slash - ones) & ~slash)) & high;
+        if (w != 0) {
+            return at + FIRST_BYTE(w);
+        }
+        at += 8;
+    }
+    return at;
+}
+
+/* Pass the rest of a string from a place; notes whether it has escapes. */
+static int scan_rest(rvaft_reader *r, size_t at, int *escaped) {
     for (;;) {
         unsigned char c;
-        uint64_t w;
-        while (at < r->size && r->size - at >= 8) {
-            uint64_t quote, slash;
-            memcpy(&w, r->text + at, 8);
-            quote = w ^ (ones * 0x22);
-            slash = w ^ (ones * 0x5C);
-            w = (w | (w - ones * 0x20) | ((quote - ones) & ~quote) | ((slash - ones) & ~slash)) & high;
-            if (w != 0) {
-                at += FIRST_BYTE(w);
-                break;
-            }
-            at += 8;
-        }
+        at = plain_end(r->text, at, r->size);
         if (at >= r->size) {
             r->at = r->size;
             return refused(r, "unterminated string");
@@ -172,6 +167,17 @@ static int scan_string(rvaft_reader *r, int *escaped) {
             at += size;
         }
     }
+}
+
+/* Pass a string whose quote is behind `at`; notes whether it has escapes. */
+static inline int scan_string(rvaft_reader *r, int *escaped) {
+    size_t at = plain_end(r->text, r->at, r->size);
+    *escaped = 0;
+    if (at < r->size && r->text[at] == '"') {
+        r->at = at + 1;
+        return 0;
+    }
+    return scan_rest(r, at, escaped);
 }
 
 static int put(rvaft_reader *r, uint32_t c) {
@@ -237,22 +243,14 @@ static int decode(rvaft_reader *r, size_t at, size_t end) {
     return 0;
 }
 
-static void pass_blanks(rvaft_reader *r) {
-    size_t at = r->at, size = r->size;
-    const char *text = r->text;
-    while (at < size && (unsigned char)text[at] <= 0x20U &&
-           (text[at] == ' ' || text[at] == '\t' || text[at] == '\r' || text[at] == '\n')) {
+static inline void skip_blanks(rvaft_reader *r) {
+    size_t at = r->at;
+    while (at < r->size && (unsigned char)r->text[at] <= 0x20U &&
+           (r->text[at] == ' ' || r->text[at] == '\t' || r->text[at] == '\r' || r->text[at] == '\n')) {
         at++;
     }
     r->at = at;
 }
-
-#define skip_blanks(r)                                                    \
-    do {                                                                  \
-        if ((r)->at < (r)->size && (unsigned char)(r)->text[(r)->at] <= 0x20U) { \
-            pass_blanks(r);                                               \
-        }                                                                 \
-    } while (0)
 
 /* Go on by so many bytes, at most to the end. */
 static inline void advance(rvaft_reader *r, size_t size) {
@@ -455,13 +453,21 @@ static int canonical(rvaft_reader *r, int *undefined) {
     }
 }
 
+#define KEY_HASH(first, size) ((5U * (size) + (unsigned char)(first)) % 64U)
+
 /* The node for a key below a node, or -1; the key is at a place of a text of `limit` bytes. */
 static inline int32_t child_of(int32_t node, const char *text, size_t at, uint32_t size, size_t limit) {
-    int32_t child = node < -1 ? FIRST_FIELD : node >= 0 && node < RVAFT_FIELDS ? fields[node].child : -1;
+    int below = node >= 0 && node < RVAFT_FIELDS;
+    int32_t child = node < -1 ? FIRST_FIELD : below ? fields[node].child : -1;
+    uint64_t keys = node < -1 ? FIRST_KEYS : below ? fields[node].keys : 0;
+    char first = size > 0 && at < limit ? text[at] : '\0';
+    if ((keys >> KEY_HASH(first, size) & 1U) == 0) {
+        return -1;
+    }
     while (child >= 0 && child < RVAFT_FIELDS) {
         const field_node *f = &fields[child];
         if (f->size == size && f->name != NULL && size <= limit && at <= limit - size &&
-            (size == 0 || (f->name[0] == text[at] && memcmp(f->name, text + at, size) == 0))) {
+            (size == 0 || (f->name[0] == first && memcmp(f->name, text + at, size) == 0))) {
             return child;
         }
         child = f->next;

@@ -210,6 +210,7 @@ typedef struct field_node {
     uint32_t size; /* of the name, or the number of the item */
     int32_t child;
     int32_t next;
+    uint64_t keys; /* the hashes of the keys below */
     uint8_t whole; /* whether a list or an object is compared as a whole */
 } field_node;
 
@@ -737,30 +738,50 @@ static double nearest(decimal *d) {
     return from_bits((mantissa & ((UINT64_C(1) << 52) - 1)) | (uint64_t)(exponent + 1023) << 52);
 }
 
+/* The first of eight bytes whose high bit is set, or 0 where it is not known. */
+#if defined(__GNUC__) && defined(__BYTE_ORDER__) && __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
+#define FIRST_BYTE(w) ((size_t)__builtin_ctzll(w) / 8)
+#else
+#define FIRST_BYTE(w) 0
+#endif
+
+/* The end of the digits at a place; eight bytes at a time. */
+static inline size_t digits_end(const char *text, size_t at, size_t size) {
+    const uint64_t ones = UINT64_C(0x0101010101010101), high = ones * 0x80;
+    while (at < size && size - at >= 8) {
+        uint64_t w;
+        memcpy(&w, text + at, 8);
+        w ^= ones * 0x30; /* a digit is now at most 9 */
+        w = (w | ((w & ~high) + ones * 0x76)) & high;
+        if (w != 0) {
+            at += FIRST_BYTE(w);
+            break;
+        }
+        at += 8;
+    }
+    while (at < size && text[at] >= '0' && text[at] <= '9') {
+        at++;
+    }
+    return at;
+}
+
 /* Pass a JSON number at a place; `point` is 1 where it has a decimal point or an exponent. Returns the
    place behind it, or 0 if there is none. */
-static inline uint32_t number_end(const char *text, uint32_t at, uint32_t size, int *point) {
-    uint32_t from;
+static inline uint32_t number_end(const char *text, uint32_t place, uint32_t size, int *point) {
+    size_t at = place, from;
     *point = 0;
-    if (at < size && text[at] == '-') {
-        at++;
+    if (at < size) { /* few branches: the bytes of numbers are hard to predict */
+        at += text[at] == '-';
     }
     if (at >= size || text[at] < '0' || text[at] > '9') {
         return 0;
     }
-    if (text[at] == '0') {
-        at++;
-    } else {
-        while (at < size && text[at] >= '0' && text[at] <= '9') {
-            at++;
-        }
-    }
+    from = at + 1;
+    at = digits_end(text, from, size);
+    at = text[from - 1] == '0' ? from : at;
     if (at + 1 < size && text[at] == '.' && text[at + 1] >= '0' && text[at + 1] <= '9') {
         *point = 1;
-        at++;
-        while (at < size && text[at] >= '0' && text[at] <= '9') {
-            at++;
-        }
+        at = digits_end(text, at + 2, size);
     }
     if (at < size && (text[at] == 'e' || text[at] == 'E')) {
         from = at + 1;
@@ -769,13 +790,10 @@ static inline uint32_t number_end(const char *text, uint32_t at, uint32_t size, 
         }
         if (from < size && text[from] >= '0' && text[from] <= '9') {
             *point = 1;
-            at = from;
-            while (at < size && text[at] >= '0' && text[at] <= '9') {
-                at++;
-            }
+            at = digits_end(text, from + 1, size);
         }
     }
-    return at;
+    return (uint32_t)at;
 }
 
 /* The decimal that a JSON number writes. */

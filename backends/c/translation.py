@@ -311,9 +311,10 @@ class _Writer:
         made = ["#if RVAFT_JSON\n"]
         if time is not None:
             made.append(f"#define READ_TIME(e, time) {self._reading(time)}\n")
-        rows = self._fields.rows() or ['{"", 0, -1, -1, 0}']
+        rows = self._fields.rows() or ['{"", 0, -1, -1, 0, 0}']
         first = 0 if self._fields.paths else -1
-        made += [f"#define FIRST_FIELD {first}\n", _array("field_node", "fields", rows), "#endif\n"]
+        made.append(f"#define FIRST_FIELD {first}\n#define FIRST_KEYS {self._fields.keys(())}\n")
+        made += [_array("field_node", "fields", rows), "#endif\n"]
         return "".join(made)
 
     def _reading(self, time: EventTime) -> str:

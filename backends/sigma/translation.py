@@ -34,6 +34,7 @@ _SECOND: Final = 1_000_000_000
 _UNIT: Final = "rules of the correlation"
 _MIXED: Final = "one event can match two rules, and a correlation would count it twice"
 _WINDOW: Final = "a correlation has one timespan from its first event, and passes on only the time of its last one"
+_UNTIMED: Final = "a window over one event only requires that it has a time, and a rule cannot test the time"
 
 Chain: TypeAlias = tuple[Nest, ...]
 """Consecutive single events, each possibly a choice; the first may be a nest with a window."""
@@ -77,6 +78,8 @@ class SigmaRules:
 
     def _alone(self, about: dict[str, Any], step: Nest) -> tuple[str, int]:
         """Return a rule without correlation, for a single event or a choice of events."""
+        if self._windows:
+            self._refuse(_UNTIMED, (one.source.node for one in self._windows))
         return self._written_as([{**about, **self._detected([*filter(_observes, step.inside())])}])
 
     def _written_as(self, documents: Iterable[dict[str, Any]]) -> tuple[str, int]:

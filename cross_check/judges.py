@@ -74,15 +74,16 @@ def verified_of(
 
     A construct that the program does not support makes `NotExpressible`.
     """
-    options = ["--traces", *part_options(tree, semantics, branch, kind)]
-    _, _, refused = run(program, tree, options, timeout=timeout)
+    whole, part = part_options(tree, semantics, branch, kind)
+    options = ["--traces", *part]
+    _, _, refused = run(program, whole, options, timeout=timeout)
     if refused:
         raise NotExpressible(refused, backend=VERIFIED, semantics=semantics)
 
     def answers(traces: Sequence[Sequence[Json]]) -> list[Answer]:
         given = "".join(f"{json.dumps(list(trace))}\n" for trace in traces)
         try:
-            _, lines, why = run(program, tree, options, given=given, timeout=timeout)
+            _, lines, why = run(program, whole, options, given=given, timeout=timeout)
         except subprocess.TimeoutExpired:
             return [Answer(error=f"timeout: no answer within {timeout:g} s", expired=True)] * len(traces)
         if why or len(lines) != len(traces):

@@ -35,11 +35,19 @@ def on_path() -> Path | None:
     return None if found is None else Path(found)
 
 
-def part_options(tree: RVAFT, semantics: Semantics, branch: int | None, kind: Kind | None) -> list[str]:
-    """Return the options of the program for a part of a tree."""
-    choices = {} if branch is None else numbered(tree, branch).choices
-    narrowed = [word for node, child in choices.items() for word in ("--choose", f"{node}={child}")]
-    return ["--semantics", semantics, *narrowed, *([] if kind is None else ["--kind", kind])]
+def part_options(tree: RVAFT, semantics: Semantics, branch: int | None, kind: Kind | None) -> tuple[RVAFT, list[str]]:
+    """Return the whole tree, and the options of the program for a part of it.
+
+    A restricted tree is its whole tree with a branch or kind, because the alphabet is that of the
+    whole tree. Raises `NotExpressible` for a part of a part.
+    """
+    part = tree.part_of
+    if part is not None:
+        if branch is not None or kind is not None:
+            raise NotExpressible("a part of a part of a tree")
+        tree, branch, kind = part.tree, part.branch, part.kind
+    narrowed = [] if branch is None else ["--choose", json.dumps(dict(numbered(tree, branch).choices))]
+    return tree, ["--semantics", semantics, *narrowed, *([] if kind is None else ["--kind", kind])]
 
 
 def run(
@@ -71,7 +79,8 @@ def run(
 class EventConditions:
     """The tests of events in a formal text: Boolean formulas over numbered patterns with guards."""
 
-    predicates: list[Json] = field(default_factory=list)
+    numbers: dict[str, int] = field(default_factory=dict)
+    """The number of each predicate, which is written as JSON."""
 
     def of(self, one: Observed) -> Json:
         """Return a test whose variables are its own; raises `NotExpressible` for shared ones."""
@@ -79,10 +88,10 @@ class EventConditions:
             return ["and"]
         if not set(guards.variables(one.when)) <= set(patterns.variables(one.pattern)):
             raise NotExpressible("a guard has variables that its event does not bind")
-        predicate: Json = {"pattern": pattern_json(one.pattern), "condition": condition_json(one.when)}
-        if predicate not in self.predicates:
-            self.predicates.append(predicate)
-        return ["predicate", self.predicates.index(predicate)]
+        predicate = {"pattern": pattern_json(one.pattern), "condition": condition_json(one.when)}
+        written = json.dumps(predicate)  # as values of Python, 1 and true are equal
+        self.numbers.setdefault(written, len(self.numbers))
+        return ["predicate", self.numbers[written]]
 
     def relevance(self, relevant: Iterable[Observed], ignored: Iterable[Observed]) -> Json:
         """Return the test of an event that some of `relevant` and none of `ignored` accepts."""
@@ -90,7 +99,7 @@ class EventConditions:
 
     def text(self, language: str, body: Json) -> dict[str, Any]:
         """Return the formal text with these predicates."""
-        return {"language": language, "predicates": self.predicates, "text": body}
+        return {"language": language, "predicates": list(map(json.loads, self.numbers)), "text": body}
 
 
 def certificate(
@@ -114,9 +123,11 @@ def certificate(
         return 2, f"not certified: {PROGRAM} is not on the PATH: build it by `make verified`, or name it by --verified"
     try:
         formal = speaks.formal(specification.text) | {"samples": _samples(tree)}
-        options = [*part_options(tree, semantics, branch, kind), "--limit", str(limit)]
-        status, lines, why = run(program, tree, options, text=formal, timeout=timeout)
+        tree, options = part_options(tree, semantics, branch, kind)
+        status, lines, why = run(program, tree, [*options, "--limit", str(limit)], text=formal, timeout=timeout)
         why = "".join(lines) or why
+        if not why or (status == 0) != (why == "certified"):
+            status, why = 2, f"{program} is no validator: its output is {why or 'empty'}"
     except NotExpressible as error:
         status, why = 2, error.reason
     except (TooLarge, ToolMissing, ToolFailed) as error:

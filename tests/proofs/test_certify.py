@@ -160,6 +160,28 @@ def test_a_text_of_another_semantics_is_not_certified(language: str) -> None:
 
 @built
 @pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize(("one", "other"), [("1", "true"), ("0", "false"), ("null", "0"), ('"1"', "1")])
+def test_values_of_other_types_are_other_events(language: str, one: str, other: str) -> None:
+    def tree(second: str) -> RVAFT:
+        return loads(f"event e(x) = {{ n: x }}; top sand a b; a on e({one}); b on e({second});")
+
+    for semantics in (Semantics.STRICT, Semantics.PROJECTED):
+        text = translate(tree(other), language, semantics=semantics).text
+        assert certified(tree(one), text, language, semantics)[0] == 1
+        assert certified(tree(other), text, language, semantics) == (0, CERTIFIED)
+
+
+@pytest.mark.parametrize("program", ["true", "false"])
+def test_a_program_that_is_no_validator_certifies_nothing(program: str) -> None:
+    done = CliRunner().invoke(
+        main, ["emit", "trees/gates/sand.rvaft", "--to", "rml", "--certify", "--verified", f"/bin/{program}"]
+    )
+    assert done.exit_code == 2
+    assert "not certified" in done.stderr
+
+
+@built
+@pytest.mark.parametrize("language", LANGUAGES)
 def test_branches_and_kinds(language: str) -> None:
     """Clause: relevance is that of the whole tree."""
     tree = loads("top or m n; m sand a b; n sand c d fault; a; b; c fault; d fault;")

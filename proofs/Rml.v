@@ -239,8 +239,8 @@ Qed.
 
 (** The compositional form is not faithful.  Whenever two branches begin alike, a trace of the right
     branch whose last event the left one does not take is detected, and the text says false: so
-    [(a b) \/ (a c)] rejects [a c], and the disjunction of the branches 1 and 3 of the remote
-    inspection tree, with four events in common, misses the attack. *)
+    [(a b) \/ (a c)] rejects [a c].  The disjunction of the branches 1 and 3 of the remote inspection
+    tree misses the attack for this reason, but it has variables, and is no instance of the theorem. *)
 Theorem branches_miss : forall eqs ps q r u e', ps <> [] -> Forall2 (fun p e => satisfies p e = true) ps u ->
   satisfies r e' = true -> satisfies q e' = false ->
   RmlVerdict eqs (branches ps q r) (valuations satisfies (u ++ [e'])) Bottom /\

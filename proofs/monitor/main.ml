@@ -7,8 +7,9 @@ let usage = "usage: rvaft-verified TREE.json [LOG.jsonl] [--semantics strict|pro
        rvaft-verified TREE.json --certify TEXT.json [--semantics S] [--kind K] [--choose CHOICES] [--limit N]
 
 Write TREE.json by `rvaft show TREE --format json -o TREE.json`. Without LOG, or for -, events come from
-standard input. --choose names a child for each `or` that a branch reaches. One line per event is printed: {\"event\": 1, \"verdict\": \"unknown\"}. With --traces each line
+standard input. One line per event is printed: {\"event\": 1, \"verdict\": \"unknown\"}. With --traces each line
 is a list of events, and one line per trace is printed: T, F or ? after each event.
+--choose names a child for each `or` that a branch reaches; CHOICES is such an object.
 With --certify, a text of LTLf, HOA or RML, which `rvaft emit --certify` writes as JSON, is compared with
 the tree for all traces; N bounds the comparison.
 Exit status: 0 nothing detected, 1 a detection, 2 an error; 0 certified, 1 the text differs, 2 not decided."

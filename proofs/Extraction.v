@@ -3,7 +3,7 @@
     Natural numbers (nodes, variables, code points) become machine integers.  Integers of events,
     times and guards stay Coq's binary integers, which do not overflow. *)
 
-Require Import RVAFT.Values RVAFT.Language RVAFT.Definition RVAFT.Monitor.
+Require Import RVAFT.Values RVAFT.Language RVAFT.Definition RVAFT.Scenarios RVAFT.Monitor.
 Require Import RVAFT.Plain RVAFT.Automaton RVAFT.Exploration RVAFT.Hoa RVAFT.Ltlf RVAFT.Rml RVAFT.Letters.
 Require Import RVAFT.PlainTree RVAFT.Relevance.
 Require Import ZArith.
@@ -18,6 +18,7 @@ Extract Inlined Constant Nat.ltb => "(fun (m : int) (n : int) -> m < n)".
 Extraction Language OCaml.
 Extraction "rvaft_monitor.ml"
   well_formed first next next_repeated verdict_after mark greatest
+  branches has_kind
   object parse_number integer
   text_predicates same_predicate predicate_of relevance_entries samples satisfies conflict letter_of
   certify_text_hoa certify_text_ltlf certify_text_rml

@@ -239,11 +239,12 @@ Fixpoint digits (s : text) (so_far : Z) (count : Z) : Z * Z * text :=
   end.
 
 (** The number [m * 10^e] as a reader of JSON has it: rounded to a double. *)
-Definition decimal (negative : bool) (m : Z) (count e : Z) : option number :=
+Definition decimal (negative : bool) (m e : Z) : option number :=
   match m with
   | Zpos p =>
-    if Z.ltb 400 (e + count) then None
-    else if Z.ltb (e + count) (-400) then Some (Number 0 0)
+    let size := e + Z.log2 m * 30103 / 100000 in          (* the power of ten of the number, or nearly *)
+    if Z.ltb 400 size then None
+    else if Z.ltb size (-400) then Some (Number 0 0)
     else if Z.leb 0 e
          then of_double (binary_normalize precision exponents
                            ((if negative then -1 else 1) * (m * 10 ^ e)) 0 false)
@@ -279,7 +280,7 @@ Definition parse_number (s : text) : option number :=
     else match rest with
          | [] => if Z.eqb places 0
                  then Some (Number (if negative then Z.opp whole else whole) 0)
-                 else decimal negative m (count + places) (Z.opp places)
+                 else decimal negative m (Z.opp places)
          | c :: tail =>
            if Nat.eqb c 101 || Nat.eqb c 69 then
              let '(down, tail) :=
@@ -291,7 +292,7 @@ Definition parse_number (s : text) : option number :=
              let '(x, c, r) := digits tail 0 0 in
              match r with
              | [] => if Z.eqb c 0 then None
-                     else decimal negative m (count + places) ((if down then Z.opp x else x) - places)
+                     else decimal negative m ((if down then Z.opp x else x) - places)
              | _ => None
              end
            else None

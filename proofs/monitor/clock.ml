@@ -16,6 +16,9 @@ let z n = if n = 0 then Z0 else if n > 0 then Zpos (positive_of n) else Zneg (po
 let ten = z 10
 let power10 n = let rec go n acc = if n = 0 then acc else go (n - 1) (Z.mul acc ten) in go n (Zpos XH)
 
+(* The integer that digits write. *)
+let natural digits = String.fold_left (fun acc c -> Z.add (Z.mul acc ten) (z (Char.code c - 48))) Z0 digits
+
 (* The integer nearest to a / b, half to even; b is positive. *)
 let nearest a b =
   let q, r = Z.div_eucl a b in
@@ -39,7 +42,7 @@ let decimal text units =
   let whole = String.sub text start (point - start) in
   let fraction = if point < e then String.sub text (point + 1) (e - point - 1) else "" in
   let digits = whole ^ fraction in
-  let mantissa = String.fold_left (fun acc c -> Z.add (Z.mul acc ten) (z (Char.code c - 48))) Z0 digits in
+  let mantissa = natural digits in
   let exponent =
     if e >= n then Some 0
     else
@@ -116,13 +119,15 @@ let iso (s : string) =
     then raise No_time;
     let seconds = (days_before year month day * 86_400) + (hour * 3600) + ((minute - offset) * 60) + second in
     let nanoseconds = if fraction = "" then Z0 else
-        nearest (Z.mul (String.fold_left (fun acc c -> Z.add (Z.mul acc ten) (z (Char.code c - 48))) Z0 fraction) (z 1_000_000_000))
+        nearest (Z.mul (natural fraction) (z 1_000_000_000))
           (power10 (String.length fraction)) in
     Some (Z.add (Z.mul (z seconds) (z 1_000_000_000)) nanoseconds)
   with No_time -> None
 
 let integer_of = function
-  | Json.Number text when String.for_all (fun c -> c = '-' || (c >= '0' && c <= '9')) text -> decimal text 1
+  | Json.Number text when String.for_all (fun c -> c = '-' || (c >= '0' && c <= '9')) text ->
+    let n = String.length text in
+    Some (if text.[0] = '-' then Z.opp (natural (String.sub text 1 (n - 1))) else natural text)
   | _ -> None
 
 let is_number text = match Json.parse text with Json.Number ("NaN" | "Infinity" | "-Infinity") -> false

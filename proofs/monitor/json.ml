@@ -1,4 +1,5 @@
-(* JSON (RFC 8259) with the numbers NaN, Infinity and -Infinity, which Python writes. *)
+(* JSON (RFC 8259) with the numbers NaN, Infinity and -Infinity, which Python writes. Refused are
+   repeated keys, and as in logs of `rvaft monitor` lone surrogates and numbers of very many digits. *)
 
 type t =
   | Null
@@ -11,6 +12,7 @@ type t =
 exception Bad of int * string
 
 let max_depth = 500
+let max_digits = 4300
 
 (* Append a code point in UTF-8. *)
 let add_utf8 buffer c =
@@ -28,10 +30,16 @@ let text_of points =
   List.iter (add_utf8 buffer) points;
   Buffer.contents buffer
 
+(* The beginning of a text for a message: printable ASCII, other characters as escapes. *)
+let shown points =
+  let short = List.filteri (fun i _ -> i < 60) points in
+  let one c = if c < 32 || c > 126 then Printf.sprintf "\\u%04x" c else String.make 1 (Char.chr c) in
+  String.concat "" (List.map one short) ^ if List.compare_length_with points 60 > 0 then "..." else ""
+
 (* The code points of a text in ASCII. *)
 let points_of text = List.init (String.length text) (fun i -> Char.code text.[i])
 
-let parse (s : string) : t =
+let parse ?(surrogates = false) (s : string) : t =
   let n = String.length s in
   let bad i what = raise (Bad (i + 1, what)) in
   let rec skip i = if i < n && (match s.[i] with ' ' | '\t' | '\n' | '\r' -> true | _ -> false) then skip (i + 1) else i in
@@ -48,6 +56,11 @@ let parse (s : string) : t =
         let l = if k + 1 < n && (s.[k + 1] = '-' || s.[k + 1] = '+') then k + 2 else k + 1 in
         if is_digit l then digits l else bad k "a digit must follow the exponent"
       else k in
+    if k - j > max_digits then begin
+      let count = ref 0 in
+      for l = j to k - 1 do if is_digit l then incr count done;
+      if !count > max_digits then bad i (Printf.sprintf "a number of more than %d digits" max_digits)
+    end;
     (Number (String.sub s i (k - i)), k) in
   let hex i =
     if i + 4 > n then bad i "four hexadecimal digits must follow \\u";
@@ -70,11 +83,15 @@ let parse (s : string) : t =
            | 'n' -> one 10 | 'r' -> one 13 | 't' -> one 9
            | 'u' ->
              let c = hex (i + 2) in
+             let alone () =
+               if c >= 0xD800 && c < 0xE000 && not surrogates then
+                 bad i "a lone surrogate: \\ud800 to \\udfff stand only in pairs"
+               else go (i + 6) (c :: found) in
              if c >= 0xD800 && c < 0xDC00 && i + 7 < n && s.[i + 6] = '\\' && s.[i + 7] = 'u' then
                let d = hex (i + 8) in
                if d >= 0xDC00 && d < 0xE000 then go (i + 12) ((0x10000 + ((c - 0xD800) lsl 10) + (d - 0xDC00)) :: found)
-               else go (i + 6) (c :: found)
-             else go (i + 6) (c :: found)
+               else alone ()
+             else alone ()
            | _ -> bad i "unknown escape")
         | c when c < ' ' -> bad i "a control character in a string"
         | c when c < '\x80' -> go (i + 1) (Char.code c :: found)
@@ -90,26 +107,34 @@ let parse (s : string) : t =
             if p < 0x10000 || p > 0x10FFFF then bad i "not UTF-8" else go (i + 4) (p :: found)
           else bad i "not UTF-8" in
     go i [] in
+  (* Refuse a key that stands twice; keys come with their places. *)
+  let distinct keys =
+    let rec go = function
+      | (name, _) :: (((again, i) :: _) as rest) ->
+        if name = again then bad i (Printf.sprintf "the key \"%s\" is repeated" (shown name)) else go rest
+      | _ -> () in
+    match keys with [] | [ _ ] -> () | _ -> go (List.sort compare keys) in
   let rec value depth i =
     if depth > max_depth then bad i "nested too deeply";
     let i = skip i in
     if i >= n then bad i "the text ends too early"
     else match s.[i] with
       | '{' ->
-        let rec fields i found =
+        let rec fields i found keys =
           let i = skip i in
           if i >= n || s.[i] <> '"' then bad i "a field needs a name in quotes"
           else
-            let name, i = string (i + 1) in
+            let name, j = string (i + 1) in
+            let keys = (name, i) :: keys and i = j in
             let i = skip i in
             if i >= n || s.[i] <> ':' then bad i "a colon must follow the name of a field";
             let v, i = value (depth + 1) (i + 1) in
             let i = skip i in
-            if i < n && s.[i] = ',' then fields (i + 1) ((name, v) :: found)
-            else if i < n && s.[i] = '}' then (Object (List.rev ((name, v) :: found)), i + 1)
+            if i < n && s.[i] = ',' then fields (i + 1) ((name, v) :: found) keys
+            else if i < n && s.[i] = '}' then (distinct keys; (Object (List.rev ((name, v) :: found)), i + 1))
             else bad i "a comma or } must follow" in
         let j = skip (i + 1) in
-        if j < n && s.[j] = '}' then (Object [], j + 1) else fields (i + 1) []
+        if j < n && s.[j] = '}' then (Object [], j + 1) else fields (i + 1) [] []
       | '[' ->
         let rec items i found =
           let v, i = value (depth + 1) i in

@@ -3,12 +3,13 @@
 open Rvaft_monitor
 
 let usage = "usage: rvaft-verified TREE.json [LOG.jsonl] [--semantics strict|projected|consecutive|scattered]
-         [--kind fault|attack] [--choose NODE=CHILD ...] [--repeat] [--traces]
-       rvaft-verified TREE.json --certify TEXT.json [--semantics S] [--kind K] [--choose NODE=CHILD ...] [--limit N]
+         [--kind fault|attack] [--choose '{\"NODE\": \"CHILD\", ...}'] [--repeat] [--traces]
+       rvaft-verified TREE.json --certify TEXT.json [--semantics S] [--kind K] [--choose CHOICES] [--limit N]
 
 Write TREE.json by `rvaft show TREE --format json -o TREE.json`. Without LOG, or for -, events come from
 standard input. One line per event is printed: {\"event\": 1, \"verdict\": \"unknown\"}. With --traces each line
 is a list of events, and one line per trace is printed: T, F or ? after each event.
+--choose names a child for each `or` that a branch reaches; CHOICES is such an object.
 With --certify, a text of LTLf, HOA or RML, which `rvaft emit --certify` writes as JSON, is compared with
 the tree for all traces; N bounds the comparison.
 Exit status: 0 nothing detected, 1 a detection, 2 an error; 0 certified, 1 the text differs, 2 not decided."
@@ -22,25 +23,39 @@ let sign = function Top -> 'T' | Bottom -> 'F' | Unknown -> '?'
 
 let open_file name = if Sys.file_exists name && Sys.is_directory name then fail "%s: a folder, not a file" name else open_in_bin name
 
+(* The whole of a file or pipe. *)
 let read_file name =
-  let channel = open_file name in
-  Fun.protect ~finally:(fun () -> close_in channel) (fun () -> really_input_string channel (in_channel_length channel))
+  let channel = open_file name and found = Buffer.create 65_536 in
+  let rec go () = match Buffer.add_channel found channel 65_536 with () -> go () | exception End_of_file -> Buffer.contents found in
+  match Fun.protect ~finally:(fun () -> close_in channel) go with
+  | found -> found
+  | exception Sys_error why -> fail "%s: %s" name why
+
+let hint = "write one by: rvaft show TREE --format json -o TREE.json"
+
+(* The node and child of each choice. *)
+let choices_of written =
+  let wrong why = fail "--choose takes a JSON object with a child for each `or`, as {\"NODE\": \"CHILD\"}, not %s%s" written why in
+  match Json.parse written with
+  | Json.Object fields -> List.map (fun (n, c) -> match c with
+      | Json.String c -> (Json.text_of n, Json.text_of c)
+      | _ -> wrong "") fields
+  | _ -> wrong ""
+  | exception Json.Bad (place, why) -> wrong (Printf.sprintf " (byte %d: %s)" place why)
 
 let is_blank line = String.for_all (fun c -> c = ' ' || c = '\t' || c = '\r') line
 
 let run () =
   let tree_file = ref None and log_file = ref None and semantics = ref None and kind = ref None in
-  let choices = ref [] and repeat = ref false and traces = ref false and certify = ref None and limit = ref 1_000_000 in
+  let choices = ref None and repeat = ref false and traces = ref false and certify = ref None and limit = ref None in
   let rec options = function
     | "--semantics" :: s :: rest -> semantics := Some s; options rest
     | "--kind" :: k :: rest -> kind := Some k; options rest
     | "--choose" :: c :: rest ->
-      (match String.index_opt c '=' with
-       | Some i -> choices := (String.sub c 0 i, String.sub c (i + 1) (String.length c - i - 1)) :: !choices
-       | None -> fail "--choose takes NODE=CHILD, not %s" c);
-      options rest
+      if !choices <> None then fail "--choose is given twice: name all choices in one object";
+      choices := Some (choices_of c); options rest
     | "--certify" :: file :: rest -> certify := Some file; options rest
-    | "--limit" :: n :: rest -> (match int_of_string_opt n with Some n when n > 0 -> limit := n | _ -> fail "--limit takes a number, not %s" n); options rest
+    | "--limit" :: n :: rest -> (match int_of_string_opt n with Some n when n > 0 -> limit := Some n | _ -> fail "--limit takes a number, not %s" n); options rest
     | "--repeat" :: rest -> repeat := true; options rest
     | "--traces" :: rest -> traces := true; options rest
     | ("--help" | "-h") :: _ -> print_endline usage; exit 0
@@ -53,33 +68,53 @@ let run () =
       options rest
     | [] -> () in
   options (List.tl (Array.to_list Sys.argv));
-  let tree_file = match !tree_file with Some f -> f | None -> fail "no tree is given" in
+  let tree_file = match !tree_file with Some f -> f | None -> fail "no tree is given; %s" hint in
+  if !certify <> None && !repeat then fail "--repeat and --certify exclude each other: a text is compared until a detection";
+  if !certify <> None && !traces then fail "--traces and --certify exclude each other";
+  if !certify <> None && !log_file <> None then fail "with --certify no log is read";
+  if !certify = None && !limit <> None then fail "--limit bounds the comparison of --certify, which is not given";
   let read =
     try Tree_reader.read (Json.parse (read_file tree_file)) with
-    | Json.Bad (place, why) -> fail "%s: byte %d: %s" tree_file place why
+    | Json.Bad (place, why) -> fail "%s: byte %d: %s; %s" tree_file place why hint
     | Tree_reader.Refused why | Clock.Refused why -> fail "%s: %s" tree_file why in
   let tree = read.Tree_reader.tree in
   let semantics = match (match !semantics with Some s -> Some s | None -> read.Tree_reader.semantics) with
     | None | Some "projected" -> Projected | Some "strict" -> Strict
     | Some "consecutive" -> Consecutive | Some "scattered" -> Scattered
     | Some other -> fail "unknown semantics %s" other in
-  let node name = match read.Tree_reader.numbers name with Some n -> n | None -> fail "--choose: no node %s below the root" name in
+  let choice (name, child) = match read.Tree_reader.numbers name with
+    | None -> fail "--choose: no node %s in the tree" name
+    | Some n ->
+      let node = List.nth tree.nodes n in
+      if node.gate_of <> Or then fail "--choose: the node %s is no `or`" name;
+      let children = List.map (List.nth read.Tree_reader.names) node.children in
+      if not (List.mem child children) then
+        fail "--choose: the node %s has no child %s; its children are %s" name child (String.concat ", " children);
+      (n, [ Option.get (read.Tree_reader.numbers child) ]) in
   let selection = match !kind, !choices with
-    | None, [] -> Everything
-    | Some "fault", [] -> OfKind Fault
-    | Some "attack", [] -> OfKind Attack
-    | Some other, [] -> fail "unknown kind %s" other
-    | None, choices -> OneBranch (List.map (fun (n, c) -> (node n, [ node c ])) choices)
-    | Some _, _ -> fail "--kind and --choose exclude each other" in
+    | None, None -> Everything
+    | Some "fault", None -> OfKind Fault
+    | Some "attack", None -> OfKind Attack
+    | Some other, None -> fail "unknown kind %s" other
+    | None, Some choices -> OneBranch (List.map choice choices)
+    | Some _, Some _ -> fail "--kind and --choose exclude each other" in
+  let begin_ = first tree selection in
+  (* The first state follows the feasible scenarios that are selected. *)
+  (match begin_, selection with
+   | Active [], OfKind k when not (List.exists (has_kind tree k) (branches tree)) ->
+     fail "no branch has the kind %s" (Option.get !kind)
+   | Active [], Everything -> fail "%s: no feasible scenario" tree_file
+   | Active [], OneBranch _ -> fail "no feasible scenario: --choose names a child for each `or` that the branch reaches"
+   | Active [], OfKind _ -> fail "no feasible scenario"
+   | _ -> ());
   match !certify with
   | Some file ->
-    (match Certify.certify read selection semantics !limit (Json.parse (read_file file)) with
+    (match Certify.certify read selection semantics (Option.value ~default:1_000_000 !limit) (Json.parse (read_file file)) with
      | Certify.Holds -> print_endline "certified"; 0
      | Certify.Differs why -> print_endline why; 1
      | Certify.Unknown why | exception Tree_reader.Refused why -> fail "%s" why
      | exception Json.Bad (place, why) -> fail "%s: byte %d: %s" file place why)
   | None ->
-  let begin_ = first tree selection in
   let step = next tree semantics in
   let step = if !repeat then next_repeated begin_ step else step in
   let time_of_value v = match read.Tree_reader.time with
@@ -99,14 +134,18 @@ let run () =
   let parsed number line =
     let mark = "\xEF\xBB\xBF" in
     let line = if number = 1 && String.starts_with ~prefix:mark line then String.sub line 3 (String.length line - 3) else line in
-    try Json.parse line with Json.Bad (place, why) -> fail "%s:%d: column %d: %s" name number place why in
+    try Json.parse ~surrogates:!traces line with Json.Bad (place, why) -> fail "%s:%d: column %d: %s" name number place why in
   let rec lines number f =
     match input_line channel with
     | exception End_of_file -> ()
+    | exception Sys_error why -> fail "%s: %s" name why
     | line -> if not (is_blank line) then f number (parsed number line); lines (number + 1) f in
   if !traces then
     lines 1 (fun number v -> match v with
         | Json.List events ->
+          List.iteri (fun i -> function
+              | Json.Object _ -> ()
+              | _ -> fail "%s:%d: event %d: an event is a JSON object" name number (i + 1)) events;
           let _, signs = List.fold_left (fun (now, signs) v -> let now, verdict = after now v in (now, sign verdict :: signs)) ((None, begin_), []) events in
           print_endline (String.of_seq (List.to_seq (List.rev signs)))
         | _ -> fail "%s:%d: with --traces each line is a list of events" name number)

@@ -6,6 +6,9 @@ exception Refused of string
 
 let refuse format = Printf.ksprintf (fun message -> raise (Refused message)) format
 
+(* The result of a reader, whose errors get the place in front. *)
+let within place f v = try f v with Refused why -> refuse "%s: %s" place why
+
 let undefined_values = ref 0
 
 (* The value of JSON: numbers as they are defined, objects with sorted fields. *)
@@ -24,8 +27,10 @@ let field name v = match v with
   | Json.Object fields -> List.fold_left (fun found (n, v) -> if n = Json.points_of name then Some v else found) None fields
   | _ -> refuse "an object was expected, with the field %s" name
 let need name v = match field name v with Some found -> found | None -> refuse "the field %s is missing" name
+let read_field name f v = within name f (need name v)
 let text v = match v with Json.String points -> Json.text_of points | _ -> refuse "a text was expected"
 let items v = match v with Json.List items -> items | _ -> refuse "a list was expected"
+let texts v = List.map text (items v)
 let optional f v = match v with Json.Null -> None | _ -> Some (f v)
 let number v = match v with
   | Json.Number text -> (match int_of_string_opt text with Some n -> n | None -> refuse "%s is not a small integer" text)
@@ -63,20 +68,21 @@ let rec pattern rigid arguments p = match only p with
 
 (* An event type with arguments; `_` for a parameter that stands twice is one value within the event. *)
 let call events rigid on =
-  let name = text (need "event" on) in
-  let event = match List.find_opt (fun e -> text (need "name" e) = name) events with
+  let name = read_field "event" text on in
+  let event = match List.assoc_opt name events with
     | Some e -> e | None -> refuse "unknown event type %s" name in
+  within ("event " ^ name) (fun event ->
   let shape = need "pattern" event in
-  let parameters = List.map text (items (need "parameters" event)) in
-  let given = items (need "arguments" on) in
-  if List.length parameters <> List.length given then refuse "event %s: wrong number of arguments" name;
+  let parameters = read_field "parameters" texts event in
+  let given = read_field "arguments" items on in
+  if List.length parameters <> List.length given then refuse "%d arguments for %d parameters" (List.length given) (List.length parameters);
   let argument index parameter a = match only a with
     | "literal", v -> Exactly (value v)
     | "variable", x -> Named (Rigid (rigid (text x)))
     | "any", _ -> if uses parameter shape > 1 then Named (Local index) else Anything
     | other, _ -> refuse "unknown argument %s" other in
   let arguments = List.mapi (fun i (p, a) -> (p, argument i p a)) (List.combine parameters given) in
-  pattern rigid arguments shape
+  within "pattern" (pattern rigid arguments) shape) event
 
 let operators = [
   "==", Equals; "!=", Differs; "<", Less; "<=", LessOrEqual; ">", Greater; ">=", GreaterOrEqual;
@@ -119,7 +125,7 @@ let lower_of table =
      List.iter (fun (upper, v) -> match upper, v with
          | [ c ], Json.String points -> Hashtbl.replace known c points
          | _ -> refuse "the table of lower case has one character for each text") fields
-   | Some _ -> refuse "the table of lower case is an object"
+   | Some _ -> refuse "lowercase: an object was expected"
    | None -> ());
   fun c -> match Hashtbl.find_opt known c with
     | Some points -> points
@@ -150,49 +156,75 @@ let in_order root children =
 let read (v : Json.t) : t =
   (match field "format" v, field "version" v with
    | Some (Json.String f), Some (Json.Number "1") when Json.text_of f = "rvaft" -> ()
-   | _ -> refuse "not a tree in JSON; write one by `rvaft show TREE --format json`");
-  let nodes = items (need "nodes" v) and events = items (need "events" v) in
+   | _ -> refuse "not a tree in JSON of version 1; write one by: rvaft show TREE --format json -o TREE.json");
+  let name_of = read_field "name" text in
+  let named_items what name v = List.mapi (fun i one -> (within (Printf.sprintf "%s %d" what (i + 1)) name one, one)) (items v) in
+  let events = read_field "events" (named_items "event" name_of) v in
   let named = Hashtbl.create 16 in
-  List.iter (fun n -> Hashtbl.replace named (text (need "name" n)) n) nodes;
+  List.iter (fun (name, n) ->
+      if Hashtbl.mem named name then refuse "two nodes are named %s" name;
+      Hashtbl.replace named name n) (read_field "nodes" (named_items "node" name_of) v);
   let node name = match Hashtbl.find_opt named name with Some n -> n | None -> refuse "unknown node %s" name in
-  let children name = List.map text (items (need "children" (node name))) in
-  let order = in_order (text (need "root" v)) children in
+  let below parent = within ("node " ^ parent) (fun n ->
+      let found = read_field "children" texts n in
+      List.iter (fun child -> ignore (within "children" node child)) found;
+      found) (node parent) in
+  let children = let known = Hashtbl.create 16 in
+    fun name -> match Hashtbl.find_opt known name with
+      | Some found -> found
+      | None -> let found = below name in Hashtbl.add known name found; found in
+  let root = read_field "root" text v in
+  ignore (within "root" node root);
+  let order = in_order root children in
   let numbers = Hashtbl.create 16 in
   List.iteri (fun i name -> Hashtbl.replace numbers name i) order;
   let node_number name = Hashtbl.find_opt numbers name in
+  List.iteri (fun i name ->
+      if List.exists (fun child -> Hashtbl.find numbers child <= i) (children name) then refuse "node %s: children: there is a cycle" name) order;
   let rigid = numbering () in
-  let gate n = match optional text (need "gate" n) with
+  let gate n = match read_field "gate" (optional text) n with
     | None -> Leaf | Some "or" -> Or | Some "and" -> And | Some "sand" -> Sand | Some "sand_rl" -> SandRl
-    | Some "pand" -> Pand | Some "vot" -> AtLeast (number (need "threshold" n))
+    | Some "pand" -> Pand | Some "vot" -> AtLeast (read_field "threshold" number n)
     | Some other -> refuse "the gate %s is not supported" other in
   let lower = lower_of (field "lowercase" v) in
-  let condition rigid v = optional (guard lower rigid node_number) (need "condition" v) in
-  let made name =
-    let n = node name in
+  let condition rigid = read_field "condition" (optional (guard lower rigid node_number)) in
+  let times_of v = match number v with
+    | n when n >= 1 -> n
+    | n -> refuse "%d is less than 1" n in
+  let made name = within ("node " ^ name) (fun n ->
     let gate = gate n in
     let condition = condition rigid n in
-    let on = match optional (call events rigid) (need "on" n) with
+    let on = match read_field "on" (optional (call events rigid)) n with
       | Some p -> Some p
       | None when gate = Leaf && condition = None ->
         let name = match need "name" n with Json.String points -> points | _ -> refuse "a name was expected" in
         Some (ObjectWith [ (Json.points_of "event", Exactly (Text name)) ])
       | None -> None in
-    { gate_of = gate; children = List.map (Hashtbl.find numbers) (children name); on; times = number (need "times" n);
-      when0 = condition; within = optional big (need "within" n);
-      kind_of = (match optional text (need "kind" n) with
+    let kept = children name and times = read_field "times" times_of n in
+    if (gate = Leaf) <> (kept = []) then refuse "children: a leaf has none, a gate has some";
+    if List.length (List.sort_uniq compare kept) < List.length kept then refuse "children: a child stands twice";
+    if gate <> Leaf && times > 1 then refuse "times: only a leaf is observed several times";
+    (match gate with
+     | AtLeast k when k < 1 || k > List.length kept -> refuse "threshold: %d of %d children" k (List.length kept)
+     | _ -> ());
+    { gate_of = gate; children = List.map (Hashtbl.find numbers) kept; on; times;
+      when0 = condition; within = read_field "within" (optional big) n;
+      kind_of = (match read_field "kind" (optional text) n with
           | None -> None | Some "fault" -> Some Fault | Some "attack" -> Some Attack
-          | Some other -> refuse "unknown kind %s" other) } in
-  let ignore v = let own = numbering () in let on = call events own (need "on" v) in (on, condition own v) in
-  let time = optional (fun t ->
+          | Some other -> refuse "unknown kind %s" other) }) (node name) in
+  let ignored i = within (Printf.sprintf "ignore %d" (i + 1)) (fun v ->
+      let own = numbering () in let on = read_field "on" (call events own) v in (on, condition own v)) in
+  let time = read_field "time" (optional (fun t ->
       (match need "format" t with
-       | Json.String f -> (List.map (function Json.String p -> p | _ -> refuse "a path of fields was expected") (items (need "field" t)),
+       | Json.String f -> (List.map (function Json.String p -> p | _ -> refuse "a path of fields was expected") (read_field "field" items t),
                            Clock.format_of (Json.text_of f))
-       | _ -> refuse "times in a strptime format are not supported"), optional big (need "late" t)) (need "time" v) in
+       | _ -> refuse "times in a strptime format are not supported"), read_field "late" (optional big) t)) v in
   let tree = {
     nodes = List.map made order;
-    top_down = (match text (need "causality" v) with "top_down" -> true | "bottom_up" -> false | other -> refuse "unknown causality %s" other);
-    ignores = List.map ignore (items (need "ignores" v));
+    top_down = (match read_field "causality" text v with "top_down" -> true | "bottom_up" -> false | other -> refuse "unknown causality %s" other);
+    ignores = List.mapi ignored (read_field "ignores" items v);
     lateness = Option.bind time snd } in
-  if not (well_formed tree) then refuse "the tree is not well formed";
-  { tree; time = Option.map fst time; semantics = optional text (need "semantics" v); numbers = node_number;
+  if not (well_formed tree) then
+    refuse "the tree is not well formed: the condition of an `ignore` has a variable that its event does not bind";
+  { tree; time = Option.map fst time; semantics = read_field "semantics" (optional text) v; numbers = node_number;
     names = order; lower }

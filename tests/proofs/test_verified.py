@@ -2,6 +2,9 @@
 
 import json
 import math
+import os
+import subprocess
+from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 from random import Random
@@ -22,6 +25,7 @@ from rvaft import RVAFT, NotExpressible, Semantics, Verdict, loads, monitor
 from rvaft.cli import main
 from rvaft.core.branches import restrict
 from rvaft.engine.monitor import Engine
+from rvaft.export.interchange import json_text
 from rvaft.model.guards import UNDEFINED, Operation, Operator, value
 from rvaft.model.nodes import Kind
 from rvaft.model.patterns import Variable
@@ -144,6 +148,11 @@ def test_it_sees_the_planted_faults_that_the_reference_sees(mistake: str) -> Non
         ('{"event": "a"} x', "text follows the value"),
         ("{" * 600, "column"),
         ("[" * 600, "nested too deeply"),
+        ('{"event": "a", "n": {"é": 1, "n": 2, "\\u00e9": 3}}', 'column 39: the key "\\u00e9" is repeated'),
+        ('{"event": "\\ud800"}', "column 12: a lone surrogate"),
+        ('{"event": "\\ud800\\ud800\\udc00"}', "column 12: a lone surrogate"),
+        ('{"event": "\\udc00x"}', "column 12: a lone surrogate"),
+        (f'{{"n": -{"1" * 4301}}}', "column 7: a number of more than 4300 digits"),
     ],
 )
 def test_a_log_that_is_no_json_is_an_error(tmp_path: Path, log: str, message: str) -> None:
@@ -154,6 +163,17 @@ def test_a_log_that_is_no_json_is_an_error(tmp_path: Path, log: str, message: st
     assert done.stdout == '{"event": 1, "verdict": "unknown"}\n'
 
 
+def _node(**fields: Any) -> dict[str, Any]:
+    """The nodes of `top and a b;` with fields of b changed."""
+    *others, b = json.loads(json_text(loads("top and a b;")))["nodes"]
+    return {"nodes": [*others, b | fields]}
+
+
+def _typed(pattern: Any, arguments: Sequence[Any] = ()) -> dict[str, Any]:
+    event = {"name": "e", "parameters": [], "pattern": pattern}
+    return {"events": [event], **_node(on={"event": "e", "arguments": arguments})}
+
+
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
@@ -161,7 +181,22 @@ def test_a_log_that_is_no_json_is_an_error(tmp_path: Path, log: str, message: st
         ({"root": "nobody"}, "unknown node nobody"),
         ({"causality": "sideways"}, "unknown causality sideways"),
         ({"time": {"field": ["t"], "format": "days", "late": None}}, "the time format days is not supported"),
-        ({"nodes": 1}, "a list was expected"),
+        ({"nodes": 1}, "nodes: a list was expected"),
+        ({"causality": 1}, "causality: a text was expected"),
+        (_node(times=0), "node b: times: 0 is less than 1"),
+        (_node(times="2"), "node b: times: an integer was expected"),
+        (_node(gate="xor"), "node b: the gate xor is not supported"),
+        (_node(gate="and"), "node b: children: a leaf has none, a gate has some"),
+        (_node(gate="and", children=["top"]), "node b: children: there is a cycle"),
+        (_node(gate="and", children=["c"]), "node b: children: unknown node c"),
+        (_node(gate="and", children=["a", "a"]), "node b: children: a child stands twice"),
+        (_node(gate="and", children=["a"], times=2), "node b: times: only a leaf"),
+        (_node(gate="vot", children=["a"], threshold=2), "node b: threshold: 2 of 1 children"),
+        (_node(name="a"), "two nodes are named a"),
+        (_node(on={"event": "e", "arguments": []}), "node b: on: unknown event type e"),
+        (_node(condition={"literal": False}), "tree.json: no feasible scenario"),
+        (_typed({"variable": "X"}), "node b: on: event e: pattern: the pattern names X"),
+        (_typed({"any": None}, arguments=[{"any": None}]), "node b: on: event e: 1 arguments for 0 parameters"),
     ],
 )
 def test_a_tree_that_it_does_not_know_is_refused(tmp_path: Path, changed: dict[str, Any], message: str) -> None:
@@ -175,12 +210,102 @@ def test_options_that_are_wrong(tmp_path: Path) -> None:
     for options, message in (
         (["--semantics", "loose"], "unknown semantics loose"),
         (["--kind"], "unknown or incomplete option --kind"),
-        (["--choose", "top=nobody"], "no node nobody below the root"),
+        (["--choose", "top=a"], "--choose takes a JSON object"),
+        (["--choose", '{"top": ["a"]}'], "--choose takes a JSON object"),
+        (["--choose", '{"top": "a", "top": "b"}'], 'the key "top" is repeated'),
+        (["--choose", "{}", "--choose", "{}"], "--choose is given twice"),
+        (["--choose", '{"nobody": "a"}'], "no node nobody in the tree"),
+        (["--choose", '{"top": "a"}'], "the node top is no `or`"),
+        (["--choose", '{"a": "b"}'], "the node a is no `or`"),
+        (["--kind", "fault"], "no branch has the kind fault"),
+        (["--kind", "other"], "unknown kind other"),
+        (["--repeat", "--certify", "text.json"], "--repeat and --certify exclude each other"),
+        (["--traces", "--certify", "text.json"], "--traces and --certify exclude each other"),
+        (["log.jsonl", "--certify", "text.json"], "with --certify no log is read"),
+        (["--limit", "9"], "--limit bounds the comparison of --certify"),
+        ([str(tmp_path)], "a folder, not a file"),
         ([str(tmp_path / "nothing.jsonl")], "nothing.jsonl: No such file"),
     ):
         done = run(tmp_path, tree, *options)
         assert done.returncode == 2
         assert message in done.stderr
+
+
+def test_choices(tmp_path: Path) -> None:
+    """Names may have any characters; what selects no scenario is an error."""
+    tree, events = loads('top or x b; x or "c=d" "e é";'), lines([{"event": "b"}, {"event": "c=d"}, {"event": "e é"}])
+    expected: list[tuple[dict[str, str], str]] = [
+        ({"top": "b"}, "ttt"),
+        ({"top": "x", "x": "c=d"}, "utt"),
+        ({"x": "e é", "top": "x"}, "uut"),
+        ({"top": "x"}, "no feasible scenario"),
+        ({}, "no feasible scenario"),
+        ({"top": "c=d"}, "the node top has no child c=d; its children are x, b"),
+        ({"x": "top"}, "the node x has no child top"),
+    ]
+    for choices, wanted in expected:
+        done = run(tmp_path, tree, "--semantics", "scattered", "--choose", json.dumps(choices), given=events)
+        found = "".join(json.loads(line)["verdict"][0] for line in done.stdout.splitlines())
+        if set(wanted) <= {*"tu"}:
+            assert (found, done.returncode) == (wanted, 1)
+        else:
+            assert (found, done.returncode) == ("", 2)
+            assert wanted in done.stderr
+
+
+def test_a_file_that_is_no_tree(tmp_path: Path) -> None:
+    (file := tmp_path / "tree.rvaft").write_text("top and a b;", encoding="utf-8")
+    piped = json_text(loads("top and a b;"))
+    for name, given, message in (
+        (str(file), "", f"{file}: byte 1: not JSON; write one by: rvaft show TREE --format json -o TREE.json"),
+        (str(tmp_path), "", f"{tmp_path}: a folder, not a file"),
+        ("/dev/stdin", piped[:-9], "/dev/stdin: byte"),
+        ("/dev/stdin", piped, ""),
+    ):
+        done = subprocess.run(
+            [PROGRAM, name, os.devnull], input=given, capture_output=True, encoding="utf-8", timeout=60, check=False
+        )
+        assert message in done.stderr
+        assert done.returncode == (2 if message else 0)
+
+
+def test_traces_of_python_values(tmp_path: Path) -> None:
+    """Lone surrogates of Python strings are read with --traces; what is no event is refused with its place."""
+    tree = loads("event e(n) = { n: n }; top and a b; a on e(X); b on e(Y) when X != Y;")
+    given = lines([[{"n": "\ud800"}, {"n": "\udc00"}], [{"n": "\ud800"}, {"n": "\ud800"}], [{"n": 1}, 2]])
+    done = run(tmp_path, tree, "--traces", "--semantics", "scattered", given=given)
+    assert done.stdout == "?T\n??\n"
+    assert "<stdin>:3: event 2: an event is a JSON object" in done.stderr
+    assert done.returncode == 2
+
+
+def test_numbers_with_many_zeros(tmp_path: Path) -> None:
+    """Zeros before the first digit do not count against the size of a number."""
+    tree = loads("event e(n) = { n: n }; top and a; a on e(X) when number(X) == 0.1 or number(X) == 0;")
+    zeros = "0" * 500
+    small, large = (f"0.{zeros}1e{exponent}" for exponent in (500, 900))
+    rows = [(small, "T"), (f"1{zeros}e-501", "T"), (large, "?"), (f"0.{zeros}1", "T"), ("1e-401", "T")]
+    numbers = [row for row, _ in rows] + [f'"{row}"' for row, _ in rows]
+    given = "".join(f'[{{"n": {number}}}]\n' for number in numbers)
+    done = run(tmp_path, tree, "--traces", "--semantics", "scattered", given=given)
+    assert done.stdout.split() == [sign for _, sign in rows] * 2
+
+
+def test_times_of_ros_are_integers_of_any_size(tmp_path: Path) -> None:
+    """Clause: `ros` has two integers; only a number of units has a bound."""
+    tree = loads("time t as ros; top and a b within 2 s;")
+    rows = []
+    for one, other in (
+        ((10**31, 0), (10**31 + 2, 0)),
+        ((10**31, 0), (10**31 + 2, 1)),
+        ((0, 10**40), (-1, 10**40)),
+        ((1, -(10**31)), (1.0, -(10**31))),
+    ):
+        rows.append([{"event": n, "t": {"sec": s, "nanosec": ns}} for n, (s, ns) in (("a", one), ("b", other))])
+    done = run(tmp_path, tree, "--traces", "--semantics", "scattered", given=lines(rows))
+    whole = Reference(tree, Semantics.SCATTERED)
+    expected = ["".join("T" if v is Verdict.TRUE else "?" for v in whole.fork().run(row)) for row in rows]
+    assert done.stdout.split() == expected == ["?T", "??", "?T", "??"]
 
 
 def test_values_that_json_does_not_have(tmp_path: Path) -> None:

@@ -50,7 +50,8 @@ let word v = match items v with
 
 let rec joined make none = function [] -> none | [ x ] -> x | x :: l -> make x (joined make none l)
 
-type 'a builder = { any : 'a; atom : int -> 'a; neg : 'a -> 'a; both : 'a -> 'a -> 'a; either : 'a -> 'a -> 'a; alive : 'a option }
+type 'a builder = { any : 'a; atom : int -> 'a; neg : 'a -> 'a; both : 'a -> 'a -> 'a; either : 'a -> 'a -> 'a;
+    alive : 'a option }
 
 (* A condition on an event: a Boolean formula over the predicates of the text, which are numbered from 0. *)
 let rec condition b number v = match word v with
@@ -76,7 +77,8 @@ let formula number v =
   let rows = items v in
   let made = Array.make (List.length rows) Truth in
   List.iteri (fun i row ->
-      let row_of n = let n = Tree_reader.number n in if n >= 0 && n < i then made.(n) else refuse "row %d uses row %d" i n in
+      let row_of n = let n = Tree_reader.number n in if n >= 0 && n < i then made.(n) else
+          refuse "row %d uses row %d" i n in
       made.(i) <- (match word row with
           | "atom", [ c ] -> condition atoms number c
           | "not", [ n ] -> Neg (row_of n)
@@ -93,7 +95,8 @@ let automaton number v =
   let edge e = match items e with
     | [ c; target ] -> (condition labels number c, Tree_reader.number target)
     | _ -> refuse "an edge has a label and a target" in
-  { start_state = Tree_reader.number (need "start" v); edges = List.map (fun s -> List.map edge (items (need "edges" s))) states;
+  { start_state = Tree_reader.number (need "start" v); edges = List.map (fun s -> List.map edge (items
+      (need "edges" s))) states;
     marks = List.map (fun s -> need "marked" s = Json.Bool true) states }
 
 let rec term number v =
@@ -132,7 +135,8 @@ let certify read selection semantics limit v =
   let own = List.mapi (fun n name -> (name, predicate_of tree n)) read.names in
   let known = List.filter_map snd own @ relevance_entries tree in
   let given = List.map (predicate read.lower) (items (need "predicates" v)) in
-  let found q = match List.find_opt (fun r -> same_predicate (canonical q) (canonical r)) known with Some r -> r | None -> q in
+  let found q = match List.find_opt (fun r -> same_predicate (canonical q) (canonical r)) known with Some r -> r
+      | None -> q in
   let given = List.map found given in
   let ps = text_predicates tree given in
   if too_many ps then refuse "events can satisfy more than %d combinations of the predicates" most_letters;

@@ -9,9 +9,11 @@ exception Refused of string
 let format_of = function
   | "s" -> Units (1_000_000_000, false) | "ms" -> Units (1_000_000, false) | "us" -> Units (1_000, false)
   | "ns" -> Units (1, false) | "filetime" -> Units (100, true) | "iso8601" -> Iso | "ros" -> Ros
-  | other -> raise (Refused (Printf.sprintf "the time format %s is not supported; supported: s ms us ns filetime iso8601 ros" other))
+  | other -> raise (Refused
+      (Printf.sprintf "the time format %s is not supported; supported: s ms us ns filetime iso8601 ros" other))
 
-let rec positive_of n = if n = 1 then XH else if n land 1 = 1 then XI (positive_of (n lsr 1)) else XO (positive_of (n lsr 1))
+let rec positive_of n = if n = 1 then XH else if n land 1 = 1 then XI (positive_of (n lsr 1)) else XO (positive_of
+    (n lsr 1))
 let z n = if n = 0 then Z0 else if n > 0 then Zpos (positive_of n) else Zneg (positive_of (-n))
 let ten = z 10
 let power10 n = let rec go n acc = if n = 0 then acc else go (n - 1) (Z.mul acc ten) in go n (Zpos XH)
@@ -48,7 +50,8 @@ let decimal text units =
     else
       let written = String.sub text (e + 1) (n - e - 1) in
       let down = written.[0] = '-' in
-      let body = if written.[0] = '-' || written.[0] = '+' then String.sub written 1 (String.length written - 1) else written in
+      let body = if written.[0] = '-' || written.[0] = '+' then String.sub written 1 (String.length written - 1) else
+          written in
       let rec strip i = if i < String.length body - 1 && body.[i] = '0' then strip (i + 1) else i in
       let body = let i = strip 0 in String.sub body i (String.length body - i) in
       if String.length body > 6 then if down then Some min_int else None
@@ -115,7 +118,8 @@ let iso (s : string) =
         if h > 23 || m > 59 then raise No_time;
         (if sign = '-' then -1 else 1) * (h * 60 + m)
       | _ -> raise No_time in
-    if !at < n || year < 1 || month < 1 || month > 12 || day < 1 || day > days_in year month || hour > 23 || minute > 59 || second > 60
+    if !at < n || year < 1 || month < 1 || month > 12 || day < 1 || day > days_in year month || hour > 23 ||
+        minute > 59 || second > 60
     then raise No_time;
     let seconds = (days_before year month day * 86_400) + (hour * 3600) + ((minute - offset) * 60) + second in
     let nanoseconds = if fraction = "" then Z0 else
@@ -137,13 +141,16 @@ let read format (value : Json.t) = match format, value with
   | Units (units, from_1601), (Json.Number _ | Json.String _) ->
     let text = match value with
       | Json.Number text -> text
-      | Json.String points when List.length points <= 1000 && List.for_all (fun c -> c < 128) points -> Json.text_of points
+      | Json.String points when List.length points <= 1000 && List.for_all (fun c -> c < 128) points ->
+          Json.text_of points
       | _ -> "" in
     if not (is_number text) then None
     else Option.map (fun t -> if from_1601 then Z.sub t offset_1601 else t) (decimal text units)
-  | Iso, Json.String points when List.length points <= 1000 && List.for_all (fun c -> c < 128) points -> iso (Json.text_of points)
+  | Iso, Json.String points when List.length points <= 1000 && List.for_all (fun c -> c < 128) points -> iso
+      (Json.text_of points)
   | Ros, Json.Object fields ->
-    let last name = List.fold_left (fun found (n, v) -> if n = Json.points_of name then Some v else found) None fields in
+    let last name = List.fold_left (fun found (n, v) -> if n = Json.points_of name then Some v else
+        found) None fields in
     let pair s n = match Option.bind (last s) integer_of, Option.bind (last n) integer_of with
       | Some a, Some b -> Some (Z.add (Z.mul a (z 1_000_000_000)) b) | _ -> None in
     (match pair "sec" "nanosec" with Some t -> Some t | None -> pair "secs" "nsecs")

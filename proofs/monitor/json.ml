@@ -42,15 +42,18 @@ let points_of text = List.init (String.length text) (fun i -> Char.code text.[i]
 let parse ?(surrogates = false) (s : string) : t =
   let n = String.length s in
   let bad i what = raise (Bad (i + 1, what)) in
-  let rec skip i = if i < n && (match s.[i] with ' ' | '\t' | '\n' | '\r' -> true | _ -> false) then skip (i + 1) else i in
+  let rec skip i = if i < n && (match s.[i] with ' ' | '\t' | '\n' | '\r' -> true | _ -> false) then skip (i + 1)
+      else i in
   let is_digit i = i < n && s.[i] >= '0' && s.[i] <= '9' in
   let rec digits i = if is_digit i then digits (i + 1) else i in
-  let word i w v = if i + String.length w <= n && String.sub s i (String.length w) = w then (v, i + String.length w) else bad i "not JSON" in
+  let word i w v = if i + String.length w <= n && String.sub s i (String.length w) = w then (v, i + String.length w)
+      else bad i "not JSON" in
   let number i =
     let j = if i < n && s.[i] = '-' then i + 1 else i in
     if not (is_digit j) then bad i "not JSON";
     let k = if s.[j] = '0' then j + 1 else digits j in
-    let k = if k < n && s.[k] = '.' then (if is_digit (k + 1) then digits (k + 1) else bad k "a digit must follow the point") else k in
+    let k = if k < n && s.[k] = '.' then (if is_digit (k + 1) then digits (k + 1) else
+        bad k "a digit must follow the point") else k in
     let k =
       if k < n && (s.[k] = 'e' || s.[k] = 'E') then
         let l = if k + 1 < n && (s.[k + 1] = '-' || s.[k + 1] = '+') then k + 2 else k + 1 in
@@ -69,7 +72,8 @@ let parse ?(surrogates = false) (s : string) : t =
       | _ -> bad i "four hexadecimal digits must follow \\u" in
     ((value s.[i] * 16 + value s.[i + 1]) * 16 + value s.[i + 2]) * 16 + value s.[i + 3] in
   let continuation i least =
-    if i < n && Char.code s.[i] land 0xC0 = 0x80 && Char.code s.[i] >= least then Char.code s.[i] land 0x3F else bad i "not UTF-8" in
+    if i < n && Char.code s.[i] land 0xC0 = 0x80 && Char.code s.[i] >= least then Char.code s.[i] land 0x3F else
+        bad i "not UTF-8" in
   let string i =
     let rec go i found =
       if i >= n then bad i "the string does not end"

@@ -21,12 +21,14 @@ let fail format = Printf.ksprintf (fun message -> raise (Usage message)) format
 let words = [ Top, "true"; Bottom, "false"; Unknown, "unknown" ]
 let sign = function Top -> 'T' | Bottom -> 'F' | Unknown -> '?'
 
-let open_file name = if Sys.file_exists name && Sys.is_directory name then fail "%s: a folder, not a file" name else open_in_bin name
+let open_file name = if Sys.file_exists name && Sys.is_directory name then fail "%s: a folder, not a file" name else
+    open_in_bin name
 
 (* The whole of a file or pipe. *)
 let read_file name =
   let channel = open_file name and found = Buffer.create 65_536 in
-  let rec go () = match Buffer.add_channel found channel 65_536 with () -> go () | exception End_of_file -> Buffer.contents found in
+  let rec go () = match Buffer.add_channel found channel 65_536 with () -> go () | exception End_of_file ->
+      Buffer.contents found in
   match Fun.protect ~finally:(fun () -> close_in channel) go with
   | found -> found
   | exception Sys_error why -> fail "%s: %s" name why
@@ -55,7 +57,8 @@ let run () =
       if !choices <> None then fail "--choose is given twice: name all choices in one object";
       choices := Some (choices_of c); options rest
     | "--certify" :: file :: rest -> certify := Some file; options rest
-    | "--limit" :: n :: rest -> (match int_of_string_opt n with Some n when n > 0 -> limit := Some n | _ -> fail "--limit takes a number, not %s" n); options rest
+    | "--limit" :: n :: rest -> (match int_of_string_opt n with Some n when n > 0 -> limit := Some n | _ ->
+        fail "--limit takes a number, not %s" n); options rest
     | "--repeat" :: rest -> repeat := true; options rest
     | "--traces" :: rest -> traces := true; options rest
     | ("--help" | "-h") :: _ -> print_endline usage; exit 0
@@ -69,7 +72,8 @@ let run () =
     | [] -> () in
   options (List.tl (Array.to_list Sys.argv));
   let tree_file = match !tree_file with Some f -> f | None -> fail "no tree is given; %s" hint in
-  if !certify <> None && !repeat then fail "--repeat and --certify exclude each other: a text is compared until a detection";
+  if !certify <> None && !repeat then
+      fail "--repeat and --certify exclude each other: a text is compared until a detection";
   if !certify <> None && !traces then fail "--traces and --certify exclude each other";
   if !certify <> None && !log_file <> None then fail "with --certify no log is read";
   if !certify = None && !limit <> None then fail "--limit bounds the comparison of --certify, which is not given";
@@ -109,7 +113,8 @@ let run () =
    | _ -> ());
   match !certify with
   | Some file ->
-    (match Certify.certify read selection semantics (Option.value ~default:1_000_000 !limit) (Json.parse (read_file file)) with
+    (match Certify.certify read selection semantics (Option.value ~default:1_000_000 !limit) (Json.parse
+        (read_file file)) with
      | Certify.Holds -> print_endline "certified"; 0
      | Certify.Differs why -> print_endline why; 1
      | Certify.Unknown why | exception Tree_reader.Refused why -> fail "%s" why
@@ -133,8 +138,10 @@ let run () =
     | Some file -> file, open_file file in
   let parsed number line =
     let mark = "\xEF\xBB\xBF" in
-    let line = if number = 1 && String.starts_with ~prefix:mark line then String.sub line 3 (String.length line - 3) else line in
-    try Json.parse ~surrogates:!traces line with Json.Bad (place, why) -> fail "%s:%d: column %d: %s" name number place why in
+    let line = if number = 1 && String.starts_with ~prefix:mark line then String.sub line 3 (String.length line - 3)
+        else line in
+    try Json.parse ~surrogates:!traces line with Json.Bad (place, why) ->
+        fail "%s:%d: column %d: %s" name number place why in
   let rec lines number f =
     match input_line channel with
     | exception End_of_file -> ()
@@ -146,7 +153,8 @@ let run () =
           List.iteri (fun i -> function
               | Json.Object _ -> ()
               | _ -> fail "%s:%d: event %d: an event is a JSON object" name number (i + 1)) events;
-          let _, signs = List.fold_left (fun (now, signs) v -> let now, verdict = after now v in (now, sign verdict :: signs)) ((None, begin_), []) events in
+          let _, signs = List.fold_left (fun (now, signs) v -> let now, verdict = after now v in (now,
+              sign verdict :: signs)) ((None, begin_), []) events in
           print_endline (String.of_seq (List.to_seq (List.rev signs)))
         | _ -> fail "%s:%d: with --traces each line is a list of events" name number)
   else begin

@@ -24,7 +24,8 @@ let rec value (v : Json.t) : value = match v with
   | Json.Object fields -> object0 (List.map (fun (name, v) -> (name, value v)) fields)
 
 let field name v = match v with
-  | Json.Object fields -> List.fold_left (fun found (n, v) -> if n = Json.points_of name then Some v else found) None fields
+  | Json.Object fields -> List.fold_left (fun found (n, v) -> if n = Json.points_of name then Some v else
+      found) None fields
   | _ -> refuse "an object was expected, with the field %s" name
 let need name v = match field name v with Some found -> found | None -> refuse "the field %s is missing" name
 let read_field name f v = within name f (need name v)
@@ -33,7 +34,8 @@ let items v = match v with Json.List items -> items | _ -> refuse "a list was ex
 let texts v = List.map text (items v)
 let optional f v = match v with Json.Null -> None | _ -> Some (f v)
 let number v = match v with
-  | Json.Number text -> (match int_of_string_opt text with Some n -> n | None -> refuse "%s is not a small integer" text)
+  | Json.Number text -> (match int_of_string_opt text with Some n -> n | None ->
+      refuse "%s is not a small integer" text)
   | _ -> refuse "an integer was expected"
 let big v = match value v with Num { mantissa; scale = N0 } -> mantissa | _ -> refuse "an integer was expected"
 
@@ -44,7 +46,8 @@ let numbering () =
     | Some n -> n
     | None -> let n = Hashtbl.length known in Hashtbl.add known name n; n
 
-let only v = match v with Json.Object [ (name, inner) ] -> (Json.text_of name, inner) | _ -> refuse "an object with one field was expected"
+let only v = match v with Json.Object [ (name, inner) ] -> (Json.text_of name, inner) | _ ->
+    refuse "an object with one field was expected"
 
 (* How often a parameter stands in a pattern. *)
 let rec uses parameter pattern = match only pattern with
@@ -75,7 +78,8 @@ let call events rigid on =
   let shape = need "pattern" event in
   let parameters = read_field "parameters" texts event in
   let given = read_field "arguments" items on in
-  if List.length parameters <> List.length given then refuse "%d arguments for %d parameters" (List.length given) (List.length parameters);
+  if List.length parameters <> List.length given then refuse "%d arguments for %d parameters" (List.length given)
+      (List.length parameters);
   let argument index parameter a = match only a with
     | "literal", v -> Exactly (value v)
     | "variable", x -> Named (Rigid (rigid (text x)))
@@ -94,7 +98,8 @@ let rec guard lower rigid node_number g = match field "operator" g, field "point
   | Some operator, _ ->
     let operands = items (need "operands" g) in
     let inner () = List.map (guard lower rigid node_number) operands in
-    let rec joined make = function [ one ] -> one | one :: rest -> make one (joined make rest) | [] -> refuse "no operand" in
+    let rec joined make = function [ one ] -> one | one :: rest -> make one (joined make rest) | [] ->
+        refuse "no operand" in
     (match text operator with
      | "and" -> joined (fun a b -> AndThen (a, b)) (inner ())
      | "or" -> joined (fun a b -> OrElse (a, b)) (inner ())
@@ -108,7 +113,8 @@ let rec guard lower rigid node_number g = match field "operator" g, field "point
          | None -> refuse "the operator %s is not supported" name))
   | None, Some point ->
     let node = text (need "node" g) in
-    let n = match node_number node with Some n -> n | None -> refuse "a time point of %s, which is not below the root" node in
+    let n = match node_number node with Some n -> n | None ->
+        refuse "a time point of %s, which is not below the root" node in
     TimeOf (match text point with
         | "at" -> At n | "start" -> Start n | "end" -> End n
         | other -> refuse "unknown time point %s" other)
@@ -158,7 +164,8 @@ let read (v : Json.t) : t =
    | Some (Json.String f), Some (Json.Number "1") when Json.text_of f = "rvaft" -> ()
    | _ -> refuse "not a tree in JSON of version 1; write one by: rvaft show TREE --format json -o TREE.json");
   let name_of = read_field "name" text in
-  let named_items what name v = List.mapi (fun i one -> (within (Printf.sprintf "%s %d" what (i + 1)) name one, one)) (items v) in
+  let named_items what name v = List.mapi (fun i one -> (within (Printf.sprintf "%s %d" what (i + 1)) name one, one))
+      (items v) in
   let events = read_field "events" (named_items "event" name_of) v in
   let named = Hashtbl.create 16 in
   List.iter (fun (name, n) ->
@@ -180,7 +187,8 @@ let read (v : Json.t) : t =
   List.iteri (fun i name -> Hashtbl.replace numbers name i) order;
   let node_number name = Hashtbl.find_opt numbers name in
   List.iteri (fun i name ->
-      if List.exists (fun child -> Hashtbl.find numbers child <= i) (children name) then refuse "node %s: children: there is a cycle" name) order;
+      if List.exists (fun child -> Hashtbl.find numbers child <= i) (children name) then
+          refuse "node %s: children: there is a cycle" name) order;
   let rigid = numbering () in
   let gate n = match read_field "gate" (optional text) n with
     | None -> Leaf | Some "or" -> Or | Some "and" -> And | Some "sand" -> Sand | Some "sand_rl" -> SandRl
@@ -216,12 +224,14 @@ let read (v : Json.t) : t =
       let own = numbering () in let on = read_field "on" (call events own) v in (on, condition own v)) in
   let time = read_field "time" (optional (fun t ->
       (match need "format" t with
-       | Json.String f -> (List.map (function Json.String p -> p | _ -> refuse "a path of fields was expected") (read_field "field" items t),
+       | Json.String f -> (List.map (function Json.String p -> p | _ -> refuse "a path of fields was expected")
+           (read_field "field" items t),
                            Clock.format_of (Json.text_of f))
        | _ -> refuse "times in a strptime format are not supported"), read_field "late" (optional big) t)) v in
   let tree = {
     nodes = List.map made order;
-    top_down = (match read_field "causality" text v with "top_down" -> true | "bottom_up" -> false | other -> refuse "unknown causality %s" other);
+    top_down = (match read_field "causality" text v with "top_down" -> true | "bottom_up" -> false | other ->
+        refuse "unknown causality %s" other);
     ignores = List.mapi ignored (read_field "ignores" items v);
     lateness = Option.bind time snd } in
   if not (well_formed tree) then

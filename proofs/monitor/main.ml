@@ -37,7 +37,8 @@ let hint = "write one by: rvaft show TREE --format json -o TREE.json"
 
 (* The node and child of each choice. *)
 let choices_of written =
-  let wrong why = fail "--choose takes a JSON object with a child for each `or`, as {\"NODE\": \"CHILD\"}, not %s%s" written why in
+  let wrong why =
+    fail "--choose takes a JSON object with a child for each `or`, as {\"NODE\": \"CHILD\"}, not %s%s" written why in
   match Json.parse written with
   | Json.Object fields -> List.map (fun (n, c) -> match c with
       | Json.String c -> (Json.text_of n, Json.text_of c)

@@ -4,6 +4,7 @@ import ctypes
 import os
 import secrets
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from functools import lru_cache
 from mmap import mmap
 from pathlib import Path
@@ -91,6 +92,12 @@ class NativeLog:
             elif head.taken:
                 places = (_Place * head.taken).from_buffer(self._state, ctypes.sizeof(_Head))
                 yield [(one.number, one.line, one.offset) for one in places]
+
+    def close(self) -> None:
+        """Release the memory of the monitor, which reads nothing more."""
+        del self._head
+        with suppress(BufferError):  # a piece that is not read to its end refers to it
+            self._state.close()
 
     def _why(self) -> RvaftError:
         reason = (self._head.reason or b"").decode()

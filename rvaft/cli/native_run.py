@@ -50,6 +50,9 @@ class CompiledLog(Protocol):
     def read(self, data: bytes, *, ended: bool = False) -> Iterator[Sequence[tuple[int, int, int]]]:
         """Read a piece of the log, and yield the places of the events of each detection."""
 
+    def close(self) -> None:
+        """Release the memory of the monitor."""
+
 
 @runtime_checkable
 class Compiling(Protocol):
@@ -137,6 +140,7 @@ class NativeRun:
         self._found.clear()
         self._buffer = buffer
         with ExitStack() as stack:
+            stack.callback(self._log.close)
             if file is None:
                 self._copy = cast("BinaryIO", stack.enter_context(TemporaryFile()))
                 yield cast("BinaryIO", _Fed(stream, self._feed_and_copy, None))

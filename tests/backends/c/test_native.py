@@ -174,3 +174,23 @@ def test_the_engine_checks_each_match(tmp_path: Path, monkeypatch: pytest.Monkey
     found = run("monitor", tree, log, "--semantics", "scattered", "--native")
     assert found.exit_code == 2
     assert "the native monitor failed: the engine has no match at event 2" in found.stderr
+
+
+def test_memory_is_released_after_each_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The memory of a monitor is mapped for its greatest size, so that a few of them would reach a limit."""
+    status = Path("/proc/self/status")
+    if not status.is_file() or compiler() is None:
+        pytest.skip("needs Linux and a C compiler")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    (tree := tmp_path / "tree.rvaft").write_text(WINDOW, encoding="utf-8")
+    (log := tmp_path / "log.jsonl").write_text('{"event": "a", "user": 1}\n' * 3, encoding="utf-8")
+
+    def mapped() -> int:
+        text = status.read_text(encoding="ascii")
+        return next(int(line.split()[1]) for line in text.splitlines() if line.startswith("VmSize"))
+
+    sizes = []
+    for _ in range(4):
+        run("monitor", tree, log, "--semantics", "scattered", "--key", "user", "--native")
+        sizes.append(mapped())
+    assert sizes[-1] - sizes[0] < 100_000  # kilobytes

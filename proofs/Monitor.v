@@ -210,36 +210,16 @@ Qed.
 
 (** ** The monitor *)
 
-Definition tracked_of (t : tree) (r : resolution) : list (tracked event key) :=
-  let os := occurrences_of t r in
-  let ordered := node_pairs t r in
-  let guards := guards_of t r in
-  let part := parts t r in
-  if constants_hold guards
-  then flat_map (fun chosen =>
-         let before := precedes ordered (end_pairs t r (last_in chosen)) in
-         if acyclic before os then [tracked_here t guards part os before] else []) (lasts t r)
-  else [].
-
 Definition all_tracked (t : tree) (w : selection) : list (tracked event key) :=
-  let keep := selected t w in flat_map (tracked_of t) (filter keep (resolutions t)).
+  selected_scenarios (tracked_here t) t w.
 
 Lemma tracked_plans : forall t w, map plan_of (all_tracked t w) = plans t w.
-Proof.
-  intros t w. unfold all_tracked, plans. cbv zeta. generalize (filter (selected t w) (resolutions t)) as l.
-  induction l as [| r l IH]; simpl; auto. rewrite map_app, IH. f_equal. unfold tracked_of, plans_of.
-  destruct (constants_hold (guards_of t r)); auto.
-  induction (lasts t r) as [| chosen m IHm]; simpl; auto. rewrite map_app, IHm. f_equal.
-  destruct (acyclic _ _); auto.
-Qed.
+Proof. intros t w. unfold all_tracked. now rewrite map_scenarios. Qed.
 
 Lemma all_sound : forall t w, WellFormed t -> Forall (Sound covered) (all_tracked t w).
 Proof.
-  intros t w W. apply Forall_forall. intros q I. unfold all_tracked in I. apply in_flat_map in I as (r & I & J).
-  apply filter_In in I as [I _]. apply resolutions_iff in I; auto. unfold tracked_of in J.
-  destruct (constants_hold (guards_of t r)); [| destruct J]. apply in_flat_map in J as (chosen & _ & J).
-  destruct (acyclic _ _) in J; [| destruct J]. destruct J as [<- | []].
-  apply (tracked_sound t _ _ _ _ r). now apply parts_iff.
+  intros t w W. apply Forall_forall. intros q I. apply in_scenarios in I as (r & chosen & I & _ & _ & _ & _ & ->).
+  apply resolutions_iff in I; auto. apply (tracked_sound t _ _ _ _ r). now apply parts_iff.
 Qed.
 
 Definition state := pruned_monitor event key.

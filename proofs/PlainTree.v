@@ -478,24 +478,6 @@ Definition checked (t : tree) (ps : list predicate) (served : bool) (compared : 
 
 (** The predicates [ps] are numbered from 1, and 0 is relevance; [given] are events beside those that are
     made from the patterns, to show that each occurrence can be served. *)
-Definition certify_tree_hoa (mix : mixing) (t : tree) (w : selection) (s : semantics) (ps : list predicate)
-  (given : list value) (fuel : nat) (h : hoa) : refusal + outcome :=
-  let xs := tree_shapes t w ps in
-  checked t ps (forallb (served_among (satisfies t ps) (samples ps given) s) xs)
-    (fun _ => certify_hoa mix s xs (seq 0 (S (length ps))) (tree_letters t ps) fuel h).
-
-Definition certify_tree_ltlf (mix : mixing) (t : tree) (w : selection) (s : semantics) (ps : list predicate)
-  (given : list value) (fuel : nat) (f : formula) : refusal + outcome :=
-  let xs := tree_shapes t w ps in
-  checked t ps (forallb (served_among (satisfies t ps) (samples ps given) s) xs)
-    (fun _ => certify_ltlf mix s xs (seq 0 (S (length ps))) (tree_letters t ps) fuel f).
-
-Definition certify_tree_rml (mix : mixing) (t : tree) (w : selection) (s : semantics) (ps : list predicate)
-  (fuel depth : nat) (equations : list term) (x : term) : refusal + outcome :=
-  checked t ps true
-    (fun _ => certify_rml mix s (tree_shapes t w ps) (seq 0 (S (length ps))) (tree_letters t ps) fuel depth
-                equations x).
-
 Lemma checked_iff : forall t ps served o, checked t ps served o = inr Certified ->
   WellFormed t /\ plain_tree t = true /\ covered t ps = true /\ served = true /\ o tt = Certified.
 Proof.
@@ -510,31 +492,4 @@ Lemma served_tree : forall t w s ps given,
 Proof.
   intros t w s ps given H. apply Forall_forall. intros x I. rewrite forallb_forall in H.
   eapply served_among_servable, H, I.
-Qed.
-
-(** A certified automaton has the verdict of the tree on every trace. *)
-Theorem certify_tree_hoa_correct : forall mix t w s ps given fuel h,
-  certify_tree_hoa mix t w s ps given fuel h = inr Certified ->
-  forall u v, TextVerdict (fun u => HoaAccepts h (valuations (satisfies t ps) u)) u v <-> VerdictOfTree t w s u v.
-Proof.
-  intros mix t w s ps given fuel h H. apply checked_iff in H as (W & P & C & S & H).
-  eapply certified_hoa; eauto using tree_relevance, tree_represented, tree_letters_complete, served_tree.
-Qed.
-
-(** A certified formula has the verdict of the tree on every trace. *)
-Theorem certify_tree_ltlf_correct : forall mix t w s ps given fuel f,
-  certify_tree_ltlf mix t w s ps given fuel f = inr Certified ->
-  forall u v, TextVerdict (fun u => Ltlf.holds (satisfies t ps) f u = true) u v <-> VerdictOfTree t w s u v.
-Proof.
-  intros mix t w s ps given fuel f H. apply checked_iff in H as (W & P & C & S & H).
-  eapply certified_ltlf; eauto using tree_relevance, tree_represented, tree_letters_complete, served_tree.
-Qed.
-
-(** A certified text of RML has the verdict of the tree on every trace. *)
-Theorem certify_tree_rml_correct : forall mix t w s ps fuel depth equations x,
-  certify_tree_rml mix t w s ps fuel depth equations x = inr Certified ->
-  forall u v, RmlVerdict equations x (valuations (satisfies t ps) u) v <-> VerdictOfTree t w s u v.
-Proof.
-  intros mix t w s ps fuel depth equations x H. apply checked_iff in H as (W & P & C & S & H).
-  eapply certified_rml; eauto using tree_relevance, tree_represented, tree_letters_complete.
 Qed.

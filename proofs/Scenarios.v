@@ -829,7 +829,10 @@ Qed.
 
 (** ** Plans *)
 
-Definition plans_of (t : tree) (r : resolution) : list (plan event) :=
+(** What [make] makes of each feasible scenario of a resolution: of its guards, the parts of its nodes,
+    its occurrences and their precedence. *)
+Definition each_scenario {A} (make : list guard -> (nat -> list occurrence) -> list occurrence ->
+  (occurrence -> occurrence -> bool) -> A) (t : tree) (r : resolution) : list A :=
   let os := occurrences_of t r in
   let ordered := node_pairs t r in
   let guards := guards_of t r in
@@ -837,11 +840,41 @@ Definition plans_of (t : tree) (r : resolution) : list (plan event) :=
   if constants_hold guards
   then flat_map (fun chosen =>
          let before := precedes ordered (end_pairs t r (last_in chosen)) in
-         if acyclic before os then [Plan os before (consistent t guards part)] else []) (lasts t r)
+         if acyclic before os then [make guards part os before] else []) (lasts t r)
   else [].
 
+Definition selected_scenarios {A} make (t : tree) (w : selection) : list A :=
+  let keep := selected t w in flat_map (each_scenario make t) (filter keep (resolutions t)).
+
+Lemma in_scenarios : forall A (make : _ -> _ -> _ -> _ -> A) t w c, In c (selected_scenarios make t w) <->
+  exists r chosen, In r (resolutions t) /\ selected t w r = true /\ constants_hold (guards_of t r) = true /\
+    In chosen (lasts t r) /\
+    let before := precedes (node_pairs t r) (end_pairs t r (last_in chosen)) in
+    acyclic before (occurrences_of t r) = true /\
+    c = make (guards_of t r) (parts t r) (occurrences_of t r) before.
+Proof.
+  intros A make t w c; unfold selected_scenarios. rewrite in_flat_map. split.
+  - intros (r & I & J). apply filter_In in I as [I K]. unfold each_scenario in J.
+    destruct (constants_hold (guards_of t r)) eqn:C; [| destruct J].
+    apply in_flat_map in J as (chosen & J & L). cbv zeta in L.
+    destruct (acyclic _ _) eqn:Y in L; [| destruct L]. destruct L as [<- | []].
+    exists r, chosen. repeat split; auto.
+  - intros (r & chosen & I & K & C & J & Y & ->). exists r; split; [apply filter_In; auto |].
+    unfold each_scenario. rewrite C. apply in_flat_map. exists chosen; split; auto. cbv zeta. rewrite Y. simpl; auto.
+Qed.
+
+Lemma map_scenarios : forall A B (f : A -> B) make t w,
+  map f (selected_scenarios make t w) = selected_scenarios (fun g p os before => f (make g p os before)) t w.
+Proof.
+  intros A B f make t w. unfold selected_scenarios. cbv zeta. generalize (filter (selected t w) (resolutions t)) as l.
+  induction l as [| r l IH]; simpl; auto. rewrite map_app, IH. f_equal. unfold each_scenario.
+  destruct (constants_hold (guards_of t r)); auto.
+  induction (lasts t r) as [| chosen m IHm]; simpl; auto. rewrite map_app, IHm. f_equal.
+  destruct (acyclic _ _); auto.
+Qed.
+
 Definition plans (t : tree) (w : selection) : list (plan event) :=
-  let keep := selected t w in flat_map (plans_of t) (filter keep (resolutions t)).
+  selected_scenarios (fun guards part os before => Plan os before (consistent t guards part)) t w.
 
 Lemma in_plans : forall t w c, In c (plans t w) <->
   exists r chosen, In r (resolutions t) /\ selected t w r = true /\ constants_hold (guards_of t r) = true /\
@@ -849,16 +882,7 @@ Lemma in_plans : forall t w c, In c (plans t w) <->
     let before := precedes (node_pairs t r) (end_pairs t r (last_in chosen)) in
     acyclic before (occurrences_of t r) = true /\
     c = Plan (occurrences_of t r) before (consistent t (guards_of t r) (parts t r)).
-Proof.
-  intros t w c; unfold plans. rewrite in_flat_map. split.
-  - intros (r & I & J). apply filter_In in I as [I K]. unfold plans_of in J.
-    destruct (constants_hold (guards_of t r)) eqn:C; [| destruct J].
-    apply in_flat_map in J as (chosen & J & L). cbv zeta in L.
-    destruct (acyclic _ _) eqn:A in L; [| destruct L]. destruct L as [<- | []].
-    exists r, chosen. repeat split; auto.
-  - intros (r & chosen & I & K & C & J & A & ->). exists r; split; [apply filter_In; auto |].
-    unfold plans_of. rewrite C. apply in_flat_map. exists chosen; split; auto. cbv zeta. rewrite A. simpl; auto.
-Qed.
+Proof. intros t w c. unfold plans. apply in_scenarios. Qed.
 
 Theorem plans_lawful : forall t w, WellFormed t -> Forall lawful (plans t w).
 Proof.

@@ -7,7 +7,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable, Hashable, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
@@ -138,19 +138,11 @@ class CMonitor(Monitor):
 
     def __init__(self, text: str) -> None:
         super().__init__()
-        self._text = text
         self._functions = _library(text)
         self._state = ctypes.create_string_buffer(self._functions.rvaft_size())
         self._reader = ctypes.create_string_buffer(self._functions.rvaft_reader_size())
         self._functions.rvaft_init(self._state, 1)
-        self.left_open = self._left_open
-
-    def _left_open(self, trace: Sequence[Json]) -> str:
-        try:
-            list(CMonitor(self._text).run(trace))
-        except NoVerdict as error:
-            return str(error)
-        return ""
+        self.left_open = partial(_left_open, text)  # no cycle, which would keep the memory
 
     def fork(self) -> Self:
         """Return an independent monitor in the same state."""
@@ -192,3 +184,11 @@ class CMonitor(Monitor):
             records.add(data[at + 4 : at + 4 + length])
             at += 4 + length
         return self._verdict, frozenset(records)
+
+
+def _left_open(text: str, trace: Sequence[Json]) -> str:
+    try:
+        list(CMonitor(text).run(trace))
+    except NoVerdict as error:
+        return str(error)
+    return ""

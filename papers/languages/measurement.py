@@ -21,6 +21,7 @@ from functools import cache, cached_property, lru_cache, partial
 from importlib.metadata import version
 from itertools import product
 from multiprocessing.connection import Connection
+from pathlib import Path
 from random import Random
 from statistics import median
 from time import process_time, thread_time
@@ -155,7 +156,8 @@ class Settings:
     """The settings of a measurement.
 
     `limit` bounds translations, in the unit of the language (None: the backend's default).
-    `timeout` is in CPU seconds for one cell, `memory` in megabytes (2**20 bytes) per process.
+    `timeout` is in CPU seconds for one cell, `memory` in megabytes (2**20 bytes) that a process
+    may take beyond what it inherits.
     `seed` selects the events.
     """
 
@@ -394,16 +396,15 @@ def _work(work: Callable[[], object], sender: Connection, seconds: float, clock:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.setitimer(signal.ITIMER_PROF, seconds)
     signal.setitimer(signal.ITIMER_REAL, clock)
-    _, most = resource.getrlimit(resource.RLIMIT_AS)
-    wanted = settings.memory * 2**20
-    resource.setrlimit(resource.RLIMIT_AS, (wanted if most == resource.RLIM_INFINITY else min(wanted, most), most))
+    inherited = resource.getrlimit(resource.RLIMIT_AS)
+    limit_memory(settings.memory * 2**20)
     # a collection of existing objects would copy their pages during a run
     gc.freeze()
     result: object
     try:
         result = work()
     except MemoryError:
-        resource.setrlimit(resource.RLIMIT_AS, (most, most))  # memory to report the failure
+        resource.setrlimit(resource.RLIMIT_AS, inherited)  # memory to report the failure
         result = _Unmeasurable(Outcome.TOO_LARGE, f"megabytes of memory (limit {settings.memory})")
     except Exception as error:  # noqa: BLE001
         known = raised(error)
@@ -411,6 +412,20 @@ def _work(work: Callable[[], object], sender: Connection, seconds: float, clock:
     if process_time() > seconds:  # the system checks its timer only at intervals
         signal.raise_signal(signal.SIGPROF)
     sender.send((result, process_time()))
+
+
+def limit_memory(size: int) -> None:
+    """Let this process map at most `size` bytes beyond those that it has mapped, within its hard
+    limit.
+
+    A forked process inherits what libraries have reserved, which can be gigabytes without use.
+    """
+    pages = 0
+    with suppress(OSError):  # systems without /proc, which do not count inherited memory
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    wanted = pages * resource.getpagesize() + size
+    _, most = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (wanted if most == resource.RLIM_INFINITY else min(wanted, most), most))
 
 
 def _warm_up(language: str, semantics: Semantics) -> None:

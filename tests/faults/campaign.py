@@ -9,7 +9,6 @@ import gc
 import json
 import os
 import pickle
-import resource
 import signal
 from argparse import ArgumentParser
 from collections import defaultdict
@@ -29,6 +28,7 @@ from cross_check.campaign import catalogue
 from cross_check.participants import ENGINE, Participant, reference_of
 from cross_check.results import Job
 from cross_check.traces import Effort, letters_of, trials
+from papers.languages.measurement import limit_memory
 from rvaft import RVAFT, NotExpressible, Semantics, TooLarge, Verdict
 from rvaft.backend import backend
 from rvaft.core.branches import restrict
@@ -127,7 +127,7 @@ def in_a_child(work: Callable[[], Any], seconds: float) -> Any:
     child = os.fork()
     if child == 0:
         os.close(read)
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, resource.getrlimit(resource.RLIMIT_AS)[1]))
+        limit_memory(MEMORY)
         signal.setitimer(signal.ITIMER_PROF, seconds)
         try:
             found = work()

@@ -1,5 +1,6 @@
 """Monitors in C: warnings, sanitizers, static analysis, and the program of `rvaft build`."""
 
+import gc
 import json
 import re
 import shutil
@@ -11,6 +12,7 @@ from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 from random import Random
+from weakref import ref
 
 import pytest
 
@@ -126,6 +128,19 @@ def test_the_size_is_told(backend: CBackend, semantics: Semantics) -> None:
         found = re.search(r"sizeof\(rvaft_monitor\) is (\d+) bytes", text)
         assert found is not None
         assert int(found[1]) == CMonitor(text).size
+
+
+def test_memory_is_released_without_a_collection() -> None:
+    """The state of a monitor has its greatest size, so that a few hundred of them would reach a limit."""
+    made = CMonitor(BACKEND.translate(loads(WINDOW), SCATTERED).text)
+    twin = made.fork()
+    gone = [ref(made), ref(twin)]
+    gc.disable()
+    try:
+        del made, twin
+        assert [one() for one in gone] == [None, None]
+    finally:
+        gc.enable()
 
 
 def test_other_texts() -> None:

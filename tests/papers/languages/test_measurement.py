@@ -1,5 +1,6 @@
 """What is compared and measured: gates, walks, sizes and speeds; the three words, and what goes wrong."""
 
+import mmap
 import multiprocessing
 import os
 import signal
@@ -203,6 +204,13 @@ def test_what_goes_wrong_is_in_the_row(
     assert row.symbols == (7 if row.result is Outcome.OK else None)
     assert row.events_per_second is None
     assert capfd.readouterr().err == ""
+
+
+def test_memory_that_a_process_inherits_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    plant(monkeypatch, Odd(partial(bytearray, 1 << 28)))
+    with closing(mmap.mmap(-1, 6 << 30)):
+        row = one(memory=2048)
+    assert (row.result, row.reason) == OK
 
 
 @pytest.mark.ci

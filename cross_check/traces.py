@@ -118,9 +118,16 @@ def _words(participants: Iterable[Participant], events: int, longest: int) -> It
 
 def letters_of(observed: Iterable[Iterable[Observed]], *, proof: bool = False) -> Letters:
     """Return the letters of several participants, with twins for a `proof`; raises `TooLarge`."""
-    return _remembered(frozenset(chain.from_iterable(observed)), proof=proof)
+    match _remembered(frozenset(chain.from_iterable(observed)), proof=proof):
+        case TooLarge() as error:
+            raise error
+        case found:
+            return found
 
 
 @lru_cache(maxsize=16)
-def _remembered(questions: frozenset[Observed], *, proof: bool) -> Letters:
-    return (with_twins if proof else letters)(sorted(questions, key=repr))
+def _remembered(questions: frozenset[Observed], *, proof: bool) -> Letters | TooLarge:
+    try:
+        return (with_twins if proof else letters)(sorted(questions, key=repr))
+    except TooLarge as error:
+        return error.with_traceback(None)

@@ -3,7 +3,7 @@
 import math
 from itertools import product
 from random import Random
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any, Final
 
 import pytest
@@ -106,6 +106,21 @@ def test_too_many_letters_and_too_many_values_to_try() -> None:
     fields = ", ".join(f"v{number}: V{number}" for number in range(6))
     with pytest.raises(TooLarge):
         letters([question(f"{{{fields}}} when {five}")])
+
+
+@pytest.mark.ci
+def test_the_limit_is_reached_in_seconds() -> None:
+    patterns = ('{k: "kx", x: X}', "{n: {l: [X, _], x: 1.5}}", "{x: X, y: Y}", "{y: X}")
+    guards = (
+        "X * 2 != 1 and (not X < X and X >= 0) and abs(X) >= 2",
+        "X != X and X / 2 == null",
+        'lower(X) != ""',
+        "number(X) != 2",
+    )
+    start = process_time()
+    with pytest.raises(TooLarge, match="values to try"):
+        letters([question(f"{pattern} when {guard}") for pattern in patterns for guard in guards])
+    assert process_time() - start < 30  # 5 s where nothing else runs
 
 
 def test_speed_of_the_common_case() -> None:

@@ -24,6 +24,8 @@ from rvaft.api import loads
 from rvaft.core.branches import restrict
 from rvaft.errors import NotExpressible, TooLarge
 from rvaft.language.printer import dumps
+from rvaft.model.assumptions import first_violation
+from rvaft.model.patterns import Anything, SomeItem, walk
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Semantics
@@ -112,13 +114,17 @@ def _compared(samples: Iterable[Sample], tmp_path: Path) -> int:
     found = []
     for tree, semantics, some in samples:
         try:
-            text = RmlBackend().translate(tree, semantics, limit=3_000).text
+            made = RmlBackend().translate(tree, semantics, limit=3_000)
         except TooLarge:
             continue
         except NotExpressible:
-            assert tree.variables or tree.time is not None or asks_of_strings(tree, semantics), dumps(tree)
+            patterns = [tree.pattern(name) or Anything() for name in tree.nodes]
+            lists = any(isinstance(part, SomeItem) for pattern in patterns for part in walk(pattern))
+            assert tree.variables or tree.time is not None or lists or asks_of_strings(tree, semantics), dumps(tree)
             continue
+        text = made.text
         kept = [one for one in some if all(map(is_finite, one)) and not _deviations(text, one)]
+        kept = [one for one in kept if first_violation(tree, one, made.assumes) is None]
         found.append((text, kept, ["?" + signs(Reference(tree, semantics), one) for one in kept]))
     few = _all_compiled([text for text, _, _ in found if _is_compiled(text)], tmp_path)
     compilations, jobs = iter(few), []

@@ -6,7 +6,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple, Self, TypeAlias
 
-from rvaft.errors import RvaftError, TraceError
+from rvaft.errors import RvaftError, TooLarge, TraceError
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -113,6 +113,8 @@ class Ended:
 
 AHEAD: Final = 256
 """Minimum number of announced events that a `DetectionMonitor` evaluates at once."""
+LIVE: Final = 5_000
+"""Maximum number of events that a `DetectionMonitor` evaluates after each event."""
 DEFAULT_BRANCHES: Final = 100
 """The maximum number of branches that `Monitor.pending` lists separately."""
 
@@ -222,7 +224,8 @@ class DetectionMonitor(Monitor):
 
     `first_detections` raises an error for a trace that the language leaves undefined (`left_open`);
     comparisons skip it. The function is called for a few prefixes of the events that `expect`
-    announces, each about twice as long as the one before, and else for all events after each event.
+    announces, each about twice as long as the one before, and else for all events after each event,
+    up to `LIVE` (`TooLarge`).
 
     >>> two = DetectionMonitor(lambda traces: [2 if len(trace) > 1 else None for trace in traces])
     >>> [verdict.symbol for verdict in two.run([{}, {}, {}])], two.first_detections([[], [{}, {}]])
@@ -264,6 +267,9 @@ class DetectionMonitor(Monitor):
             return Verdict.TRUE if found else Verdict.UNKNOWN
         self._events = (*self._coming, *self._events, event)
         self._coming, self._own = (), 0
+        if len(self._events) > LIVE:
+            what = "events, which are all evaluated after each event"
+            raise TooLarge(what, limit=LIVE, remedy="give the log as a file, or use the engine")
         (first,) = self.first_detections([self._events])
         return Verdict.UNKNOWN if first is None else Verdict.TRUE
 

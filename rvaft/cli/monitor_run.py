@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 from functools import partial
-from io import BytesIO
+from io import BytesIO, IOBase
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from threading import Timer
@@ -19,6 +19,7 @@ from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow
 from rvaft.errors import OptionError, RvaftError, TooLarge, TraceError
 from rvaft.export import PICTURES, fired_dot, fired_text, picture
 from rvaft.model.values import Json
+from rvaft.monitors import LIVE
 from rvaft.readers.json_lines import LinesRead
 from rvaft.readers.log import Live, Log, LogReader, LogSource, open_log, source_of, suffix
 from rvaft.stream import bulk, whole_log
@@ -201,7 +202,13 @@ class _Run(Listener):
         self._log = None
         try:
             if (answer := self._answer(run, trace)) is None:
-                backends = not (plan.monitors.engines or trace.live or settings.follow)
+                comes = settings.follow or trace.live or isinstance(trace.events, IOBase)
+                if comes and plan.monitors.evaluate_prefixes:
+                    self.sink.warn(
+                        f"the backend evaluates all events of {trace.name} after each event, at most {LIVE:,}: "
+                        "give a complete log as a file, or omit --backend"
+                    )
+                backends = not (plan.monitors.engines or comes)
                 with _shown(f"the backend evaluates {trace.name} as a whole") if backends else nullcontext():
                     self._read(run, trace)
             else:

@@ -20,7 +20,7 @@ from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import Ended, Explanation, Monitor, Repetition
+from rvaft.monitors import DetectionMonitor, Ended, Explanation, Monitor, Repetition
 from rvaft.stream.statistics import EventKind, EventTypeIndex
 
 MOST: Final = 1_000
@@ -157,10 +157,12 @@ class MonitorSet:
 
     def _take_over(self, monitors: tuple[Monitor, ...]) -> None:
         self.monitors = monitors
-        current = (monitor.current if isinstance(monitor, Repetition) else monitor for monitor in monitors)
+        current = [monitor.current if isinstance(monitor, Repetition) else monitor for monitor in monitors]
         engines = tuple(monitor for monitor in current if isinstance(monitor, Engine))
         self.engines = engines if len(engines) == len(monitors) else ()
         """The monitors, if all are engines, else ()."""
+        self.evaluate_prefixes = any(isinstance(monitor, DetectionMonitor) for monitor in current)
+        """Whether a monitor evaluates all events after each event that was not announced."""
         if self.engines:
             self._read = self.engines[0].read
 

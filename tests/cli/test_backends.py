@@ -98,3 +98,21 @@ def test_an_error_follows_the_events_before_it(tmp_path: Path) -> None:
     assert done.exit_code == 2
     assert "event 2: true" in done.stdout
     assert "log.jsonl:3: not JSON" in done.stderr
+
+
+@pytest.mark.parametrize(("backend", "warned"), [("sql", True), ("automaton", False)])
+def test_events_that_come_one_by_one_are_evaluated_up_to_a_limit(
+    backend: str, warned: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rvaft.monitors.LIVE", 2)
+    (tree := tmp_path / "tree.rvaft").write_text("top sand x y z;")
+    events = "".join(f'{{"event": "{name}"}}\n' for name in "xyz")
+    done = run("monitor", tree, "-", "--backend", backend, "--semantics", "scattered", data=events)
+    assert ("the backend evaluates all events of <stdin> after each event" in done.stderr) is warned
+    assert ("which are all evaluated after each event (limit 2)" in done.stderr) is warned
+    assert done.exit_code == (2 if warned else 1)
+    file = tmp_path / "log.jsonl"
+    file.write_text(events)
+    whole = run("monitor", tree, file, "--backend", backend, "--semantics", "scattered")
+    assert "warning: the backend" not in whole.stderr
+    assert whole.exit_code == 1

@@ -22,18 +22,23 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
 from random import Random
 from statistics import median
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import orjson
 import pytest
 
-from rvaft import Monitor, NotExpressible, Semantics, Verdict, load, loads, monitor, translate
+from backends.mfotl import monpoly
+from backends.mtl import r2u2
+from rvaft import RVAFT, Monitor, NotExpressible, Semantics, Verdict, load, loads, monitor, translate
 from rvaft.backend import backend
 from rvaft.cli import main
+from rvaft.model.values import Json
+from rvaft.monitors import DetectionMonitor
 from tests.benchmarks.conftest import Ratios
 from tests.benchmarks.logs import BOUND, ENDING, TREE, Log, attacks, ignoring_tree, inspections, telemetry
 
@@ -621,3 +626,54 @@ def test_two_processes_read_one_file(tmp_path: Path, capsys: pytest.CaptureFixtu
     with capsys.disabled():
         sys.stdout.write(f"\none process {one:.3f} s, two {two:.3f} s: {one / two:.2f} x\n")
     assert one / two > 1.4
+
+
+# -- the tools of other languages ------------------------------------------------------------------------------------
+
+
+def other_tools(tree: RVAFT) -> dict[str, Callable[[Sequence[Json]], int | None]]:
+    """The tools that are there: `eql`, MonPoly and VeriMon (`MONPOLY`), and R2U2 (`R2U2`); each with the
+    text of the tree in its language.
+    """
+    made = {name: translate(tree, name, semantics="scattered").text for name in ("eql", "mfotl", "mtl-r2u2")}
+    found: dict[str, Callable[[Sequence[Json]], int | None]] = {}
+    if find_spec("eql") is not None:
+        query = cast("DetectionMonitor", backend("eql").read(made["eql"]))
+        found["eql"] = lambda trace: query.first_detections([trace])[0]
+    if (program := Path(os.environ.get("MONPOLY", ""))).is_file():
+        for name, verified in (("MonPoly", False), ("VeriMon", True)):
+            ask = partial(monpoly.first_detections, program, made["mfotl"], verified=verified, timeout=300)
+            found[name] = lambda trace, ask=ask: ask([trace])[0]  # type: ignore[misc]
+    if (bounded := Path(os.environ.get("R2U2", ""))).is_file():
+        found["R2U2"] = lambda trace: r2u2.first_detections(bounded, made["mtl-r2u2"], [trace], timeout=300)[0]
+    return found
+
+
+@pytest.mark.benchmark
+def test_the_tools_of_other_languages(capsys: pytest.CaptureFixture[str], ratios: Ratios) -> None:
+    """A sequence that the last of 20,000 events detects, in processor time of all processes, with
+    the start of programs; the engine takes less than each of them.
+    """
+    tree = loads("top sand a b c;")
+    trace = [{"event": "a" if number % 5 == 0 else "x", "n": number} for number in range(20_000)]
+    trace[-2:] = [{"event": "b"}, {"event": "c"}]
+
+    def engine(events: Sequence[Json]) -> int | None:
+        verdicts = monitor(tree, semantics="scattered").run(events)
+        return next((number for number, verdict in enumerate(verdicts, 1) if verdict is Verdict.TRUE), None)
+
+    def taken(tool: Callable[[Sequence[Json]], int | None]) -> float:
+        gc.collect()
+        before = os.times()
+        assert tool(trace) == len(trace)
+        return sum(os.times()[:4]) - sum(before[:4])
+
+    engine(trace)
+    own = min(taken(engine) for _ in range(5))
+    lines = [f"{'rvaft':10} {own:8.3f} s"]
+    for name, tool in other_tools(tree).items():
+        other = min(taken(tool) for _ in range(2))
+        ratios.add("a sequence in 20,000 events, scattered", name, own / other, 1.0)
+        lines.append(f"{name:10} {other:8.3f} s, {other / own:.0f} times as long")
+        assert own < other, name
+    require_fast(capsys, lines, [])

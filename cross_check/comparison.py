@@ -44,7 +44,7 @@ from cross_check.traces import Effort, Trace, letters_of, trials
 from rvaft.api import narrowed
 from rvaft.backend import Match
 from rvaft.core.branches import restrict
-from rvaft.errors import TooLarge
+from rvaft.errors import NoVerdict, TooLarge
 from rvaft.model.assumptions import first_violation
 from rvaft.model.expressions import assumptions_text
 from rvaft.model.nodes import Assumption, Kind
@@ -438,8 +438,10 @@ class Comparison:
         for number, row in enumerate(able):
             row.verdicts += found.verdicts if number else 0
             row.detected = number in found.detected
-            if number in found.failed:
-                row.fail(found.failed[number])
+            if isinstance(error := found.failed.get(number), NoVerdict):
+                row.why = f"no verdict for a letter: {error}"
+            elif error is not None:
+                row.fail(error)
             elif number in found.tied or (number and 0 in found.tied):
                 row.why = VARIABLES
             elif number in found.differ:

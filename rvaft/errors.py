@@ -96,6 +96,14 @@ class TooLarge(RvaftError, RuntimeError):
             self.add_note(remedy)
 
 
+class NoVerdict(RvaftError, RuntimeError):
+    """A monitor has no verdict after an event, where its language leaves the trace open.
+
+    >>> print(NoVerdict("event 1: a number needs more than 64 bits"))
+    event 1: a number needs more than 64 bits
+    """
+
+
 class CheckpointError(RvaftError, ValueError):
     """A checkpoint cannot be written or used; `file` is its path.
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from sys import executable
 from typing import Final, Self
 
-from rvaft.errors import LanguageError, RvaftError, ToolFailed, ToolMissing
+from rvaft.errors import LanguageError, NoVerdict, ToolFailed, ToolMissing
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
@@ -126,10 +126,6 @@ def _library(text: str) -> ctypes.CDLL:
     return found
 
 
-class NoVerdict(RvaftError, RuntimeError):
-    """A native monitor has no verdict: an array is full, or a number has more than 64 bits."""
-
-
 class CMonitor(Monitor):
     """Runs the functions of a compiled text.
 
@@ -190,5 +186,5 @@ def _left_open(text: str, trace: Sequence[Json]) -> str:
     try:
         list(CMonitor(text).run(trace))
     except NoVerdict as error:
-        return str(error)
+        return str(error).partition(": ")[2]  # without the event
     return ""

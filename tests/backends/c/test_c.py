@@ -17,12 +17,13 @@ from weakref import ref
 import pytest
 
 from backends.c import CBackend
-from backends.c.library import CMonitor, NoVerdict, compile_c, compiler
+from backends.c.library import CMonitor, compile_c, compiler
 from cross_check.generate.disturbances import disturbed
 from cross_check.generate.traces import NoTraceFound, detecting, random_trace
 from cross_check.generate.trees import Shape, random_tree
 from rvaft import RVAFT, LanguageError, NotExpressible, Semantics, TooLarge, TraceError, load, loads, monitor
 from rvaft.core.classifier import TreeReads
+from rvaft.errors import NoVerdict
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Repetition
@@ -128,6 +129,15 @@ def test_the_size_is_told(backend: CBackend, semantics: Semantics) -> None:
         found = re.search(r"sizeof\(rvaft_monitor\) is (\d+) bytes", text)
         assert found is not None
         assert int(found[1]) == CMonitor(text).size
+
+
+def test_a_letter_of_more_than_64_bits_is_no_failure(tmp_path: Path) -> None:
+    (tree := tmp_path / "tree.rvaft").write_text(
+        "event p(v) = { x: v }; top or a b; a on p(X) when not X / 2 > null; b on p(2);", encoding="utf-8"
+    )
+    done = run("cross-check", tree, "--backends", "c", "--semantics", "scattered")
+    assert done.exit_code == 0, done.output
+    assert re.search(r" c .* tested: .*masked \(a number or a time needs more than 64 bits\)", done.stdout)
 
 
 def test_memory_is_released_without_a_collection() -> None:

@@ -584,86 +584,74 @@ RVAFT_UNUSED static rvaft_value like(rvaft_value a, rvaft_value glob) {
     return truth(sign == glob.size);
 }
 
-/* Decimals: exact conversion between decimal digits and doubles. */
+/* Decimals: exact conversion between decimal digits and doubles. Conditions on a bound that always
+   holds let a static analysis of this file prove that nothing overflows. */
 
-#define DIGITS 800
+#define DIGITS 800U
+#define MORE 24U /* digits that a shift adds */
+#define FAR 100000 /* a power of 10 of which no double is near */
+#define DIGIT(c) ((unsigned char)(c) & 0xFU)
 
 typedef struct decimal {
-    int count;     /* of digits, without zeros at the end */
-    int point;     /* the value is 0.ddd * 10^point */
-    int truncated; /* whether digits were lost, which were not all zero */
-    uint8_t digit[DIGITS + 32];
+    uint32_t count; /* of digits, without zeros at the end */
+    int point;      /* the value is 0.ddd * 10^point */
+    int truncated;  /* whether digits were lost, which were not all zero */
+    uint8_t digit[DIGITS + 2U * MORE];
 } decimal;
 
+static uint32_t count_of(const decimal *d) { return d->count < DIGITS ? d->count : DIGITS; }
+
 static void trim(decimal *d) {
-    if (d->count > DIGITS) {
-        int i;
-        for (i = DIGITS; i < d->count; i++) {
-            d->truncated |= d->digit[i] != 0;
-        }
-        d->count = DIGITS;
+    uint32_t i, count = d->count;
+    for (i = DIGITS; i < count && i < DIGITS + MORE; i++) {
+        d->truncated |= d->digit[i] != 0;
     }
-    while (d->count > 0 && d->digit[d->count - 1] == 0) {
-        d->count--;
+    count = count_of(d);
+    while (count > 0 && d->digit[count - 1] == 0) {
+        count--;
     }
-    if (d->count == 0) {
+    d->count = count;
+    if (count == 0) {
         d->point = 0;
     }
 }
 
 static void shift_left(decimal *d, int bits) {
     uint64_t rest = 0;
-    uint8_t first[24];
-    int i, more = 0;
-    for (i = d->count - 1; i >= 0; i--) {
-        rest += (uint64_t)d->digit[i] << bits;
-        d->digit[i] = (uint8_t)(rest % 10);
+    uint32_t i, first = MORE, count = count_of(d);
+    for (i = count; i > 0; i--) {
+        rest += (uint64_t)d->digit[i - 1] << bits;
+        d->digit[i - 1 + MORE] = (uint8_t)(rest % 10);
         rest /= 10;
     }
-    while (rest != 0 && more < 24) {
-        first[more++] = (uint8_t)(rest % 10);
+    while (rest != 0 && first > 0) {
+        d->digit[--first] = (uint8_t)(rest % 10);
         rest /= 10;
     }
-    memmove(d->digit + more, d->digit, (size_t)d->count);
-    for (i = 0; i < more; i++) {
-        d->digit[i] = first[more - 1 - i];
-    }
-    d->count += more;
-    d->point += more;
+    d->count = count + MORE - first;
+    d->point += d->point < FAR ? (int)(MORE - first) : 0;
+    memmove(d->digit, d->digit + first, d->count);
     trim(d);
 }
 
 static void shift_right(decimal *d, int bits) {
     uint64_t rest = 0, mask = (UINT64_C(1) << bits) - 1;
-    int from = 0, to = 0;
-    while (rest >> bits == 0) {
-        if (from >= d->count) {
-            if (rest == 0) {
-                d->count = 0;
-                trim(d);
-                return;
-            }
-            while (rest >> bits == 0) {
-                rest *= 10;
-                from++;
-            }
-            break;
-        }
-        rest = rest * 10 + d->digit[from++];
+    uint32_t count = count_of(d), from = 0, to = 0;
+    while (rest >> bits == 0 && (from < count || rest != 0) && from < DIGITS + MORE) {
+        rest = rest * 10 + (from < count ? d->digit[from] : 0U);
+        from++;
     }
-    d->point -= from - 1;
-    while (from < d->count) {
-        uint8_t digit = (uint8_t)(rest >> bits);
-        rest = (rest & mask) * 10 + d->digit[from++];
-        d->digit[to++] = digit;
-    }
-    while (rest > 0) {
+    d->point -= d->point > -FAR && from > 0 ? (int)from - 1 : 0;
+    while (from < count || rest != 0) {
         uint8_t digit = (uint8_t)(rest >> bits);
         rest = (rest & mask) * 10;
+        if (from < count) {
+            rest += d->digit[from++];
+        }
         if (to < DIGITS) {
             d->digit[to++] = digit;
-        } else if (digit != 0) {
-            d->truncated = 1;
+        } else {
+            d->truncated |= digit != 0;
         }
     }
     d->count = to;
@@ -672,16 +660,16 @@ static void shift_right(decimal *d, int bits) {
 
 static uint64_t rounded(const decimal *d) {
     uint64_t n = 0;
-    int i, up = 0;
-    for (i = 0; i < d->point && i < d->count; i++) {
+    int i, up = 0, count = (int)count_of(d);
+    for (i = 0; i < d->point && i < count; i++) {
         n = n * 10 + d->digit[i];
     }
     for (; i < d->point; i++) {
         n *= 10;
     }
-    if (d->point >= 0 && d->point < d->count) {
+    if (d->point >= 0 && d->point < count) {
         up = d->digit[d->point] >= 5;
-        if (d->digit[d->point] == 5 && d->point + 1 == d->count) {
+        if (d->digit[d->point] == 5 && d->point + 1 == count) {
             up = d->truncated || (n & 1) != 0;
         }
     }
@@ -705,12 +693,12 @@ static double nearest(decimal *d) {
     if (d->point > 310) {
         return from_bits(UINT64_C(0x7FF) << 52);
     }
-    while (d->point > 0) {
+    while (d->point > 0 && exponent < FAR) {
         int bits = d->point >= 9 ? 27 : steps[d->point];
         shift_right(d, bits);
         exponent += bits;
     }
-    while (d->point < 0 || (d->point == 0 && d->digit[0] < 5)) {
+    while ((d->point < 0 || (d->point == 0 && d->digit[0] < 5)) && exponent > -FAR) {
         int bits = -d->point >= 9 ? 27 : steps[-d->point];
         shift_left(d, bits);
         exponent -= bits;
@@ -762,7 +750,7 @@ static inline size_t digits_end(const char *text, size_t at, size_t size) {
     while (at < size && text[at] >= '0' && text[at] <= '9') {
         at++;
     }
-    return at;
+    return at < size ? at : size;
 }
 
 /* Pass a JSON number at a place; `point` is 1 where it has a decimal point or an exponent. Returns the
@@ -796,67 +784,69 @@ static inline uint32_t number_end(const char *text, uint32_t place, uint32_t siz
     return (uint32_t)at;
 }
 
-/* The decimal that a JSON number writes. */
-static void read_decimal(const char *text, uint32_t size, decimal *d) {
-    uint32_t at = text[0] == '-';
-    int exponent = 0, minus = 0, dot = 0;
-    d->count = 0;
-    d->point = 0;
-    d->truncated = 0;
-    for (; at < size && text[at] != 'e' && text[at] != 'E'; at++) {
-        if (text[at] == '.') {
-            dot = 1;
-            continue;
-        }
-        if (d->count == 0 && text[at] == '0') {
-            d->point -= dot;
-            continue;
-        }
-        if (d->count < DIGITS) {
-            d->digit[d->count++] = (uint8_t)(text[at] - '0');
-        } else {
-            d->truncated |= text[at] != '0';
-        }
-        d->point += !dot;
-    }
-    if (at < size) {
+/* The exponent of a JSON number, whose `e` is at a place. With more than 17 digits it is less than it
+   says, but greater than what a text has room for. */
+static int64_t exponent_of(const char *text, uint32_t at, uint32_t end) {
+    int64_t n = 0;
+    int minus = 0;
+    at++;
+    if (at < end && (text[at] == '+' || text[at] == '-')) {
+        minus = text[at] == '-';
         at++;
-        if (text[at] == '+' || text[at] == '-') {
-            minus = text[at] == '-';
-            at++;
-        }
-        for (; at < size; at++) {
-            exponent = exponent > 100000000 ? exponent : exponent * 10 + (text[at] - '0');
-        }
-        if (d->count != 0) {
-            d->point += minus ? -exponent : exponent;
+    }
+    for (; at < end; at++) {
+        if (n < INT64_C(100000000000000000)) {
+            n = n * 10 + DIGIT(text[at]);
         }
     }
+    return minus ? -n : n;
+}
+
+/* The decimal that a JSON number between two places writes. */
+static void read_decimal(const char *text, uint32_t at, uint32_t end, decimal *d) {
+    uint32_t first = NONE, dot = NONE;
+    int64_t point;
+    memset(d, 0, sizeof *d);
+    at += text[at] == '-';
+    for (; at < end && text[at] != 'e' && text[at] != 'E'; at++) {
+        uint8_t digit = DIGIT(text[at]);
+        if (text[at] == '.') {
+            dot = at;
+        } else if (d->count != 0 || digit != 0) {
+            first = first < at ? first : at;
+            if (d->count < DIGITS) {
+                d->digit[d->count++] = digit;
+            } else {
+                d->truncated |= digit != 0;
+            }
+        }
+    }
+    dot = dot < at ? dot : at;
+    point = (int64_t)dot - (int64_t)first + (first < dot ? 0 : 1) + exponent_of(text, at, end);
+    d->point = point > FAR ? FAR : point < -FAR ? -FAR : (int)point;
     trim(d);
 }
 
-/* The digits of a double with more than 64 bits; `to` has room for 320. Returns their number. */
+#define MOST_SIZE 320U /* of the digits of a double */
+
+/* The digits of a double with more than 64 bits; `to` has room for MOST_SIZE. Returns their number. */
 static uint32_t digits_of(double value, char *to) {
     decimal d;
     uint64_t bits, mantissa;
-    int exponent, i, most;
+    int exponent, i;
     uint32_t size = 0;
     memcpy(&bits, &value, sizeof bits);
     mantissa = (bits & ((UINT64_C(1) << 52) - 1)) | UINT64_C(1) << 52;
     exponent = (int)((bits >> 52) & 0x7FFU) - 1075;
-    d.count = 0;
-    d.truncated = 0;
-    for (i = 19; i >= 0; i--) {
+    memset(&d, 0, sizeof d);
+    for (i = 15; i >= 0; i--) {
         d.digit[i] = (uint8_t)(mantissa % 10);
         mantissa /= 10;
     }
-    for (i = 0; d.digit[i] == 0; i++) {
-    }
-    memmove(d.digit, d.digit + i, (size_t)(20 - i));
-    d.count = 20 - i;
-    d.point = d.count;
+    d.count = 16;
+    d.point = 16;
     trim(&d);
-    while (exponent > 0) {
+    while (exponent > 0 && d.point < FAR) {
         int step = exponent > 59 ? 59 : exponent;
         shift_left(&d, step);
         exponent -= step;
@@ -864,70 +854,58 @@ static uint32_t digits_of(double value, char *to) {
     if (value < 0) {
         to[size++] = '-';
     }
-    most = d.point < 310 ? d.point : 310;
-    for (i = 0; i < most; i++) {
-        to[size++] = (char)('0' + (i < d.count ? d.digit[i] : 0));
+    for (i = 0; i < d.point && size < MOST_SIZE; i++) {
+        to[size++] = (char)('0' + (i < (int)count_of(&d) ? d.digit[i] : 0));
     }
     return size;
 }
 
-/* The value of a JSON number. A BIG that a decimal point or an exponent writes has no digits:
-   `digits`, if not NULL, has room for 320 of them. */
-static rvaft_value read_number(const char *text, uint32_t size, int point, char *digits) {
+/* The value of the JSON number between two places. A BIG that a decimal point or an exponent writes
+   has no digits: `digits`, if not NULL, has room for MOST_SIZE of them. */
+static rvaft_value read_number(const char *text, uint32_t at, uint32_t end, int point, char *digits) {
     static const double powers[23] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,
                                       1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
+    const uint32_t start = at;
     rvaft_value v;
     uint64_t n = 0;
-    uint32_t at = text[0] == '-';
-    double d;
+    int minus = text[at] == '-';
+    at += minus != 0;
     if (!point) {
-        if (size - at <= 18) {
-            for (; at < size; at++) {
-                n = n * 10 + (uint64_t)(text[at] - '0');
-            }
-            v = integer(text[0] == '-' ? -(int64_t)n : (int64_t)n);
-        } else {
-            uint64_t limit = (uint64_t)INT64_MAX + (uint64_t)(text[0] == '-');
-            v = bytes_of(RVAFT_BIG, text, size);
-            if (size - at == 19) {
-                for (; at < size; at++) {
-                    n = n * 10 + (uint64_t)(text[at] - '0');
-                }
-                if (n <= limit) {
-                    v = integer(text[0] == '-' ? (int64_t)(0U - n) : (int64_t)n);
-                }
-            }
+        uint32_t size = end - at;
+        if (size > 19) {
+            return bytes_of(RVAFT_BIG, text + start, end - start);
         }
+        for (; at < end; at++) {
+            n = n * 10 + DIGIT(text[at]);
+        }
+        if (size == 19 && n > (uint64_t)INT64_MAX + (uint64_t)minus) {
+            return bytes_of(RVAFT_BIG, text + start, end - start);
+        }
+        v = integer((int64_t)(minus ? 0U - n : n));
     } else {
-        int scale = 0, significant = 0, dot = 0, exponent = 0, minus = 0;
-        for (; at < size && text[at] != 'e' && text[at] != 'E' && significant <= 15; at++) {
+        uint32_t dot = NONE;
+        int significant = 0;
+        int64_t power = 0;
+        double d;
+        for (; at < end && text[at] != 'e' && text[at] != 'E' && significant <= 15; at++) {
             if (text[at] == '.') {
-                dot = 1;
+                dot = at;
             } else {
-                n = n * 10 + (uint64_t)(text[at] - '0');
+                n = n * 10 + DIGIT(text[at]);
                 significant += n != 0;
-                scale += dot;
             }
         }
-        if (significant <= 15 && at < size) {
-            at++;
-            if (text[at] == '+' || text[at] == '-') {
-                minus = text[at] == '-';
-                at++;
-            }
-            for (; at < size; at++) {
-                exponent = exponent > 100000 ? exponent : exponent * 10 + (text[at] - '0');
-            }
+        if (significant <= 15) {
+            power = exponent_of(text, at, end) - (dot < at ? (int64_t)(at - dot) - 1 : 0);
         }
-        exponent = (minus ? -exponent : exponent) - scale;
-        if (significant <= 15 && exponent >= -22 && exponent <= 22) {
-            d = exponent < 0 ? (double)n / powers[-exponent] : (double)n * powers[exponent];
+        if (significant <= 15 && power >= -22 && power <= 22) {
+            d = power < 0 ? (double)n / powers[-power] : (double)n * powers[power];
         } else {
             decimal exact;
-            read_decimal(text, size, &exact);
+            read_decimal(text, start, end, &exact);
             d = nearest(&exact);
         }
-        d = text[0] == '-' ? -d : d;
+        d = minus ? -d : d;
         v = rvaft_real(d);
         if (v.tag == RVAFT_BIG && digits != NULL) {
             v = bytes_of(RVAFT_BIG, digits, digits_of(d, digits));
@@ -950,7 +928,7 @@ RVAFT_UNUSED static rvaft_value number_of(int *error, rvaft_value v) {
     if (!point && v.size - (v.text[0] == '-') > MOST_DIGITS) {
         return plain(RVAFT_UNDEFINED);
     }
-    v = read_number(v.text, v.size, point, NULL);
+    v = read_number(v.text, 0, v.size, point, NULL);
     return v.tag == RVAFT_BIG && v.text == NULL ? unsupported(error) : v;
 }
 

@@ -1004,22 +1004,29 @@ static uint32_t hash_bytes(uint64_t h, const char *text, uint32_t size) {
     return mixed(h);
 }
 
+static uint32_t *text_bucket(pool *t, uint32_t hash) { return &t->head[hash & t->mask & (RVAFT_BUCKETS - 1)]; }
+
+/* Note that a value is in use. */
+static void mark_text(pool *t, const cell *c) {
+    if (c->tag >= RVAFT_BIG && c->bits >= 0 && c->bits < (int64_t)RVAFT_TEXTS) {
+        t->live[c->bits] = 1;
+    }
+}
+
 static void mark_texts(rvaft_monitor *m) {
     uint32_t s, i, k;
     memset(m->texts.live, 0, sizeof m->texts.live);
     for (s = 0; s < RVAFT_STORES; s++) {
-        for (i = 0; i < m->stores[s].count; i++) {
+        for (i = 0; i < m->stores[s].count && i < RVAFT_CAPACITY; i++) {
             const partial *p = &m->stores[s].item[i];
             for (k = 0; k < stage_of(p)->slots; k++) {
-                if (p->slot[k].tag >= RVAFT_BIG) {
-                    m->texts.live[p->slot[k].bits] = 1;
-                }
+                mark_text(&m->texts, &p->slot[k]);
             }
         }
     }
     for (i = 0; i < RVAFT_FIELDS; i++) {
-        if (m->known[i] == 2 && m->cells[i].tag >= RVAFT_BIG) {
-            m->texts.live[m->cells[i].bits] = 1;
+        if (m->known[i] == 2) {
+            mark_text(&m->texts, &m->cells[i]);
         }
     }
 }
@@ -1028,35 +1035,76 @@ static void mark_texts(rvaft_monitor *m) {
 static void relink_texts(pool *t) {
     uint32_t i;
     t->spare = NONE;
-    for (i = 0; i <= t->mask; i++) {
+    for (i = 0; i <= t->mask && i < RVAFT_BUCKETS; i++) {
         t->head[i] = NONE;
     }
-    for (i = t->count; i-- > 0;) {
-        uint32_t *first = t->size[i] == NONE ? &t->spare : &t->head[t->hash[i] & t->mask];
-        t->next[i] = *first;
-        *first = i;
+    for (i = t->count < RVAFT_TEXTS ? t->count : RVAFT_TEXTS; i > 0; i--) {
+        uint32_t *first = t->size[i - 1] == NONE ? &t->spare : text_bucket(t, t->hash[i - 1]);
+        t->next[i - 1] = *first;
+        *first = i - 1;
     }
+}
+
+/* Whether a stored text has these bytes. */
+static int has_bytes(const pool *t, uint32_t number, const char *text, uint32_t size) {
+    uint32_t at = t->start[number], k = 0;
+    if (t->size[number] != size) {
+        return 0;
+    }
+    for (; k + 8 <= size && at + 8 <= RVAFT_TEXT_BYTES; k += 8, at += 8) {
+        uint64_t ours, theirs;
+        memcpy(&ours, t->bytes + at, 8);
+        memcpy(&theirs, text + k, 8);
+        if (ours != theirs) {
+            return 0;
+        }
+    }
+    for (; k < size && at < RVAFT_TEXT_BYTES; k++, at++) {
+        if (t->bytes[at] != text[k]) {
+            return 0;
+        }
+    }
+    return k == size;
+}
+
+/* Write the number of a text, behind which its bytes are put; there is room for both. */
+static uint32_t begin_text(pool *t, uint32_t number, uint32_t size) {
+    uint32_t at = t->used;
+    if (at + sizeof number <= RVAFT_TEXT_BYTES) {
+        memcpy(t->bytes + at, &number, sizeof number);
+        at += (uint32_t)sizeof number;
+    }
+    t->start[number] = at;
+    t->size[number] = size;
+    return at;
 }
 
 /* Remove the texts that no partial match has. Bytes move, so the texts are moved in their order. */
 static void collect_texts(rvaft_monitor *m) {
     pool *t = &m->texts;
-    uint32_t used = 0, at = 0;
+    uint32_t from = 0, stop = t->used;
     mark_texts(m);
-    while (at < t->used) { /* each text is preceded by its number */
+    t->used = 0;
+    while (from < stop && from + sizeof(uint32_t) <= RVAFT_TEXT_BYTES) { /* each text is preceded by its number */
         uint32_t number, size;
-        memcpy(&number, t->bytes + at, sizeof number);
+        memcpy(&number, t->bytes + from, sizeof number);
+        from += (uint32_t)sizeof number;
+        if (number >= RVAFT_TEXTS) {
+            m->error = RVAFT_FULL; /* never */
+            return;
+        }
         size = t->size[number];
         if (t->live[number]) {
-            memmove(t->bytes + used, t->bytes + at, sizeof number + size);
-            t->start[number] = used + (uint32_t)sizeof number;
-            used += (uint32_t)sizeof number + size;
+            uint32_t to = begin_text(t, number, size), end = from + size;
+            for (; from < end && from < RVAFT_TEXT_BYTES && to < RVAFT_TEXT_BYTES; from++, to++) {
+                t->bytes[to] = t->bytes[from];
+            }
+            t->used = to;
         } else {
             t->size[number] = NONE;
+            from += size;
         }
-        at += (uint32_t)sizeof number + size;
     }
-    t->used = used;
     relink_texts(t);
 }
 
@@ -1068,9 +1116,9 @@ static int has_room(const pool *t, uint32_t size) {
 /* The number of a text, or NONE if it is not stored (with `insert`: if there is no room). */
 static uint32_t interned(rvaft_monitor *m, const rvaft_value *v, uint32_t hash, int insert) {
     pool *t = &m->texts;
-    uint32_t i = t->head[hash & t->mask];
-    for (; i != NONE; i = t->next[i]) {
-        if (t->hash[i] == hash && t->size[i] == v->size && memcmp(t->bytes + t->start[i], v->text, v->size) == 0) {
+    uint32_t i = *text_bucket(t, hash), at, k;
+    for (; i < RVAFT_TEXTS; i = t->next[i]) {
+        if (t->hash[i] == hash && has_bytes(t, i, v->text, v->size)) {
             return i;
         }
     }
@@ -1089,19 +1137,24 @@ static uint32_t interned(rvaft_monitor *m, const rvaft_value *v, uint32_t hash, 
         relink_texts(t);
     }
     i = t->spare;
-    if (i != NONE) {
+    if (i < RVAFT_TEXTS) {
         t->spare = t->next[i];
     } else {
-        i = t->count++;
+        i = t->count;
+        if (i >= RVAFT_TEXTS) {
+            m->error = RVAFT_FULL;
+            return NONE;
+        }
+        t->count = i + 1;
     }
-    memcpy(t->bytes + t->used, &i, sizeof i);
-    t->start[i] = t->used + (uint32_t)sizeof i;
-    memcpy(t->bytes + t->start[i], v->text, v->size);
-    t->used = t->start[i] + v->size;
-    t->size[i] = v->size;
+    at = begin_text(t, i, v->size);
+    for (k = 0; k < v->size && at < RVAFT_TEXT_BYTES; k++, at++) {
+        t->bytes[at] = v->text[k];
+    }
+    t->used = at;
     t->hash[i] = hash;
-    t->next[i] = t->head[hash & t->mask];
-    t->head[hash & t->mask] = i;
+    t->next[i] = *text_bucket(t, hash);
+    *text_bucket(t, hash) = i;
     return i;
 }
 

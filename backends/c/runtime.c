@@ -975,7 +975,11 @@ static rvaft_value value_of(const rvaft_monitor *m, const cell *c) {
 
 /* An index is compared with the size of its array also where it is always in bounds: a static analysis
    of this file then proves that no access is wrong. */
-static const stage *stage_of(const partial *p) { return &stages[p->stage < RVAFT_STAGES ? p->stage : 0]; }
+#define ROW(table, n) table[(n) < sizeof(table) / sizeof((table)[0]) ? (n) : 0]
+
+static const stage *stage_of(const partial *p) { return &ROW(stages, p->stage); }
+
+static const cell *slot_of(const partial *p, uint32_t n) { return &ROW(p->slot, n); }
 
 #define FEW 63U /* the least mask of buckets */
 
@@ -1020,7 +1024,7 @@ static void mark_texts(rvaft_monitor *m) {
         for (i = 0; i < m->stores[s].count && i < RVAFT_CAPACITY; i++) {
             const partial *p = &m->stores[s].item[i];
             for (k = 0; k < stage_of(p)->slots; k++) {
-                mark_text(&m->texts, &p->slot[k]);
+                mark_text(&m->texts, slot_of(p, k));
             }
         }
     }
@@ -1160,9 +1164,9 @@ static uint32_t interned(rvaft_monitor *m, const rvaft_value *v, uint32_t hash, 
 
 /* The cell of a field of the event. Without `insert` an unknown text has the number -1. */
 static const cell *cell_of(rvaft_monitor *m, const rvaft_event *e, uint32_t field, int insert) {
-    cell *c = &m->cells[field];
-    const rvaft_value *v = &e->field[field];
-    if (m->known[field] == 2 || (m->known[field] == 1 && !insert)) {
+    cell *c = &ROW(m->cells, field);
+    const rvaft_value *v = &ROW(e->field, field);
+    if (ROW(m->known, field) == 2 || (ROW(m->known, field) == 1 && !insert)) {
         return c;
     }
     c->tag = is_defined(v) ? v->tag : RVAFT_UNDEFINED;
@@ -1174,7 +1178,7 @@ static const cell *cell_of(rvaft_monitor *m, const rvaft_event *e, uint32_t fiel
     }
     if (c->tag < RVAFT_BIG) {
         c->hash = mixed(((uint64_t)c->bits ^ m->seed ^ c->tag) * UINT64_C(0x9E3779B97F4A7C15));
-        m->known[field] = 2;
+        ROW(m->known, field) = 2;
     } else {
         uint32_t number;
         if (v->text == NULL) { /* a double of more than 64 bits */
@@ -1184,7 +1188,7 @@ static const cell *cell_of(rvaft_monitor *m, const rvaft_event *e, uint32_t fiel
         c->hash = hash_bytes(m->seed, v->text, v->size);
         number = interned(m, v, c->hash, insert);
         c->bits = number == NONE ? -1 : (int64_t)number;
-        m->known[field] = number == NONE ? 1 : 2;
+        ROW(m->known, field) = number == NONE ? 1 : 2;
     }
     return c;
 }
@@ -1213,33 +1217,35 @@ static int is_void(const rvaft_monitor *m, const partial *p) {
 #define is_void(m, p) 0
 #endif
 
-static uint32_t bucket_of(const store *s, uint32_t stage_number, uint32_t key, uint32_t link,
-                          const cell *const *cells, uint32_t count) {
-    uint64_t h = ((uint64_t)(key + 1U) << 32 | stage_number) * UINT64_C(0x9E3779B97F4A7C15) + link;
-    uint32_t i;
-    for (i = 0; i < count; i++) {
-        h = (h ^ cells[i]->hash) * UINT64_C(0xD6E8FEB86659FD93);
-        h ^= h >> 32;
-    }
-    return (uint32_t)(h ^ h >> 29) & s->mask & (RVAFT_BUCKETS - 1);
+/* The place of a partial match in a hash table depends on its stage, some of its cells, and its key. */
+static uint64_t hash_of(uint32_t stage_number, uint32_t link) { return (uint64_t)stage_number << 32 | link; }
+
+static uint64_t hash_with(uint64_t h, const cell *c) {
+    h = (h ^ c->hash) * UINT64_C(0xD6E8FEB86659FD93);
+    return h ^ h >> 32;
+}
+
+static uint32_t bucket_of(const store *s, uint64_t h, uint32_t key) {
+    h = (h ^ (uint64_t)(key + 1U) << 32) * UINT64_C(0x9E3779B97F4A7C15);
+    return (uint32_t)(h >> 32 ^ h >> 61) & s->mask & (RVAFT_BUCKETS - 1);
 }
 
 static uint32_t first_in(const store *s, uint32_t link, uint32_t place) {
-    const bucket *b = &s->buckets[link][place];
+    const bucket *b = &ROW(s->buckets, link)[place];
     return b->epoch == s->epoch ? b->head : NONE;
 }
 
 static void link_partial(store *s, uint32_t number) {
     partial *p = &s->item[number];
     const stage *st = stage_of(p);
-    const cell *cells[RVAFT_WIDTH];
-    uint32_t link, i, at = st->link;
-    for (link = 0; link < st->links; link++) {
-        uint32_t count = link_slots[at++], place;
-        for (i = 0; i < count; i++) {
-            cells[i] = &p->slot[link_slots[at++]];
+    uint32_t link, at = st->link;
+    for (link = 0; link < st->links && link < MAX_LINKS; link++) {
+        uint32_t stop = at + 1 + ROW(link_slots, at), place;
+        uint64_t h = hash_of(p->stage, link);
+        for (at++; at < stop; at++) {
+            h = hash_with(h, slot_of(p, ROW(link_slots, at)));
         }
-        place = bucket_of(s, p->stage, KEY_OF(p), link, cells, count);
+        place = bucket_of(s, h, KEY_OF(p));
         p->next[link] = first_in(s, link, place);
         s->buckets[link][place].head = number;
         s->buckets[link][place].epoch = s->epoch;
@@ -1254,9 +1260,9 @@ static int better(const stage *st, const partial *p, const partial *q) {
     uint32_t i;
     int p_good = 1, q_good = 1;
     for (i = st->exact; i < st->slots; i++) {
-        int64_t a = p->slot[i].bits, b = q->slot[i].bits;
+        int64_t a = slot_of(p, i)->bits, b = slot_of(q, i)->bits;
         if (a != b) {
-            int p_wins = slot_order[st->order + i - st->exact] ? a < b : a > b;
+            int p_wins = ROW(slot_order, st->order + i - st->exact) ? a < b : a > b;
             p_good = p_good && p_wins;
             q_good = q_good && !p_wins;
         }
@@ -1266,18 +1272,18 @@ static int better(const stage *st, const partial *p, const partial *q) {
 
 static void insert_partial(rvaft_monitor *m, store *s, const partial *p) {
     const stage *st = stage_of(p);
-    const cell *cells[RVAFT_WIDTH];
     uint32_t i, at;
+    uint64_t h = hash_of(p->stage, 0);
     for (i = 0; i < st->exact; i++) {
-        cells[i] = &p->slot[i];
+        h = hash_with(h, slot_of(p, i));
     }
-    at = first_in(s, 0, bucket_of(s, p->stage, KEY_OF(p), 0, cells, st->exact));
+    at = first_in(s, 0, bucket_of(s, h, KEY_OF(p)));
     for (; at < RVAFT_CAPACITY; at = s->item[at].next[0]) {
         partial *other = &s->item[at];
         if (other->stage == p->stage && KEY_OF(other) == KEY_OF(p) && !is_void(m, other)) {
             int equal = 1, order;
             for (i = 0; equal && i < st->exact; i++) {
-                equal = same_cell(&p->slot[i], &other->slot[i]);
+                equal = same_cell(slot_of(p, i), slot_of(other, i));
             }
             if (equal) {
                 order = better(st, other, p);
@@ -1285,7 +1291,7 @@ static void insert_partial(rvaft_monitor *m, store *s, const partial *p) {
                     return;
                 }
                 if (order < 0) {
-                    for (i = st->exact; i < st->slots; i++) {
+                    for (i = st->exact; i < st->slots && i < RVAFT_WIDTH; i++) {
                         other->slot[i] = p->slot[i];
                     }
 #if RVAFT_PLACES
@@ -1323,12 +1329,12 @@ static void insert_starts(rvaft_monitor *m, store *s) {
 /* Try a move from a partial match; returns 1 if it detects. */
 static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *mv, const rvaft_event *e) {
     partial made;
-    const stage *st = &stages[mv->target];
+    const stage *st = &ROW(stages, mv->target);
     uint32_t i;
     for (i = 0; i < mv->joins; i++) {
-        const join *j = &joins[mv->join + i];
+        const join *j = &ROW(joins, mv->join + i);
         const cell *c = cell_of(m, e, j->field, 0);
-        if (c->tag == RVAFT_UNDEFINED || !same_cell(c, &p->slot[j->slot])) {
+        if (c->tag == RVAFT_UNDEFINED || !same_cell(c, slot_of(p, j->slot))) {
             return 0;
         }
     }
@@ -1352,12 +1358,12 @@ static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *m
     made.key = m->key;
     made.era = m->keys.item[m->key].era;
 #endif
-    for (i = 0; i < st->slots; i++) {
-        const load *l = &loads[mv->load + i];
+    for (i = 0; i < st->slots && i < RVAFT_WIDTH; i++) {
+        const load *l = &ROW(loads, mv->load + i);
         cell *c = &made.slot[i];
         rvaft_value t;
         if (l->from == COPY) {
-            *c = p->slot[l->slot];
+            *c = *slot_of(p, l->slot);
             continue;
         }
         if (l->from == FIELD) {
@@ -1366,7 +1372,7 @@ static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *m
         }
         t = AT;
         if (l->from != NOW) {
-            rvaft_value before = value_of(m, &p->slot[l->slot]);
+            rvaft_value before = value_of(m, slot_of(p, l->slot));
             t = l->from == LATEST ? later(before, t) : earlier(before, t);
         }
         c->tag = t.tag;
@@ -1374,7 +1380,7 @@ static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *m
         c->hash = mixed(((uint64_t)c->bits ^ m->seed ^ c->tag) * UINT64_C(0x9E3779B97F4A7C15));
     }
     for (i = st->exact; i < st->slots; i++) {
-        if (made.slot[i].tag == RVAFT_UNDEFINED) { /* a guard over this time can never hold */
+        if (slot_of(&made, i)->tag == RVAFT_UNDEFINED) { /* a guard over this time can never hold */
             return 0;
         }
     }
@@ -1391,8 +1397,8 @@ static int expired(const rvaft_monitor *m, const partial *p) {
     const stage *st = stage_of(p);
     uint32_t i;
     for (i = 0; i < st->expires; i++) {
-        const expiry *x = &expiries[st->expiry + i];
-        int64_t from = p->slot[x->slot].bits;
+        const expiry *x = &ROW(expiries, st->expiry + i);
+        int64_t from = slot_of(p, x->slot)->bits;
 #if RVAFT_KEYED
         int64_t latest = m->keys.item[p->key < RVAFT_KEYS ? p->key : 0].latest; /* with slots it has a key */
 #else
@@ -1445,20 +1451,20 @@ static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *mat
         sweep(m, s);
     }
     for (i = 0; i < count && i < RVAFT_PATTERNS; i++) {
-        cursor[i] = pattern_moves[matched[i]];
+        cursor[i] = ROW(pattern_moves, matched[i]);
     }
     for (;;) {
-        uint32_t best = NONE, rank = NONE, number, at, k, key = NONE;
+        uint32_t best = NONE, rank = NONE, at, k, key = NONE, slot, last;
         const move *mv;
-        const cell *cells[RVAFT_WIDTH];
-        uint32_t width;
-        const uint16_t *slots;
+        uint64_t h;
         for (i = 0; i < count && i < RVAFT_PATTERNS; i++) {
             uint32_t next = cursor[i];
-            if (next < pattern_moves[matched[i] + 1] && next < RVAFT_MOVES &&
-                stages[moves[sorted_moves[next]].stage].rank < rank) {
-                rank = stages[moves[sorted_moves[next]].stage].rank;
-                best = i;
+            if (next < ROW(pattern_moves, matched[i] + 1) && next < RVAFT_MOVES) {
+                uint32_t its = ROW(stages, ROW(moves, sorted_moves[next]).stage).rank;
+                if (its < rank) {
+                    rank = its;
+                    best = i;
+                }
             }
         }
         if (best >= RVAFT_PATTERNS) {
@@ -1469,23 +1475,25 @@ static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *mat
             return 0;
         }
         cursor[best] = at + 1;
-        number = sorted_moves[at];
-        mv = &moves[number];
-        slots = &link_slots[stages[mv->stage].link];
+        mv = &ROW(moves, sorted_moves[at]);
+        slot = ROW(stages, mv->stage).link;
         for (k = 0; k < mv->link; k++) {
-            slots += 1 + *slots;
+            slot += 1U + ROW(link_slots, slot);
         }
-        width = *slots;
-        for (k = 0; k < width; k++) {
-            for (i = 0; joins[mv->join + i].slot != slots[1 + k]; i++) {
+        h = hash_of(mv->stage, mv->link);
+        last = slot + ROW(link_slots, slot);
+        for (; slot < last; slot++) {
+            uint32_t join = mv->join;
+            while (join + 1 < mv->join + mv->joins && ROW(joins, join).slot != ROW(link_slots, slot + 1)) {
+                join++;
             }
-            cells[k] = cell_of(m, e, joins[mv->join + i].field, 0);
+            h = hash_with(h, cell_of(m, e, ROW(joins, join).field, 0));
         }
         for (;;) { /* those without an event, and those of the key */
-            at = first_in(s, mv->link, bucket_of(s, mv->stage, key, mv->link, cells, width));
+            at = first_in(s, mv->link, bucket_of(s, h, key));
             while (at < RVAFT_CAPACITY && m->error == 0) {
                 const partial *p = &s->item[at];
-                at = p->next[mv->link];
+                at = ROW(p->next, mv->link);
                 if (p->stage == mv->stage && KEY_OF(p) == key && !is_void(m, p) && try_move(m, s, p, mv, e)) {
                     return 1;
                 }
@@ -1512,7 +1520,7 @@ static int replaced(rvaft_monitor *m, const rvaft_event *e, const uint8_t *match
         const partial *p = &from->item[i];
         const stage *st = stage_of(p);
         for (k = 0; k < st->moves; k++) {
-            const move *mv = &moves[st->move + k];
+            const move *mv = &ROW(moves, st->move + k);
             if (matches[mv->pattern]) {
                 if (try_move(m, to, p, mv, e)) {
                     return 1;

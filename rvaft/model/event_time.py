@@ -311,9 +311,9 @@ def _multiplied(number: str, size: int) -> int | None:
     whole, _, part = number.partition(".")
     digits = whole + part
     if len(digits) <= _FEW and digits.isascii() and digits.isdigit():  # fast, for most numbers
-        found, rest = divmod(int(digits) * size, 10 ** len(part))
-        if not rest:
-            return found
+        tens: int = 10 ** len(part)
+        if int(digits) * size % tens == 0:
+            return int(digits) * size // tens
     try:
         value = _EXACT.create_decimal(number)
         if not value or value.adjusted() < -40:

@@ -309,6 +309,8 @@ static int scan_scalar(rvaft_reader *r, rvaft_value *v) {
         if (v->tag != RVAFT_BIG) { /* as written, for times */
             v->text = text + start;
             v->size = size;
+        } else if (v->text == NULL) {
+            return full(r, "the texts of an event");
         } else if (room && v->size <= MOST_SIZE) {
             r->used += v->size;
         }

@@ -221,6 +221,8 @@ typedef struct expiry {
 
 /* Values. */
 
+/*@ assigns \nothing;
+    ensures \result.tag == tag; */
 RVAFT_UNUSED static rvaft_value plain(uint32_t tag) {
     rvaft_value v = {NULL, 0.0, 0, 0, 0};
     v.tag = tag;
@@ -229,6 +231,8 @@ RVAFT_UNUSED static rvaft_value plain(uint32_t tag) {
 
 RVAFT_UNUSED static rvaft_value truth(int yes) { return plain(yes ? RVAFT_YES : RVAFT_NO); }
 
+/*@ assigns \nothing;
+    ensures \result.tag == RVAFT_INTEGER && \result.integer == i; */
 RVAFT_UNUSED static rvaft_value integer(int64_t i) {
     rvaft_value v = plain(RVAFT_INTEGER);
     v.integer = i;
@@ -250,6 +254,7 @@ RVAFT_UNUSED static rvaft_value rvaft_text(const char *text) {
 #define TWO_63 9223372036854775808.0
 
 /* The value of a double; with more than 64 bits it is unsupported (a BIG without digits). */
+/*@ assigns \nothing; */
 RVAFT_UNUSED static rvaft_value rvaft_real(double d) {
     rvaft_value v;
     if (!(d - d == 0.0)) {
@@ -266,6 +271,9 @@ RVAFT_UNUSED static rvaft_value rvaft_real(double d) {
     return v;
 }
 
+/*@ requires \valid_read(v);
+    assigns \nothing;
+    ensures \result != 0 <==> RVAFT_INTEGER <= v->tag <= RVAFT_BIG; */
 static int is_number(const rvaft_value *v) { return v->tag >= RVAFT_INTEGER && v->tag <= RVAFT_BIG; }
 
 static int same_bytes(const rvaft_value *a, const rvaft_value *b) {
@@ -372,19 +380,33 @@ RVAFT_UNUSED static rvaft_value at_most(rvaft_value a, rvaft_value b) {
     return order == 2 ? plain(RVAFT_UNDEFINED) : truth(order <= 0);
 }
 
+/*@ requires \valid(error);
+    assigns *error;
+    ensures *error == RVAFT_UNSUPPORTED && \result.tag == RVAFT_UNDEFINED; */
 static rvaft_value unsupported(int *error) {
     *error = RVAFT_UNSUPPORTED;
     return plain(RVAFT_UNDEFINED);
 }
 
+/*@ requires \valid(error);
+    assigns *error;
+    ensures *error == \old(*error) || *error == RVAFT_UNSUPPORTED; */
 static rvaft_value result(int *error, double d) {
     rvaft_value v = rvaft_real(d);
     return v.tag == RVAFT_BIG ? unsupported(error) : v;
 }
 
+/*@ requires \valid_read(v);
+    assigns \nothing; */
 static double as_real(const rvaft_value *v) { return v->tag == RVAFT_INTEGER ? (double)v->integer : v->real; }
 
 /* Whether a calculation has an operand that is no number (then `a` becomes UNDEFINED) or too large. */
+/*@ requires \valid(error) && \valid(a) && \valid_read(b) && \separated(error, a) && \separated(error, b);
+    assigns *error, *a;
+    ensures *error == \old(*error) || *error == RVAFT_UNSUPPORTED;
+    ensures \result != 0 ==> a->tag == RVAFT_UNDEFINED;
+    ensures \result == 0 ==> *a == \old(*a) && *error == \old(*error);
+    ensures \old(a->tag) == RVAFT_INTEGER && \old(b->tag) == RVAFT_INTEGER ==> \result == 0; */
 static int unusable(int *error, rvaft_value *a, const rvaft_value *b) {
     if (!is_number(a) || !is_number(b)) {
         *a = plain(RVAFT_UNDEFINED);
@@ -397,6 +419,9 @@ static int unusable(int *error, rvaft_value *a, const rvaft_value *b) {
     return 0;
 }
 
+/*@ requires \valid(error);
+    assigns *error;
+    ensures *error == \old(*error) || *error == RVAFT_UNSUPPORTED; */
 RVAFT_UNUSED static rvaft_value add(int *error, rvaft_value a, rvaft_value b) {
     int64_t sum;
     if (unusable(error, &a, &b)) {
@@ -419,6 +444,9 @@ RVAFT_UNUSED static rvaft_value negated(int *error, rvaft_value a) {
     return a.integer == INT64_MIN ? unsupported(error) : integer(-a.integer);
 }
 
+/*@ requires \valid(error);
+    assigns *error;
+    ensures *error == \old(*error) || *error == RVAFT_UNSUPPORTED; */
 RVAFT_UNUSED static rvaft_value subtract(int *error, rvaft_value a, rvaft_value b) {
     int64_t difference;
     if (unusable(error, &a, &b)) {
@@ -431,8 +459,12 @@ RVAFT_UNUSED static rvaft_value subtract(int *error, rvaft_value a, rvaft_value 
     return ((a.integer ^ b.integer) & (a.integer ^ difference)) < 0 ? unsupported(error) : integer(difference);
 }
 
+/*@ assigns \nothing; */
 static uint64_t magnitude(int64_t i) { return i < 0 ? 0U - (uint64_t)i : (uint64_t)i; }
 
+/*@ requires \valid(error);
+    assigns *error;
+    ensures *error == \old(*error) || *error == RVAFT_UNSUPPORTED; */
 RVAFT_UNUSED static rvaft_value multiply(int *error, rvaft_value a, rvaft_value b) {
     uint64_t left, right;
     if (unusable(error, &a, &b)) {
@@ -450,6 +482,7 @@ RVAFT_UNUSED static rvaft_value multiply(int *error, rvaft_value a, rvaft_value 
 }
 
 /* The double that is nearest to the quotient of two integers. */
+/*@ assigns \nothing; */
 static double quotient(int64_t a, int64_t b) {
     uint64_t left = magnitude(a), right = magnitude(b), whole = left / right, rest = left % right;
     int sticky, shift = 0;
@@ -479,6 +512,9 @@ static double quotient(int64_t a, int64_t b) {
     return (a < 0) == (b < 0) ? d : -d;
 }
 
+/*@ requires \valid(error);
+    assigns *error;
+    ensures *error == \old(*error) || *error == RVAFT_UNSUPPORTED; */
 RVAFT_UNUSED static rvaft_value divide(int *error, rvaft_value a, rvaft_value b) {
     if (unusable(error, &a, &b)) {
         return a;
@@ -960,8 +996,13 @@ static rvaft_value value_of(const rvaft_monitor *m, const cell *c) {
         v.integer = c->bits;
     } else if (c->tag == RVAFT_REAL) {
         memcpy(&v.real, &c->bits, sizeof v.real);
-    } else if (c->tag >= RVAFT_BIG && c->bits >= 0 && c->bits < (int64_t)RVAFT_TEXTS) {
-        v.text = m->texts.bytes + m->texts.start[c->bits];
+    } else if (c->tag >= RVAFT_BIG) {
+        uint32_t start;
+        if (c->bits < 0 || c->bits >= (int64_t)RVAFT_TEXTS) {
+            return plain(RVAFT_UNDEFINED); /* never */
+        }
+        start = m->texts.start[c->bits];
+        v.text = m->texts.bytes + (start < RVAFT_TEXT_BYTES ? start : 0); /* of an empty text at the end, any place */
         v.size = m->texts.size[c->bits];
     }
     return v;
@@ -1313,6 +1354,7 @@ static void insert_partial(rvaft_monitor *m, store *s, const partial *p) {
     s->count = at + 1;
 }
 
+/*@ assigns *m, *s; */
 static void insert_starts(rvaft_monitor *m, store *s) {
     partial p;
     uint32_t i;
@@ -1444,6 +1486,7 @@ static void sweep(rvaft_monitor *m, store *s) {
 }
 
 /* Try all moves of a pattern, or of several in the order of ranks, so that no event is used twice. */
+/*@ assigns *m; */
 static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *matched, uint32_t count) {
     store *s = &m->stores[0];
     uint32_t cursor[RVAFT_PATTERNS] = {0}, i;
@@ -1512,6 +1555,7 @@ static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *mat
 #else
 
 /* Replace the partial matches by those that the event extends. */
+/*@ assigns *m; */
 static int replaced(rvaft_monitor *m, const rvaft_event *e, const uint8_t *matches) {
     store *from = &m->stores[m->now], *to = &m->stores[1 - m->now];
     uint32_t i, k;
@@ -1537,6 +1581,10 @@ static int replaced(rvaft_monitor *m, const rvaft_event *e, const uint8_t *match
 
 #endif
 
+/*@ requires \valid(m) && \valid_read(e) && \separated(m, e);
+    assigns m->latest, m->has_latest;
+    ensures \result != 0 ==> m->latest == \old(m->latest) > e->time;
+    ensures \old(m->has_latest) != 0 ==> m->has_latest != 0 && m->latest >= \old(m->latest); */
 static int is_late(rvaft_monitor *m, const rvaft_event *e) {
     int late = 0;
     if (RVAFT_LATE >= 0 && e->has_time) {
@@ -1587,51 +1635,99 @@ RVAFT_API void rvaft_init(rvaft_monitor *m, uint64_t seed) {
     init_zeros(m, seed);
 }
 
+/*@ predicate sound(rvaft_monitor *m) = m->verdict \in {RVAFT_UNKNOWN, RVAFT_TRUE, RVAFT_FALSE} &&
+        m->error \in {0, RVAFT_FULL, RVAFT_UNSUPPORTED};
+    logic integer outcome(rvaft_monitor *m) = m->error != 0 ? m->error : m->verdict; */
+
+/* Note a verdict, but not after an error. */
+/*@ requires \valid(m) && verdict \in {RVAFT_UNKNOWN, RVAFT_TRUE, RVAFT_FALSE};
+    assigns m->verdict, m->error;
+    ensures sound(m) && \result == outcome(m);
+    ensures \old(m->error) != 0 ==> \result < 0 && m->verdict == RVAFT_UNKNOWN; */
+static int decided(rvaft_monitor *m, int verdict) {
+    if (m->error != 0) {
+        m->verdict = RVAFT_UNKNOWN;
+        m->error = m->error == RVAFT_UNSUPPORTED ? RVAFT_UNSUPPORTED : RVAFT_FULL;
+        return m->error;
+    }
+    m->verdict = verdict;
+    return verdict;
+}
+
+/*@ requires \valid(m) && \valid_read(e) && \separated(m, e) && sound(m);
+    assigns *m;
+    ensures sound(m) && \result == outcome(m);
+    behavior final:
+        assumes outcome(m) != RVAFT_UNKNOWN;
+        assigns \nothing;
+        ensures \result == \old(outcome(m)); */
 static int step(rvaft_monitor *m, const rvaft_event *e) {
     uint8_t matches[RVAFT_PATTERNS];
-    int late, found = 0;
-    if (m->error != 0 || m->verdict == RVAFT_FALSE || m->verdict == RVAFT_TRUE) {
-        return m->error != 0 ? m->error : m->verdict;
+    int late, verdict = RVAFT_UNKNOWN;
+    uint32_t i;
+    if (m->error != 0) {
+        return m->error;
+    }
+    if (m->verdict != RVAFT_UNKNOWN) {
+        return m->verdict;
+    }
+    /*@ loop invariant 0 <= i <= RVAFT_FIELDS;
+        loop assigns i, m->known[0 .. RVAFT_FIELDS - 1];
+        loop variant RVAFT_FIELDS - i; */
+    for (i = 0; i < RVAFT_FIELDS; i++) {
+        if (e->field[i].tag == RVAFT_BIG && e->field[i].text == NULL) { /* a double of more than 64 bits */
+            m->error = RVAFT_UNSUPPORTED;
+            return m->error;
+        }
+        m->known[i] = 0;
     }
     late = is_late(m, e);
 #if RVAFT_PROJECTS
     if (late || !relevant(&m->error, e)) {
-        return m->error != 0 ? m->error : m->verdict;
+        return decided(m, RVAFT_UNKNOWN);
     }
 #endif
-    memset(m->known, 0, sizeof m->known);
 #if RVAFT_SCATTERED
     if (!late) {
-        uint32_t matched[RVAFT_PATTERNS] = {0}, count = 0, i;
+        uint32_t matched[RVAFT_PATTERNS] = {0}, count = 0;
         match(matches, e);
+        /*@ loop invariant 0 <= count <= i <= RVAFT_PATTERNS;
+            loop assigns i, count, matched[0 .. RVAFT_PATTERNS - 1];
+            loop variant RVAFT_PATTERNS - i; */
         for (i = 0; i < RVAFT_PATTERNS; i++) {
             if (matches[i]) {
                 matched[count++] = i;
             }
         }
-        found = count != 0 && scattered(m, e, matched, count);
+        if (count != 0 && scattered(m, e, matched, count)) {
+            verdict = RVAFT_TRUE;
+        }
     }
 #else
     if (late) {
-        memset(matches, 0, sizeof matches);
+        /*@ loop invariant 0 <= i <= RVAFT_PATTERNS;
+            loop assigns i, matches[0 .. RVAFT_PATTERNS - 1];
+            loop variant RVAFT_PATTERNS - i; */
+        for (i = 0; i < RVAFT_PATTERNS; i++) {
+            matches[i] = 0;
+        }
     } else {
         match(matches, e);
     }
-    found = replaced(m, e, matches);
+    if (replaced(m, e, matches)) {
+        verdict = RVAFT_TRUE;
+    }
 #if RVAFT_CONSECUTIVE
-    if (!found && m->error == 0) {
-        insert_starts(m, &m->stores[m->now]);
+    if (verdict == RVAFT_UNKNOWN && m->error == 0) {
+        insert_starts(m, &ROW(m->stores, m->now));
     }
 #else
-    if (!found && m->stores[m->now].count == 0) {
-        m->verdict = RVAFT_FALSE;
+    if (verdict == RVAFT_UNKNOWN && ROW(m->stores, m->now).count == 0) {
+        verdict = RVAFT_FALSE;
     }
 #endif
 #endif
-    if (found) {
-        m->verdict = RVAFT_TRUE;
-    }
-    return m->error != 0 ? m->error : m->verdict;
+    return decided(m, verdict);
 }
 
 #if RVAFT_KEYED
@@ -1729,6 +1825,12 @@ static void leave_key(rvaft_monitor *m) {
 
 /* Read an event. Returns the verdict (with keys, that of its key), or an error, after which the
    monitor must not be used. */
+/*@ requires \valid(m) && \valid_read(e) && \separated(m, e) && sound(m);
+    assigns *m;
+    ensures sound(m) && \result == outcome(m);
+    behavior final:
+        assumes outcome(m) != RVAFT_UNKNOWN;
+        ensures \result == \old(outcome(m)); */
 RVAFT_API int rvaft_step(rvaft_monitor *m, const rvaft_event *e) {
     int before, verdict;
     m->changed = 0;

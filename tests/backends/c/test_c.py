@@ -144,11 +144,11 @@ ANALYSED = """
 #include "__fc_builtin.h"
 static rvaft_monitor the_monitor;
 static char text[16];
+static rvaft_event e;
 void analysed(void) {
     rvaft_init(&the_monitor, 1);
     Frama_C_make_unknown(text, sizeof text);
     while (Frama_C_interval(0, 1)) {
-        rvaft_event e;
         int i;
         e.time = Frama_C_long_long_interval(INT64_MIN, INT64_MAX);
         e.has_time = Frama_C_interval(0, 1);
@@ -224,6 +224,26 @@ def test_the_example_of_the_page(tmp_path: Path) -> None:
     options = (*WARNINGS, "-DRVAFT_JSON=0", "-Wno-unused-parameter")
     compile_c(f"{example}\nint main(void) {{ {calls} }}\n", tmp_path / "application", options)
     assert status(tmp_path / "application", b"")[0] == 9 + 27  # detected at c; final
+
+
+LARGE = """
+int main(void) {
+    static rvaft_monitor m;
+    rvaft_event e = {0};
+    rvaft_init(&m, 1);
+    e.field[0] = rvaft_real(1e300);
+    e.field[1] = rvaft_real(1e301);
+    return -rvaft_step(&m, &e);
+}
+"""
+
+
+@pytest.mark.parametrize("guard", ["V > 5", "V == W"])
+def test_a_large_double_of_a_program_is_no_verdict(guard: str, tmp_path: Path) -> None:
+    tree = loads(f"event e(v, w) = {{ v: v, w: w }}; top or a; a on e(V, W) when {guard};")
+    text = BACKEND.translate(tree, SCATTERED).text
+    compile_c(text + LARGE, tmp_path / "monitor", (*SANITIZERS, "-DRVAFT_JSON=0"))
+    assert status(tmp_path / "monitor", b"")[0] == 2  # RVAFT_UNSUPPORTED
 
 
 ZIG = shutil.which("zig")

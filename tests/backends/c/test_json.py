@@ -121,6 +121,18 @@ def test_decimals_with_sanitizers(tmp_path: Path) -> None:
     assert (code, out.count("\n"), error) == (1, len(texts), "")
 
 
+@pytest.mark.parametrize("guard", ["V > 5", "V == W"])
+def test_a_large_decimal_without_room_is_no_verdict(guard: str, folder: Path) -> None:
+    """Its digits are kept beside the decoded strings of the event."""
+    tree = f"event e(s, v, w) = {{ s: s, v: v, w: w }}; top or a; a on e(_, V, W) when {guard};"
+    line = '{"s": "\\n%s", "v": 1e300, "w": 1e301}'
+    code, out, _ = status(program(tree, folder), (line % "short").encode())
+    assert (code, out.count("true")) == ((1, 1) if guard == "V > 5" else (0, 0))
+    code, out, error = status(program(tree, folder), (line % ("x" * 65_500)).encode())
+    assert (code, out) == (3, "")
+    assert "RVAFT_SCRATCH" in error
+
+
 @given(st.integers(-(10**25), 10**25), st.integers(-2, 2))
 def test_integers_are_exact(number: int, offset: int) -> None:
     assert equal(str(number), str(number + offset)) == (offset == 0)

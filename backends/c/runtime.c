@@ -304,7 +304,7 @@ static int compare_bytes(const rvaft_value *a, const rvaft_value *b) {
     return order != 0 ? order : a->size < b->size ? -1 : a->size > b->size;
 }
 
-static int sign_of_big(const rvaft_value *v) { return v->text[0] == '-' ? -1 : 1; }
+static int sign_of_big(const rvaft_value *v) { return v->text != NULL && v->text[0] == '-' ? -1 : 1; }
 
 /* The order of an integer and a double that is no integer: as that is less than 2^53, the order is kept
    where the integer is rounded. */

@@ -270,7 +270,7 @@ static int scan_scalar(rvaft_reader *r, rvaft_value *v) {
     } words[6] = {{"true", 4, RVAFT_YES},      {"false", 5, RVAFT_NO},          {"null", 4, RVAFT_NULL},
                   {"NaN", 3, RVAFT_UNDEFINED}, {"Infinity", 8, RVAFT_UNDEFINED}, {"-Infinity", 9, RVAFT_UNDEFINED}};
     const char *text;
-    uint32_t end, size, i;
+    uint32_t start, end, size, i;
     int point;
     char c = r->at < r->size ? r->text[r->at] : '\n';
     if ((c < '0' || c > '9') && c != '-') {
@@ -297,23 +297,22 @@ static int scan_scalar(rvaft_reader *r, rvaft_value *v) {
         }
         return refused(r, "expecting value");
     }
-    text = r->text + r->at;
-    size = end - (uint32_t)r->at;
+    start = (uint32_t)r->at;
+    size = end - start;
     if (!point && size - (c == '-') > MOST_DIGITS) {
         return refused(r, "a number of more than 4300 digits");
     }
-    advance(r, size);
+    r->at = end;
     if (v != NULL) {
-        char *digits = NULL;
-        if (point && RVAFT_SCRATCH - r->used >= 320) {
-            digits = r->scratch + r->used;
-        }
-        *v = read_number(text, size, point, digits);
-        if (v->tag == RVAFT_BIG && point) {
-            r->used += v->size <= RVAFT_SCRATCH - r->used ? v->size : 0;
-        } else if (v->tag != RVAFT_BIG) { /* as written, for times */
-            v->text = text;
+        int room = point && RVAFT_SCRATCH >= MOST_SIZE && r->used <= RVAFT_SCRATCH - MOST_SIZE;
+        *v = read_number(text, start, end, point, room ? r->scratch + r->used : NULL);
+        if (v->tag != RVAFT_BIG) { /* as written, for times */
+            v->text = text + start;
             v->size = size;
+        } else if (v->text == NULL) {
+            return full(r, "the texts of an event");
+        } else if (room && v->size <= MOST_SIZE) {
+            r->used += v->size;
         }
     }
     return 0;
@@ -426,7 +425,7 @@ static int canonical(rvaft_reader *r, int *undefined) {
     }
     {
         rvaft_value v;
-        char digits[320];
+        char digits[MOST_SIZE];
         start = r->used;
         error = scan_scalar(r, &v);
         if (error) {
@@ -679,7 +678,7 @@ RVAFT_UNUSED static int decimal_time(const rvaft_value *v, int scale, int64_t *t
         return 0;
     }
     minus = v->text[0] == '-';
-    read_decimal(v->text, v->size, &d);
+    read_decimal(v->text, 0, v->size, &d);
     *time = 0;
     if (d.count == 0 || d.point < -39) {
         return 1;
@@ -701,33 +700,32 @@ RVAFT_UNUSED static int decimal_time(const rvaft_value *v, int scale, int64_t *t
 
 /* A number of 100 ns since 1601-01-01: 1, 0 if undefined, or an error. */
 RVAFT_UNUSED static int filetime(const rvaft_value *v, int64_t *time) {
-    int found, error = 0;
-    int64_t rest, ticks = 0;
+    int found, minus, error = 0;
+    int64_t rest;
+    uint64_t part, ticks = 0;
+    uint32_t i;
     rvaft_value t;
     decimal d;
     found = decimal_time(v, -40, &rest);
     if (found != 1) {
         return found;
     }
-    read_decimal(v->text, v->size, &d);
+    read_decimal(v->text, 0, v->size, &d);
     if (d.point > 18) {
         return RVAFT_UNSUPPORTED;
     }
-    while (d.point > 0) { /* the whole number apart: with two more digits it may need more than 64 bits */
-        ticks = ticks * 10 + (d.count > 0 ? d.digit[0] : 0);
-        if (d.count > 0) {
-            memmove(d.digit, d.digit + 1, (size_t)--d.count);
-        }
-        d.point--;
+    for (i = 0; (int)i < d.point && i < 18; i++) { /* apart: with two more digits it may need more than 64 bits */
+        ticks = ticks * 10 + (i < d.count ? d.digit[i] : 0U);
     }
-    d.point += 2;
-    rest = (int64_t)rounded(&d);
-    if (v->text[0] == '-') {
-        ticks = -ticks;
-        rest = -rest;
-    }
-    t = multiply(&error, integer(ticks - INT64_C(116444736000000000)), integer(100));
-    t = add(&error, t, integer(rest));
+    i = i < count_of(&d) ? i : count_of(&d);
+    d.count -= i;
+    memmove(d.digit, d.digit + i, d.count);
+    d.point = d.point > 0 ? 2 : d.point + 2;
+    part = rounded(&d);
+    minus = v->text[0] == '-';
+    t = subtract(&error, integer((int64_t)(minus ? 0U - ticks : ticks)), integer(INT64_C(116444736000000000)));
+    t = multiply(&error, t, integer(100));
+    t = add(&error, t, integer((int64_t)(minus ? 0U - part : part)));
     *time = t.integer;
     return error != 0 ? error : 1;
 }
@@ -764,25 +762,14 @@ static uint32_t offset_of(const char *text, uint32_t at, uint32_t size, int *sec
     return at;
 }
 
-/* The nanoseconds that decimals of a second write, half to even. */
-static int64_t decimals_of(const char *text, uint32_t size) {
+/* The nanoseconds that decimals of a second between two places write, half to even. */
+static int64_t decimals_of(const char *text, uint32_t at, uint32_t end) {
     decimal d;
-    uint32_t i;
-    d.count = 0;
-    d.point = 0;
-    d.truncated = 0;
-    for (i = 0; i < size; i++) {
-        if (d.count < DIGITS) {
-            d.digit[d.count++] = (uint8_t)(text[i] - '0');
-        } else {
-            d.truncated |= text[i] != '0';
-        }
-    }
-    trim(&d);
+    read_decimal(text, at, end, &d);
     if (d.count == 0) {
         return 0;
     }
-    d.point = 9;
+    d.point += 9 - (int)(end - at);
     return (int64_t)rounded(&d);
 }
 
@@ -805,7 +792,7 @@ RVAFT_UNUSED static int iso_time(const rvaft_value *v, int64_t *time) {
             while (at < size && t[at] >= '0' && t[at] <= '9') {
                 at++;
             }
-            rest = decimals_of(t + from, at - from);
+            rest = decimals_of(t, from, at);
         }
     }
     if (at < size && (t[at] == 'Z' || t[at] == 'z')) {

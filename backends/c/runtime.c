@@ -221,6 +221,8 @@ typedef struct expiry {
 
 /* Values. */
 
+/*@ assigns \nothing;
+    ensures \result.tag == tag; */
 RVAFT_UNUSED static rvaft_value plain(uint32_t tag) {
     rvaft_value v = {NULL, 0.0, 0, 0, 0};
     v.tag = tag;
@@ -229,6 +231,8 @@ RVAFT_UNUSED static rvaft_value plain(uint32_t tag) {
 
 RVAFT_UNUSED static rvaft_value truth(int yes) { return plain(yes ? RVAFT_YES : RVAFT_NO); }
 
+/*@ assigns \nothing;
+    ensures \result.tag == RVAFT_INTEGER && \result.integer == i; */
 RVAFT_UNUSED static rvaft_value integer(int64_t i) {
     rvaft_value v = plain(RVAFT_INTEGER);
     v.integer = i;
@@ -250,6 +254,7 @@ RVAFT_UNUSED static rvaft_value rvaft_text(const char *text) {
 #define TWO_63 9223372036854775808.0
 
 /* The value of a double; with more than 64 bits it is unsupported (a BIG without digits). */
+/*@ assigns \nothing; */
 RVAFT_UNUSED static rvaft_value rvaft_real(double d) {
     rvaft_value v;
     if (!(d - d == 0.0)) {
@@ -266,6 +271,9 @@ RVAFT_UNUSED static rvaft_value rvaft_real(double d) {
     return v;
 }
 
+/*@ requires \valid_read(v);
+    assigns \nothing;
+    ensures \result != 0 <==> RVAFT_INTEGER <= v->tag <= RVAFT_BIG; */
 static int is_number(const rvaft_value *v) { return v->tag >= RVAFT_INTEGER && v->tag <= RVAFT_BIG; }
 
 static int same_bytes(const rvaft_value *a, const rvaft_value *b) {
@@ -296,7 +304,7 @@ static int compare_bytes(const rvaft_value *a, const rvaft_value *b) {
     return order != 0 ? order : a->size < b->size ? -1 : a->size > b->size;
 }
 
-static int sign_of_big(const rvaft_value *v) { return v->text[0] == '-' ? -1 : 1; }
+static int sign_of_big(const rvaft_value *v) { return v->text != NULL && v->text[0] == '-' ? -1 : 1; }
 
 /* The order of an integer and a double that is no integer: as that is less than 2^53, the order is kept
    where the integer is rounded. */
@@ -372,19 +380,33 @@ RVAFT_UNUSED static rvaft_value at_most(rvaft_value a, rvaft_value b) {
     return order == 2 ? plain(RVAFT_UNDEFINED) : truth(order <= 0);
 }
 
+/*@ requires \valid(error);
+    assigns *error;
+    ensures *error == RVAFT_UNSUPPORTED && \result.tag == RVAFT_UNDEFINED; */
 static rvaft_value unsupported(int *error) {
     *error = RVAFT_UNSUPPORTED;
     return plain(RVAFT_UNDEFINED);
 }
 
+/*@ requires \valid(error);
+    assigns *error;
+    ensures *error == \old(*error) || *error == RVAFT_UNSUPPORTED; */
 static rvaft_value result(int *error, double d) {
     rvaft_value v = rvaft_real(d);
     return v.tag == RVAFT_BIG ? unsupported(error) : v;
 }
 
+/*@ requires \valid_read(v);
+    assigns \nothing; */
 static double as_real(const rvaft_value *v) { return v->tag == RVAFT_INTEGER ? (double)v->integer : v->real; }
 
 /* Whether a calculation has an operand that is no number (then `a` becomes UNDEFINED) or too large. */
+/*@ requires \valid(error) && \valid(a) && \valid_read(b) && \separated(error, a) && \separated(error, b);
+    assigns *error, *a;
+    ensures *error == \old(*error) || *error == RVAFT_UNSUPPORTED;
+    ensures \result != 0 ==> a->tag == RVAFT_UNDEFINED;
+    ensures \result == 0 ==> *a == \old(*a) && *error == \old(*error);
+    ensures \old(a->tag) == RVAFT_INTEGER && \old(b->tag) == RVAFT_INTEGER ==> \result == 0; */
 static int unusable(int *error, rvaft_value *a, const rvaft_value *b) {
     if (!is_number(a) || !is_number(b)) {
         *a = plain(RVAFT_UNDEFINED);
@@ -397,6 +419,9 @@ static int unusable(int *error, rvaft_value *a, const rvaft_value *b) {
     return 0;
 }
 
+/*@ requires \valid(error);
+    assigns *error;
+    ensures *error == \old(*error) || *error == RVAFT_UNSUPPORTED; */
 RVAFT_UNUSED static rvaft_value add(int *error, rvaft_value a, rvaft_value b) {
     int64_t sum;
     if (unusable(error, &a, &b)) {
@@ -419,6 +444,9 @@ RVAFT_UNUSED static rvaft_value negated(int *error, rvaft_value a) {
     return a.integer == INT64_MIN ? unsupported(error) : integer(-a.integer);
 }
 
+/*@ requires \valid(error);
+    assigns *error;
+    ensures *error == \old(*error) || *error == RVAFT_UNSUPPORTED; */
 RVAFT_UNUSED static rvaft_value subtract(int *error, rvaft_value a, rvaft_value b) {
     int64_t difference;
     if (unusable(error, &a, &b)) {
@@ -431,8 +459,12 @@ RVAFT_UNUSED static rvaft_value subtract(int *error, rvaft_value a, rvaft_value 
     return ((a.integer ^ b.integer) & (a.integer ^ difference)) < 0 ? unsupported(error) : integer(difference);
 }
 
+/*@ assigns \nothing; */
 static uint64_t magnitude(int64_t i) { return i < 0 ? 0U - (uint64_t)i : (uint64_t)i; }
 
+/*@ requires \valid(error);
+    assigns *error;
+    ensures *error == \old(*error) || *error == RVAFT_UNSUPPORTED; */
 RVAFT_UNUSED static rvaft_value multiply(int *error, rvaft_value a, rvaft_value b) {
     uint64_t left, right;
     if (unusable(error, &a, &b)) {
@@ -450,6 +482,7 @@ RVAFT_UNUSED static rvaft_value multiply(int *error, rvaft_value a, rvaft_value 
 }
 
 /* The double that is nearest to the quotient of two integers. */
+/*@ assigns \nothing; */
 static double quotient(int64_t a, int64_t b) {
     uint64_t left = magnitude(a), right = magnitude(b), whole = left / right, rest = left % right;
     int sticky, shift = 0;
@@ -479,6 +512,9 @@ static double quotient(int64_t a, int64_t b) {
     return (a < 0) == (b < 0) ? d : -d;
 }
 
+/*@ requires \valid(error);
+    assigns *error;
+    ensures *error == \old(*error) || *error == RVAFT_UNSUPPORTED; */
 RVAFT_UNUSED static rvaft_value divide(int *error, rvaft_value a, rvaft_value b) {
     if (unusable(error, &a, &b)) {
         return a;
@@ -584,86 +620,74 @@ RVAFT_UNUSED static rvaft_value like(rvaft_value a, rvaft_value glob) {
     return truth(sign == glob.size);
 }
 
-/* Decimals: exact conversion between decimal digits and doubles. */
+/* Decimals: exact conversion between decimal digits and doubles. Conditions on a bound that always
+   holds let a static analysis of this file prove that nothing overflows. */
 
-#define DIGITS 800
+#define DIGITS 800U
+#define MORE 24U /* digits that a shift adds */
+#define FAR 100000 /* a power of 10 of which no double is near */
+#define DIGIT(c) ((unsigned char)(c) & 0xFU)
 
 typedef struct decimal {
-    int count;     /* of digits, without zeros at the end */
-    int point;     /* the value is 0.ddd * 10^point */
-    int truncated; /* whether digits were lost, which were not all zero */
-    uint8_t digit[DIGITS + 32];
+    uint32_t count; /* of digits, without zeros at the end */
+    int point;      /* the value is 0.ddd * 10^point */
+    int truncated;  /* whether digits were lost, which were not all zero */
+    uint8_t digit[DIGITS + 2U * MORE];
 } decimal;
 
+static uint32_t count_of(const decimal *d) { return d->count < DIGITS ? d->count : DIGITS; }
+
 static void trim(decimal *d) {
-    if (d->count > DIGITS) {
-        int i;
-        for (i = DIGITS; i < d->count; i++) {
-            d->truncated |= d->digit[i] != 0;
-        }
-        d->count = DIGITS;
+    uint32_t i, count = d->count;
+    for (i = DIGITS; i < count && i < DIGITS + MORE; i++) {
+        d->truncated |= d->digit[i] != 0;
     }
-    while (d->count > 0 && d->digit[d->count - 1] == 0) {
-        d->count--;
+    count = count_of(d);
+    while (count > 0 && d->digit[count - 1] == 0) {
+        count--;
     }
-    if (d->count == 0) {
+    d->count = count;
+    if (count == 0) {
         d->point = 0;
     }
 }
 
 static void shift_left(decimal *d, int bits) {
     uint64_t rest = 0;
-    uint8_t first[24];
-    int i, more = 0;
-    for (i = d->count - 1; i >= 0; i--) {
-        rest += (uint64_t)d->digit[i] << bits;
-        d->digit[i] = (uint8_t)(rest % 10);
+    uint32_t i, first = MORE, count = count_of(d);
+    for (i = count; i > 0; i--) {
+        rest += (uint64_t)d->digit[i - 1] << bits;
+        d->digit[i - 1 + MORE] = (uint8_t)(rest % 10);
         rest /= 10;
     }
-    while (rest != 0 && more < 24) {
-        first[more++] = (uint8_t)(rest % 10);
+    while (rest != 0 && first > 0) {
+        d->digit[--first] = (uint8_t)(rest % 10);
         rest /= 10;
     }
-    memmove(d->digit + more, d->digit, (size_t)d->count);
-    for (i = 0; i < more; i++) {
-        d->digit[i] = first[more - 1 - i];
-    }
-    d->count += more;
-    d->point += more;
+    d->count = count + MORE - first;
+    d->point += d->point < FAR ? (int)(MORE - first) : 0;
+    memmove(d->digit, d->digit + first, d->count);
     trim(d);
 }
 
 static void shift_right(decimal *d, int bits) {
     uint64_t rest = 0, mask = (UINT64_C(1) << bits) - 1;
-    int from = 0, to = 0;
-    while (rest >> bits == 0) {
-        if (from >= d->count) {
-            if (rest == 0) {
-                d->count = 0;
-                trim(d);
-                return;
-            }
-            while (rest >> bits == 0) {
-                rest *= 10;
-                from++;
-            }
-            break;
-        }
-        rest = rest * 10 + d->digit[from++];
+    uint32_t count = count_of(d), from = 0, to = 0;
+    while (rest >> bits == 0 && (from < count || rest != 0) && from < DIGITS + MORE) {
+        rest = rest * 10 + (from < count ? d->digit[from] : 0U);
+        from++;
     }
-    d->point -= from - 1;
-    while (from < d->count) {
-        uint8_t digit = (uint8_t)(rest >> bits);
-        rest = (rest & mask) * 10 + d->digit[from++];
-        d->digit[to++] = digit;
-    }
-    while (rest > 0) {
+    d->point -= d->point > -FAR && from > 0 ? (int)from - 1 : 0;
+    while (from < count || rest != 0) {
         uint8_t digit = (uint8_t)(rest >> bits);
         rest = (rest & mask) * 10;
+        if (from < count) {
+            rest += d->digit[from++];
+        }
         if (to < DIGITS) {
             d->digit[to++] = digit;
-        } else if (digit != 0) {
-            d->truncated = 1;
+        } else {
+            d->truncated |= digit != 0;
         }
     }
     d->count = to;
@@ -672,16 +696,16 @@ static void shift_right(decimal *d, int bits) {
 
 static uint64_t rounded(const decimal *d) {
     uint64_t n = 0;
-    int i, up = 0;
-    for (i = 0; i < d->point && i < d->count; i++) {
+    int i, up = 0, count = (int)count_of(d);
+    for (i = 0; i < d->point && i < count; i++) {
         n = n * 10 + d->digit[i];
     }
     for (; i < d->point; i++) {
         n *= 10;
     }
-    if (d->point >= 0 && d->point < d->count) {
+    if (d->point >= 0 && d->point < count) {
         up = d->digit[d->point] >= 5;
-        if (d->digit[d->point] == 5 && d->point + 1 == d->count) {
+        if (d->digit[d->point] == 5 && d->point + 1 == count) {
             up = d->truncated || (n & 1) != 0;
         }
     }
@@ -705,12 +729,12 @@ static double nearest(decimal *d) {
     if (d->point > 310) {
         return from_bits(UINT64_C(0x7FF) << 52);
     }
-    while (d->point > 0) {
+    while (d->point > 0 && exponent < FAR) {
         int bits = d->point >= 9 ? 27 : steps[d->point];
         shift_right(d, bits);
         exponent += bits;
     }
-    while (d->point < 0 || (d->point == 0 && d->digit[0] < 5)) {
+    while ((d->point < 0 || (d->point == 0 && d->digit[0] < 5)) && exponent > -FAR) {
         int bits = -d->point >= 9 ? 27 : steps[-d->point];
         shift_left(d, bits);
         exponent -= bits;
@@ -762,7 +786,7 @@ static inline size_t digits_end(const char *text, size_t at, size_t size) {
     while (at < size && text[at] >= '0' && text[at] <= '9') {
         at++;
     }
-    return at;
+    return at < size ? at : size;
 }
 
 /* Pass a JSON number at a place; `point` is 1 where it has a decimal point or an exponent. Returns the
@@ -796,67 +820,69 @@ static inline uint32_t number_end(const char *text, uint32_t place, uint32_t siz
     return (uint32_t)at;
 }
 
-/* The decimal that a JSON number writes. */
-static void read_decimal(const char *text, uint32_t size, decimal *d) {
-    uint32_t at = text[0] == '-';
-    int exponent = 0, minus = 0, dot = 0;
-    d->count = 0;
-    d->point = 0;
-    d->truncated = 0;
-    for (; at < size && text[at] != 'e' && text[at] != 'E'; at++) {
-        if (text[at] == '.') {
-            dot = 1;
-            continue;
-        }
-        if (d->count == 0 && text[at] == '0') {
-            d->point -= dot;
-            continue;
-        }
-        if (d->count < DIGITS) {
-            d->digit[d->count++] = (uint8_t)(text[at] - '0');
-        } else {
-            d->truncated |= text[at] != '0';
-        }
-        d->point += !dot;
-    }
-    if (at < size) {
+/* The exponent of a JSON number, whose `e` is at a place. With more than 17 digits it is less than it
+   says, but greater than what a text has room for. */
+static int64_t exponent_of(const char *text, uint32_t at, uint32_t end) {
+    int64_t n = 0;
+    int minus = 0;
+    at++;
+    if (at < end && (text[at] == '+' || text[at] == '-')) {
+        minus = text[at] == '-';
         at++;
-        if (text[at] == '+' || text[at] == '-') {
-            minus = text[at] == '-';
-            at++;
-        }
-        for (; at < size; at++) {
-            exponent = exponent > 100000000 ? exponent : exponent * 10 + (text[at] - '0');
-        }
-        if (d->count != 0) {
-            d->point += minus ? -exponent : exponent;
+    }
+    for (; at < end; at++) {
+        if (n < INT64_C(100000000000000000)) {
+            n = n * 10 + DIGIT(text[at]);
         }
     }
+    return minus ? -n : n;
+}
+
+/* The decimal that a JSON number between two places writes. */
+static void read_decimal(const char *text, uint32_t at, uint32_t end, decimal *d) {
+    uint32_t first = NONE, dot = NONE;
+    int64_t point;
+    memset(d, 0, sizeof *d);
+    at += text[at] == '-';
+    for (; at < end && text[at] != 'e' && text[at] != 'E'; at++) {
+        uint8_t digit = DIGIT(text[at]);
+        if (text[at] == '.') {
+            dot = at;
+        } else if (d->count != 0 || digit != 0) {
+            first = first < at ? first : at;
+            if (d->count < DIGITS) {
+                d->digit[d->count++] = digit;
+            } else {
+                d->truncated |= digit != 0;
+            }
+        }
+    }
+    dot = dot < at ? dot : at;
+    point = (int64_t)dot - (int64_t)first + (first < dot ? 0 : 1) + exponent_of(text, at, end);
+    d->point = point > FAR ? FAR : point < -FAR ? -FAR : (int)point;
     trim(d);
 }
 
-/* The digits of a double with more than 64 bits; `to` has room for 320. Returns their number. */
+#define MOST_SIZE 320U /* of the digits of a double */
+
+/* The digits of a double with more than 64 bits; `to` has room for MOST_SIZE. Returns their number. */
 static uint32_t digits_of(double value, char *to) {
     decimal d;
     uint64_t bits, mantissa;
-    int exponent, i, most;
+    int exponent, i;
     uint32_t size = 0;
     memcpy(&bits, &value, sizeof bits);
     mantissa = (bits & ((UINT64_C(1) << 52) - 1)) | UINT64_C(1) << 52;
     exponent = (int)((bits >> 52) & 0x7FFU) - 1075;
-    d.count = 0;
-    d.truncated = 0;
-    for (i = 19; i >= 0; i--) {
+    memset(&d, 0, sizeof d);
+    for (i = 15; i >= 0; i--) {
         d.digit[i] = (uint8_t)(mantissa % 10);
         mantissa /= 10;
     }
-    for (i = 0; d.digit[i] == 0; i++) {
-    }
-    memmove(d.digit, d.digit + i, (size_t)(20 - i));
-    d.count = 20 - i;
-    d.point = d.count;
+    d.count = 16;
+    d.point = 16;
     trim(&d);
-    while (exponent > 0) {
+    while (exponent > 0 && d.point < FAR) {
         int step = exponent > 59 ? 59 : exponent;
         shift_left(&d, step);
         exponent -= step;
@@ -864,70 +890,58 @@ static uint32_t digits_of(double value, char *to) {
     if (value < 0) {
         to[size++] = '-';
     }
-    most = d.point < 310 ? d.point : 310;
-    for (i = 0; i < most; i++) {
-        to[size++] = (char)('0' + (i < d.count ? d.digit[i] : 0));
+    for (i = 0; i < d.point && size < MOST_SIZE; i++) {
+        to[size++] = (char)('0' + (i < (int)count_of(&d) ? d.digit[i] : 0));
     }
     return size;
 }
 
-/* The value of a JSON number. A BIG that a decimal point or an exponent writes has no digits:
-   `digits`, if not NULL, has room for 320 of them. */
-static rvaft_value read_number(const char *text, uint32_t size, int point, char *digits) {
+/* The value of the JSON number between two places. A BIG that a decimal point or an exponent writes
+   has no digits: `digits`, if not NULL, has room for MOST_SIZE of them. */
+static rvaft_value read_number(const char *text, uint32_t at, uint32_t end, int point, char *digits) {
     static const double powers[23] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,
                                       1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
+    const uint32_t start = at;
     rvaft_value v;
     uint64_t n = 0;
-    uint32_t at = text[0] == '-';
-    double d;
+    int minus = text[at] == '-';
+    at += minus != 0;
     if (!point) {
-        if (size - at <= 18) {
-            for (; at < size; at++) {
-                n = n * 10 + (uint64_t)(text[at] - '0');
-            }
-            v = integer(text[0] == '-' ? -(int64_t)n : (int64_t)n);
-        } else {
-            uint64_t limit = (uint64_t)INT64_MAX + (uint64_t)(text[0] == '-');
-            v = bytes_of(RVAFT_BIG, text, size);
-            if (size - at == 19) {
-                for (; at < size; at++) {
-                    n = n * 10 + (uint64_t)(text[at] - '0');
-                }
-                if (n <= limit) {
-                    v = integer(text[0] == '-' ? (int64_t)(0U - n) : (int64_t)n);
-                }
-            }
+        uint32_t size = end - at;
+        if (size > 19) {
+            return bytes_of(RVAFT_BIG, text + start, end - start);
         }
+        for (; at < end; at++) {
+            n = n * 10 + DIGIT(text[at]);
+        }
+        if (size == 19 && n > (uint64_t)INT64_MAX + (uint64_t)minus) {
+            return bytes_of(RVAFT_BIG, text + start, end - start);
+        }
+        v = integer((int64_t)(minus ? 0U - n : n));
     } else {
-        int scale = 0, significant = 0, dot = 0, exponent = 0, minus = 0;
-        for (; at < size && text[at] != 'e' && text[at] != 'E' && significant <= 15; at++) {
+        uint32_t dot = NONE;
+        int significant = 0;
+        int64_t power = 0;
+        double d;
+        for (; at < end && text[at] != 'e' && text[at] != 'E' && significant <= 15; at++) {
             if (text[at] == '.') {
-                dot = 1;
+                dot = at;
             } else {
-                n = n * 10 + (uint64_t)(text[at] - '0');
+                n = n * 10 + DIGIT(text[at]);
                 significant += n != 0;
-                scale += dot;
             }
         }
-        if (significant <= 15 && at < size) {
-            at++;
-            if (text[at] == '+' || text[at] == '-') {
-                minus = text[at] == '-';
-                at++;
-            }
-            for (; at < size; at++) {
-                exponent = exponent > 100000 ? exponent : exponent * 10 + (text[at] - '0');
-            }
+        if (significant <= 15) {
+            power = exponent_of(text, at, end) - (dot < at ? (int64_t)(at - dot) - 1 : 0);
         }
-        exponent = (minus ? -exponent : exponent) - scale;
-        if (significant <= 15 && exponent >= -22 && exponent <= 22) {
-            d = exponent < 0 ? (double)n / powers[-exponent] : (double)n * powers[exponent];
+        if (significant <= 15 && power >= -22 && power <= 22) {
+            d = power < 0 ? (double)n / powers[-power] : (double)n * powers[power];
         } else {
             decimal exact;
-            read_decimal(text, size, &exact);
+            read_decimal(text, start, end, &exact);
             d = nearest(&exact);
         }
-        d = text[0] == '-' ? -d : d;
+        d = minus ? -d : d;
         v = rvaft_real(d);
         if (v.tag == RVAFT_BIG && digits != NULL) {
             v = bytes_of(RVAFT_BIG, digits, digits_of(d, digits));
@@ -950,7 +964,7 @@ RVAFT_UNUSED static rvaft_value number_of(int *error, rvaft_value v) {
     if (!point && v.size - (v.text[0] == '-') > MOST_DIGITS) {
         return plain(RVAFT_UNDEFINED);
     }
-    v = read_number(v.text, v.size, point, NULL);
+    v = read_number(v.text, 0, v.size, point, NULL);
     return v.tag == RVAFT_BIG && v.text == NULL ? unsupported(error) : v;
 }
 
@@ -982,8 +996,13 @@ static rvaft_value value_of(const rvaft_monitor *m, const cell *c) {
         v.integer = c->bits;
     } else if (c->tag == RVAFT_REAL) {
         memcpy(&v.real, &c->bits, sizeof v.real);
-    } else if (c->tag >= RVAFT_BIG && c->bits >= 0 && c->bits < (int64_t)RVAFT_TEXTS) {
-        v.text = m->texts.bytes + m->texts.start[c->bits];
+    } else if (c->tag >= RVAFT_BIG) {
+        uint32_t start;
+        if (c->bits < 0 || c->bits >= (int64_t)RVAFT_TEXTS) {
+            return plain(RVAFT_UNDEFINED); /* never */
+        }
+        start = m->texts.start[c->bits];
+        v.text = m->texts.bytes + (start < RVAFT_TEXT_BYTES ? start : 0); /* of an empty text at the end, any place */
         v.size = m->texts.size[c->bits];
     }
     return v;
@@ -997,7 +1016,11 @@ static rvaft_value value_of(const rvaft_monitor *m, const cell *c) {
 
 /* An index is compared with the size of its array also where it is always in bounds: a static analysis
    of this file then proves that no access is wrong. */
-static const stage *stage_of(const partial *p) { return &stages[p->stage < RVAFT_STAGES ? p->stage : 0]; }
+#define ROW(table, n) table[(n) < sizeof(table) / sizeof((table)[0]) ? (n) : 0]
+
+static const stage *stage_of(const partial *p) { return &ROW(stages, p->stage); }
+
+static const cell *slot_of(const partial *p, uint32_t n) { return &ROW(p->slot, n); }
 
 #define FEW 63U /* the least mask of buckets */
 
@@ -1026,22 +1049,29 @@ static uint32_t hash_bytes(uint64_t h, const char *text, uint32_t size) {
     return mixed(h);
 }
 
+static uint32_t *text_bucket(pool *t, uint32_t hash) { return &t->head[hash & t->mask & (RVAFT_BUCKETS - 1)]; }
+
+/* Note that a value is in use. */
+static void mark_text(pool *t, const cell *c) {
+    if (c->tag >= RVAFT_BIG && c->bits >= 0 && c->bits < (int64_t)RVAFT_TEXTS) {
+        t->live[c->bits] = 1;
+    }
+}
+
 static void mark_texts(rvaft_monitor *m) {
     uint32_t s, i, k;
     memset(m->texts.live, 0, sizeof m->texts.live);
     for (s = 0; s < RVAFT_STORES; s++) {
-        for (i = 0; i < m->stores[s].count; i++) {
+        for (i = 0; i < m->stores[s].count && i < RVAFT_CAPACITY; i++) {
             const partial *p = &m->stores[s].item[i];
             for (k = 0; k < stage_of(p)->slots; k++) {
-                if (p->slot[k].tag >= RVAFT_BIG) {
-                    m->texts.live[p->slot[k].bits] = 1;
-                }
+                mark_text(&m->texts, slot_of(p, k));
             }
         }
     }
     for (i = 0; i < RVAFT_FIELDS; i++) {
-        if (m->known[i] == 2 && m->cells[i].tag >= RVAFT_BIG) {
-            m->texts.live[m->cells[i].bits] = 1;
+        if (m->known[i] == 2) {
+            mark_text(&m->texts, &m->cells[i]);
         }
     }
 }
@@ -1050,35 +1080,76 @@ static void mark_texts(rvaft_monitor *m) {
 static void relink_texts(pool *t) {
     uint32_t i;
     t->spare = NONE;
-    for (i = 0; i <= t->mask; i++) {
+    for (i = 0; i <= t->mask && i < RVAFT_BUCKETS; i++) {
         t->head[i] = NONE;
     }
-    for (i = t->count; i-- > 0;) {
-        uint32_t *first = t->size[i] == NONE ? &t->spare : &t->head[t->hash[i] & t->mask];
-        t->next[i] = *first;
-        *first = i;
+    for (i = t->count < RVAFT_TEXTS ? t->count : RVAFT_TEXTS; i > 0; i--) {
+        uint32_t *first = t->size[i - 1] == NONE ? &t->spare : text_bucket(t, t->hash[i - 1]);
+        t->next[i - 1] = *first;
+        *first = i - 1;
     }
+}
+
+/* Whether a stored text has these bytes. */
+static int has_bytes(const pool *t, uint32_t number, const char *text, uint32_t size) {
+    uint32_t at = t->start[number], k = 0;
+    if (t->size[number] != size) {
+        return 0;
+    }
+    for (; k + 8 <= size && at + 8 <= RVAFT_TEXT_BYTES; k += 8, at += 8) {
+        uint64_t ours, theirs;
+        memcpy(&ours, t->bytes + at, 8);
+        memcpy(&theirs, text + k, 8);
+        if (ours != theirs) {
+            return 0;
+        }
+    }
+    for (; k < size && at < RVAFT_TEXT_BYTES; k++, at++) {
+        if (t->bytes[at] != text[k]) {
+            return 0;
+        }
+    }
+    return k == size;
+}
+
+/* Write the number of a text, behind which its bytes are put; there is room for both. */
+static uint32_t begin_text(pool *t, uint32_t number, uint32_t size) {
+    uint32_t at = t->used;
+    if (at + sizeof number <= RVAFT_TEXT_BYTES) {
+        memcpy(t->bytes + at, &number, sizeof number);
+        at += (uint32_t)sizeof number;
+    }
+    t->start[number] = at;
+    t->size[number] = size;
+    return at;
 }
 
 /* Remove the texts that no partial match has. Bytes move, so the texts are moved in their order. */
 static void collect_texts(rvaft_monitor *m) {
     pool *t = &m->texts;
-    uint32_t used = 0, at = 0;
+    uint32_t from = 0, stop = t->used;
     mark_texts(m);
-    while (at < t->used) { /* each text is preceded by its number */
+    t->used = 0;
+    while (from < stop && from + sizeof(uint32_t) <= RVAFT_TEXT_BYTES) { /* each text is preceded by its number */
         uint32_t number, size;
-        memcpy(&number, t->bytes + at, sizeof number);
+        memcpy(&number, t->bytes + from, sizeof number);
+        from += (uint32_t)sizeof number;
+        if (number >= RVAFT_TEXTS) {
+            m->error = RVAFT_FULL; /* never */
+            return;
+        }
         size = t->size[number];
         if (t->live[number]) {
-            memmove(t->bytes + used, t->bytes + at, sizeof number + size);
-            t->start[number] = used + (uint32_t)sizeof number;
-            used += (uint32_t)sizeof number + size;
+            uint32_t to = begin_text(t, number, size), end = from + size;
+            for (; from < end && from < RVAFT_TEXT_BYTES && to < RVAFT_TEXT_BYTES; from++, to++) {
+                t->bytes[to] = t->bytes[from];
+            }
+            t->used = to;
         } else {
             t->size[number] = NONE;
+            from += size;
         }
-        at += (uint32_t)sizeof number + size;
     }
-    t->used = used;
     relink_texts(t);
 }
 
@@ -1090,9 +1161,9 @@ static int has_room(const pool *t, uint32_t size) {
 /* The number of a text, or NONE if it is not stored (with `insert`: if there is no room). */
 static uint32_t interned(rvaft_monitor *m, const rvaft_value *v, uint32_t hash, int insert) {
     pool *t = &m->texts;
-    uint32_t i = t->head[hash & t->mask];
-    for (; i != NONE; i = t->next[i]) {
-        if (t->hash[i] == hash && t->size[i] == v->size && memcmp(t->bytes + t->start[i], v->text, v->size) == 0) {
+    uint32_t i = *text_bucket(t, hash), at, k;
+    for (; i < RVAFT_TEXTS; i = t->next[i]) {
+        if (t->hash[i] == hash && has_bytes(t, i, v->text, v->size)) {
             return i;
         }
     }
@@ -1111,27 +1182,32 @@ static uint32_t interned(rvaft_monitor *m, const rvaft_value *v, uint32_t hash, 
         relink_texts(t);
     }
     i = t->spare;
-    if (i != NONE) {
+    if (i < RVAFT_TEXTS) {
         t->spare = t->next[i];
     } else {
-        i = t->count++;
+        i = t->count;
+        if (i >= RVAFT_TEXTS) {
+            m->error = RVAFT_FULL;
+            return NONE;
+        }
+        t->count = i + 1;
     }
-    memcpy(t->bytes + t->used, &i, sizeof i);
-    t->start[i] = t->used + (uint32_t)sizeof i;
-    memcpy(t->bytes + t->start[i], v->text, v->size);
-    t->used = t->start[i] + v->size;
-    t->size[i] = v->size;
+    at = begin_text(t, i, v->size);
+    for (k = 0; k < v->size && at < RVAFT_TEXT_BYTES; k++, at++) {
+        t->bytes[at] = v->text[k];
+    }
+    t->used = at;
     t->hash[i] = hash;
-    t->next[i] = t->head[hash & t->mask];
-    t->head[hash & t->mask] = i;
+    t->next[i] = *text_bucket(t, hash);
+    *text_bucket(t, hash) = i;
     return i;
 }
 
 /* The cell of a field of the event. Without `insert` an unknown text has the number -1. */
 static const cell *cell_of(rvaft_monitor *m, const rvaft_event *e, uint32_t field, int insert) {
-    cell *c = &m->cells[field];
-    const rvaft_value *v = &e->field[field];
-    if (m->known[field] == 2 || (m->known[field] == 1 && !insert)) {
+    cell *c = &ROW(m->cells, field);
+    const rvaft_value *v = &ROW(e->field, field);
+    if (ROW(m->known, field) == 2 || (ROW(m->known, field) == 1 && !insert)) {
         return c;
     }
     c->tag = is_defined(v) ? v->tag : RVAFT_UNDEFINED;
@@ -1143,7 +1219,7 @@ static const cell *cell_of(rvaft_monitor *m, const rvaft_event *e, uint32_t fiel
     }
     if (c->tag < RVAFT_BIG) {
         c->hash = mixed(((uint64_t)c->bits ^ m->seed ^ c->tag) * UINT64_C(0x9E3779B97F4A7C15));
-        m->known[field] = 2;
+        ROW(m->known, field) = 2;
     } else {
         uint32_t number;
         if (v->text == NULL) { /* a double of more than 64 bits */
@@ -1153,7 +1229,7 @@ static const cell *cell_of(rvaft_monitor *m, const rvaft_event *e, uint32_t fiel
         c->hash = hash_bytes(m->seed, v->text, v->size);
         number = interned(m, v, c->hash, insert);
         c->bits = number == NONE ? -1 : (int64_t)number;
-        m->known[field] = number == NONE ? 1 : 2;
+        ROW(m->known, field) = number == NONE ? 1 : 2;
     }
     return c;
 }
@@ -1182,33 +1258,35 @@ static int is_void(const rvaft_monitor *m, const partial *p) {
 #define is_void(m, p) 0
 #endif
 
-static uint32_t bucket_of(const store *s, uint32_t stage_number, uint32_t key, uint32_t link,
-                          const cell *const *cells, uint32_t count) {
-    uint64_t h = ((uint64_t)(key + 1U) << 32 | stage_number) * UINT64_C(0x9E3779B97F4A7C15) + link;
-    uint32_t i;
-    for (i = 0; i < count; i++) {
-        h = (h ^ cells[i]->hash) * UINT64_C(0xD6E8FEB86659FD93);
-        h ^= h >> 32;
-    }
-    return (uint32_t)(h ^ h >> 29) & s->mask & (RVAFT_BUCKETS - 1);
+/* The place of a partial match in a hash table depends on its stage, some of its cells, and its key. */
+static uint64_t hash_of(uint32_t stage_number, uint32_t link) { return (uint64_t)stage_number << 32 | link; }
+
+static uint64_t hash_with(uint64_t h, const cell *c) {
+    h = (h ^ c->hash) * UINT64_C(0xD6E8FEB86659FD93);
+    return h ^ h >> 32;
+}
+
+static uint32_t bucket_of(const store *s, uint64_t h, uint32_t key) {
+    h = (h ^ (uint64_t)(key + 1U) << 32) * UINT64_C(0x9E3779B97F4A7C15);
+    return (uint32_t)(h >> 32 ^ h >> 61) & s->mask & (RVAFT_BUCKETS - 1);
 }
 
 static uint32_t first_in(const store *s, uint32_t link, uint32_t place) {
-    const bucket *b = &s->buckets[link][place];
+    const bucket *b = &ROW(s->buckets, link)[place];
     return b->epoch == s->epoch ? b->head : NONE;
 }
 
 static void link_partial(store *s, uint32_t number) {
     partial *p = &s->item[number];
     const stage *st = stage_of(p);
-    const cell *cells[RVAFT_WIDTH];
-    uint32_t link, i, at = st->link;
-    for (link = 0; link < st->links; link++) {
-        uint32_t count = link_slots[at++], place;
-        for (i = 0; i < count; i++) {
-            cells[i] = &p->slot[link_slots[at++]];
+    uint32_t link, at = st->link;
+    for (link = 0; link < st->links && link < MAX_LINKS; link++) {
+        uint32_t stop = at + 1 + ROW(link_slots, at), place;
+        uint64_t h = hash_of(p->stage, link);
+        for (at++; at < stop; at++) {
+            h = hash_with(h, slot_of(p, ROW(link_slots, at)));
         }
-        place = bucket_of(s, p->stage, KEY_OF(p), link, cells, count);
+        place = bucket_of(s, h, KEY_OF(p));
         p->next[link] = first_in(s, link, place);
         s->buckets[link][place].head = number;
         s->buckets[link][place].epoch = s->epoch;
@@ -1223,9 +1301,9 @@ static int better(const stage *st, const partial *p, const partial *q) {
     uint32_t i;
     int p_good = 1, q_good = 1;
     for (i = st->exact; i < st->slots; i++) {
-        int64_t a = p->slot[i].bits, b = q->slot[i].bits;
+        int64_t a = slot_of(p, i)->bits, b = slot_of(q, i)->bits;
         if (a != b) {
-            int p_wins = slot_order[st->order + i - st->exact] ? a < b : a > b;
+            int p_wins = ROW(slot_order, st->order + i - st->exact) ? a < b : a > b;
             p_good = p_good && p_wins;
             q_good = q_good && !p_wins;
         }
@@ -1235,18 +1313,18 @@ static int better(const stage *st, const partial *p, const partial *q) {
 
 static void insert_partial(rvaft_monitor *m, store *s, const partial *p) {
     const stage *st = stage_of(p);
-    const cell *cells[RVAFT_WIDTH];
     uint32_t i, at;
+    uint64_t h = hash_of(p->stage, 0);
     for (i = 0; i < st->exact; i++) {
-        cells[i] = &p->slot[i];
+        h = hash_with(h, slot_of(p, i));
     }
-    at = first_in(s, 0, bucket_of(s, p->stage, KEY_OF(p), 0, cells, st->exact));
+    at = first_in(s, 0, bucket_of(s, h, KEY_OF(p)));
     for (; at < RVAFT_CAPACITY; at = s->item[at].next[0]) {
         partial *other = &s->item[at];
         if (other->stage == p->stage && KEY_OF(other) == KEY_OF(p) && !is_void(m, other)) {
             int equal = 1, order;
             for (i = 0; equal && i < st->exact; i++) {
-                equal = same_cell(&p->slot[i], &other->slot[i]);
+                equal = same_cell(slot_of(p, i), slot_of(other, i));
             }
             if (equal) {
                 order = better(st, other, p);
@@ -1254,7 +1332,7 @@ static void insert_partial(rvaft_monitor *m, store *s, const partial *p) {
                     return;
                 }
                 if (order < 0) {
-                    for (i = st->exact; i < st->slots; i++) {
+                    for (i = st->exact; i < st->slots && i < RVAFT_WIDTH; i++) {
                         other->slot[i] = p->slot[i];
                     }
 #if RVAFT_PLACES
@@ -1276,6 +1354,7 @@ static void insert_partial(rvaft_monitor *m, store *s, const partial *p) {
     s->count = at + 1;
 }
 
+/*@ assigns *m, *s; */
 static void insert_starts(rvaft_monitor *m, store *s) {
     partial p;
     uint32_t i;
@@ -1292,12 +1371,12 @@ static void insert_starts(rvaft_monitor *m, store *s) {
 /* Try a move from a partial match; returns 1 if it detects. */
 static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *mv, const rvaft_event *e) {
     partial made;
-    const stage *st = &stages[mv->target];
+    const stage *st = &ROW(stages, mv->target);
     uint32_t i;
     for (i = 0; i < mv->joins; i++) {
-        const join *j = &joins[mv->join + i];
+        const join *j = &ROW(joins, mv->join + i);
         const cell *c = cell_of(m, e, j->field, 0);
-        if (c->tag == RVAFT_UNDEFINED || !same_cell(c, &p->slot[j->slot])) {
+        if (c->tag == RVAFT_UNDEFINED || !same_cell(c, slot_of(p, j->slot))) {
             return 0;
         }
     }
@@ -1321,12 +1400,12 @@ static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *m
     made.key = m->key;
     made.era = m->keys.item[m->key].era;
 #endif
-    for (i = 0; i < st->slots; i++) {
-        const load *l = &loads[mv->load + i];
+    for (i = 0; i < st->slots && i < RVAFT_WIDTH; i++) {
+        const load *l = &ROW(loads, mv->load + i);
         cell *c = &made.slot[i];
         rvaft_value t;
         if (l->from == COPY) {
-            *c = p->slot[l->slot];
+            *c = *slot_of(p, l->slot);
             continue;
         }
         if (l->from == FIELD) {
@@ -1335,7 +1414,7 @@ static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *m
         }
         t = AT;
         if (l->from != NOW) {
-            rvaft_value before = value_of(m, &p->slot[l->slot]);
+            rvaft_value before = value_of(m, slot_of(p, l->slot));
             t = l->from == LATEST ? later(before, t) : earlier(before, t);
         }
         c->tag = t.tag;
@@ -1343,7 +1422,7 @@ static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *m
         c->hash = mixed(((uint64_t)c->bits ^ m->seed ^ c->tag) * UINT64_C(0x9E3779B97F4A7C15));
     }
     for (i = st->exact; i < st->slots; i++) {
-        if (made.slot[i].tag == RVAFT_UNDEFINED) { /* a guard over this time can never hold */
+        if (slot_of(&made, i)->tag == RVAFT_UNDEFINED) { /* a guard over this time can never hold */
             return 0;
         }
     }
@@ -1360,8 +1439,8 @@ static int expired(const rvaft_monitor *m, const partial *p) {
     const stage *st = stage_of(p);
     uint32_t i;
     for (i = 0; i < st->expires; i++) {
-        const expiry *x = &expiries[st->expiry + i];
-        int64_t from = p->slot[x->slot].bits;
+        const expiry *x = &ROW(expiries, st->expiry + i);
+        int64_t from = slot_of(p, x->slot)->bits;
 #if RVAFT_KEYED
         int64_t latest = m->keys.item[p->key < RVAFT_KEYS ? p->key : 0].latest; /* with slots it has a key */
 #else
@@ -1407,6 +1486,7 @@ static void sweep(rvaft_monitor *m, store *s) {
 }
 
 /* Try all moves of a pattern, or of several in the order of ranks, so that no event is used twice. */
+/*@ assigns *m; */
 static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *matched, uint32_t count) {
     store *s = &m->stores[0];
     uint32_t cursor[RVAFT_PATTERNS] = {0}, i;
@@ -1414,20 +1494,20 @@ static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *mat
         sweep(m, s);
     }
     for (i = 0; i < count && i < RVAFT_PATTERNS; i++) {
-        cursor[i] = pattern_moves[matched[i]];
+        cursor[i] = ROW(pattern_moves, matched[i]);
     }
     for (;;) {
-        uint32_t best = NONE, rank = NONE, number, at, k, key = NONE;
+        uint32_t best = NONE, rank = NONE, at, k, key = NONE, slot, last;
         const move *mv;
-        const cell *cells[RVAFT_WIDTH];
-        uint32_t width;
-        const uint16_t *slots;
+        uint64_t h;
         for (i = 0; i < count && i < RVAFT_PATTERNS; i++) {
             uint32_t next = cursor[i];
-            if (next < pattern_moves[matched[i] + 1] && next < RVAFT_MOVES &&
-                stages[moves[sorted_moves[next]].stage].rank < rank) {
-                rank = stages[moves[sorted_moves[next]].stage].rank;
-                best = i;
+            if (next < ROW(pattern_moves, matched[i] + 1) && next < RVAFT_MOVES) {
+                uint32_t its = ROW(stages, ROW(moves, sorted_moves[next]).stage).rank;
+                if (its < rank) {
+                    rank = its;
+                    best = i;
+                }
             }
         }
         if (best >= RVAFT_PATTERNS) {
@@ -1438,23 +1518,25 @@ static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *mat
             return 0;
         }
         cursor[best] = at + 1;
-        number = sorted_moves[at];
-        mv = &moves[number];
-        slots = &link_slots[stages[mv->stage].link];
+        mv = &ROW(moves, sorted_moves[at]);
+        slot = ROW(stages, mv->stage).link;
         for (k = 0; k < mv->link; k++) {
-            slots += 1 + *slots;
+            slot += 1U + ROW(link_slots, slot);
         }
-        width = *slots;
-        for (k = 0; k < width; k++) {
-            for (i = 0; joins[mv->join + i].slot != slots[1 + k]; i++) {
+        h = hash_of(mv->stage, mv->link);
+        last = slot + ROW(link_slots, slot);
+        for (; slot < last; slot++) {
+            uint32_t join = mv->join;
+            while (join + 1 < mv->join + mv->joins && ROW(joins, join).slot != ROW(link_slots, slot + 1)) {
+                join++;
             }
-            cells[k] = cell_of(m, e, joins[mv->join + i].field, 0);
+            h = hash_with(h, cell_of(m, e, ROW(joins, join).field, 0));
         }
         for (;;) { /* those without an event, and those of the key */
-            at = first_in(s, mv->link, bucket_of(s, mv->stage, key, mv->link, cells, width));
+            at = first_in(s, mv->link, bucket_of(s, h, key));
             while (at < RVAFT_CAPACITY && m->error == 0) {
                 const partial *p = &s->item[at];
-                at = p->next[mv->link];
+                at = ROW(p->next, mv->link);
                 if (p->stage == mv->stage && KEY_OF(p) == key && !is_void(m, p) && try_move(m, s, p, mv, e)) {
                     return 1;
                 }
@@ -1473,6 +1555,7 @@ static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *mat
 #else
 
 /* Replace the partial matches by those that the event extends. */
+/*@ assigns *m; */
 static int replaced(rvaft_monitor *m, const rvaft_event *e, const uint8_t *matches) {
     store *from = &m->stores[m->now], *to = &m->stores[1 - m->now];
     uint32_t i, k;
@@ -1481,7 +1564,7 @@ static int replaced(rvaft_monitor *m, const rvaft_event *e, const uint8_t *match
         const partial *p = &from->item[i];
         const stage *st = stage_of(p);
         for (k = 0; k < st->moves; k++) {
-            const move *mv = &moves[st->move + k];
+            const move *mv = &ROW(moves, st->move + k);
             if (matches[mv->pattern]) {
                 if (try_move(m, to, p, mv, e)) {
                     return 1;
@@ -1498,6 +1581,10 @@ static int replaced(rvaft_monitor *m, const rvaft_event *e, const uint8_t *match
 
 #endif
 
+/*@ requires \valid(m) && \valid_read(e) && \separated(m, e);
+    assigns m->latest, m->has_latest;
+    ensures \result != 0 ==> m->latest == \old(m->latest) > e->time;
+    ensures \old(m->has_latest) != 0 ==> m->has_latest != 0 && m->latest >= \old(m->latest); */
 static int is_late(rvaft_monitor *m, const rvaft_event *e) {
     int late = 0;
     if (RVAFT_LATE >= 0 && e->has_time) {
@@ -1548,51 +1635,99 @@ RVAFT_API void rvaft_init(rvaft_monitor *m, uint64_t seed) {
     init_zeros(m, seed);
 }
 
+/*@ predicate sound(rvaft_monitor *m) = m->verdict \in {RVAFT_UNKNOWN, RVAFT_TRUE, RVAFT_FALSE} &&
+        m->error \in {0, RVAFT_FULL, RVAFT_UNSUPPORTED};
+    logic integer outcome(rvaft_monitor *m) = m->error != 0 ? m->error : m->verdict; */
+
+/* Note a verdict, but not after an error. */
+/*@ requires \valid(m) && verdict \in {RVAFT_UNKNOWN, RVAFT_TRUE, RVAFT_FALSE};
+    assigns m->verdict, m->error;
+    ensures sound(m) && \result == outcome(m);
+    ensures \old(m->error) != 0 ==> \result < 0 && m->verdict == RVAFT_UNKNOWN; */
+static int decided(rvaft_monitor *m, int verdict) {
+    if (m->error != 0) {
+        m->verdict = RVAFT_UNKNOWN;
+        m->error = m->error == RVAFT_UNSUPPORTED ? RVAFT_UNSUPPORTED : RVAFT_FULL;
+        return m->error;
+    }
+    m->verdict = verdict;
+    return verdict;
+}
+
+/*@ requires \valid(m) && \valid_read(e) && \separated(m, e) && sound(m);
+    assigns *m;
+    ensures sound(m) && \result == outcome(m);
+    behavior final:
+        assumes outcome(m) != RVAFT_UNKNOWN;
+        assigns \nothing;
+        ensures \result == \old(outcome(m)); */
 static int step(rvaft_monitor *m, const rvaft_event *e) {
     uint8_t matches[RVAFT_PATTERNS];
-    int late, found = 0;
-    if (m->error != 0 || m->verdict == RVAFT_FALSE || m->verdict == RVAFT_TRUE) {
-        return m->error != 0 ? m->error : m->verdict;
+    int late, verdict = RVAFT_UNKNOWN;
+    uint32_t i;
+    if (m->error != 0) {
+        return m->error;
+    }
+    if (m->verdict != RVAFT_UNKNOWN) {
+        return m->verdict;
+    }
+    /*@ loop invariant 0 <= i <= RVAFT_FIELDS;
+        loop assigns i, m->known[0 .. RVAFT_FIELDS - 1];
+        loop variant RVAFT_FIELDS - i; */
+    for (i = 0; i < RVAFT_FIELDS; i++) {
+        if (e->field[i].tag == RVAFT_BIG && e->field[i].text == NULL) { /* a double of more than 64 bits */
+            m->error = RVAFT_UNSUPPORTED;
+            return m->error;
+        }
+        m->known[i] = 0;
     }
     late = is_late(m, e);
 #if RVAFT_PROJECTS
     if (late || !relevant(&m->error, e)) {
-        return m->error != 0 ? m->error : m->verdict;
+        return decided(m, RVAFT_UNKNOWN);
     }
 #endif
-    memset(m->known, 0, sizeof m->known);
 #if RVAFT_SCATTERED
     if (!late) {
-        uint32_t matched[RVAFT_PATTERNS] = {0}, count = 0, i;
+        uint32_t matched[RVAFT_PATTERNS] = {0}, count = 0;
         match(matches, e);
+        /*@ loop invariant 0 <= count <= i <= RVAFT_PATTERNS;
+            loop assigns i, count, matched[0 .. RVAFT_PATTERNS - 1];
+            loop variant RVAFT_PATTERNS - i; */
         for (i = 0; i < RVAFT_PATTERNS; i++) {
             if (matches[i]) {
                 matched[count++] = i;
             }
         }
-        found = count != 0 && scattered(m, e, matched, count);
+        if (count != 0 && scattered(m, e, matched, count)) {
+            verdict = RVAFT_TRUE;
+        }
     }
 #else
     if (late) {
-        memset(matches, 0, sizeof matches);
+        /*@ loop invariant 0 <= i <= RVAFT_PATTERNS;
+            loop assigns i, matches[0 .. RVAFT_PATTERNS - 1];
+            loop variant RVAFT_PATTERNS - i; */
+        for (i = 0; i < RVAFT_PATTERNS; i++) {
+            matches[i] = 0;
+        }
     } else {
         match(matches, e);
     }
-    found = replaced(m, e, matches);
+    if (replaced(m, e, matches)) {
+        verdict = RVAFT_TRUE;
+    }
 #if RVAFT_CONSECUTIVE
-    if (!found && m->error == 0) {
-        insert_starts(m, &m->stores[m->now]);
+    if (verdict == RVAFT_UNKNOWN && m->error == 0) {
+        insert_starts(m, &ROW(m->stores, m->now));
     }
 #else
-    if (!found && m->stores[m->now].count == 0) {
-        m->verdict = RVAFT_FALSE;
+    if (verdict == RVAFT_UNKNOWN && ROW(m->stores, m->now).count == 0) {
+        verdict = RVAFT_FALSE;
     }
 #endif
 #endif
-    if (found) {
-        m->verdict = RVAFT_TRUE;
-    }
-    return m->error != 0 ? m->error : m->verdict;
+    return decided(m, verdict);
 }
 
 #if RVAFT_KEYED
@@ -1690,6 +1825,12 @@ static void leave_key(rvaft_monitor *m) {
 
 /* Read an event. Returns the verdict (with keys, that of its key), or an error, after which the
    monitor must not be used. */
+/*@ requires \valid(m) && \valid_read(e) && \separated(m, e) && sound(m);
+    assigns *m;
+    ensures sound(m) && \result == outcome(m);
+    behavior final:
+        assumes outcome(m) != RVAFT_UNKNOWN;
+        ensures \result == \old(outcome(m)); */
 RVAFT_API int rvaft_step(rvaft_monitor *m, const rvaft_event *e) {
     int before, verdict;
     m->changed = 0;

@@ -143,7 +143,7 @@ class _Writer:
         lines = [f"    if ({test}) {{\n        return 0;\n    }}\n" for test in ignored]
         return "".join(
             (
-                "/* Whether an event is relevant. */\n",
+                "/* Whether an event is relevant. */\n/*@ assigns *error; */\n",
                 "static int relevant(int *error, const rvaft_event *e) {\n    (void)error;\n    (void)e;\n",
                 *lines,
                 f"    return {any_of};\n}}\n\n",
@@ -296,7 +296,7 @@ class _Writer:
         return "".join(
             (
                 *made,
-                "/* Which patterns an event matches. */\n",
+                "/* Which patterns an event matches. */\n/*@ assigns matches[0 .. RVAFT_PATTERNS - 1]; */\n",
                 "static void match(uint8_t *matches, const rvaft_event *e) {\n    (void)e;\n",
                 tests or "    matches[0] = 0;\n",
                 "}\n\n/* Whether a guard holds for a partial match and an event. */\n",

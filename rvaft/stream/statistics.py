@@ -111,6 +111,8 @@ class EventTypeIndex:
         self._read = reads.patterns
         self.others: dict[str, dict[str, None]] = {}
         """By discriminating field: texts of irrelevant events, at most `OTHERS`."""
+        self.impossible: set[tuple[Hashable, ...]] = set()
+        """Discriminating values of irrelevant events that are noted; such events have no near misses."""
         self._texts: dict[str, frozenset[Json] | None] = {}
         """The literals of a field if every pattern has a text in it."""
         self._meant: dict[str, dict[Json, Json]] = {field: {} for field in self.discriminators.fields}
@@ -289,8 +291,12 @@ class Statistics:
     def _look_at(self, event: Mapping[str, Json], place: str) -> None:
         discriminators = self.types.discriminators
         values = discriminators.apart(map(event.get, discriminators.fields))
+        if values in self.types.impossible:
+            return
         self.types.note(values)
         if not self.types.compound or not self.types.possible(values):
+            if len(self.types.impossible) < MOST:
+                self.types.impossible.add(values)
             return
         known = self._looked_at[values] if values in self._looked_at or len(self._looked_at) < MOST else LOOKED_AT
         if known >= LOOKED_AT:

@@ -8,6 +8,7 @@ from backends.c import CBackend
 from backends.c.library import build_program
 from rvaft import Semantics, loads
 
+SANITIZERS = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 BACKEND, SCATTERED = CBackend(), Semantics.SCATTERED
 TIED = "event e(k, u) = { k: k, u: u }; top sand x y; x on e(1, U); y on e(2, U);"
 READING = 'event x(v) = { a: v }; event y(v) = { topic: "t", value: v }; top or a b c; a on x(_); b on y(_);'

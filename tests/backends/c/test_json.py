@@ -2,16 +2,19 @@
 
 import json
 import math
+import struct
+from decimal import Decimal, localcontext
 from pathlib import Path
+from random import Random
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from backends.c.library import CMonitor, compiler
+from backends.c.library import CMonitor, compile_c, compiler
 from rvaft import loads
 from rvaft.model.values import Json
-from tests.backends.c.programs import BACKEND, READING, SCATTERED, TIED, program, status
+from tests.backends.c.programs import BACKEND, READING, SANITIZERS, SCATTERED, TIED, program, status
 from tests.tables import rows, spelled
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
@@ -66,6 +69,68 @@ def test_decimals_become_the_nearest_double(number: float) -> None:
     exact = f"{number:.800e}" if abs(number) < 1e300 else repr(number)
     assert equal(repr(number), exact)
     assert not equal(repr(number), repr(math.nextafter(number, 0) if number else 5e-324))
+
+
+ZEROS = "0" * 100_009
+EXTREMES = (
+    f"0.{ZEROS}1e1000019",
+    f"0.{ZEROS}1e100010",
+    f"1{ZEROS}.0e-100009",
+    f"0.{ZEROS}e99999999999999999999",
+    "1e99999999999999999999",
+    "1e-99999999999999999999",
+    "1.7976931348623158e308",
+    "1.7976931348623159e308",
+    "2.4703282292062327e-324",
+    "2.4703282292062328e-324",
+    "-9223372036854775808.0",
+)
+
+
+@pytest.mark.parametrize("text", EXTREMES, ids=lambda text: text[-24:])
+def test_extreme_decimals(text: str) -> None:
+    """An infinite number is undefined, so it does not equal itself."""
+    assert equal(text, repr(float(text)) if math.isfinite(float(text)) else text) == math.isfinite(float(text))
+
+
+def decimal(random: Random) -> str:
+    """A decimal: a double, a number halfway between two doubles, or some digits."""
+    double: float = struct.unpack("d", random.randbytes(8))[0]
+    double = double if math.isfinite(double) else 1.5
+    match random.randrange(3):
+        case 0:
+            return repr(double)
+        case 1:
+            with localcontext(prec=1200):
+                exact = (Decimal(double) + Decimal(math.nextafter(double, 0))) / 2
+            return f"{exact:e}".replace("e", random.choice(["e", "0001e"]))
+        case _:
+            zeros = "0" * random.choice([0, 1, 20, 330, 1000])
+            digits = random.randrange(10 ** random.randrange(1, 30))
+            return f"{random.choice(['', '-'])}{digits}.{zeros}{digits}e{random.randrange(-400, 400)}"
+
+
+def test_decimals_with_sanitizers(tmp_path: Path) -> None:
+    """Each decimal equals its nearest double, with checks of memory and of undefined behaviour."""
+    random, program = Random(1), tmp_path / "monitor"
+    texts = [text for text in (decimal(random) for _ in range(3000)) if math.isfinite(float(text))]
+    text = BACKEND.translate(loads(TIED), SCATTERED).text
+    compile_c(text, program, (*SANITIZERS, "-DRVAFT_MAIN=1", "-DRVAFT_LINE=100000"))
+    lines = (f'{{"k": 1, "u": {one}}}\n{{"k": 2, "u": {float(one)!r}}}\n' for one in texts)
+    code, out, error = status(program, "".join(lines).encode(), "--repeat", "--detections")
+    assert (code, out.count("\n"), error) == (1, len(texts), "")
+
+
+@pytest.mark.parametrize("guard", ["V > 5", "V == W"])
+def test_a_large_decimal_without_room_is_no_verdict(guard: str, folder: Path) -> None:
+    """Its digits are kept beside the decoded strings of the event."""
+    tree = f"event e(s, v, w) = {{ s: s, v: v, w: w }}; top or a; a on e(_, V, W) when {guard};"
+    line = '{"s": "\\n%s", "v": 1e300, "w": 1e301}'
+    code, out, _ = status(program(tree, folder), (line % "short").encode())
+    assert (code, out.count("true")) == ((1, 1) if guard == "V > 5" else (0, 0))
+    code, out, error = status(program(tree, folder), (line % ("x" * 65_500)).encode())
+    assert (code, out) == (3, "")
+    assert "RVAFT_SCRATCH" in error
 
 
 @given(st.integers(-(10**25), 10**25), st.integers(-2, 2))

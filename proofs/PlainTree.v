@@ -466,8 +466,10 @@ Definition samples (ps : list predicate) (given : list value) : list event :=
 Inductive refusal :=
 | NotWellFormed                       (* children do not have greater numbers *)
 | NotPlain                            (* variables of several occurrences, or conditions on time *)
+| NotTimed                            (* a time point where null is not undefined, or of no occurrence *)
 | NotListed                           (* a predicate of the tree is not in the list *)
-| NotServed.                          (* no event is known that serves some occurrence *)
+| NotServed                           (* no event is known that serves some occurrence *)
+| NotBound.                           (* no atom of the text binds the variables of some occurrence *)
 
 Definition checked (t : tree) (ps : list predicate) (served : bool) (compared : unit -> outcome) : refusal + outcome :=
   if negb (well_formed t) then inl NotWellFormed

@@ -251,47 +251,17 @@ Qed.
 Definition text_predicates (t : tree) (others : list predicate) : list predicate :=
   tree_predicates t (relevance_entries t ++ others).
 
-Definition certify_text_hoa (mix : mixing) (t : tree) (w : selection) (s : semantics) (ps : list predicate)
-  (given : list value) (fuel : nat) (h : hoa) : refusal + outcome :=
-  let xs := tree_shapes t w ps in
-  checked t ps (forallb (served_among (satisfies t ps) (samples ps given) s) xs)
-    (fun _ => certify_hoa mix s xs (seq 0 (S (length ps))) (related_letters t ps) fuel h).
-
-Definition certify_text_ltlf (mix : mixing) (t : tree) (w : selection) (s : semantics) (ps : list predicate)
-  (given : list value) (fuel : nat) (f : formula) : refusal + outcome :=
-  let xs := tree_shapes t w ps in
-  checked t ps (forallb (served_among (satisfies t ps) (samples ps given) s) xs)
-    (fun _ => certify_ltlf mix s xs (seq 0 (S (length ps))) (related_letters t ps) fuel f).
-
 Definition certify_text_rml (mix : mixing) (t : tree) (w : selection) (s : semantics) (ps : list predicate)
   (fuel depth : nat) (equations : list term) (x : term) : refusal + outcome :=
-  checked t ps true
+  checked t ps
     (fun _ =>
       certify_rml mix s (tree_shapes t w ps) (seq 0 (S (length ps))) (related_letters t ps) fuel depth equations x).
-
-(** A certified automaton has the verdict of the tree on every trace. *)
-Theorem certify_text_hoa_correct : forall mix t w s ps given fuel h,
-  certify_text_hoa mix t w s ps given fuel h = inr Certified ->
-  forall u v, TextVerdict (fun u => HoaAccepts h (valuations (satisfies t ps) u)) u v <-> VerdictOfTree t w s u v.
-Proof.
-  intros mix t w s ps given fuel h H. apply checked_iff in H as (W & P & C & S & H).
-  eapply certified_hoa; eauto using tree_relevance, tree_represented, related_letters_complete, served_tree.
-Qed.
-
-(** A certified formula has the verdict of the tree on every trace. *)
-Theorem certify_text_ltlf_correct : forall mix t w s ps given fuel f,
-  certify_text_ltlf mix t w s ps given fuel f = inr Certified ->
-  forall u v, TextVerdict (fun u => Ltlf.holds (satisfies t ps) f u = true) u v <-> VerdictOfTree t w s u v.
-Proof.
-  intros mix t w s ps given fuel f H. apply checked_iff in H as (W & P & C & S & H).
-  eapply certified_ltlf; eauto using tree_relevance, tree_represented, related_letters_complete, served_tree.
-Qed.
 
 (** A certified text of RML has the verdict of the tree on every trace. *)
 Theorem certify_text_rml_correct : forall mix t w s ps fuel depth equations x,
   certify_text_rml mix t w s ps fuel depth equations x = inr Certified ->
   forall u v, RmlVerdict equations x (valuations (satisfies t ps) u) v <-> VerdictOfTree t w s u v.
 Proof.
-  intros mix t w s ps fuel depth equations x H. apply checked_iff in H as (W & P & C & S & H).
+  intros mix t w s ps fuel depth equations x H. apply checked_iff in H as (W & P & C & H).
   eapply certified_rml; eauto using tree_relevance, tree_represented, related_letters_complete.
 Qed.

@@ -7,13 +7,10 @@
 
 Require Import List Bool Arith ZArith Lia.
 Require Import RVAFT.Values RVAFT.Language RVAFT.Definition RVAFT.Search RVAFT.Conditions RVAFT.Scenarios.
-Require Import RVAFT.Monitor RVAFT.Plain RVAFT.Automaton RVAFT.Slices RVAFT.Clocks.
+Require Import RVAFT.Monitor RVAFT.Plain RVAFT.Automaton RVAFT.PlainTree RVAFT.Slices RVAFT.Clocks.
 Import ListNotations.
 
 (** ** Variables for times *)
-
-Definition node_variables (t : tree) (n : nat) : list nat :=
-  match on (node_at t n) with Some p => pattern_variables p | None => [] end.
 
 Definition tree_variables (t : tree) : list nat :=
   flat_map (fun n => node_variables t n ++ flat_map variables (conditions t n)) (seq 0 (length (nodes t))).

@@ -15,9 +15,11 @@ from typing import Any, Final
 from rvaft.backend import Backend, Observed, Specification
 from rvaft.core.branches import branch as numbered
 from rvaft.core.solver import witness
+from rvaft.core.times import untimed
 from rvaft.errors import NotExpressible, TooLarge, ToolFailed, ToolMissing
-from rvaft.export.interchange import condition_json, json_text, pattern_json
+from rvaft.export.interchange import condition_json, json_text, pattern_json, time_json
 from rvaft.model import guards, patterns
+from rvaft.model.event_time import EventTime
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -77,10 +79,15 @@ def run(
 
 @dataclass
 class EventConditions:
-    """The tests of events in a formal text: Boolean formulas over numbered patterns with guards."""
+    """The tests of events in a formal text: Boolean formulas over numbered predicates."""
 
+    time: EventTime | None = None
     numbers: dict[str, int] = field(default_factory=dict)
     """The number of each predicate, which is written as JSON."""
+
+    def _number(self, predicate: Json) -> Json:
+        written = json.dumps(predicate)  # as values of Python, 1 and true are equal
+        return ["predicate", self.numbers.setdefault(written, len(self.numbers))]
 
     def of(self, one: Observed) -> Json:
         """Return a test whose variables are its own; raises `NotExpressible` for shared ones."""
@@ -88,10 +95,12 @@ class EventConditions:
             return ["and"]
         if not set(guards.variables(one.when)) <= set(patterns.variables(one.pattern)):
             raise NotExpressible("a guard has variables that its event does not bind")
-        predicate = {"pattern": pattern_json(one.pattern), "condition": condition_json(one.when)}
-        written = json.dumps(predicate)  # as values of Python, 1 and true are equal
-        self.numbers.setdefault(written, len(self.numbers))
-        return ["predicate", self.numbers[written]]
+        return self._number({"pattern": pattern_json(one.pattern), "condition": condition_json(one.when)})
+
+    def atom(self, pattern: patterns.Pattern, when: Iterable[guards.Guard] = ()) -> Json:
+        """Return a test whose variables have one value in a slice of a trace."""
+        bare, time = untimed(pattern)
+        return self._number({"pattern": pattern_json(bare), "time": time, "guards": list(map(condition_json, when))})
 
     def relevance(self, relevant: Iterable[Observed], ignored: Iterable[Observed]) -> Json:
         """Return the test of an event that some of `relevant` and none of `ignored` accepts."""
@@ -99,7 +108,8 @@ class EventConditions:
 
     def text(self, language: str, body: Json) -> dict[str, Any]:
         """Return the formal text with these predicates."""
-        return {"language": language, "predicates": list(map(json.loads, self.numbers)), "text": body}
+        predicates = list(map(json.loads, self.numbers))
+        return {"language": language, "time": time_json(self.time), "predicates": predicates, "text": body}
 
 
 def certificate(

@@ -197,7 +197,7 @@ let canonical_locals p =
     | ListOf l -> ListOf (List.map (walk named) l)
     | SomeItem p -> SomeItem (walk named p) in
   ignore (walk (fun x -> Hashtbl.replace uses x (1 + Option.value ~default:0 (Hashtbl.find_opt uses x)); Anything) p);
-  let number = numbering ~known () in
+  let number = numbering_in known in
   walk (fun x -> if Hashtbl.find uses x = 1 then Anything else Named (Local (number x))) p
 
 (* The operands of a minimum or maximum in one order. *)
@@ -217,7 +217,7 @@ let atoms_of task =
   let tree = task.read.tree in
   let written = List.filter is_atom task.predicates in
   let clocks = Hashtbl.create 4 and others = Hashtbl.create 4 in
-  let other = numbering ~known:others () in
+  let other = numbering_in others in
   let number x = match Hashtbl.find_opt clocks x, Hashtbl.find_opt task.read.variables x with
     | Some n, _ | None, Some n -> n
     | None, None -> 1_000_000_000 + other x in

@@ -40,10 +40,11 @@ let number v = match v with
 let big v = match value v with Num { mantissa; scale = N0 } -> mantissa | _ -> refuse "an integer was expected"
 
 (* Names of variables, as numbers; [known] has those given so far. *)
-let numbering ?(known = Hashtbl.create 16) () =
-  fun name -> match Hashtbl.find_opt known name with
-    | Some n -> n
-    | None -> let n = Hashtbl.length known in Hashtbl.add known name n; n
+let numbering_in known name = match Hashtbl.find_opt known name with
+  | Some n -> n
+  | None -> let n = Hashtbl.length known in Hashtbl.add known name n; n
+
+let numbering () = let known = Hashtbl.create 16 in numbering_in known
 
 let only v = match v with Json.Object [ (name, inner) ] -> (Json.text_of name, inner) | _ ->
     refuse "an object with one field was expected"
@@ -197,7 +198,7 @@ let read (v : Json.t) : t =
       if List.exists (fun child -> Hashtbl.find numbers child <= i) (children name) then
           refuse "node %s: children: there is a cycle" name) order;
   let variables = Hashtbl.create 16 in
-  let rigid = numbering ~known:variables () in
+  let rigid = numbering_in variables in
   let gate n = match read_field "gate" (optional text) n with
     | None -> Leaf | Some "or" -> Or | Some "and" -> And | Some "sand" -> Sand | Some "sand_rl" -> SandRl
     | Some "pand" -> Pand | Some "vot" -> AtLeast (read_field "threshold" number n)

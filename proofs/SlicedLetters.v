@@ -108,13 +108,14 @@ Definition consequences : list (nat * (list nat * list nat)) :=
                map (fun g => number (guard_atom g)) gs))]
     else []) (combine (seq 1 (length ps)) ps).
 
-Definition follow (l : letter) : list nat :=
+Definition following (table : list (nat * (list nat * list nat))) (l : letter) : list nat :=
   map fst (filter (fun x => existsb (fun k => Automaton.member k l) (fst (snd x)) &&
-                            forallb (fun k => Automaton.member k l) (snd (snd x))) consequences).
+                            forallb (fun k => Automaton.member k l) (snd (snd x))) table).
+Definition follow : letter -> list nat := following consequences.
 
 Lemma follow_sound : forall e b k, In k (follow (letter_of sat basic_numbers (e, b))) -> satisfies t ps k e = true.
 Proof.
-  intros e b k I. unfold follow in I. apply in_map_iff in I as ([k' [bs gs]] & <- & I).
+  intros e b k I. unfold follow, following in I. apply in_map_iff in I as ([k' [bs gs]] & <- & I).
   apply filter_In in I as [I H]. cbn [fst snd] in *. apply andb_true_iff in H as [H H'].
   apply in_flat_map in I as ([k [p gs']] & C & I).
   apply (combine_seq _ _ (Anything, [])) in C as [C N].
@@ -137,20 +138,44 @@ Proof.
     apply (respects_get Nat.eqb Nat.eqb_eq); auto. apply (bindings_variables p (content e)); auto.
 Qed.
 
+(** An atom without variables is its pattern: the numbers of both. *)
+Definition without_variables : list (nat * nat) :=
+  flat_map (fun q =>
+    let bare : predicate := (atom_pattern q, []) in
+    if is_nil (atom_variables q) && is_nil (atom_guards q) && placed basic q && listed ps bare
+    then [(number_in ps bare, number q)] else []) basic.
+
+Lemma without_variables_sound : forall e b k n, In (k, n) without_variables -> satisfies t ps k e = true ->
+  Automaton.member n (letter_of sat basic_numbers (e, b)) = true.
+Proof.
+  intros e b k n I S. apply in_flat_map in I as (q & _ & I). cbv zeta in I.
+  destruct (is_nil (atom_variables q) && is_nil (atom_guards q) && placed basic q && listed ps (atom_pattern q, [])) eqn:H;
+    [| destruct I].
+  destruct I as [I | []]. injection I as <- <-. rewrite !andb_true_iff in H. destruct H as [[[V G] P] L].
+  apply is_nil_iff in V, G. rewrite listed_numbered in S by exact L. rewrite member_basic by exact P.
+  unfold meets in S. apply andb_true_iff in S as [NL S]. apply existsb_exists in S as (bs & J & _).
+  unfold atom_variables in V. apply app_eq_nil in V as [V T].
+  apply observes_iff. split; [now apply negb_true_iff |]. unfold atom_variables. rewrite V, T, G.
+  split; [intros x [] |]. split; [| split; [intros x X; rewrite X in T; discriminate | intros g []]].
+  apply fits_pattern_same with (get Nat.eqb bs); [rewrite V; intros x [] |].
+  apply bindings_iff. exists bs; split; auto. now apply (bindings_agree (atom_pattern q) (content e)).
+Qed.
+
 (** *** Composed atoms *)
 
 Definition compositions : list (nat * list nat) :=
   combine composed_numbers (map (fun q => map number (parts_of q)) composed).
 
-Definition compose (l : letter) : letter :=
-  map fst (filter (fun x => forallb (fun k => Automaton.member k l) (snd x)) compositions).
+Definition composed_by (table : list (nat * list nat)) (l : letter) : letter :=
+  map fst (filter (fun x => forallb (fun k => Automaton.member k l) (snd x)) table).
+Definition compose : letter -> letter := composed_by compositions.
 
 Definition parts_placed : bool := forallb (fun q => forallb (placed basic) (parts_of q)) composed.
 
 Lemma compose_correct : forall y, parts_placed = true ->
   compose (letter_of sat basic_numbers y) = letter_of sat composed_numbers y.
 Proof.
-  intros y P. unfold compose, compositions, composed_numbers, letter_of. unfold parts_placed in P.
+  intros y P. unfold compose, composed_by, compositions, composed_numbers, letter_of. unfold parts_placed in P.
   rewrite forallb_forall in P.
   assert (X : forall i q, nth_error composed i = Some q ->
     forallb (fun k => Automaton.member k (filter (fun p => sat p y) basic_numbers)) (map number (parts_of q)) =

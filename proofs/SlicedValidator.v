@@ -54,17 +54,17 @@ Variables basic composed : list atom.
 Notation qs := (basic ++ composed).
 Notation sat := (slice_satisfies t ps qs).
 
-(** Each letter of basic atoms, with what it composes and what follows from it. *)
+(** Each letter of basic atoms, with the letters of predicates that have variables of their own. *)
 Definition slice_letters : list letter :=
   let compositions := compositions ps basic composed in
   let consequences := consequences ps basic composed in
+  let equal := without_variables ps basic composed in
   let open := map (fun l =>
-      (l ++ map fst (filter (fun x => forallb (fun k => Automaton.member k l) (snd x)) compositions),
-       map fst (filter (fun x => existsb (fun k => Automaton.member k l) (fst (snd x)) &&
-                                 forallb (fun k => Automaton.member k l) (snd (snd x))) consequences)))
+      (l, (l ++ composed_by compositions l, following consequences l)))
     (letters_over (atoms_conflict ps basic composed) (basic_numbers ps basic)) in
-  flat_map (fun a =>
-    map (fun x => a ++ fst x) (filter (fun x => forallb (fun k => Automaton.member k a) (snd x)) open))
+  flat_map (fun a => map (fun x => a ++ fst (snd x)) (filter (fun x =>
+    forallb (fun k => Automaton.member k a) (snd (snd x)) &&
+    forallb (fun kn => implb (Automaton.member (fst kn) a) (Automaton.member (snd kn) (fst x))) equal) open))
     (related_letters t ps).
 
 Lemma letter_of_app : forall E (f : nat -> E -> bool) l m y, letter_of f (l ++ m) y = letter_of f l y ++ letter_of f m y.
@@ -83,11 +83,14 @@ Proof.
   exists (letter_of (satisfies t ps) (closed_numbers ps) e). split; [apply related_letters_complete |].
   set (l := letter_of sat (basic_numbers ps basic) (e, b)).
   rewrite <- compose_correct by exact P. fold l. apply in_map_iff.
-  exists (l ++ compose ps basic composed l, follow ps basic composed l). split; auto. apply filter_In. split.
+  exists (l, (l ++ compose ps basic composed l, follow ps basic composed l)). split; auto. apply filter_In. split.
   - apply in_map_iff. exists l. split; auto. apply letters_over_complete. intros p q. apply atoms_conflict_sound.
-  - apply forallb_forall. intros k I. cbn [snd] in I. unfold l in I. assert (T := follow_sound _ _ _ _ _ _ _ I).
+  - apply andb_true_iff; split; apply forallb_forall; cbn [fst snd].
+    2:{ intros [k n] I. cbn [fst snd]. destruct (Automaton.member k _) eqn:M; auto. cbn [implb].
+      apply Automaton.member_iff in M. apply filter_In in M as [_ M]. now apply (without_variables_sound t ps _ _ e b k n). }
+    intros k I. unfold l in I. assert (T := follow_sound _ _ _ _ _ _ _ I).
     assert (K : k < S (length ps)).
-    { unfold follow in I. apply in_map_iff in I as ([k' x] & <- & I). apply filter_In in I as [I _].
+    { unfold follow, following in I. apply in_map_iff in I as ([k' x] & <- & I). apply filter_In in I as [I _].
       apply in_flat_map in I as ([k [p gs]] & C & I). destruct (forallb _ gs) in I; [| destruct I].
       destruct I as [I | []]. injection I as Q _. apply (combine_seq _ _ (Anything, [])) in C as [C _]. subst k'. apply C. }
     rewrite member_letter by (apply in_seq; lia). exact T.

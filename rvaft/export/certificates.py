@@ -148,16 +148,13 @@ def certificate(
 
 
 def _samples(tree: RVAFT) -> list[Json]:
-    """Return for each node with a guard a pattern of events that the node accepts."""
-    found: list[Json] = []
-    for node in tree.top_down():
-        pattern = tree.pattern(node.name)
-        if (
-            pattern is None
-            or node.when is None
-            or any(isinstance(part, guards.TimePoint) for part in guards.walk(node.when))
-        ):
-            continue
-        values = {name: patterns.Literal(value) for name, value in (witness([node.when]) or {}).items()}
-        found.append({"pattern": pattern_json(patterns.substitute(pattern, values)), "condition": None})
-    return found
+    """Return patterns of events that satisfy conditions on the variables of a node."""
+    found: dict[str, Json] = {}
+    conditions = [node.when for node in tree.top_down() if node.when and not guards.time_points(node.when)]
+    for pattern in filter(None, (tree.pattern(node.name) for node in tree.top_down())):
+        own = [when for when in conditions if {*guards.variables(when)} <= {*patterns.variables(pattern)}]
+        for some in (own, *([when] for when in own)):
+            values = {name: patterns.Literal(value) for name, value in (witness(some) or {}).items()}
+            sample: Json = {"pattern": pattern_json(patterns.substitute(pattern, values)), "condition": None}
+            found[json.dumps(sample)] = sample
+    return list(found.values())

@@ -199,15 +199,18 @@ Variable given : list value.
 
 Notation sat := (slice_satisfies t ps (basic ++ composed)).
 
-(** What makes a comparison over letters a comparison over slices, also makes it right for the tree. *)
-Theorem certify_slices_correct : forall used compare accepts,
+Notation SliceDetected xs := (Detected (fun y => relevant sat y = true) (Scenarios (map (plain sat) xs)) s).
+
+(** What a certificate says, when a comparison over letters is right about the traces over these. *)
+Lemma certified_slices : forall used compare accepts,
   certify_slices mix t w s ps basic composed atoms given used compare = inr Certified ->
   (forall xs numbers letters, compare xs numbers letters = Certified ->
-     (forall y, In (letter_of sat numbers y) letters) ->
-     forall p, accepts p <-> Detected (fun y => relevant sat y = true) (Scenarios (map (plain sat) xs)) s p) ->
-  forall u v, SliceVerdict atoms accepts u v <-> VerdictOfTree t w s u v.
+     (forall y, In (letter_of sat numbers y) letters) -> forall p, accepts p <-> SliceDetected xs p) ->
+  WellFormed t /\ all_timed t w = true /\ all_placed t (basic ++ composed) w = true /\ text_binds t w atoms = true /\
+  Forall (servable sat s) (slice_shapes t ps (basic ++ composed) w) /\
+  forall p, accepts p <-> SliceDetected (slice_shapes t ps (basic ++ composed) w) p.
 Proof.
-  intros used compare accepts H A u v. unfold certify_slices in H. cbv zeta in H.
+  intros used compare accepts H A. unfold certify_slices in H. cbv zeta in H.
   destruct (well_formed t) eqn:W; [| discriminate]. destruct (all_timed t w) eqn:T; [| discriminate].
   destruct (all_placed t (basic ++ composed) w && parts_placed basic composed) eqn:P; [| discriminate].
   apply andb_true_iff in P as [P PP]. destruct (all_observed t w s given) eqn:O; [| discriminate]. simpl negb in H.
@@ -215,7 +218,7 @@ Proof.
   set (letters := distinct_letters _ _) in H.
   destruct (compare _ numbers letters) eqn:C; try discriminate.
   destruct (text_binds t w atoms) eqn:B; [| discriminate]. apply well_formed_iff in W.
-  apply (slices_verdict t ps (basic ++ composed) w atoms W P T B s accepts).
+  split; [exact W |]. split; [auto |]. split; [auto |]. split; [auto |]. split.
   - now apply all_observed_servable with given.
   - apply (A _ _ _ C). intros y. apply distinct_letters_complete. unfold numbers.
     assert (F : letter_of sat (filter (fun k => Automaton.member k wanted) (all_numbers ps basic composed)) y =
@@ -230,8 +233,9 @@ Theorem certify_text_hoa_correct : forall fuel h,
   certify_text_hoa mix t w s ps basic composed atoms given fuel h = inr Certified ->
   forall u v, SliceVerdict atoms (fun p => HoaAccepts h (valuations sat p)) u v <-> VerdictOfTree t w s u v.
 Proof.
-  intros fuel h H. eapply certify_slices_correct; [exact H |]. intros xs numbers letters C P. cbv beta in C.
-  now apply (certify_hoa_language sat _ _ _ _ _ _ _ C P).
+  intros fuel h H. apply (certified_slices _ _ (fun p => HoaAccepts h (valuations sat p))) in H as (W & T & P & B & V & A).
+  - now apply (slices_verdict t ps (basic ++ composed)).
+  - intros xs numbers letters C P. now apply (certify_hoa_language sat _ _ _ _ _ _ _ C P).
 Qed.
 
 (** A certified formula has the verdict of the tree on every trace, over its slices. *)
@@ -239,7 +243,134 @@ Theorem certify_text_ltlf_correct : forall fuel f,
   certify_text_ltlf mix t w s ps basic composed atoms given fuel f = inr Certified ->
   forall u v, SliceVerdict atoms (fun p => Ltlf.holds sat f p = true) u v <-> VerdictOfTree t w s u v.
 Proof.
-  intros fuel f H. eapply certify_slices_correct; [exact H |]. intros xs numbers letters C P. cbv beta in C.
-  now apply (certify_ltlf_language sat _ _ _ _ _ _ _ C P).
+  intros fuel f H. apply (certified_slices _ _ (fun p => Ltlf.holds sat f p = true)) in H as (W & T & P & B & V & A).
+  - now apply (slices_verdict t ps (basic ++ composed)).
+  - intros xs numbers letters C P. now apply (certify_ltlf_language sat _ _ _ _ _ _ _ C P).
 Qed.
 End Correct.
+
+(** ** Variables of one event: the verdict of section 5
+
+    Where each node has variables of its own, and no guard is about time, the verdict over slices is that
+    of section 5 of [docs/semantics.md] with extensions of the trace itself: a trace is accepted when one of
+    its slices is. *)
+
+Section OneEvent.
+Variable t : tree.
+Variable w : selection.
+Variable own : list predicate.
+Hypothesis tree_plain : plain_tree t = true.
+Hypothesis own_covered : covered t own = true.
+
+Lemma clocked_untimed : forall clock part g, points g = [] -> Clocks.clocked clock part g = g.
+Proof.
+  intros clock part; induction g as [v | x | p | o l IH | l r IHl IHr | l r IHl IHr] using guard_induction;
+    simpl; intros P; auto; try discriminate.
+  - f_equal. rewrite <- map_id. apply map_ext_in. intros g I. rewrite Forall_forall in IH. apply IH; auto.
+    destruct (points g) as [| p k] eqn:Q; auto. exfalso.
+    assert (X : In p (flat_map points l)) by (apply in_flat_map; exists g; rewrite Q; simpl; auto).
+    rewrite P in X. destruct X.
+  - apply app_eq_nil in P as [P Q]. now rewrite IHl, IHr.
+  - apply app_eq_nil in P as [P Q]. now rewrite IHl, IHr.
+Qed.
+
+(** An event that an atom observes meets the predicate of its node. *)
+Lemma observed_meets : forall r timed o q e b, In o (occurrences_of t r) ->
+  scenario_atom t timed (scenario_guards t (parts t r) (guards_of t r)) o = Some q -> observes q (e, b) = true ->
+  exists p, predicate_of t (fst o) = Some p /\ meets p e = true.
+Proof.
+  intros r timed o q e b O Q X. unfold scenario_atom in Q. unfold predicate_of.
+  destruct (on (node_at t (fst o))) as [p |] eqn:P; [| discriminate]. injection Q as <-.
+  apply observes_iff in X as (L & V & F & _ & G). unfold atom_variables in V. simpl in V, F, G.
+  exists (p, own_conditions t (fst o)). split; auto. unfold meets. rewrite L. simpl.
+  apply bindings_iff in F as (bs & J & R). apply existsb_exists. exists bs; split; auto.
+  apply forallb_forall. intros g K. apply filter_In in K as [K N].
+  destruct (own_guards t tree_plain _ _ K) as [PG VG]. unfold node_variables in VG. rewrite P in VG.
+  assert (IG : In g (scenario_guards t (parts t r) (guards_of t r))).
+  { apply in_map_iff. exists g. split; [now apply clocked_untimed |]. apply filter_In. split; auto.
+    apply guards_of_iff. exists (fst o). split; auto. apply occurrences_iff in O. apply O. }
+  assert (NV : exists x, In x (variables g)).
+  { unfold is_constant in N. rewrite PG in N. destruct (variables g) as [| x l]; [discriminate | exists x; simpl; auto]. }
+  destruct NV as (x0 & X0).
+  assert (PA : passes b g = true).
+  { apply G, filter_In. split; auto. apply existsb_exists. exists x0. split; auto.
+    apply Conditions.member_iff, in_app_iff. left. now apply VG. }
+  unfold passes in PA. apply orb_true_iff in PA as [PA | PA].
+  - apply negb_true_iff in PA. rewrite <- not_true_iff_false in PA. exfalso. apply PA, forallb_forall. intros x Y.
+    apply V, in_app_iff. left. now apply VG.
+  - rewrite <- PA. apply holds_same; [| rewrite PG; intros ? []]. intros x Y.
+    apply (respects_get Nat.eqb Nat.eqb_eq); auto. apply (bindings_variables p (content e)); auto.
+Qed.
+
+Lemma own_servable : forall ps qs s, WellFormed t -> all_placed t qs w = true ->
+  Forall (servable (slice_satisfies t ps qs) s) (slice_shapes t ps qs w) ->
+  Forall (servable (satisfies t own) s) (tree_shapes t w own).
+Proof.
+  intros ps qs s W PL H. apply Forall_forall. intros x I o O. apply in_map_iff in I as (c & <- & I).
+  apply in_plans in I as (r & chosen & R & S & C & L & A & ->). simpl in O.
+  set (x := slice_shape t ps qs (timed_in t w) (guards_of t r) (parts t r) (occurrences_of t r)
+    (precedes (node_pairs t r) (end_pairs t r (last_in chosen)))).
+  assert (IX : In x (slice_shapes t ps qs w)) by (apply in_shapes; exists r, chosen; repeat split; auto).
+  rewrite Forall_forall in H. destruct (H x IX o O) as ([e b] & SA & RE). simpl in SA.
+  assert (Q : exists q, scenario_atom t (timed_in t w) (scenario_guards t (parts t r) (guards_of t r)) o = Some q).
+  { apply occurrences_iff in O as (_ & O' & _). unfold scenario_atom.
+    destruct (on (node_at t (fst o))); [eexists; reflexivity | congruence]. }
+  destruct Q as (q & Q). rewrite Q in SA.
+  set (l := flat_map (fun o => match scenario_atom t (timed_in t w) (scenario_guards t (parts t r) (guards_of t r)) o with
+     | Some q => [q] | None => [] end) (occurrences_of t r)).
+  assert (IL : In l (shape_atoms t w)) by (apply in_scenarios; exists r, chosen; repeat split; auto).
+  assert (IQ : In q l) by (apply in_flat_map; exists o; split; auto; rewrite Q; simpl; auto).
+  unfold all_placed in PL. rewrite forallb_forall in PL. specialize (PL l IL). rewrite forallb_forall in PL.
+  rewrite atom_satisfied in SA by auto.
+  destruct (observed_meets r _ o q e b O Q SA) as (p & P & M). exists e. simpl. rewrite P. split; [| exact RE].
+  now rewrite (predicate_numbered t own own_covered (fst o) p e P).
+Qed.
+
+(** For variables of one event, a text that accepts exactly the slices with a match has the verdict of the
+    tree in the sense of section 5. *)
+Theorem one_event_verdict : forall ps qs s atoms accepts, WellFormed t -> all_timed t w = true ->
+  all_placed t qs w = true -> text_binds t w atoms = true ->
+  Forall (servable (slice_satisfies t ps qs) s) (slice_shapes t ps qs w) ->
+  (forall p, accepts p <-> Detected (fun y => relevant (slice_satisfies t ps qs) y = true)
+     (Scenarios (map (plain (slice_satisfies t ps qs)) (slice_shapes t ps qs w))) s p) ->
+  forall u v, TextVerdict (fun u => exists p, Slice atoms u p /\ accepts p) u v <-> VerdictOfTree t w s u v.
+Proof.
+  intros ps qs s atoms accepts W T P B V A u v.
+  assert (RE := tree_represented t own W tree_plain own_covered w).
+  assert (TV := tree_verdict t w (satisfies t own) (tree_shapes t w own) (fun e => tree_relevance t own W e) RE s).
+  rewrite TV. apply plain_text_verdict.
+  - apply (tree_acyclic t w (satisfies t own) (tree_shapes t w own) RE).
+  - now apply own_servable with ps qs.
+  - intros u'. rewrite <- (TV u' Top), (tree_plans_verdict t w W s u' Top).
+    change (Verdict (fun e => relevant_event t e = true) (Scenarios (plans t w)) s u' Top)
+      with (Detected (fun e => relevant_event t e = true) (Scenarios (plans t w)) s u').
+    rewrite (sliced_detected t ps qs w atoms W P T B). split; intros (p & S & K); exists p; split; auto; now apply A.
+Qed.
+End OneEvent.
+
+(** The same for certified texts. *)
+Corollary certify_text_ltlf_one_event : forall mix t w s ps basic composed atoms given fuel f own,
+  certify_text_ltlf mix t w s ps basic composed atoms given fuel f = inr Certified ->
+  plain_tree t = true -> covered t own = true ->
+  forall u v, TextVerdict (fun u => exists p, Slice atoms u p /\
+      Ltlf.holds (slice_satisfies t ps (basic ++ composed)) f p = true) u v <-> VerdictOfTree t w s u v.
+Proof.
+  intros mix t w s ps basic composed atoms given fuel f own H TP CO.
+  apply (certified_slices mix t w s ps basic composed atoms given _ _
+    (fun p => Ltlf.holds (slice_satisfies t ps (basic ++ composed)) f p = true)) in H as (W & T & P & B & V & A).
+  - now apply one_event_verdict with own ps (basic ++ composed).
+  - intros xs numbers letters C P. now apply (certify_ltlf_language _ _ _ _ _ _ _ _ C P).
+Qed.
+
+Corollary certify_text_hoa_one_event : forall mix t w s ps basic composed atoms given fuel h own,
+  certify_text_hoa mix t w s ps basic composed atoms given fuel h = inr Certified ->
+  plain_tree t = true -> covered t own = true ->
+  forall u v, TextVerdict (fun u => exists p, Slice atoms u p /\
+      HoaAccepts h (valuations (slice_satisfies t ps (basic ++ composed)) p)) u v <-> VerdictOfTree t w s u v.
+Proof.
+  intros mix t w s ps basic composed atoms given fuel h own H TP CO.
+  apply (certified_slices mix t w s ps basic composed atoms given _ _
+    (fun p => HoaAccepts h (valuations (slice_satisfies t ps (basic ++ composed)) p))) in H as (W & T & P & B & V & A).
+  - now apply one_event_verdict with own ps (basic ++ composed).
+  - intros xs numbers letters C P. now apply (certify_hoa_language _ _ _ _ _ _ _ _ C P).
+Qed.

@@ -20,7 +20,7 @@ from rvaft.errors import NotExpressible, TooLarge, ToolFailed, ToolMissing
 from rvaft.export.interchange import condition_json, json_text, pattern_json, time_json
 from rvaft.model import guards, patterns
 from rvaft.model.event_time import EventTime
-from rvaft.model.nodes import Kind
+from rvaft.model.nodes import Assumption, Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
@@ -29,6 +29,7 @@ PROGRAM: Final = "rvaft-verified"
 EVERY: Final = Observed(patterns.ObjectPattern(()))
 """Every event is an object."""
 CERTIFIED: Final = "certified: for every trace the text has the verdict of the tree"
+IN_ORDER: Final = "certified: for every trace without late events the text has the verdict of the tree"
 
 
 def on_path() -> Path | None:
@@ -127,12 +128,11 @@ def certificate(
     """Return 0 if a text has the verdict of the tree on every trace, 1 if not, 2 if this is not
     known, and a message.
     """
-    if specification.assumes:
-        return 2, "not certified: the text relies on assumptions about logs"
+    in_order = Assumption.ORDER in specification.assumes
     if program is None:
         return 2, f"not certified: {PROGRAM} is not on the PATH: build it by `make verified`, or name it by --verified"
     try:
-        formal = speaks.formal(specification.text) | {"samples": _samples(tree)}
+        formal = speaks.formal(specification.text) | {"in_order": in_order, "samples": _samples(tree)}
         tree, options = part_options(tree, semantics, branch, kind)
         status, lines, why = run(program, tree, [*options, "--limit", str(limit)], text=formal, timeout=timeout)
         why = "".join(lines) or why
@@ -144,7 +144,7 @@ def certificate(
         status, why = 2, str(error)
     except subprocess.TimeoutExpired:
         status, why = 2, f"no answer within {timeout:g} s"
-    return status, f"not certified: {why}" if status else CERTIFIED
+    return status, f"not certified: {why}" if status else IN_ORDER if in_order else CERTIFIED
 
 
 def _samples(tree: RVAFT) -> list[Json]:

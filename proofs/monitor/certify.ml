@@ -261,7 +261,7 @@ let certify_slices task use =
   let qs = basic @ composed in
   let ps = slice_predicates tree given qs in
   let closed_sets = sets (conflict ps) (List.init (List.length ps + 1) Fun.id) in
-  if closed_sets * sets (atoms_conflict ps basic composed) (basic_numbers ps basic) > 50 * most_letters then
+  if closed_sets * sets (atoms_conflict ps basic composed) (basic_numbers ps basic) > 200 * most_letters then
     refuse "events can satisfy more than %d combinations of the predicates" most_letters;
   let number q = atom_number ps qs q in
   let rec numbers predicates given atoms = match predicates, given, atoms with

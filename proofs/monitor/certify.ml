@@ -249,6 +249,51 @@ let atoms_of task =
       { atom_pattern = own (pattern v); atom_time = Option.map number (time v);
         atom_guards = List.map guard (items (need "guards" v)) }) written
 
+(* Values near those that guards and patterns name, to find a trace on which a text is wrong. *)
+let rec constants g = match g with
+  | Constant v -> [ v ]
+  | ValueOf _ | TimeOf _ -> []
+  | Apply (o, l) -> (match o with OneOf listed -> listed | _ -> []) @ List.concat_map constants l
+  | AndThen (a, b) | OrElse (a, b) -> constants a @ constants b
+
+let rec literals = function
+  | Exactly v -> [ v ]
+  | Named _ | Anything -> []
+  | ObjectWith fields -> List.concat_map (fun (_, p) -> literals p) fields
+  | ListOf l -> List.concat_map literals l
+  | SomeItem p -> literals p
+
+let rec filled value = function
+  | Named (Rigid x) -> Exactly (value x)
+  | (Exactly _ | Anything | Named (Local _)) as p -> p
+  | ObjectWith fields -> ObjectWith (List.map (fun (name, p) -> (name, filled value p)) fields)
+  | ListOf l -> ListOf (List.map (filled value) l)
+  | SomeItem p -> SomeItem (filled value p)
+
+let rec take n = function x :: l when n > 0 -> x :: take (n - 1) l | _ -> []
+let once l = List.sort_uniq compare l
+let near v = match v with
+  | Num { mantissa; scale = N0 } -> [ v; integer (Z.add mantissa (Zpos XH)); integer (Z.sub mantissa (Zpos XH)) ]
+  | _ -> [ v ]
+
+(* Events that match the patterns of atoms, at different times where atoms name these. *)
+let trial_events qs values =
+  let named = once (List.concat_map (fun q -> List.concat_map constants q.atom_guards) qs) in
+  let pool = take 20 (once (List.concat_map near (named @ List.concat_map (fun q -> literals q.atom_pattern) qs))) in
+  let rec assignments = function
+    | [] -> [ [] ]
+    | x :: rest -> let l = assignments rest in List.concat_map (fun v -> List.map (List.cons (x, v)) l) pool in
+  let instances p = let xs = once (pattern_variables p) in
+    List.map (fun l -> sample (filled (fun x -> List.assoc x l) p)) (take 400 (assignments (take 2 xs)
+        |> List.map (fun l -> l @ List.map (fun x -> (x, Null)) xs))) in
+  let patterns = once (List.map (fun q -> q.atom_pattern) qs) in
+  let contents = once (List.concat_map instances patterns @ values) in
+  let times = if List.for_all (fun q -> q.atom_time = None) qs then [ Z0 ] else
+      take 6 (once (Z0 :: List.concat_map (function Num { mantissa; scale = N0 } ->
+          [ mantissa; Z.add mantissa (Zpos XH) ] | _ -> []) named)) in
+  List.concat_map (fun z -> List.filter_map (function
+      | Object _ as v -> Some { content = v; time_of = Some z; late = false } | _ -> None) contents) times
+
 let most_slices = 50_000
 
 (* A text of LTLf or HOA over its slices. [use numbers] has the predicates of the text, whether it accepts a
@@ -269,40 +314,54 @@ let certify_slices task use =
     | v :: rest, _, q :: atoms when is_atom v -> number q :: numbers rest given atoms
     | _ :: rest, q :: given, _ -> position same_predicate q 1 ps :: numbers rest given atoms
     | _ -> assert false in
-  let names, accepts, compare = use (numbered (Array.of_list (numbers task.predicates given atoms))) in
+  let names, accepts, certified = use (numbered (Array.of_list (numbers task.predicates given atoms))) in
   let values = task.values @ List.map (fun q -> sample q.atom_pattern) qs in
   let wanted = alphabet0 (slice_shapes tree ps qs task.selection) @ names in
   let satisfied = slice_satisfies tree ps qs in
   let letter = letter_of satisfied (List.filter (fun k -> List.mem k wanted) (all_numbers ps basic composed)) in
-  let events = List.filter is_object (List.map (fun v -> { content = v; time_of = Some Z0; late = false }) values) in
+  let events = lazy (trial_events qs task.values) in
   (* The assignments after an event. *)
   let after e b = b :: List.concat_map (fun q -> List.filter_map (fun bs ->
       let own = assigned_by q e bs in
       let later x = match b x with Some v -> Some v | None -> own x in
       if observes q (e, later) then Some later else None) (bindings q.atom_pattern e.content)) atoms in
-  let budget = ref most_slices in
+  let budget = ref 0 in
+  let within_budget f = budget := most_slices; try f () with Exit -> None in
   let left () = decr budget; if !budget < 0 then raise Exit in
+  let unbound _ = None in
+  let begin_ = ([ ([], unbound) ], first tree task.selection) and step = next tree task.semantics in
+  (* The slices after an event, each with its letters, and the state of the monitor. *)
+  let advance (slices, state) e =
+    (List.concat_map (fun (word, b) -> List.map (fun b -> left (); (letter (e, b) :: word, b)) (after e b)) slices,
+     step state e) in
+  (* Whether the text accepts a trace, if the tree says otherwise. *)
+  let wrong (slices, state) =
+    let accepted = List.exists (fun (word, _) -> accepts (List.rev word)) slices in
+    if accepted = (verdict_after state = Top) then None else Some accepted in
   (* A trace with a slice of these letters. *)
   let rec trace_of b = function
     | [] -> Some []
-    | a :: rest -> List.find_map (fun e -> List.find_map (fun b ->
-        left (); if letter (e, b) = a then Option.map (List.cons e) (trace_of b rest) else None) (after e b)) events in
-  let rec some_slice word b = function
-    | [] -> accepts (List.rev word)
-    | e :: rest -> List.exists (fun b -> left (); some_slice (letter (e, b) :: word) b rest) (after e b) in
-  let unbound _ = None in
-  let nodes = List.map2 (fun name node -> (name, List.filter_map (fun q -> match node.on with
-      | Some p when same_pattern q.atom_pattern p -> Some (number q) | _ -> None) qs)) task.read.names tree.nodes in
-  answer task.limit (fun found ->
-      let word = word_of (name_letter nodes) found in
-      match Option.map (fun u -> (some_slice [] unbound u,
-          verdict_after (List.fold_left (next tree task.semantics) (first tree task.selection) u) = Top))
-          (trace_of unbound found) with
-      | Some (true, false) -> Differs (Printf.sprintf "the text accepts %s, in which the tree detects nothing" word)
-      | Some (false, true) -> Differs (Printf.sprintf "the text does not accept %s, in which the tree detects" word)
-      | Some _ | None | exception Exit ->
-        Unknown (Printf.sprintf "the text differs from the tree for %s, of which no example is known" word))
-    (compare task.selection task.semantics ps basic composed atoms values task.limit)
+    | a :: rest -> List.find_map (fun e -> List.find_map (fun b -> left ();
+        if letter (e, b) = a then Option.map (List.cons e) (trace_of b rest) else None) (after e b)) (Lazy.force events) in
+  let checked u = Option.map (fun accepted -> (u, accepted)) (wrong (List.fold_left advance begin_ u)) in
+  (* A trace of some length on which the text is wrong. *)
+  let rec search now u length =
+    if length = 0 then Option.map (fun accepted -> (List.rev u, accepted)) (wrong now)
+    else List.find_map (fun e -> search (advance now e) (e :: u) (length - 1)) (Lazy.force events) in
+  let example found =
+    match within_budget (fun () -> Option.bind (trace_of unbound found) checked) with
+    | Some _ as example -> example
+    | None -> within_budget (fun () -> List.find_map (search begin_ []) (List.init (1 + List.length found) Fun.id)) in
+  let matched e =
+    match List.concat (List.map2 (fun name node -> match node.on with
+        | Some p when bindings p e.content <> [] -> [ name ] | _ -> []) task.read.names tree.nodes) with
+    | [] -> "(another event)"
+    | names -> String.concat "+" names in
+  answer task.limit (fun found -> match example found with
+      | Some (u, true) -> Differs (Printf.sprintf "the text accepts %s, in which the tree detects nothing" (word_of matched u))
+      | Some (u, false) -> Differs (Printf.sprintf "the text does not accept %s, in which the tree detects" (word_of matched u))
+      | None -> Unknown "the text may differ from the tree; no trace is known on which it does")
+    (certified task.selection task.semantics ps basic composed atoms values task.limit)
 
 let certify_ltlf task = certify_slices task (fun number ->
     let f = formula number task.body in

@@ -94,13 +94,13 @@ Definition all_timed (w : selection) : bool :=
   forallb (fun b => b) (selected_scenarios (fun guards part _ _ => guards_timed t timed part guards) t w).
 
 (** The atom of a text binds the variables of an atom of the tree when both have the same pattern, and the
-    former has no more guards. *)
+    former has no more guards.  An atom without variables needs none. *)
 Definition binds_for (q q' : atom) : bool :=
   same_pattern (atom_pattern q') (atom_pattern q) && same_time (atom_time q') (atom_time q) &&
   forallb (fun g => existsb (same_guard g) (atom_guards q)) (atom_guards q').
 
 Definition text_binds (w : selection) (atoms : list atom) : bool :=
-  forallb (forallb (fun q => existsb (binds_for q) atoms)) (shape_atoms w).
+  forallb (forallb (fun q => is_nil (atom_variables q) || existsb (binds_for q) atoms)) (shape_atoms w).
 
 Definition all_placed (w : selection) : bool := forallb (forallb (placed qs)) (shape_atoms w).
 
@@ -136,7 +136,7 @@ Lemma of_scenario_atoms : forall r chosen o, In r (resolutions t) -> selected t 
   let guards := scenario_guards t (parts t r) (guards_of t r) in
   guards_timed t (timed_in w) (parts t r) (guards_of t r) = true /\
   (In o (occurrences_of t r) -> exists q, scenario_atom t (timed_in w) guards o = Some q /\ placed qs q = true /\
-     exists q', In q' atoms /\ binds_for q q' = true).
+     (atom_variables q = [] \/ exists q', In q' atoms /\ binds_for q q' = true)).
 Proof.
   intros r chosen o R S C L A. split.
   - unfold all_timed in timed. rewrite forallb_forall in timed. apply timed. apply in_scenarios.
@@ -152,7 +152,8 @@ Proof.
     unfold all_placed in atoms_placed. unfold text_binds in bound_by_text.
     rewrite forallb_forall in atoms_placed, bound_by_text.
     assert (PL := atoms_placed l IL). assert (BI := bound_by_text l IL). rewrite forallb_forall in PL, BI.
-    split; auto. apply BI, existsb_exists in IQ. exact IQ.
+    split; auto. apply BI, orb_true_iff in IQ as [N | IQ]; [left; now apply is_nil_iff | right].
+    now apply existsb_exists in IQ.
 Qed.
 
 Lemma binds_for_iff : forall q q', binds_for q q' = true ->
@@ -248,8 +249,8 @@ Proof.
     - intros p position m G H. exists (forget m). split; [apply forget_domain |].
       eapply (from_slice t r (timed_in w) before C T slice_satisfies _ REQ); eauto.
     - intros u position m H. eapply (to_slice t r (timed_in w) before RE T slice_satisfies _ REQ); eauto.
-      intros o q O Q. destruct (proj2 (ON o) O) as (q0 & Q0 & _ & q' & I & B). rewrite Q in Q0. injection Q0 as <-.
-      exists q'. split; auto. now apply binds_for_iff. }
+      intros o q O Q. destruct (proj2 (ON o) O) as (q0 & Q0 & _ & B). rewrite Q in Q0. injection Q0 as <-.
+      destruct B as [N | (q' & I & B)]; [auto | right]. exists q'. split; auto. now apply binds_for_iff. }
   split.
   - intros x I. apply in_shapes in I as (r & chosen & R & S & C & L & A & ->).
     exists (Plan (occurrences_of t r) (precedes (node_pairs t r) (end_pairs t r (last_in chosen)))

@@ -396,10 +396,11 @@ Proof.
   unfold binds in C. destruct (served_before j x); congruence.
 Qed.
 
-(** Some atom of the text has the pattern of each occurrence, and no more guards than this has. *)
+(** Some atom of the text has the pattern of each occurrence with variables, and no more guards. *)
 Variable atoms : list atom.
-Hypothesis atoms_of_scenario : forall o q, In o os -> atom_of o = Some q -> exists q', In q' atoms /\
-  atom_pattern q' = atom_pattern q /\ atom_time q' = atom_time q /\ incl (atom_guards q') (atom_guards q).
+Hypothesis atoms_of_scenario : forall o q, In o os -> atom_of o = Some q -> atom_variables q = [] \/
+  exists q', In q' atoms /\ atom_pattern q' = atom_pattern q /\ atom_time q' = atom_time q /\
+    incl (atom_guards q') (atom_guards q).
 
 Lemma served_steps : forall i e, nth_error u i = Some e -> Binds atoms e (served_before i) (served_before (S i)).
 Proof.
@@ -408,11 +409,8 @@ Proof.
     assert (f = e) by (apply (at_positions _ _ _ _ partial) in I; congruence). subst f.
     assert (O := served_os o D). assert (S := served_sat o e I). rewrite Q in S.
     destruct (required_atom o O) as (q & A & SA). rewrite SA in S.
-    destruct (atoms_of_scenario o q O A) as (q' & J & QP & QT & QG). apply extends with q'; auto.
-    + apply observes_iff in S as (L & V & F & T & G). apply observes_iff. unfold atom_variables in *.
-      rewrite QP, QT. repeat split; auto.
-    + apply served_grows; lia.
-    + intros x NX. unfold served_before.
+    assert (SAME : forall x, ~ In x (atom_variables q) -> served_before (Datatypes.S i) x = served_before i x).
+    { intros x NX. unfold served_before.
       assert (E : existsb (fun o => (position o <? Datatypes.S i) && owns o x) (domain m) =
                   existsb (fun o => (position o <? i) && owns o x) (domain m)); [| now rewrite E].
       apply existsb_ext_in. intros o' D'. destruct (owns o' x) eqn:W; [| now rewrite !andb_false_r]. rewrite !andb_true_r.
@@ -420,8 +418,15 @@ Proof.
       enough (position o' <> i) by lia. intros Q'. assert (o' = o).
       { apply (no_position_twice _ _ _ _ partial); auto. congruence. }
       subst o'. apply NX. destruct (served_pattern o D) as (p & P). apply (owns_iff o x p P) in W.
-      unfold atom_variables. rewrite QP, QT. unfold scenario_atom in A. rewrite P in A. injection A as <-. simpl.
-      apply in_app_iff. destruct W as [W | [W ->]]; auto. rewrite W. simpl; auto.
+      unfold scenario_atom in A. rewrite P in A. injection A as <-. unfold atom_variables; simpl.
+      apply in_app_iff. destruct W as [W | [W ->]]; auto. rewrite W. simpl; auto. }
+    destruct (atoms_of_scenario o q O A) as [NV | (q' & J & QP & QT & QG)].
+    { apply keeps. intros x. apply SAME. rewrite NV. intros []. }
+    apply extends with q'; auto.
+    + apply observes_iff in S as (L & V & F & T & G). apply observes_iff. unfold atom_variables in *.
+      rewrite QP, QT. repeat split; auto.
+    + apply served_grows; lia.
+    + intros x NX. apply SAME. unfold atom_variables in *. now rewrite <- QP, <- QT.
   - apply keeps. intros x. unfold served_before.
     assert (E : existsb (fun o => (position o <? S i) && owns o x) (domain m) =
                 existsb (fun o => (position o <? i) && owns o x) (domain m)); [| now rewrite E].
@@ -445,7 +450,7 @@ Lemma recall_domain : forall b position m, domain (recall b position m) = domain
 Proof. intros b position m. unfold domain, recall. now rewrite map_map. Qed.
 
 Lemma to_slice : forall atoms u position m,
-  (forall o q, In o os -> atom_of o = Some q -> exists q', In q' atoms /\
+  (forall o q, In o os -> atom_of o = Some q -> atom_variables q = [] \/ exists q', In q' atoms /\
      atom_pattern q' = atom_pattern q /\ atom_time q' = atom_time q /\ incl (atom_guards q') (atom_guards q)) ->
   Partial (denoted tree_plan) u position m ->
   exists p m', Slice atoms u p /\ domain m' = domain m /\ Partial (denoted slice_plan) p position m'.

@@ -139,7 +139,7 @@ let lower_of table =
 
 type t = {
   tree : tree;
-  time : (int list list * Clock.format) option;
+  time : Json.t option;                        (* the field and the format of times *)
   semantics : string option;
   numbers : string -> int option;              (* of the nodes below the root *)
   names : string list;                         (* by number *)
@@ -161,11 +161,11 @@ let in_order root children =
   !order
 
 (* The path of a time, and its format. *)
-let time_of v = match need "format" v with
+let time_of = within "time" (fun v -> match need "format" v with
   | Json.String f ->
     (List.map (function Json.String p -> p | _ -> refuse "a path of fields was expected") (read_field "field" items v),
      Clock.format_of (Json.text_of f))
-  | _ -> refuse "times in a strptime format are not supported"
+  | _ -> refuse "times in a strptime format are not supported")
 
 let read (v : Json.t) : t =
   (match field "format" v, field "version" v with
@@ -231,14 +231,14 @@ let read (v : Json.t) : t =
           | Some other -> refuse "unknown kind %s" other) }) (node name) in
   let ignored i = within (Printf.sprintf "ignore %d" (i + 1)) (fun v ->
       let own = numbering () in let on = read_field "on" (call events own) v in (on, condition own v)) in
-  let time = read_field "time" (optional (fun t -> (time_of t, read_field "late" (optional big) t))) v in
+  let time = optional Fun.id (need "time" v) in
   let tree = {
     nodes = List.map made order;
     top_down = (match read_field "causality" text v with "top_down" -> true | "bottom_up" -> false | other ->
         refuse "unknown causality %s" other);
     ignores = List.mapi ignored (read_field "ignores" items v);
-    lateness = Option.bind time snd } in
+    lateness = Option.bind time (within "time" (read_field "late" (optional big))) } in
   if not (well_formed tree) then
     refuse "the tree is not well formed: the condition of an `ignore` has a variable that its event does not bind";
-  { tree; time = Option.map fst time; semantics = read_field "semantics" (optional text) v; numbers = node_number;
+  { tree; time; semantics = read_field "semantics" (optional text) v; numbers = node_number;
     names = order; variables; lower }

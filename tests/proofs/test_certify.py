@@ -28,11 +28,16 @@ LANGUAGES = [pytest.param("rml"), *(pytest.param(one, marks=NEEDS_SPOT) for one 
 TREES = PROOFS.parent / "trees"
 
 
+def drops_late_events(tree: RVAFT) -> bool:
+    """Whether a certificate is about traces without late events only."""
+    return tree.time is not None and tree.time.late is not None
+
+
 def certified(
     tree: RVAFT, text: str, language: str, semantics: Semantics, *, branch: int | None = None, kind: Kind | None = None
 ) -> tuple[int, str]:
     """The exit status of a certificate, and its message."""
-    order = {Assumption.ORDER} if tree.time is not None and tree.time.late is not None else set()
+    order = {Assumption.ORDER} if drops_late_events(tree) else set()
     specification = Specification(text, language, Metrics(0), assumes=frozenset(order))
     return certificate(tree, backend(language), specification, semantics, PROGRAM, branch=branch, kind=kind, timeout=60)
 
@@ -243,6 +248,10 @@ def test_branches_and_kinds(language: str) -> None:
             assert certified(tree, text, language, semantics)[0] == 1
 
 
+VARIABLES = Shape(max_nodes=6, times=0, functions=0, assumptions=0)
+TIMED = Shape(max_nodes=5, times=1, functions=0, assumptions=0)
+
+
 def differing(right: RVAFT, wrong: RVAFT, semantics: Semantics, random: Random) -> bool:
     """Whether the definition gives the trees different verdicts on some random trace."""
     first, second = Reference(right, semantics), Reference(wrong, semantics)
@@ -258,7 +267,9 @@ def test_random_trees_and_mistakes(language: str, seed: int) -> None:
     statuses: Counter[tuple[bool, int]] = Counter()
     for number in range(4):
         random = Random(f"{seed} {number}")
-        tree = random_tree(random, (PLAIN, VARIABLE_FREE)[number % 2])
+        tree = random_tree(random, (PLAIN, VARIABLE_FREE, VARIABLES, TIMED)[number])
+        if drops_late_events(tree):
+            continue
         others = (MISTAKES[name](tree) for name in random.sample(sorted(MISTAKES), len(MISTAKES)))
         wrong_trees = [tree, *islice((one for one in others if one != tree), 5)]
         for semantics in Semantics:
@@ -272,9 +283,9 @@ def test_random_trees_and_mistakes(language: str, seed: int) -> None:
                     assert not differing(tree, wrong, semantics, random), (number, semantics)
                 if status == 1:
                     assert wrong != tree, (number, semantics, why)
-                    word = why.partition(" trace ")[2].partition(",")[0].split()
-                    if tree.events or "+" in why or "(" in why:
+                    if tree.events or tree.time is not None or "+" in why or "(" in why:
                         continue
+                    word = why.partition(" trace ")[2].partition(",")[0].split()
                     trace = [{"event": name} for name in word]
                     verdicts = list(backend(language).read(text).run(trace))
                     assert verdicts != list(Reference(tree, semantics).run(trace)), (number, semantics, word)
@@ -295,6 +306,29 @@ def test_most_random_trees_without_variables_are_certified(language: str) -> Non
                 counts[certified(tree, text, language, semantics)[0]] += 1
     assert counts[0] >= 40
     assert counts[1] == 0
+
+
+@built
+@pytest.mark.parametrize("language", LANGUAGES[1:])
+@pytest.mark.parametrize("shape", [VARIABLES, TIMED], ids=["variables", "times"])
+def test_certified_texts_with_variables_have_the_verdicts_of_the_reference(language: str, shape: Shape) -> None:
+    counts: Counter[int] = Counter()
+    for seed in range(12):
+        random = Random(f"slices {seed}")
+        tree = random_tree(random, shape)
+        if drops_late_events(tree):
+            continue
+        for semantics in Semantics:
+            text = emitted(tree, language, semantics)
+            if text is None:
+                continue
+            status, why = certified(tree, text, language, semantics)
+            counts[status] += 1
+            assert status in (0, 2), (seed, semantics, why)
+            for trace in (random_trace(random, tree, max_length=7) for _ in range(20 if status == 0 else 0)):
+                expected = list(Reference(tree, semantics).run(trace))
+                assert list(backend(language).read(text).run(trace)) == expected, (seed, semantics, trace)
+    assert counts[0] > counts[2]
 
 
 @built

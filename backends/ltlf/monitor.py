@@ -126,8 +126,7 @@ def formal(text: str) -> dict[str, Any]:
 
     def atom(name: str) -> Json:
         if name in header.relevant or name in header.ignored:
-            kinds = header.relevant.get(name, ()), header.ignored.get(name, ())
-            return events.relevance(*([Observed(one.pattern, one.when) for one in kind] for kind in kinds))
+            return events.relevance(header.relevant.get(name, ()), header.ignored.get(name, ()))
         one = _observation(header, name, {})
         return events.atom(one.observed, one.guards)
 

@@ -44,8 +44,7 @@ def part_options(tree: RVAFT, semantics: Semantics, branch: int | None, kind: Ki
     A restricted tree is its whole tree with a branch or kind, because the alphabet is that of the
     whole tree. Raises `NotExpressible` for a part of a part.
     """
-    part = tree.part_of
-    if part is not None:
+    if (part := tree.part_of) is not None:
         if branch is not None or kind is not None:
             raise NotExpressible("a part of a part of a tree")
         tree, branch, kind = part.tree, part.branch, part.kind
@@ -103,9 +102,10 @@ class EventConditions:
         bare, time = untimed(pattern)
         return self._number({"pattern": pattern_json(bare), "time": time, "guards": list(map(condition_json, when))})
 
-    def relevance(self, relevant: Iterable[Observed], ignored: Iterable[Observed]) -> Json:
+    def relevance(self, relevant: Iterable[Any], ignored: Iterable[Any]) -> Json:
         """Return the test of an event that some of `relevant` and none of `ignored` accepts."""
-        return ["and", ["or", *map(self.of, relevant)], ["not", ["or", *map(self.of, ignored)]]]
+        wanted, unwanted = ([self.of(Observed(one.pattern, one.when)) for one in kind] for kind in (relevant, ignored))
+        return ["and", ["or", *wanted], ["not", ["or", *unwanted]]]
 
     def text(self, language: str, body: Json) -> dict[str, Any]:
         """Return the formal text with these predicates."""
@@ -125,12 +125,10 @@ def certificate(
     limit: int = 1_000_000,
     timeout: float = 120,
 ) -> tuple[int, str]:
-    """Return 0 if a text has the verdict of the tree on every trace, 1 if not, 2 if this is not
-    known, and a message.
-    """
-    in_order = Assumption.ORDER in specification.assumes
+    """Return 0 if a text has the verdict of the tree on every trace, 1 if not, 2 else, and why."""
     if program is None:
         return 2, f"not certified: {PROGRAM} is not on the PATH: build it by `make verified`, or name it by --verified"
+    in_order, status = Assumption.ORDER in specification.assumes, 2
     try:
         formal = speaks.formal(specification.text) | {"in_order": in_order, "samples": _samples(tree)}
         tree, options = part_options(tree, semantics, branch, kind)
@@ -138,12 +136,10 @@ def certificate(
         why = "".join(lines) or why
         if not why or (status == 0) != (why == "certified"):
             status, why = 2, f"{program} is no validator: its output is {why or 'empty'}"
-    except NotExpressible as error:
-        status, why = 2, error.reason
-    except (TooLarge, ToolMissing, ToolFailed) as error:
-        status, why = 2, str(error)
+    except (NotExpressible, TooLarge, ToolMissing, ToolFailed) as error:
+        why = error.reason if isinstance(error, NotExpressible) else str(error)
     except subprocess.TimeoutExpired:
-        status, why = 2, f"no answer within {timeout:g} s"
+        why = f"no answer within {timeout:g} s"
     return status, f"not certified: {why}" if status else IN_ORDER if in_order else CERTIFIED
 
 
@@ -151,9 +147,9 @@ def _samples(tree: RVAFT) -> list[Json]:
     """Return patterns of events that satisfy conditions on the variables of a node."""
     found: dict[str, Json] = {}
     conditions = [node.when for node in tree.top_down() if node.when and not guards.time_points(node.when)]
-    for pattern in filter(None, (tree.pattern(node.name) for node in tree.top_down())):
-        own = [when for when in conditions if {*guards.variables(when)} <= {*patterns.variables(pattern)}]
-        for some in (own, *([when] for when in own)):
+    for pattern in [own for node in tree.top_down() if (own := tree.pattern(node.name))]:
+        alone = [when for when in conditions if {*guards.variables(when)} <= {*patterns.variables(pattern)}]
+        for some in (alone, *([when] for when in alone)):
             values = {name: patterns.Literal(value) for name, value in (witness(some) or {}).items()}
             sample: Json = {"pattern": pattern_json(patterns.substitute(pattern, values)), "condition": None}
             found[json.dumps(sample)] = sample

@@ -2,7 +2,7 @@
 
     A text of HOA is a Büchi automaton over infinite words.  A finite word is encoded as by Spot's
     [from_ltlf]: the proposition [alive] holds during the word and not after it; after it, no
-    proposition holds.  A deterministic text is certified against a tree without variables. *)
+    proposition holds.  A deterministic text is certified against plain scenarios. *)
 
 Require Import List Bool Arith Lia.
 Require Import RVAFT.Language RVAFT.Definition RVAFT.Search RVAFT.Plain RVAFT.Automaton RVAFT.Acceptance

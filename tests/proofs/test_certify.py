@@ -68,6 +68,7 @@ SMALL = {
     "constant": ("event e(x) = { n: x }; top or a b; a on e(1) when 1 < 0; b on e(2) when 1 > 0;", {}),
     "one event": ("event e(x) = { n: x }; top sand a b; a on e(X) when X > 3; b on e(_);", {}),
     "names of one event": ("event e(x) = { n: x, m: x }; top sand a b; a on e(X); b on e(Y);", {}),
+    "two variables": ("event e(x, y) = { n: x, m: y }; top sand a b; a on e(X, Y); b on e(Z, Z);", {}),
     "unordered": ("event e(x) = { n: x }; event f(x) = { m: x }; top and a b; a on e(X) when X > 3; b on f(Y);", {}),
     "a guard elsewhere": (
         "event e(x) = { n: x }; top sand a b c; a on e(X); b when X > 3; c;",
@@ -201,6 +202,49 @@ def test_a_fault_in_a_text_is_not_certified(language: str, semantics: str, tree:
     status, why = certified(found, text.replace(old, new), language, meaning)
     assert status == 1
     assert re.fullmatch(f"not certified: {DIFFERENCES[language]}", why), why
+
+
+BY_HAND = {
+    "other names and order": """/* rvaft
+atom second := { n: Y } when Y < X
+atom first := { n: X } when Y < X when X > 3
+*/
+!G !(first & X[!] F second)""",
+    "an idle alternative": """/* rvaft
+atom a := { n: X } when X > 3 when Y < X
+atom b := { n: Y } when Y < X
+*/
+F(a & X[!] F b) | F(a & X[!] F(b & X[!] F a))""",
+    "unused atoms": """/* rvaft
+atom a := { n: X } when X > 3 when Y < X
+atom b := { n: Y } when Y < X
+atom c := { n: Z } when Z > X
+*/
+F(a & X[!] F b) & (c | !c)""",
+}
+
+
+@built
+@pytest.mark.parametrize("name", [pytest.param(name, marks=NEEDS_SPOT) for name in BY_HAND])
+def test_a_formula_of_a_person_is_certified(name: str) -> None:
+    tree = loads(ONE)
+    assert certified(tree, BY_HAND[name], "ltlf", Semantics.SCATTERED) == (0, CERTIFIED)
+    random = Random(name)
+    for trace in (random_trace(random, tree, max_length=6) for _ in range(30)):
+        verdicts = list(backend("ltlf").read(BY_HAND[name]).run(trace))
+        assert verdicts == list(Reference(tree, Semantics.SCATTERED).run(trace))
+
+
+@built
+@pytest.mark.spot
+@pytest.mark.skipif(find_spec("spot") is None, reason="needs Spot")
+def test_names_of_variables_are_kept_apart() -> None:
+    """Two variables of one event may differ; one variable that stands twice has one value."""
+    two = loads("event e(x, y) = { n: x, m: y }; top sand a b; a on e(X, Y) when X != Y; b;")
+    text = translate(two, "ltlf", semantics="strict").text
+    assert certified(two, text, "ltlf", Semantics.STRICT)[0] == 0
+    assert certified(two, text.replace("m: Y", "m: X"), "ltlf", Semantics.STRICT)[0] == 1
+    assert certified(two, text.replace("X != Y", "X != X"), "ltlf", Semantics.STRICT)[0] == 1
 
 
 @built

@@ -151,7 +151,8 @@ Proof.
       destruct (time_seen m x); simpl; auto.
     - change (extreme_of o (x :: y :: l)) with (Apply o (map (fun z => ValueOf (clock z)) (x :: y :: l))).
       generalize dependent (x :: y :: l). clear x y l. intros l NE T.
-      assert (V : eval a no_time (Apply o (map (fun z => ValueOf (clock z)) l)) = apply o (map (fun z => a (clock z)) l)).
+      assert (V : eval a no_time (Apply o (map (fun z => ValueOf (clock z)) l)) = apply o (map (fun z => a (clock
+        z)) l)).
       { simpl. rewrite map_map. simpl. replace (map (fun z => Some (a (clock z))) l)
           with (map Some (map (fun z => a (clock z)) l)) by apply map_map.
         now rewrite (proj2 (all_defined_iff _ _ _) eq_refl). }
@@ -172,7 +173,8 @@ Proof.
           destruct (time_seen m z) eqn:Q; [| exists z; simpl; auto].
           destruct IH as (w & I & R); [destruct (all_defined (map (time_seen m) k)); [discriminate | auto] |].
           exists w; simpl; auto. }
-        destruct E as (z & I & Q). specialize (T z I). rewrite Q in T. simpl in T. destruct T as [T | T]; [discriminate |].
+        destruct E as (z & I & Q). specialize (T z I). rewrite Q in T. simpl in T.
+          destruct T as [T | T]; [discriminate |].
         apply in_map_iff. exists z; split; auto. congruence. }
   destruct p as [n | n | n]; simpl in *.
   - apply ONE; auto.

@@ -23,7 +23,9 @@ Extraction "rvaft_monitor.ml"
   object parse_number integer
   text_predicates same_predicate predicate_of relevance_entries sample satisfies conflict letter_of
   certify_text_rml
-  clock clocked_guards slice_shapes Automaton.alphabet atoms hoa_atoms observes Conditions.bindings pattern_variables slice_atoms slice_predicates atom_number atoms_conflict basic_numbers
+  clock clocked_guards slice_shapes Automaton.alphabet atoms hoa_atoms observes Conditions.bindings
+    pattern_variables slice_atoms slice_predicates atom_number related_letters atoms_conflict basic_numbers
+  pattern_numbers allowed
   slice_satisfies all_numbers assigned_by derivative at_end simplified hoa_step hoa_accepts
   certify_text_hoa certify_text_ltlf
   Z.mul Z.add Z.sub Z.opp Z.div_eucl Z.ltb Z.eqb Z.abs.

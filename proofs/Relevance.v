@@ -189,7 +189,8 @@ Proof.
   induction p as [w | x | | fields IH | items IH | p IH] using pattern_induction; intros v; auto.
   - cbn [blank ways]. destruct v as [| | | | | object |]; auto.
     induction IH as [| [f p] fields H _ IHf]; auto. cbn [map fst snd]. destruct (field f object) as [w |]; auto.
-    specialize (H w). cbn [snd] in H. destruct (ways (blank p) w) as [| a l], (ways p w) as [| b m]; try discriminate; auto.
+    specialize (H w). cbn [snd] in H.
+    destruct (ways (blank p) w) as [| a l], (ways p w) as [| b m]; try discriminate; auto.
     etransitivity; [apply is_nil_joined |]. symmetry. etransitivity; [apply is_nil_joined |]. symmetry. exact IHf.
   - cbn [blank ways]. destruct v as [| | | | list | |]; auto. revert list.
     induction IH as [| p items H _ IHi]; intros [| w list]; auto. cbn [map].

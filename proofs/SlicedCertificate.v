@@ -26,7 +26,8 @@ Proof. intros [x |] [y |] E; try discriminate; auto. apply Nat.eqb_eq in E. cong
 
 Lemma same_atom_eq : forall q r, same_atom q r = true -> q = r.
 Proof.
-  intros [p x g] [p' x' g'] E. unfold same_atom in E. simpl in E. rewrite !andb_true_iff in E. destruct E as [[P T] G].
+  intros [p x g] [p' x' g'] E. unfold same_atom in E. simpl in E. rewrite !andb_true_iff in E.
+    destruct E as [[P T] G].
   apply same_pattern_eq in P as ->. apply same_time_eq in T as ->. f_equal.
   eapply all2_eq; [| exact G]. apply Forall_forall. intros h _. apply same_guard_eq.
 Qed.
@@ -78,7 +79,8 @@ Definition timed_in (w : selection) : occurrence -> bool :=
 Definition slice_shape (timed : occurrence -> bool) (guards : list guard) (part : nat -> list occurrence)
   (os : list occurrence) (before : occurrence -> occurrence -> bool) : shape :=
   let guards := scenario_guards t part guards in
-  Shape os before (fun o => match scenario_atom t timed guards o with Some q => atom_number q | None => relevance end).
+  Shape os before (fun o => match scenario_atom t timed guards o with Some q => atom_number q | None => relevance
+    end).
 
 Definition slice_shapes (w : selection) : list shape := selected_scenarios (slice_shape (timed_in w)) t w.
 
@@ -141,11 +143,13 @@ Proof.
   intros r chosen o R S C L A. split.
   - unfold all_timed in timed. rewrite forallb_forall in timed. apply timed. apply in_scenarios.
     exists r, chosen. repeat split; auto.
-  - intros O. assert (Q : exists q, scenario_atom t (timed_in w) (scenario_guards t (parts t r) (guards_of t r)) o = Some q).
+  - intros O. assert (Q : exists q, scenario_atom t (timed_in w) (scenario_guards t (parts t r) (guards_of t r)) o
+    = Some q).
     { apply occurrences_iff in O as (_ & O & _). unfold scenario_atom.
       destruct (on (node_at t (fst o))); [eexists; reflexivity | congruence]. }
     destruct Q as (q & Q). exists q; split; auto.
-    set (l := flat_map (fun o => match scenario_atom t (timed_in w) (scenario_guards t (parts t r) (guards_of t r)) o with
+    set (l := flat_map (fun o => match scenario_atom t (timed_in w) (scenario_guards t (parts t r) (guards_of t r))
+      o with
        | Some q => [q] | None => [] end) (occurrences_of t r)).
     assert (IL : In l (shape_atoms w)) by (apply in_scenarios; exists r, chosen; repeat split; auto).
     assert (IQ : In q l) by (apply in_flat_map; exists o; split; auto; rewrite Q; simpl; auto).
@@ -199,7 +203,8 @@ Lemma match_positions_used : forall E F s (u : list event) position (m : assigne
   domain m' = domain m ->
   match_positions Rel s u (Used position m') <-> match_positions Rel s u (Used position m).
 Proof.
-  intros E F s u position m m' D. assert (U := fun i => used_domain E F position m m' i D). destruct s; simpl; try tauto.
+  intros E F s u position m m' D. assert (U := fun i => used_domain E F position m m' i D).
+    destruct s; simpl; try tauto.
   - split; intros (k & H); exists k; intros i; rewrite <- H; rewrite U; tauto.
   - split; intros (k & H); exists k; intros i; rewrite <- H; rewrite U; tauto.
   - split; intros (j & k & H); exists j, k; intros i; rewrite <- H; rewrite U; tauto.
@@ -209,7 +214,8 @@ Lemma partial_positions_used : forall E F s (u : list event) position (m : assig
   domain m' = domain m ->
   partial_positions Rel s u (Used position m') <-> partial_positions Rel s u (Used position m).
 Proof.
-  intros E F s u position m m' D. assert (U := fun i => used_domain E F position m m' i D). destruct s; simpl; try tauto.
+  intros E F s u position m m' D. assert (U := fun i => used_domain E F position m m' i D).
+    destruct s; simpl; try tauto.
   - split; intros H i; rewrite <- H; rewrite U; tauto.
   - split; intros H i; rewrite <- H; rewrite U; tauto.
   - split; intros (j & H); exists j; intros i; rewrite <- H; rewrite U; tauto.
@@ -229,7 +235,8 @@ Definition Paired (c : plan event) (x : shape) : Prop :=
 Lemma paired_shapes : (forall x, In x (slice_shapes w) -> exists c, In c (plans t w) /\ Paired c x) /\
   (forall c, In c (plans t w) -> exists x, In x (slice_shapes w) /\ Paired c x).
 Proof.
-  assert (P : forall r chosen, In r (resolutions t) -> selected t w r = true -> constants_hold (guards_of t r) = true ->
+  assert (P : forall r chosen, In r (resolutions t) -> selected t w r = true ->
+    constants_hold (guards_of t r) = true ->
     In chosen (lasts t r) ->
     let before := precedes (node_pairs t r) (end_pairs t r (last_in chosen)) in
     Scenarios.acyclic before (occurrences_of t r) = true ->
@@ -275,10 +282,12 @@ Proof.
   - intros (v & v' & c & -> & (d & I & ->) & position & m & P & C & M).
     destruct (proj2 paired_shapes d I) as (x & J & _ & T & O). destruct (T v position m P) as (p & m' & S & D & P').
     destruct (slice_keeps atoms v p v' S) as (p' & S'). exists (p ++ p'). split; auto.
-    exists p, p', (denoted (plain slice_satisfies x)). split; auto. split; [exists (plain slice_satisfies x); split; auto;
+    exists p, p', (denoted (plain slice_satisfies x)). split; auto. split; [exists (plain slice_satisfies x);
+      split; auto;
       now apply in_map |]. exists position, m'. split; auto. split.
     + eapply (complete_domain _ _ d); eauto.
-    + apply match_positions_slice. rewrite <- (slice_events atoms v p S). now apply (match_positions_used _ _ s v position m m').
+    + apply match_positions_slice. rewrite <- (slice_events atoms v p S).
+      now apply (match_positions_used _ _ s v position m m').
   - intros (p & S & (v & v' & c & -> & (d & I & ->) & position & m & P & C & M)).
     apply in_map_iff in I as (x & <- & I). destruct (proj1 paired_shapes x I) as (c & J & F & _ & O).
     assert (G := growing_prefix _ _ (slice_growing _ _ _ S)). destruct (F v position m G P) as (m' & D & P').
@@ -295,7 +304,8 @@ Proof.
   - intros (c & (d & I & ->) & position & m & P & C & M).
     destruct (proj2 paired_shapes d I) as (x & J & _ & T & O). destruct (T u position m P) as (p & m' & S & D & P').
     exists p. split; auto. exists (denoted (plain slice_satisfies x)).
-    split; [exists (plain slice_satisfies x); split; auto; now apply in_map |]. exists position, m'. split; auto. split.
+    split; [exists (plain slice_satisfies x); split; auto; now apply in_map |]. exists position, m'. split; auto.
+      split.
     + intros C'. apply C. eapply (complete_domain _ _ (plain slice_satisfies x)); eauto.
     + apply partial_positions_slice. rewrite <- (slice_events atoms u p S).
       now apply (partial_positions_used _ _ s u position m m').
@@ -312,7 +322,8 @@ Lemma tree_plans_verdict : forall s u v, VerdictOfTree t w s u v <-> Verdict Rel
 Proof.
   intros s u v. unfold VerdictOfTree.
   assert (A : forall c, IsScenario t w c -> exists d, Scenarios (plans t w) d /\ Alike c d).
-  { intros c I. destruct (plans_complete t w c well I) as (d & J & A). exists (denoted d); split; auto. exists d; auto. }
+  { intros c I. destruct (plans_complete t w c well I) as (d & J & A). exists (denoted d); split; auto.
+    exists d; auto. }
   assert (B : forall c, Scenarios (plans t w) c -> exists d, IsScenario t w d /\ Alike c d).
   { intros c (d & I & ->). exists (denoted d). split; [now apply plans_sound |]. constructor; intros; reflexivity. }
   split; apply verdict_same; auto; intros e.

@@ -6,7 +6,8 @@
 
 Require Import List Bool Arith ZArith Lia.
 Require Import RVAFT.Values RVAFT.Language RVAFT.Definition RVAFT.Search RVAFT.Conditions RVAFT.Scenarios.
-Require Import RVAFT.Monitor RVAFT.Plain RVAFT.Automaton RVAFT.Exploration RVAFT.Letters RVAFT.PlainTree RVAFT.Relevance.
+Require Import RVAFT.Monitor RVAFT.Plain RVAFT.Automaton RVAFT.Exploration RVAFT.Letters RVAFT.PlainTree
+  RVAFT.Relevance.
 Require Import RVAFT.Slices RVAFT.SlicedTree RVAFT.SlicedCertificate.
 Import ListNotations.
 
@@ -87,8 +88,10 @@ Definition atoms_conflict (k l : nat) : bool :=
 
 Lemma atoms_conflict_sound : forall y k l, atoms_conflict k l = true -> sat k y = true -> sat l y = true -> False.
 Proof.
-  intros [e b] k l C K L. unfold atoms_conflict in C. destruct (nth_error qs (k - _)) as [q |] eqn:Q; [| discriminate].
-  destruct (nth_error qs (l - _)) as [r |] eqn:R; [| discriminate]. rewrite !andb_true_iff in C. destruct C as [[A B] C].
+  intros [e b] k l C K L. unfold atoms_conflict in C. destruct (nth_error qs (k - _)) as [q |] eqn:Q;
+    [| discriminate].
+  destruct (nth_error qs (l - _)) as [r |] eqn:R; [| discriminate]. rewrite !andb_true_iff in C.
+    destruct C as [[A B] C].
   apply Nat.leb_le in A, B. unfold slice_satisfies in K, L.
   replace (k <=? length ps) with false in K by (symmetry; apply Nat.leb_gt; lia).
   replace (l <=? length ps) with false in L by (symmetry; apply Nat.leb_gt; lia). rewrite Q in K. rewrite R in L.
@@ -125,17 +128,56 @@ Proof.
   apply observes_iff in H as (L & V & FP & _ & _). rewrite P in FP.
   assert (NTH : nth_error ps (k' - 1) = Some (p, gs')) by (rewrite N; apply nth_error_nth'; lia).
   destruct k' as [| i]; [lia |]. simpl in NTH. rewrite Nat.sub_0_r in NTH. simpl. rewrite NTH.
-  unfold meets. rewrite L. simpl. apply bindings_iff in FP as (bs & J & R). apply existsb_exists. exists bs; split; auto.
-  apply forallb_forall. intros g G. rewrite forallb_forall in F, H'. assert (FG := F g G). rewrite !andb_true_iff in FG.
+  unfold meets. rewrite L. simpl. apply bindings_iff in FP as (bs & J & R). apply existsb_exists.
+    exists bs; split; auto.
+  apply forallb_forall. intros g G. rewrite forallb_forall in F, H'. assert (FG := F g G).
+    rewrite !andb_true_iff in FG.
   destruct FG as [[PT PG] VG]. apply is_nil_iff in PT. rewrite forallb_forall in VG.
   assert (X := H' (number (guard_atom g))). rewrite member_basic in X by exact PG. rewrite observes_guard, L in X.
   simpl in X. assert (PA : passes b g = true) by (apply X, in_map_iff; eauto). clear X.
-  assert (W : forall x, In x (variables g) -> In x (pattern_variables p)) by (intros x Y; now apply Conditions.member_iff, VG).
+  assert (W : forall x, In x (variables g) -> In x (pattern_variables p)) by (intros x Y;
+    now apply Conditions.member_iff, VG).
   unfold passes in PA. apply orb_true_iff in PA as [PA | PA].
   - apply negb_true_iff in PA. rewrite <- not_true_iff_false in PA. exfalso. apply PA, forallb_forall. intros x Y.
     apply V. unfold atom_variables. rewrite P. apply in_app_iff. auto.
   - rewrite <- PA. apply holds_same; [| rewrite PT; intros ? []]. intros x Y.
     apply (respects_get Nat.eqb Nat.eqb_eq); auto. apply (bindings_variables p (content e)); auto.
+Qed.
+
+(** The number of a pattern with variables of its own, and the number of an atom of this pattern. *)
+Definition pattern_numbers : list (nat * nat) :=
+  flat_map (fun q =>
+    let bare : predicate := (atom_pattern q, []) in
+    if placed basic q && listed ps bare then [(number_in ps bare, number q)] else []) basic.
+
+Lemma pattern_numbers_sound : forall e b k n, In (k, n) pattern_numbers -> sat n (e, b) = true ->
+  satisfies t ps k e = true.
+Proof.
+  intros e b k n I S. apply in_flat_map in I as (q & _ & I). cbv zeta in I.
+  destruct (placed basic q && listed ps (atom_pattern q, [])) eqn:H; [| destruct I].
+  destruct I as [I | []]. injection I as <- <-. apply andb_true_iff in H as [P L].
+  rewrite (atom_satisfied t ps qs q) in S by now apply basic_number. rewrite listed_numbered by exact L.
+  apply observes_iff in S as (NL & _ & F & _). unfold meets. rewrite NL. simpl.
+  apply bindings_iff in F as (bs & J & _). apply existsb_exists. exists bs; auto.
+Qed.
+
+(** The numbers of atoms that an event may make true, beside a letter of predicates with variables of their own. *)
+Definition allowed (table : list (nat * nat)) (a : letter) (numbers : list nat) : list nat :=
+  filter (fun n => negb (existsb (fun kn => Nat.eqb (snd kn) n && negb (Automaton.member (fst kn) a)) table)) numbers.
+
+Lemma allowed_letter : forall e b, let a := letter_of (satisfies t ps) closed_numbers e in
+  letter_of sat (allowed pattern_numbers a basic_numbers) (e, b) = letter_of sat basic_numbers (e, b).
+Proof.
+  intros e b a. unfold letter_of, allowed. generalize basic_numbers as l. induction l as [| n l IH]; auto. simpl.
+  destruct (existsb _ pattern_numbers) eqn:X; simpl; [| destruct (sat n (e, b)); now rewrite IH].
+  rewrite IH. destruct (sat n (e, b)) eqn:S; auto. exfalso.
+  apply existsb_exists in X as ([k m] & I & X). simpl in X. apply andb_true_iff in X as [Q M].
+  apply Nat.eqb_eq in Q. subst m. apply negb_true_iff in M.
+  assert (T := pattern_numbers_sound e b k n I S). unfold a in M. rewrite member_letter in M; [congruence |].
+  apply in_flat_map in I as (q & _ & I). cbv zeta in I.
+  destruct (placed basic q && listed ps (atom_pattern q, [])) eqn:H; [| destruct I].
+  destruct I as [I | []]. injection I as <- _. apply andb_true_iff in H as [_ L]. apply Nat.ltb_lt in L.
+  unfold closed_numbers, number_in. apply in_seq. lia.
 Qed.
 
 (** An atom without variables is its pattern: the numbers of both. *)
@@ -149,7 +191,8 @@ Lemma without_variables_sound : forall e b k n, In (k, n) without_variables -> s
   Automaton.member n (letter_of sat basic_numbers (e, b)) = true.
 Proof.
   intros e b k n I S. apply in_flat_map in I as (q & _ & I). cbv zeta in I.
-  destruct (is_nil (atom_variables q) && is_nil (atom_guards q) && placed basic q && listed ps (atom_pattern q, [])) eqn:H;
+  destruct (is_nil (atom_variables q) && is_nil (atom_guards q) && placed basic q && listed ps (atom_pattern q,
+    [])) eqn:H;
     [| destruct I].
   destruct I as [I | []]. injection I as <- <-. rewrite !andb_true_iff in H. destruct H as [[[V G] P] L].
   apply is_nil_iff in V, G. rewrite listed_numbered in S by exact L. rewrite member_basic by exact P.

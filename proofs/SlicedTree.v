@@ -26,7 +26,8 @@ Proof.
   assert (F := proj1 (list_max_le (tree_variables t) _) (le_n _)). rewrite Forall_forall in F. auto.
 Qed.
 
-Lemma clock_one : forall t o p, fst o < length (nodes t) -> fst p < length (nodes t) -> clock t o = clock t p -> o = p.
+Lemma clock_one : forall t o p, fst o < length (nodes t) -> fst p < length (nodes t) -> clock t o = clock t p ->
+  o = p.
 Proof.
   intros t [n i] [m j] L M Q. unfold clock in Q. simpl in *.
   assert (Z : length (nodes t) * i + n = length (nodes t) * j + m) by lia.
@@ -50,10 +51,12 @@ Definition scenario_guards (t : tree) (part : nat -> list occurrence) (guards : 
 Definition concerns (xs : list nat) (g : guard) : bool := existsb (fun x => Conditions.member x xs) (variables g).
 
 (** The atom of an occurrence; [timed] are the occurrences whose time has a variable. *)
-Definition scenario_atom (t : tree) (timed : occurrence -> bool) (guards : list guard) (o : occurrence) : option atom :=
+Definition scenario_atom (t : tree) (timed : occurrence -> bool) (guards : list guard) (o : occurrence) : option
+  atom :=
   option_map (fun p =>
     let own := if timed o then Some (clock t o) else None in
-    SlicedAtom p own (filter (concerns (pattern_variables p ++ match own with Some x => [x] | None => [] end)) guards))
+    SlicedAtom p own (filter (concerns (pattern_variables p ++ match own with Some x => [x] | None => [] end))
+      guards))
     (on (node_at t (fst o))).
 
 (** Time points stand where null is undefined, and their occurrences have variables. *)
@@ -156,7 +159,8 @@ Lemma holds_clocked : forall a m g, NoDup (domain m) -> In g guards -> known t p
   (forall o e, In (o, e) m -> timed o = true -> a (clock t o) = time_value e) ->
   holds a no_time (clocked (clock t) part g) = holds a (time_at part m) g.
 Proof.
-  intros a m g N I K C. destruct (guard_timed g I) as [T P]. unfold holds. rewrite eval_clocked with (time := time_at part m);
+  intros a m g N I K C. destruct (guard_timed g I) as [T P]. unfold holds.
+    rewrite eval_clocked with (time := time_at part m);
     auto.
   intros p J. destruct (P p J) as [NE NE']. apply point_told; auto. intros o O. destruct (NE' o O) as [TI _].
   unfold known in K. apply andb_true_iff in K as [_ K]. rewrite forallb_forall in K. apply K in J.
@@ -179,7 +183,8 @@ Proof.
 Qed.
 
 (** Of some occurrences, the one that is served last. *)
-Lemma latest_served : forall (position : occurrence -> nat) (test : occurrence -> bool) l o, In o l -> test o = true ->
+Lemma latest_served : forall (position : occurrence -> nat) (test : occurrence -> bool) l o, In o l ->
+  test o = true ->
   exists o', In o' l /\ test o' = true /\ forall p, In p l -> test p = true -> position p <= position o'.
 Proof.
   intros position test; induction l as [| p l IH]; intros o I T; [destruct I |].
@@ -213,11 +218,13 @@ Proof.
       apply fits_pattern_same with (values_of b); auto. intros x X. symmetry. eapply LAST; eauto.
     + intros g I K. destruct (is_constant g) eqn:C.
       { unfold constants_hold in constants. rewrite forallb_forall in constants.
-        rewrite <- (constants g) by (apply filter_In; auto). unfold is_constant in C. apply andb_true_iff in C as [C D].
+        rewrite <- (constants g) by (apply filter_In; auto). unfold is_constant in C.
+          apply andb_true_iff in C as [C D].
         apply is_nil_iff in C, D. apply holds_same; [rewrite C | rewrite D]; intros ? []. }
       set (g' := clocked (clock t) part g).
       assert (IG : In g' clocked_guards) by (apply in_scenario_guards; eauto).
-      assert (TM : forall o e, In (o, e) (forget m) -> timed o = true -> values_of (latest p) (clock t o) = time_value e).
+      assert (TM : forall o e, In (o, e) (forget m) -> timed o = true -> values_of (latest p) (clock t o) =
+        time_value e).
       { intros o e J T. apply in_forget in J as (b & J). destruct (SAT _ _ _ J) as [O S].
         apply sat_iff in S as (q & _ & _ & _ & _ & TV & _); auto. destruct (TV T) as [B <-]. eapply LAST; eauto. }
       rewrite <- (holds_clocked _ (forget m)); auto; [| now rewrite forget_domain].
@@ -228,9 +235,11 @@ Proof.
       { intros x X. apply clocked_variables in X as [X | (pt & o & J & A & ->)].
         - unfold known in K. apply andb_true_iff in K as [K _]. rewrite forallb_forall in K. apply K in X.
           apply Conditions.member_iff in X. unfold bound_variables in X. apply in_flat_map in X as (o & O & X).
-          rewrite forget_domain in O. destruct (on (node_at t (fst o))) as [q |] eqn:Q; [| destruct X]. exists o, q; auto.
+          rewrite forget_domain in O. destruct (on (node_at t (fst o))) as [q |] eqn:Q; [| destruct X].
+            exists o, q; auto.
         - unfold known in K. apply andb_true_iff in K as [_ K]. rewrite forallb_forall in K.
-          assert (D := K pt J). rewrite forallb_forall in D. assert (A' := A). apply D, among_iff in A'. rewrite forget_domain in A'.
+          assert (D := K pt J). rewrite forallb_forall in D. assert (A' := A). apply D, among_iff in A'.
+            rewrite forget_domain in A'.
           assert (O := OF o A'). apply occurrences_iff in O as (_ & O & _).
           destruct (on (node_at t (fst o))) as [q |] eqn:Q; [| congruence]. exists o, q. split; auto. split; auto.
           right. split; auto. destruct (guard_timed g I) as [_ TI]. now apply (TI pt J). }
@@ -238,14 +247,16 @@ Proof.
         (timed o && (x =? clock t o))) (variables g')).
       assert (TOUCH : forall o q x, on (node_at t (fst o)) = Some q -> In x (variables g') ->
         In x (pattern_variables q) \/ (timed o = true /\ x = clock t o) -> touched o = true).
-      { intros o q x Q X H. apply existsb_exists. exists x; split; auto. apply orb_true_iff. destruct H as [H | [H ->]].
+      { intros o q x Q X H. apply existsb_exists. exists x; split; auto. apply orb_true_iff.
+        destruct H as [H | [H ->]].
         - left. apply Conditions.member_iff. unfold node_variables. now rewrite Q.
         - right. now rewrite H, Nat.eqb_refl. }
       assert (NC : exists x, In x (variables g')).
       { destruct (variables g') as [| x l] eqn:V; [| exists x; simpl; auto]. exfalso.
         unfold is_constant in C. apply andb_false_iff in C as [C | C].
         - destruct (variables g) as [| x l] eqn:W; [discriminate |].
-          assert (X : In x (variables g')) by (apply clocked_variables; rewrite W; simpl; auto). rewrite V in X. destruct X.
+          assert (X : In x (variables g')) by (apply clocked_variables; rewrite W; simpl; auto). rewrite V in X.
+            destruct X.
         - destruct (points g) as [| pt l] eqn:W; [discriminate |]. destruct (guard_timed g I) as [_ TI].
           destruct (TI pt) as [NE _]; [rewrite W; simpl; auto |].
           destruct (asked_by part pt) as [| o l'] eqn:A; [congruence |].
@@ -297,7 +308,8 @@ Definition served_before (i : nat) : assignment := fun x =>
 Lemma owns_iff : forall o x p, on (node_at t (fst o)) = Some p ->
   (owns o x = true <-> In x (pattern_variables p) \/ (timed o = true /\ x = clock t o)).
 Proof.
-  intros o x p P. unfold owns, node_variables. rewrite P, orb_true_iff, andb_true_iff, Conditions.member_iff, Nat.eqb_eq.
+  intros o x p P. unfold owns, node_variables. rewrite P, orb_true_iff, andb_true_iff, Conditions.member_iff,
+    Nat.eqb_eq.
   tauto.
 Qed.
 
@@ -405,7 +417,8 @@ Hypothesis atoms_of_scenario : forall o q, In o os -> atom_of o = Some q -> atom
 Lemma served_steps : forall i e, nth_error u i = Some e -> Binds atoms e (served_before i) (served_before (S i)).
 Proof.
   intros i e N. destruct (existsb (fun o => position o =? i) (domain m)) eqn:X.
-  - apply existsb_exists in X as (o & D & Q). apply Nat.eqb_eq in Q. apply in_domain in D as D'. destruct D' as (f & I).
+  - apply existsb_exists in X as (o & D & Q). apply Nat.eqb_eq in Q. apply in_domain in D as D'.
+    destruct D' as (f & I).
     assert (f = e) by (apply (at_positions _ _ _ _ partial) in I; congruence). subst f.
     assert (O := served_os o D). assert (S := served_sat o e I). rewrite Q in S.
     destruct (required_atom o O) as (q & A & SA). rewrite SA in S.
@@ -413,7 +426,8 @@ Proof.
     { intros x NX. unfold served_before.
       assert (E : existsb (fun o => (position o <? Datatypes.S i) && owns o x) (domain m) =
                   existsb (fun o => (position o <? i) && owns o x) (domain m)); [| now rewrite E].
-      apply existsb_ext_in. intros o' D'. destruct (owns o' x) eqn:W; [| now rewrite !andb_false_r]. rewrite !andb_true_r.
+      apply existsb_ext_in. intros o' D'. destruct (owns o' x) eqn:W; [| now rewrite !andb_false_r].
+        rewrite !andb_true_r.
       apply eq_true_iff_eq. rewrite !Nat.ltb_lt. split; [| lia]. intros LT.
       enough (position o' <> i) by lia. intros Q'. assert (o' = o).
       { apply (no_position_twice _ _ _ _ partial); auto. congruence. }

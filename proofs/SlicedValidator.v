@@ -38,7 +38,8 @@ Proof.
     - destruct (IH found H) as [A B]. split; auto. intros b [<- | J]; auto.
     - assert (H' : forall b, has same_letter (hash_letter mix) (put_in (hash_letter mix c) c (fst found)) b ->
         In b (c :: snd found)).
-      { intros b J. apply (has_put _ _ same_letter_iff (fun _ => []) (fun _ => true)) in J. destruct J as [-> | J]; [now left | right; exact (H b J)]. }
+      { intros b J. apply (has_put _ _ same_letter_iff (fun _ => []) (fun _ => true)) in J.
+        destruct J as [-> | J]; [now left | right; exact (H b J)]. }
       destruct (IH (put_in (hash_letter mix c) c (fst found), c :: snd found) H') as [A B].
       split; [intros b J; apply A; simpl; auto |]. intros b [<- | J]; auto. apply A; simpl; auto. }
   apply (X l (Vacant, [])); auto. intros b J. discriminate.
@@ -59,18 +60,20 @@ Definition slice_letters : list letter :=
   let compositions := compositions ps basic composed in
   let consequences := consequences ps basic composed in
   let equal := without_variables ps basic composed in
-  let open := map (fun l =>
-      (l, (l ++ composed_by compositions l, following consequences l)))
-    (letters_over (atoms_conflict ps basic composed) (basic_numbers ps basic)) in
-  flat_map (fun a => map (fun x => a ++ fst (snd x)) (filter (fun x =>
-    forallb (fun k => Automaton.member k a) (snd (snd x)) &&
-    forallb (fun kn => implb (Automaton.member (fst kn) a) (Automaton.member (snd kn) (fst x))) equal) open))
+  let patterns := pattern_numbers ps basic composed in
+  let conflict := atoms_conflict ps basic composed in
+  flat_map (fun a => map (fun l => a ++ l ++ composed_by compositions l) (filter (fun l =>
+      forallb (fun k => Automaton.member k a) (following consequences l) &&
+      forallb (fun kn => implb (Automaton.member (fst kn) a) (Automaton.member (snd kn) l)) equal)
+    (letters_over conflict (allowed patterns a (basic_numbers ps basic)))))
     (related_letters t ps).
 
-Lemma letter_of_app : forall E (f : nat -> E -> bool) l m y, letter_of f (l ++ m) y = letter_of f l y ++ letter_of f m y.
+Lemma letter_of_app : forall E (f : nat -> E -> bool) l m y, letter_of f (l ++ m) y = letter_of f l y ++ letter_of
+  f m y.
 Proof. intros E f l m y. apply filter_app. Qed.
 
-Lemma closed_letter : forall e b, letter_of sat (closed_numbers ps) (e, b) = letter_of (satisfies t ps) (closed_numbers ps) e.
+Lemma closed_letter : forall e b, letter_of sat (closed_numbers ps) (e, b) = letter_of (satisfies t ps)
+  (closed_numbers ps) e.
 Proof.
   intros e b. apply filter_ext_in. intros k I. unfold closed_numbers in I. apply in_seq in I.
   unfold slice_satisfies. replace (k <=? length ps) with true by (symmetry; apply Nat.leb_le; lia). reflexivity.
@@ -83,16 +86,19 @@ Proof.
   exists (letter_of (satisfies t ps) (closed_numbers ps) e). split; [apply related_letters_complete |].
   set (l := letter_of sat (basic_numbers ps basic) (e, b)).
   rewrite <- compose_correct by exact P. fold l. apply in_map_iff.
-  exists (l, (l ++ compose ps basic composed l, follow ps basic composed l)). split; auto. apply filter_In. split.
-  - apply in_map_iff. exists l. split; auto. apply letters_over_complete. intros p q. apply atoms_conflict_sound.
-  - apply andb_true_iff; split; apply forallb_forall; cbn [fst snd].
+  exists l. split; auto. apply filter_In. split.
+  - unfold l. rewrite <- (allowed_letter t ps basic composed e b). apply letters_over_complete. intros p q.
+    apply atoms_conflict_sound.
+  - apply andb_true_iff; split; apply forallb_forall.
     2:{ intros [k n] I. cbn [fst snd]. destruct (Automaton.member k _) eqn:M; auto. cbn [implb].
-      apply Automaton.member_iff in M. apply filter_In in M as [_ M]. now apply (without_variables_sound t ps _ _ e b k n). }
+      apply Automaton.member_iff in M. apply filter_In in M as [_ M]. now apply (without_variables_sound t ps _ _ e
+        b k n). }
     intros k I. unfold l in I. assert (T := follow_sound _ _ _ _ _ _ _ I).
     assert (K : k < S (length ps)).
     { unfold follow, following in I. apply in_map_iff in I as ([k' x] & <- & I). apply filter_In in I as [I _].
       apply in_flat_map in I as ([k [p gs]] & C & I). destruct (forallb _ gs) in I; [| destruct I].
-      destruct I as [I | []]. injection I as Q _. apply (combine_seq _ _ (Anything, [])) in C as [C _]. subst k'. apply C. }
+      destruct I as [I | []]. injection I as Q _. apply (combine_seq _ _ (Anything, [])) in C as [C _]. subst k'.
+        apply C. }
     rewrite member_letter by (apply in_seq; lia). exact T.
 Qed.
 End Letters.
@@ -107,7 +113,8 @@ Definition assigned_by (q : atom) (e : event) (bs : binding nat) : assignment :=
   end.
 
 Definition observed_in (events : list event) (q : atom) : bool :=
-  existsb (fun e => existsb (fun bs => observes q (e, assigned_by q e bs)) (bindings (atom_pattern q) (content e))) events.
+  existsb (fun e => existsb (fun bs => observes q (e, assigned_by q e bs)) (bindings (atom_pattern q) (content e)))
+    events.
 
 Definition all_observed (t : tree) (w : selection) (s : semantics) (values : list value) : bool :=
   let relevant := relevant_event t in
@@ -131,7 +138,8 @@ Proof.
   { apply occurrences_iff in O as (_ & O & _). unfold scenario_atom.
     destruct (on (node_at t (fst o))); [eexists; reflexivity | congruence]. }
   destruct Q as (q & Q). simpl. rewrite Q.
-  set (l := flat_map (fun o => match scenario_atom t (timed_in t w) (scenario_guards t (parts t r) (guards_of t r)) o with
+  set (l := flat_map (fun o => match scenario_atom t (timed_in t w) (scenario_guards t (parts t r) (guards_of t r))
+    o with
      | Some q => [q] | None => [] end) (occurrences_of t r)).
   assert (IL : In l (shape_atoms t w)) by (apply in_scenarios; exists r, chosen; repeat split; auto).
   assert (IQ : In q l) by (apply in_flat_map; exists o; split; auto; rewrite Q; simpl; auto).
@@ -172,7 +180,8 @@ Definition certify_slices (mix : mixing) (t : tree) (w : selection) (s : semanti
     let xs := slice_shapes t ps qs w in
     let wanted := nodup Nat.eq_dec (alphabet xs ++ used) in
     let numbers := filter (fun k => Automaton.member k wanted) (all_numbers ps basic composed) in
-    let letters := distinct_letters mix (map (filter (fun k => Automaton.member k wanted)) (slice_letters t ps basic composed)) in
+    let letters := distinct_letters mix (map (filter (fun k => Automaton.member k wanted)) (slice_letters t ps
+      basic composed)) in
     match compare xs numbers letters with
     | Certified => if text_binds t w atoms then inr Certified else inl NotBound
     | o => inr o
@@ -233,7 +242,8 @@ Theorem certify_text_hoa_correct : forall fuel h,
   certify_text_hoa mix t w s ps basic composed atoms given fuel h = inr Certified ->
   forall u v, SliceVerdict atoms (fun p => HoaAccepts h (valuations sat p)) u v <-> VerdictOfTree t w s u v.
 Proof.
-  intros fuel h H. apply (certified_slices _ _ (fun p => HoaAccepts h (valuations sat p))) in H as (W & T & P & B & V & A).
+  intros fuel h H. apply (certified_slices _ _ (fun p => HoaAccepts h (valuations sat p))) in H as (W & T & P & B &
+    V & A).
   - now apply (slices_verdict t ps (basic ++ composed)).
   - intros xs numbers letters C P. now apply (certify_hoa_language sat _ _ _ _ _ _ _ C P).
 Qed.
@@ -290,7 +300,8 @@ Proof.
   { apply in_map_iff. exists g. split; [now apply clocked_untimed |]. apply filter_In. split; auto.
     apply guards_of_iff. exists (fst o). split; auto. apply occurrences_iff in O. apply O. }
   assert (NV : exists x, In x (variables g)).
-  { unfold is_constant in N. rewrite PG in N. destruct (variables g) as [| x l]; [discriminate | exists x; simpl; auto]. }
+  { unfold is_constant in N. rewrite PG in N. destruct (variables g) as [| x l]; [discriminate | exists x; simpl;
+    auto]. }
   destruct NV as (x0 & X0).
   assert (PA : passes b g = true).
   { apply G, filter_In. split; auto. apply existsb_exists. exists x0. split; auto.
@@ -316,7 +327,8 @@ Proof.
   { apply occurrences_iff in O as (_ & O' & _). unfold scenario_atom.
     destruct (on (node_at t (fst o))); [eexists; reflexivity | congruence]. }
   destruct Q as (q & Q). rewrite Q in SA.
-  set (l := flat_map (fun o => match scenario_atom t (timed_in t w) (scenario_guards t (parts t r) (guards_of t r)) o with
+  set (l := flat_map (fun o => match scenario_atom t (timed_in t w) (scenario_guards t (parts t r) (guards_of t r))
+    o with
      | Some q => [q] | None => [] end) (occurrences_of t r)).
   assert (IL : In l (shape_atoms t w)) by (apply in_scenarios; exists r, chosen; repeat split; auto).
   assert (IQ : In q l) by (apply in_flat_map; exists o; split; auto; rewrite Q; simpl; auto).
@@ -370,7 +382,8 @@ Corollary certify_text_hoa_one_event : forall mix t w s ps basic composed atoms 
 Proof.
   intros mix t w s ps basic composed atoms given fuel h own H TP CO.
   apply (certified_slices mix t w s ps basic composed atoms given _ _
-    (fun p => HoaAccepts h (valuations (slice_satisfies t ps (basic ++ composed)) p))) in H as (W & T & P & B & V & A).
+    (fun p => HoaAccepts h (valuations (slice_satisfies t ps (basic ++ composed)) p))) in H as (W & T & P & B & V &
+      A).
   - now apply one_event_verdict with own ps (basic ++ composed).
   - intros xs numbers letters C P. now apply (certify_hoa_language _ _ _ _ _ _ _ _ C P).
 Qed.

@@ -29,7 +29,8 @@ Proof. intros b x v H; exact H. Qed.
 Lemma grows_trans : forall a b c, grows a b -> grows b c -> grows a c.
 Proof. intros a b c H K x v Q. auto. Qed.
 
-Lemma grows_binds : forall b b' x, grows b b' -> binds b x = true -> binds b' x = true /\ values_of b' x = values_of b x.
+Lemma grows_binds : forall b b' x, grows b b' -> binds b x = true -> binds b' x = true /\
+  values_of b' x = values_of b x.
 Proof.
   intros b b' x G B. unfold binds, values_of in *. destruct (b x) as [v |] eqn:Q; [| discriminate].
   now rewrite (G x v Q).
@@ -58,7 +59,8 @@ Definition agrees (b : assignment) (bs : binding nat) : bool :=
 
 Definition observes (q : atom) (y : sliced) : bool :=
   let '(e, b) := y in
-  negb (late e) && forallb (binds b) (atom_variables q) && existsb (agrees b) (bindings (atom_pattern q) (content e)) &&
+  negb (late e) && forallb (binds b) (atom_variables q) && existsb (agrees b) (bindings (atom_pattern q) (content
+    e)) &&
   match atom_time q with Some x => value_eqb (values_of b x) (time_value e) | None => true end &&
   forallb (passes b) (atom_guards q).
 
@@ -138,7 +140,8 @@ Proof.
     + rewrite nth_end in Y. injection Y as <-. apply grows_refl.
     + rewrite nth_error_app1 in Y by lia. eapply grows_trans; [eapply latest_grows; eauto |].
       now apply binds_grows in B.
-  - assert (j < length (p ++ [(e, b)])) by (apply nth_error_Some; congruence). rewrite app_length in H; simpl in H; lia.
+  - assert (j < length (p ++ [(e, b)])) by (apply nth_error_Some; congruence).
+    rewrite app_length in H; simpl in H; lia.
 Qed.
 
 Lemma growing_prefix : forall p q, Growing (p ++ q) -> Growing p.
@@ -172,7 +175,8 @@ Proof. induction u as [| e u IH]; intros i; simpl; auto. now rewrite IH. Qed.
 
 (** [b i] is the assignment before the event at position [i]. *)
 Lemma slice_under : forall atoms b u, (forall x, b 0 x = None) ->
-  (forall i e, nth_error u i = Some e -> Binds atoms e (b i) (b (S i))) -> Slice atoms u (under (fun i => b (S i)) 0 u).
+  (forall i e, nth_error u i = Some e -> Binds atoms e (b i) (b (S i))) ->
+    Slice atoms u (under (fun i => b (S i)) 0 u).
 Proof.
   intros atoms b u Z B.
   assert (L : forall u, latest (under (fun i => b (S i)) 0 u) = match u with [] => unbound | _ => b (length u) end).

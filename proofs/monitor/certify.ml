@@ -148,7 +148,9 @@ let rec position same q from = function
 
 let numbered numbers n = if n >= 0 && n < Array.length numbers then numbers.(n) else refuse "there is no predicate %d" n
 
-let word_of named found = if found = [] then "the empty trace" else "the trace " ^ String.concat " " (List.map named found)
+let word_of named found = match found with
+  | [] -> "the empty trace"
+  | _ -> "the trace " ^ String.concat " " (List.map named found)
 
 let answer limit refuted = function
   | Inr Certified -> Holds
@@ -163,8 +165,8 @@ let answer limit refuted = function
 
 let is_object e = match e.content with Object _ -> true | _ -> false
 let name_letter nodes letter =
-  match List.filter_map (fun (name, numbers) -> if List.exists (fun k -> List.mem k letter) numbers then Some name else None)
-      nodes with
+  let holds (_, numbers) = List.exists (fun k -> List.mem k letter) numbers in
+  match List.map fst (List.filter holds nodes) with
   | [] -> if List.mem 0 letter then "(another relevant event)" else "(another event)"
   | names -> String.concat "+" names
 
@@ -180,10 +182,12 @@ let certify_rml task =
   let equations = List.map (term number) (items task.body) in
   let events = List.map (fun v -> { content = v; time_of = None; late = false }) task.values in
   let letters = lazy (List.map (letter_of (satisfies tree ps) all) (List.filter is_object events)) in
-  let nodes = List.mapi (fun n name -> (name, Option.to_list (Option.map place (predicate_of tree n)))) task.read.names in
+  let nodes = List.mapi (fun n name -> (name, Option.to_list (Option.map place (predicate_of tree n))))
+    task.read.names in
   answer task.limit (fun found ->
       let word = word_of (name_letter nodes) found in
-      if List.for_all (fun a -> List.mem a (Lazy.force letters)) found then Differs ("the verdicts differ after " ^ word)
+      let known a = List.mem a (Lazy.force letters) in
+      if List.for_all known found then Differs ("the verdicts differ after " ^ word)
       else Unknown ("the verdicts differ after " ^ word ^ ", of which no example is known"))
     (certify_text_rml mix tree task.selection task.semantics ps task.limit depth equations (Call 0))
 
@@ -226,7 +230,8 @@ let atoms_of task =
     let shape = need "pattern" v in
     let name x = if x.[0] = '_' then Named (Local (local x)) else Named (Rigid (number x)) in
     canonical_locals (Tree_reader.pattern number (List.map (fun x -> (x, name x)) (variables shape)) shape) in
-  let patterns = List.mapi (fun n node -> Option.map (fun p -> (n, node, p)) node.on) tree.nodes |> List.filter_map Fun.id in
+  let patterns = List.concat (List.mapi (fun n node -> match node.on with
+      | Some p -> [ (n, node, p) ] | None -> []) tree.nodes) in
   let same p q = same_pattern (canonical_locals p) (canonical_locals q) in
   let own p = match List.find_opt (fun (_, _, q) -> same p q) patterns with Some (_, _, q) -> q | None -> p in
   let time v = optional text (need "time" v) in
@@ -305,8 +310,10 @@ let certify_slices task use =
   let basic, composed = slice_atoms tree task.selection atoms in
   let qs = basic @ composed in
   let ps = slice_predicates tree given qs in
-  let closed_sets = sets (conflict ps) (List.init (List.length ps + 1) Fun.id) in
-  if closed_sets * sets (atoms_conflict ps basic composed) (basic_numbers ps basic) > 200 * most_letters then
+  ignore (sets (conflict ps) (List.init (List.length ps + 1) Fun.id));
+  let letters_beside a =
+    sets (atoms_conflict ps basic composed) (allowed (pattern_numbers ps basic composed) a (basic_numbers ps basic)) in
+  if List.fold_left (fun n a -> n + letters_beside a) 0 (related_letters tree ps) > 10 * most_letters then
     refuse "events can satisfy more than %d combinations of the predicates" most_letters;
   let number q = atom_number ps qs q in
   let rec numbers predicates given atoms = match predicates, given, atoms with
@@ -342,7 +349,8 @@ let certify_slices task use =
   let rec trace_of b = function
     | [] -> Some []
     | a :: rest -> List.find_map (fun e -> List.find_map (fun b -> left ();
-        if letter (e, b) = a then Option.map (List.cons e) (trace_of b rest) else None) (after e b)) (Lazy.force events) in
+        if letter (e, b) = a then Option.map (List.cons e) (trace_of b rest) else None) (after e b))
+        (Lazy.force events) in
   let checked u = Option.map (fun accepted -> (u, accepted)) (wrong (List.fold_left advance begin_ u)) in
   (* A trace of some length on which the text is wrong. *)
   let rec search now u length =
@@ -358,8 +366,8 @@ let certify_slices task use =
     | [] -> "(another event)"
     | names -> String.concat "+" names in
   answer task.limit (fun found -> match example found with
-      | Some (u, true) -> Differs (Printf.sprintf "the text accepts %s, in which the tree detects nothing" (word_of matched u))
-      | Some (u, false) -> Differs (Printf.sprintf "the text does not accept %s, in which the tree detects" (word_of matched u))
+      | Some (u, true) -> Differs ("the text accepts " ^ word_of matched u ^ ", in which the tree detects nothing")
+      | Some (u, false) -> Differs ("the text does not accept " ^ word_of matched u ^ ", in which the tree detects")
       | None -> Unknown "the text may differ from the tree; no trace is known on which it does")
     (certified task.selection task.semantics ps basic composed atoms values task.limit)
 
@@ -371,7 +379,8 @@ let certify_ltlf task = certify_slices task (fun number ->
 
 let certify_hoa task = certify_slices task (fun number ->
     let h = automaton number task.body in
-    (hoa_atoms h, (fun word -> hoa_accepts h (List.fold_left (hoa_step h) (Standing (Some h.start_state)) word) = Some true),
+    let state_after word = List.fold_left (hoa_step h) (Standing (Some h.start_state)) word in
+    (hoa_atoms h, (fun word -> hoa_accepts h (state_after word) = Some true),
      fun w s ps basic composed atoms values fuel ->
        certify_text_hoa mix task.read.tree w s ps basic composed atoms values fuel h))
 

@@ -2,7 +2,7 @@
 
     A text of HOA is a Büchi automaton over infinite words.  A finite word is encoded as by Spot's
     [from_ltlf]: the proposition [alive] holds during the word and not after it; after it, no
-    proposition holds.  A deterministic text is certified against a tree without variables. *)
+    proposition holds.  A deterministic text is certified against plain scenarios. *)
 
 Require Import List Bool Arith Lia.
 Require Import RVAFT.Language RVAFT.Definition RVAFT.Search RVAFT.Plain RVAFT.Automaton RVAFT.Acceptance
@@ -342,11 +342,4 @@ Proof.
   - apply A; simpl; auto.
   - apply Forall_forall. intros x I p J. apply A. right. apply in_flat_map; eauto.
 Qed.
-
-(** A certified text has the verdict of the definition on every trace. *)
-Theorem certify_hoa_verdict : forall mix s xs predicates possible fuel h,
-  certify_hoa mix s xs predicates possible fuel h = Certified ->
-  (forall e, In (letter_of satisfies predicates e) possible) -> Forall acyclic xs -> Forall (servable satisfies s) xs ->
-  forall u v, TextVerdict (fun u => HoaAccepts h (valuations u)) u v <-> Verdict Rel (Scenarios (map plain xs)) s u v.
-Proof. intros. apply plain_text_verdict; auto. eapply certify_hoa_language; eauto. Qed.
 End Certificate.

@@ -457,39 +457,28 @@ Fixpoint sample (p : pattern) : value :=
   | SomeItem p => List [sample p]
   end.
 
-Definition samples (ps : list predicate) (given : list value) : list event :=
-  map (fun v => Event v None false) (map (fun q => sample (fst q)) ps ++ given).
-
 (** ** Certificates of trees *)
 
 (** Why no comparison was made. *)
 Inductive refusal :=
 | NotWellFormed                       (* children do not have greater numbers *)
 | NotPlain                            (* variables of several occurrences, or conditions on time *)
+| NotTimed                            (* a time point where null is not undefined, or of no occurrence *)
 | NotListed                           (* a predicate of the tree is not in the list *)
-| NotServed.                          (* no event is known that serves some occurrence *)
+| NotServed                           (* no event is known that serves some occurrence *)
+| NotBound.                           (* no atom of the text binds the variables of some occurrence *)
 
-Definition checked (t : tree) (ps : list predicate) (served : bool) (compared : unit -> outcome) : refusal + outcome :=
+(** The predicates [ps] are numbered from 1, and 0 is relevance. *)
+Definition checked (t : tree) (ps : list predicate) (compared : unit -> outcome) : refusal + outcome :=
   if negb (well_formed t) then inl NotWellFormed
   else if negb (plain_tree t) then inl NotPlain
   else if negb (covered t ps) then inl NotListed
-  else if negb served then inl NotServed
   else inr (compared tt).
 
-(** The predicates [ps] are numbered from 1, and 0 is relevance; [given] are events beside those that are
-    made from the patterns, to show that each occurrence can be served. *)
-Lemma checked_iff : forall t ps served o, checked t ps served o = inr Certified ->
-  WellFormed t /\ plain_tree t = true /\ covered t ps = true /\ served = true /\ o tt = Certified.
+Lemma checked_iff : forall t ps o, checked t ps o = inr Certified ->
+  WellFormed t /\ plain_tree t = true /\ covered t ps = true /\ o tt = Certified.
 Proof.
-  intros t ps served o H. unfold checked in H. destruct (well_formed t) eqn:W; [| discriminate].
+  intros t ps o H. unfold checked in H. destruct (well_formed t) eqn:W; [| discriminate].
   destruct (plain_tree t) eqn:P; [| discriminate]. destruct (covered t ps) eqn:C; [| discriminate].
-  destruct served; [| discriminate]. injection H as H. apply well_formed_iff in W. auto.
-Qed.
-
-Lemma served_tree : forall t w s ps given,
-  forallb (served_among (satisfies t ps) (samples ps given) s) (tree_shapes t w ps) = true ->
-  Forall (servable (satisfies t ps) s) (tree_shapes t w ps).
-Proof.
-  intros t w s ps given H. apply Forall_forall. intros x I. rewrite forallb_forall in H.
-  eapply served_among_servable, H, I.
+  injection H as H. apply well_formed_iff in W. auto.
 Qed.

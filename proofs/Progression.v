@@ -422,11 +422,4 @@ Proof.
   - apply A; simpl; auto.
   - apply Forall_forall. intros x I p J. apply A. right. apply in_flat_map; eauto.
 Qed.
-
-(** A certified formula has the verdict of the definition on every trace. *)
-Theorem certify_ltlf_verdict : forall mix s xs predicates possible fuel f,
-  certify_ltlf mix s xs predicates possible fuel f = Certified ->
-  (forall e, In (letter_of satisfies predicates e) possible) -> Forall acyclic xs -> Forall (servable satisfies s) xs ->
-  forall u v, TextVerdict (fun u => holds f u = true) u v <-> Verdict Rel (Scenarios (map plain xs)) s u v.
-Proof. intros. apply plain_text_verdict; auto. eapply certify_ltlf_language; eauto. Qed.
 End Certificate.

@@ -150,6 +150,95 @@ Proof.
 Qed.
 End Renaming.
 
+(** ** Variables that stand once *)
+
+(** The variables of a pattern, in the order of their places. *)
+Fixpoint places (p : pattern) : list name :=
+  match p with
+  | Exactly _ | Anything => []
+  | Named x => [x]
+  | ObjectWith fields => flat_map (fun f => places (snd f)) fields
+  | ListOf items => flat_map places items
+  | SomeItem p => places p
+  end.
+
+Fixpoint blank (p : pattern) : pattern :=
+  match p with
+  | Exactly v => Exactly v
+  | Named _ | Anything => Anything
+  | ObjectWith fields => ObjectWith (map (fun f => (fst f, blank (snd f))) fields)
+  | ListOf items => ListOf (map blank items)
+  | SomeItem p => SomeItem (blank p)
+  end.
+
+Fixpoint all_different (l : list name) : bool :=
+  match l with [] => true | x :: l => negb (existsb (same_name x) l) && all_different l end.
+
+Lemma all_different_NoDup : forall l, all_different l = true -> NoDup l.
+Proof.
+  induction l as [| x l IH]; simpl; intros H; constructor; apply andb_true_iff in H as [N H]; auto.
+  intros I. apply negb_true_iff in N. rewrite <- not_true_iff_false in N. apply N.
+  apply existsb_exists. exists x; split; auto. now apply same_name_iff.
+Qed.
+
+Lemma is_nil_joined : forall A (l m : list (list A)), is_nil (Conditions.joined l m) = is_nil l || is_nil m.
+Proof. intros A [| x l] m; auto. destruct m as [| y m]; simpl; auto. induction l; auto. Qed.
+
+Lemma blank_ways : forall p v, is_nil (ways (blank p) v) = is_nil (ways p v).
+Proof.
+  induction p as [w | x | | fields IH | items IH | p IH] using pattern_induction; intros v; auto.
+  - cbn [blank ways]. destruct v as [| | | | | object |]; auto.
+    induction IH as [| [f p] fields H _ IHf]; auto. cbn [map fst snd]. destruct (field f object) as [w |]; auto.
+    specialize (H w). cbn [snd] in H.
+    destruct (ways (blank p) w) as [| a l], (ways p w) as [| b m]; try discriminate; auto.
+    etransitivity; [apply is_nil_joined |]. symmetry. etransitivity; [apply is_nil_joined |]. symmetry. exact IHf.
+  - cbn [blank ways]. destruct v as [| | | | list | |]; auto. revert list.
+    induction IH as [| p items H _ IHi]; intros [| w list]; auto. cbn [map].
+    etransitivity; [apply is_nil_joined |]. symmetry. etransitivity; [apply is_nil_joined |]. symmetry.
+    f_equal; [apply H | apply IHi].
+  - cbn [blank ways]. destruct v as [| | | | list | |]; auto. induction list as [| w list IHl]; auto. simpl.
+    specialize (IH w). destruct (ways (blank p) w), (ways p w); try discriminate; auto.
+Qed.
+
+Lemma ways_places : forall p v bs, In bs (ways p v) -> map fst bs = places p.
+Proof.
+  induction p as [w | x | | fields IH | items IH | p IH] using pattern_induction; intros v bs I.
+  - simpl in I. destruct (value_eqb v w); [destruct I as [<- | []]; auto | destruct I].
+  - destruct I as [<- | []]; auto.
+  - destruct I as [<- | []]; auto.
+  - cbn [ways] in I. destruct v as [| | | | | object |]; try destruct I. cbn [places]. revert bs I.
+    induction IH as [| [f p] fields H _ IHf]; intros bs I; [destruct I as [<- | []]; auto |].
+    destruct (field f object) as [w |]; [| destruct I].
+    destruct (ways p w) as [| z l] eqn:W; [destruct I |]. rewrite <- W in I.
+    apply in_joined in I as (cs & ds & I & J & ->). rewrite map_app. cbn [flat_map snd]. f_equal; eauto.
+  - cbn [ways] in I. destruct v as [| | | | list | |]; try destruct I. cbn [places]. revert list bs I.
+    induction IH as [| p items H _ IHi]; intros [| w list] bs I; try destruct I as [<- | []]; try destruct I; auto.
+    apply in_joined in I as (cs & ds & I & J & ->). rewrite map_app. cbn [flat_map]. f_equal; eauto.
+  - cbn [ways] in I. destruct v as [| | | | list | |]; try destruct I. apply in_flat_map in I as (w & I & J). eauto.
+Qed.
+
+Lemma different_agree : forall bs : binding name, NoDup (map fst bs) -> Conditions.agree same_name bs = true.
+Proof.
+  intros bs N. apply agree_respects. intros x v I. unfold get.
+  assert (L : lookup same_name bs x = Some v); [| now rewrite L].
+  induction bs as [| [y w] bs IH]; [destruct I |]. inversion N as [| ? ? NI N']; subst. simpl. destruct I as [I | I].
+  - injection I as -> ->. now rewrite (proj2 (same_name_iff x x) eq_refl).
+  - destruct (same_name x y) eqn:S; auto. apply same_name_iff in S. subst. exfalso. apply NI.
+    apply (in_map fst) in I. exact I.
+Qed.
+
+(** Variables that stand once match any value. *)
+Lemma blank_sound : forall p b v, all_different (places p) = true -> matches b (blank p) v -> bindings p v <> [].
+Proof.
+  intros p b v D M. apply ways_iff in M as (bs & I & _).
+  assert (N : is_nil (ways (blank p) v) = false) by (destruct (ways (blank p) v); [destruct I | auto]).
+  rewrite blank_ways in N. destruct (ways p v) as [| cs l] eqn:W; [discriminate |].
+  assert (J : In cs (ways p v)) by (rewrite W; simpl; auto). intros Q.
+  assert (K : In (rigid cs) (bindings p v)); [| rewrite Q in K; destruct K].
+  apply in_distinct, in_map, filter_In. split; auto. apply different_agree. rewrite (ways_places _ _ _ J).
+  now apply all_different_NoDup.
+Qed.
+
 (** A guard without variables has one value. *)
 Definition constantly (b : bool) (g : guard) : bool :=
   is_constant g && Bool.eqb b (Language.holds (fun _ => Null) no_time g).
@@ -175,6 +264,7 @@ Fixpoint look_up (x : nat) (pairs : list (nat * nat)) : nat :=
 
 (** The second predicate follows from the first, after its variables are renamed. *)
 Definition implies (q r : predicate) : bool :=
+  (is_nil (snd r) && all_different (places (fst r)) && weaker (blank (fst r)) (fst q)) ||
   let h := fun x => look_up x (combine (pattern_variables (fst r)) (pattern_variables (fst q))) in
   let p := rename_pattern h (fst r) in
   (same_pattern (fst q) p || weaker p (fst q)) &&
@@ -185,6 +275,14 @@ Definition implies (q r : predicate) : bool :=
 Lemma implies_sound : forall q r e, implies q r = true -> meets q e = true -> meets r e = true.
 Proof.
   intros [p gs] [p' gs'] e H M. unfold implies in H. cbv zeta in H. cbn [fst snd] in H.
+  apply orb_true_iff in H as [H | H].
+  { rewrite !andb_true_iff in H. destruct H as [[N D] H]. apply is_nil_iff in N. subst gs'.
+    unfold meets in *. cbn [fst snd forallb] in *. apply andb_true_iff in M as [-> M]. simpl.
+    apply existsb_exists in M as (bs & I & _).
+    assert (F : fits_pattern (get Nat.eqb bs) p (content e)).
+    { apply bindings_iff. exists bs; split; auto. now apply (bindings_agree p (content e)). }
+    destruct F as (b & _ & F). apply (weaker_sound _ _ b b _ H), (blank_sound p' b (content e) D) in F.
+    destruct (bindings p' (content e)); [congruence | reflexivity]. }
   set (h := fun x => look_up x _) in H.
   apply andb_true_iff in H as [H G]. rewrite forallb_forall in G.
   unfold meets in *. cbn [fst snd] in *. apply andb_true_iff in M as [L M]. rewrite L. cbn [andb].
@@ -251,47 +349,17 @@ Qed.
 Definition text_predicates (t : tree) (others : list predicate) : list predicate :=
   tree_predicates t (relevance_entries t ++ others).
 
-Definition certify_text_hoa (mix : mixing) (t : tree) (w : selection) (s : semantics) (ps : list predicate)
-  (given : list value) (fuel : nat) (h : hoa) : refusal + outcome :=
-  let xs := tree_shapes t w ps in
-  checked t ps (forallb (served_among (satisfies t ps) (samples ps given) s) xs)
-    (fun _ => certify_hoa mix s xs (seq 0 (S (length ps))) (related_letters t ps) fuel h).
-
-Definition certify_text_ltlf (mix : mixing) (t : tree) (w : selection) (s : semantics) (ps : list predicate)
-  (given : list value) (fuel : nat) (f : formula) : refusal + outcome :=
-  let xs := tree_shapes t w ps in
-  checked t ps (forallb (served_among (satisfies t ps) (samples ps given) s) xs)
-    (fun _ => certify_ltlf mix s xs (seq 0 (S (length ps))) (related_letters t ps) fuel f).
-
 Definition certify_text_rml (mix : mixing) (t : tree) (w : selection) (s : semantics) (ps : list predicate)
   (fuel depth : nat) (equations : list term) (x : term) : refusal + outcome :=
-  checked t ps true
+  checked t ps
     (fun _ =>
       certify_rml mix s (tree_shapes t w ps) (seq 0 (S (length ps))) (related_letters t ps) fuel depth equations x).
-
-(** A certified automaton has the verdict of the tree on every trace. *)
-Theorem certify_text_hoa_correct : forall mix t w s ps given fuel h,
-  certify_text_hoa mix t w s ps given fuel h = inr Certified ->
-  forall u v, TextVerdict (fun u => HoaAccepts h (valuations (satisfies t ps) u)) u v <-> VerdictOfTree t w s u v.
-Proof.
-  intros mix t w s ps given fuel h H. apply checked_iff in H as (W & P & C & S & H).
-  eapply certified_hoa; eauto using tree_relevance, tree_represented, related_letters_complete, served_tree.
-Qed.
-
-(** A certified formula has the verdict of the tree on every trace. *)
-Theorem certify_text_ltlf_correct : forall mix t w s ps given fuel f,
-  certify_text_ltlf mix t w s ps given fuel f = inr Certified ->
-  forall u v, TextVerdict (fun u => Ltlf.holds (satisfies t ps) f u = true) u v <-> VerdictOfTree t w s u v.
-Proof.
-  intros mix t w s ps given fuel f H. apply checked_iff in H as (W & P & C & S & H).
-  eapply certified_ltlf; eauto using tree_relevance, tree_represented, related_letters_complete, served_tree.
-Qed.
 
 (** A certified text of RML has the verdict of the tree on every trace. *)
 Theorem certify_text_rml_correct : forall mix t w s ps fuel depth equations x,
   certify_text_rml mix t w s ps fuel depth equations x = inr Certified ->
   forall u v, RmlVerdict equations x (valuations (satisfies t ps) u) v <-> VerdictOfTree t w s u v.
 Proof.
-  intros mix t w s ps fuel depth equations x H. apply checked_iff in H as (W & P & C & S & H).
+  intros mix t w s ps fuel depth equations x H. apply checked_iff in H as (W & P & C & H).
   eapply certified_rml; eauto using tree_relevance, tree_represented, related_letters_complete.
 Qed.

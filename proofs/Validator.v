@@ -104,18 +104,6 @@ Proof.
   pose proof (represented_left scenarios xs s u R) as L. destruct v; simpl; tauto.
 Qed.
 
-(** Each occurrence can be served, when some of a list of events serves it. *)
-Definition served_among (events : list E) (s : semantics) (x : shape) : bool :=
-  forallb (fun o => existsb (fun e => satisfies (requirement x o) e &&
-    match s with Projected | Consecutive => relevant satisfies e | Strict | Scattered => true end) events)
-    (shape_occurrences x).
-
-Lemma served_among_servable : forall events s x, served_among events s x = true -> servable satisfies s x.
-Proof.
-  intros events s x H o I. unfold served_among in H. rewrite forallb_forall in H. apply H in I.
-  apply existsb_exists in I as (e & _ & K). apply andb_true_iff in K as [K R]. exists e; split; auto.
-  intros [-> | ->]; exact R.
-Qed.
 End Representation.
 
 (** ** Trees *)
@@ -148,18 +136,6 @@ Qed.
 Variable predicates : list nat.
 Variable possible : list letter.
 Hypothesis letters_possible : forall e, In (letter_of satisfies predicates e) possible.
-
-(** A certified text of HOA has the verdict of the tree on every trace. *)
-Theorem certified_hoa : forall mix s fuel h, certify_hoa mix s xs predicates possible fuel h = Certified ->
-  Forall (servable satisfies s) xs ->
-  forall u v, TextVerdict (fun u => HoaAccepts h (valuations satisfies u)) u v <-> VerdictOfTree t w s u v.
-Proof. intros. rewrite tree_verdict. eapply certify_hoa_verdict; eauto using tree_acyclic. Qed.
-
-(** A certified formula of LTLf has the verdict of the tree on every trace. *)
-Theorem certified_ltlf : forall mix s fuel f, certify_ltlf mix s xs predicates possible fuel f = Certified ->
-  Forall (servable satisfies s) xs ->
-  forall u v, TextVerdict (fun u => holds satisfies f u = true) u v <-> VerdictOfTree t w s u v.
-Proof. intros. rewrite tree_verdict. eapply certify_ltlf_verdict; eauto using tree_acyclic. Qed.
 
 (** A certified text of RML has the verdict of the tree on every trace. *)
 Theorem certified_rml : forall mix s fuel depth equations x,

@@ -394,22 +394,22 @@ def program(text: str, atoms: Mapping[str, Pattern] | None) -> HoaProgram:
 
 def formal(text: str) -> dict[str, Any]:
     """Return a Büchi automaton with marked states; raises `NotExpressible` and `LanguageError`."""
-    known, events = program(text, None), EventConditions()
+    known = program(text, None)
     spot, buddy = _tools()
-    automaton = _parsed(spot, text)
-    if known.time is not None or known.guards or any(shared for _, shared in known.events.values()):
-        raise NotExpressible("the events of the text have variables or times")
+    automaton, events = _parsed(spot, text), EventConditions(known.time)
     if not automaton.is_existential() or not automaton.prop_state_acc() or not automaton.acc().is_buchi():
         raise NotExpressible("the text is no Büchi automaton with marks on states")
+    if ALIVE not in known.table.names:
+        raise NotExpressible(f"the text has no proposition {ALIVE}")
     tests: dict[int, Json] = {}
     for number, name in enumerate(known.table.names):
         variable = automaton.register_ap(name)
         if number in known.events:
-            tests[variable] = events.of(Observed(known.events[number][0]))
+            tests[variable] = events.atom(known.events[number][0])
+        elif number in known.guards:
+            tests[variable] = events.atom(Anything(), [known.guards[number]])
         else:
             tests[variable] = ["alive"] if name == ALIVE else events.relevance(known.alphabet, known.ignored)
-    if ["alive"] not in tests.values():
-        raise NotExpressible(f"the text has no proposition {ALIVE}")
 
     @cache
     def label(condition: Any) -> Json:
@@ -418,13 +418,11 @@ def formal(text: str) -> dict[str, Any]:
         test, low = tests[buddy.bdd_var(condition)], label(buddy.bdd_low(condition))
         return ["or", ["and", test, label(buddy.bdd_high(condition))], ["and", ["not", test], low]]
 
-    states: list[Json] = [
-        {
-            "marked": bool(automaton.state_is_accepting(state)),
-            "edges": [[label(edge.cond), edge.dst] for edge in automaton.out(state)],
-        }
-        for state in range(automaton.num_states())
-    ]
+    def state(number: int) -> Json:
+        edges = [[label(edge.cond), edge.dst] for edge in automaton.out(number)]
+        return {"marked": bool(automaton.state_is_accepting(number)), "edges": edges}
+
+    states = list(map(state, range(automaton.num_states())))
     return events.text("automaton", {"start": automaton.get_init_state_number(), "states": states})
 
 

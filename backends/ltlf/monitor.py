@@ -17,7 +17,6 @@ from backends.ltlf.reader import Header, Observation, formula_of
 from backends.slices import advance, fits, start
 from rvaft.backend import Observed
 from rvaft.core.classifier import FirstLiterals, Letter, PatternIndex, Reader, literals_of, reader
-from rvaft.errors import NotExpressible
 from rvaft.export.certificates import EventConditions
 from rvaft.model import guards, patterns
 from rvaft.model.patterns import Binding, Pattern
@@ -122,19 +121,14 @@ _AS_JUNCTION: Final = {Connective.TRUE: "AND", Connective.FALSE: "OR"}
 
 def formal(text: str) -> dict[str, Any]:
     """Return the formula as rows, operands first; raises `NotExpressible` and `LanguageError`."""
-    events = EventConditions()
     header, formulas, root = _formula(text)
-    if header.time is not None:
-        raise NotExpressible("the text has times")
+    events = EventConditions(header.time)
 
     def atom(name: str) -> Json:
         if name in header.relevant or name in header.ignored:
-            kinds = header.relevant.get(name, ()), header.ignored.get(name, ())
-            return events.relevance(*([Observed(one.pattern, one.when) for one in kind] for kind in kinds))
+            return events.relevance(header.relevant.get(name, ()), header.ignored.get(name, ()))
         one = _observation(header, name, {})
-        if one.guards or patterns.rigid_variables(one.pattern):
-            raise NotExpressible("the events of the text have variables")
-        return events.of(Observed(one.pattern))
+        return events.atom(one.observed, one.guards)
 
     place: dict[int, int] = {}
     body: list[Json] = []

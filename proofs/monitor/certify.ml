@@ -62,7 +62,7 @@ let rec condition b number v = match word v with
   | "alive", [] when b.alive <> None -> Option.get b.alive
   | other, _ -> refuse "unknown condition %s" other
 
-let atoms = {
+let of_formula = {
   any = Truth; atom = (fun n -> Atom n); neg = (fun f -> Neg f); both = (fun f g -> Conj (f, g));
   either = (fun f g -> Disj (f, g)); alive = None }
 let labels = {
@@ -80,7 +80,7 @@ let formula number v =
       let row_of n = let n = Tree_reader.number n in if n >= 0 && n < i then made.(n) else
           refuse "row %d uses row %d" i n in
       made.(i) <- (match word row with
-          | "atom", [ c ] -> condition atoms number c
+          | "atom", [ c ] -> condition of_formula number c
           | "not", [ n ] -> Neg (row_of n)
           | "and", l -> joined (fun f g -> Conj (f, g)) Truth (List.map row_of l)
           | "or", l -> joined (fun f g -> Disj (f, g)) Falsity (List.map row_of l)
@@ -117,64 +117,291 @@ let rec term number v =
 
 let most_letters = 20_000
 
-(* Whether so many sets of predicates have no conflict that a comparison takes too long. *)
-let too_many ps =
+(* The number of sets without a conflict. *)
+let sets conflict numbers =
   let count = ref 0 in
   let rec go chosen = function
-    | [] -> incr count; if !count > most_letters then raise Exit
-    | k :: rest -> go chosen rest; if not (List.exists (conflict ps k) chosen) then go (k :: chosen) rest in
-  match go [] (List.init (List.length ps + 1) Fun.id) with () -> false | exception Exit -> true
+    | [] -> incr count; if !count > most_letters then
+        refuse "events can satisfy more than %d combinations of the predicates" most_letters
+    | k :: rest -> go chosen rest; if not (List.exists (conflict k) chosen) then go (k :: chosen) rest in
+  go [] numbers;
+  !count
 
 let mix a b = ((a * 1_000_003) lxor (b + (a lsr 17))) land max_int
 let depth = 10_000
 
-(* The answer for a text; [limit] bounds the pairs of a state of the text and a state of the automaton. *)
-let certify read selection semantics limit v =
-  let tree = read.tree in
-  if tree.lateness <> None then refuse "the tree drops late events";
-  let own = List.mapi (fun n name -> (name, predicate_of tree n)) read.names in
-  let known = List.filter_map snd own @ relevance_entries tree in
-  let given = List.map (predicate read.lower) (items (need "predicates" v)) in
-  let found q = match List.find_opt (fun r -> same_predicate (canonical q) (canonical r)) known with Some r -> r
-      | None -> q in
-  let given = List.map found given in
-  let ps = text_predicates tree given in
-  if too_many ps then refuse "events can satisfy more than %d combinations of the predicates" most_letters;
-  let place q = let rec go i = function
-      | [] -> refuse "predicates with `lower` are not compared"
-      | r :: rest -> if same_predicate q r then i else go (i + 1) rest in go 1 ps in
-  let numbers = Array.of_list (List.map place given) in
-  let number n = if n >= 0 && n < Array.length numbers then numbers.(n) else refuse "there is no predicate %d" n in
-  let patterns = List.map (fun q -> fst (predicate read.lower q)) (items (need "samples" v)) @ List.map fst ps in
-  let pairs = List.concat_map (fun p -> List.map (fun q -> match p, q with
-      | ObjectWith f, ObjectWith g -> ObjectWith (f @ g) | _ -> p) patterns) patterns in
-  let values = List.map sample (ObjectWith [] :: patterns @ pairs) in
-  let body = need "text" v in
-  let fuel = limit in
-  let outcome = match text (need "language" v) with
-    | "ltlf" -> certify_text_ltlf mix tree selection semantics ps values fuel (formula number body)
-    | "automaton" -> certify_text_hoa mix tree selection semantics ps values fuel (automaton number body)
-    | "rml" ->
-      let equations = List.map (term number) (items body) in
-      certify_text_rml mix tree selection semantics ps fuel depth equations (Call 0)
-    | other -> refuse "unknown language %s" other in
-  let satisfied = satisfies tree ps and all = List.init (List.length ps + 1) Fun.id in
-  let is_object e = match e.content with Object _ -> true | _ -> false in
-  let letters = lazy (List.map (letter_of satisfied all) (List.filter is_object (samples ps values))) in
-  let named a =
-    let nodes = List.filter_map (fun (name, q) -> match q with
-        | Some q when List.mem (place q) a -> Some name | _ -> None) own in
-    match nodes with
-    | [] -> if List.mem 0 a then "(another relevant event)" else "(another event)"
-    | nodes -> String.concat "+" nodes in
-  match outcome with
+(* What the comparison of any text needs: the tree, the part and the semantics, and events to name traces. *)
+type task = { read : Tree_reader.t; selection : selection; semantics : semantics; limit : int; values : value list;
+    predicates : Json.t list; body : Json.t }
+
+let known_in task = List.filter_map (predicate_of task.read.tree) (List.init (List.length task.read.names) Fun.id)
+    @ relevance_entries task.read.tree
+
+(* The predicate of the tree that a predicate of the text is, up to the names of its variables. *)
+let closed task v =
+  let q = predicate task.read.lower v in
+  match List.find_opt (fun r -> same_predicate (canonical q) (canonical r)) (known_in task) with Some r -> r | None -> q
+
+let rec position same q from = function
+  | [] -> refuse "predicates with `lower` are not compared"
+  | r :: rest -> if same q r then from else position same q (from + 1) rest
+
+let numbered numbers n = if n >= 0 && n < Array.length numbers then numbers.(n) else refuse "there is no predicate %d" n
+
+let word_of named found = match found with
+  | [] -> "the empty trace"
+  | _ -> "the trace " ^ String.concat " " (List.map named found)
+
+let answer limit refuted = function
   | Inr Certified -> Holds
   | Inr Exhausted -> Unknown (Printf.sprintf "the comparison ended at the limit of %d steps" limit)
-  | Inr (Refuted found) ->
-    let word = if found = [] then "the empty trace" else "the trace " ^ String.concat " " (List.map named found) in
-    if List.for_all (fun a -> List.mem a (Lazy.force letters)) found then Differs ("the verdicts differ after " ^ word)
-    else Unknown ("the verdicts differ after " ^ word ^ ", of which no example is known")
+  | Inr (Refuted found) -> refuted found
   | Inl NotWellFormed -> Unknown "the tree is not well formed"
   | Inl NotPlain -> Unknown "the tree has variables across nodes or conditions on time"
+  | Inl NotTimed -> Unknown "the tree compares times by an operator that is not supported"
   | Inl NotListed -> Unknown "predicates with `lower` are not compared"
   | Inl NotServed -> Unknown "no event is known that some node accepts"
+  | Inl NotBound -> Unknown "the text does not observe the events of some node"
+
+let is_object e = match e.content with Object _ -> true | _ -> false
+let name_letter nodes letter =
+  let holds (_, numbers) = List.exists (fun k -> List.mem k letter) numbers in
+  match List.map fst (List.filter holds nodes) with
+  | [] -> if List.mem 0 letter then "(another relevant event)" else "(another event)"
+  | names -> String.concat "+" names
+
+(* A text of RML: its predicates have variables of their own. *)
+let certify_rml task =
+  let tree = task.read.tree in
+  let given = List.map (closed task) task.predicates in
+  let ps = text_predicates tree given in
+  let all = List.init (List.length ps + 1) Fun.id in
+  ignore (sets (conflict ps) all);
+  let place q = position same_predicate q 1 ps in
+  let number = numbered (Array.of_list (List.map place given)) in
+  let equations = List.map (term number) (items task.body) in
+  let events = List.map (fun v -> { content = v; time_of = None; late = false }) task.values in
+  let letters = lazy (List.map (letter_of (satisfies tree ps) all) (List.filter is_object events)) in
+  let nodes = List.mapi (fun n name -> (name, Option.to_list (Option.map place (predicate_of tree n))))
+    task.read.names in
+  answer task.limit (fun found ->
+      let word = word_of (name_letter nodes) found in
+      let known a = List.mem a (Lazy.force letters) in
+      if List.for_all known found then Differs ("the verdicts differ after " ^ word)
+      else Unknown ("the verdicts differ after " ^ word ^ ", of which no example is known"))
+    (certify_text_rml mix tree task.selection task.semantics ps task.limit depth equations (Call 0))
+
+(* A variable of a pattern that begins with `_` belongs to the event; one that stands once is `_`. *)
+let canonical_locals p =
+  let known = Hashtbl.create 4 and uses = Hashtbl.create 4 in
+  let rec walk named = function
+    | (Exactly _ | Anything | Named (Rigid _)) as p -> p
+    | Named (Local x) -> named x
+    | ObjectWith fields -> ObjectWith (List.map (fun (name, p) -> (name, walk named p)) fields)
+    | ListOf l -> ListOf (List.map (walk named) l)
+    | SomeItem p -> SomeItem (walk named p) in
+  ignore (walk (fun x -> Hashtbl.replace uses x (1 + Option.value ~default:0 (Hashtbl.find_opt uses x)); Anything) p);
+  let number = numbering_in known in
+  walk (fun x -> if Hashtbl.find uses x = 1 then Anything else Named (Local (number x))) p
+
+(* The operands of a minimum or maximum in one order. *)
+let rec sorted g = match g with
+  | Constant _ | ValueOf _ | TimeOf _ -> g
+  | Apply ((Minimum | Maximum) as o, l) when List.for_all (function ValueOf _ -> true | _ -> false) l ->
+    Apply (o, List.sort compare l)
+  | Apply (o, l) -> Apply (o, List.map sorted l)
+  | AndThen (a, b) -> AndThen (sorted a, sorted b)
+  | OrElse (a, b) -> OrElse (sorted a, sorted b)
+
+let is_atom v = field "guards" v <> None
+
+(* The atoms of a text.  A variable is that of the tree of this name; the variable of a time is the clock of
+   an occurrence with the pattern of the atom; others are new. *)
+let atoms_of task =
+  let tree = task.read.tree in
+  let written = List.filter is_atom task.predicates in
+  let clocks = Hashtbl.create 4 and others = Hashtbl.create 4 in
+  let other = numbering_in others in
+  let number x = match Hashtbl.find_opt clocks x, Hashtbl.find_opt task.read.variables x with
+    | Some n, _ | None, Some n -> n
+    | None, None -> 1_000_000_000 + other x in
+  let local = numbering () in
+  let pattern v =
+    let shape = need "pattern" v in
+    let name x = if x.[0] = '_' then Named (Local (local x)) else Named (Rigid (number x)) in
+    canonical_locals (Tree_reader.pattern number (List.map (fun x -> (x, name x)) (variables shape)) shape) in
+  let patterns = List.concat (List.mapi (fun n node -> match node.on with
+      | Some p -> [ (n, node, p) ] | None -> []) tree.nodes) in
+  let same p q = same_pattern (canonical_locals p) (canonical_locals q) in
+  let own p = match List.find_opt (fun (_, _, q) -> same p q) patterns with Some (_, _, q) -> q | None -> p in
+  let time v = optional text (need "time" v) in
+  let timed = List.filter_map (fun v -> Option.map (fun x -> (x, v)) (time v)) written in
+  let by_name (x, _) (y, _) = compare (String.length x, x) (String.length y, y) in
+  let taken = ref [] in
+  List.iter (fun (x, v) ->
+      if not (Hashtbl.mem clocks x) then
+        let p = pattern v in
+        let occurrences = List.concat_map (fun (n, node, q) ->
+            if same p q then List.init node.times (fun i -> (n, i)) else []) patterns in
+        match List.find_opt (fun o -> not (List.mem o !taken)) occurrences with
+        | Some o -> taken := o :: !taken; Hashtbl.replace clocks x (clock tree o)
+        | None -> ()) (List.stable_sort by_name timed);
+  let guards = List.concat (clocked_guards tree task.selection) in
+  let guard v =
+    let g = Tree_reader.guard task.read.lower number (fun _ -> None) v in
+    match List.find_opt (fun h -> same_guard (sorted g) (sorted h)) guards with Some h -> h | None -> g in
+  List.map (fun v ->
+      { atom_pattern = own (pattern v); atom_time = Option.map number (time v);
+        atom_guards = List.map guard (items (need "guards" v)) }) written
+
+(* Values near those that guards and patterns name, to find a trace on which a text is wrong. *)
+let rec constants g = match g with
+  | Constant v -> [ v ]
+  | ValueOf _ | TimeOf _ -> []
+  | Apply (o, l) -> (match o with OneOf listed -> listed | _ -> []) @ List.concat_map constants l
+  | AndThen (a, b) | OrElse (a, b) -> constants a @ constants b
+
+let rec literals = function
+  | Exactly v -> [ v ]
+  | Named _ | Anything -> []
+  | ObjectWith fields -> List.concat_map (fun (_, p) -> literals p) fields
+  | ListOf l -> List.concat_map literals l
+  | SomeItem p -> literals p
+
+let rec filled value = function
+  | Named (Rigid x) -> Exactly (value x)
+  | (Exactly _ | Anything | Named (Local _)) as p -> p
+  | ObjectWith fields -> ObjectWith (List.map (fun (name, p) -> (name, filled value p)) fields)
+  | ListOf l -> ListOf (List.map (filled value) l)
+  | SomeItem p -> SomeItem (filled value p)
+
+let rec take n = function x :: l when n > 0 -> x :: take (n - 1) l | _ -> []
+let once l = List.sort_uniq compare l
+let near v = match v with
+  | Num { mantissa; scale = N0 } -> [ v; integer (Z.add mantissa (Zpos XH)); integer (Z.sub mantissa (Zpos XH)) ]
+  | _ -> [ v ]
+
+(* Events that match the patterns of atoms, at different times where atoms name these. *)
+let trial_events qs values =
+  let named = once (List.concat_map (fun q -> List.concat_map constants q.atom_guards) qs) in
+  let pool = take 20 (once (List.concat_map near (named @ List.concat_map (fun q -> literals q.atom_pattern) qs))) in
+  let rec assignments = function
+    | [] -> [ [] ]
+    | x :: rest -> let l = assignments rest in List.concat_map (fun v -> List.map (List.cons (x, v)) l) pool in
+  let instances p = let xs = once (pattern_variables p) in
+    List.map (fun l -> sample (filled (fun x -> List.assoc x l) p)) (take 400 (assignments (take 2 xs)
+        |> List.map (fun l -> l @ List.map (fun x -> (x, Null)) xs))) in
+  let patterns = once (List.map (fun q -> q.atom_pattern) qs) in
+  let contents = once (List.concat_map instances patterns @ values) in
+  let times = if List.for_all (fun q -> q.atom_time = None) qs then [ Z0 ] else
+      take 6 (once (Z0 :: List.concat_map (function Num { mantissa; scale = N0 } ->
+          [ mantissa; Z.add mantissa (Zpos XH) ] | _ -> []) named)) in
+  List.concat_map (fun z -> List.filter_map (function
+      | Object _ as v -> Some { content = v; time_of = Some z; late = false } | _ -> None) contents) times
+
+let most_slices = 50_000
+
+(* A text of LTLf or HOA over its slices. [use numbers] has the predicates of the text, whether it accepts a
+   word of letters, and its comparison with the tree. *)
+let certify_slices task use =
+  let tree = task.read.tree in
+  let atoms = atoms_of task in
+  let given = List.map (closed task) (List.filter (fun v -> not (is_atom v)) task.predicates) in
+  let basic, composed = slice_atoms tree task.selection atoms in
+  let qs = basic @ composed in
+  let ps = slice_predicates tree given qs in
+  ignore (sets (conflict ps) (List.init (List.length ps + 1) Fun.id));
+  let letters_beside a =
+    sets (atoms_conflict ps basic composed) (allowed (pattern_numbers ps basic composed) a (basic_numbers ps basic)) in
+  if List.fold_left (fun n a -> n + letters_beside a) 0 (related_letters tree ps) > 10 * most_letters then
+    refuse "events can satisfy more than %d combinations of the predicates" most_letters;
+  let number q = atom_number ps qs q in
+  let rec numbers predicates given atoms = match predicates, given, atoms with
+    | [], _, _ -> []
+    | v :: rest, _, q :: atoms when is_atom v -> number q :: numbers rest given atoms
+    | _ :: rest, q :: given, _ -> position same_predicate q 1 ps :: numbers rest given atoms
+    | _ -> assert false in
+  let names, accepts, certified = use (numbered (Array.of_list (numbers task.predicates given atoms))) in
+  let values = task.values @ List.map (fun q -> sample q.atom_pattern) qs in
+  let wanted = alphabet0 (slice_shapes tree ps qs task.selection) @ names in
+  let satisfied = slice_satisfies tree ps qs in
+  let letter = letter_of satisfied (List.filter (fun k -> List.mem k wanted) (all_numbers ps basic composed)) in
+  let events = lazy (trial_events qs task.values) in
+  (* The assignments after an event. *)
+  let after e b = b :: List.concat_map (fun q -> List.filter_map (fun bs ->
+      let own = assigned_by q e bs in
+      let later x = match b x with Some v -> Some v | None -> own x in
+      if observes q (e, later) then Some later else None) (bindings q.atom_pattern e.content)) atoms in
+  let budget = ref 0 in
+  let within_budget f = budget := most_slices; try f () with Exit -> None in
+  let left () = decr budget; if !budget < 0 then raise Exit in
+  let unbound _ = None in
+  let begin_ = ([ ([], unbound) ], first tree task.selection) and step = next tree task.semantics in
+  (* The slices after an event, each with its letters, and the state of the monitor. *)
+  let advance (slices, state) e =
+    (List.concat_map (fun (word, b) -> List.map (fun b -> left (); (letter (e, b) :: word, b)) (after e b)) slices,
+     step state e) in
+  (* Whether the text accepts a trace, if the tree says otherwise. *)
+  let wrong (slices, state) =
+    let accepted = List.exists (fun (word, _) -> accepts (List.rev word)) slices in
+    if accepted = (verdict_after state = Top) then None else Some accepted in
+  (* A trace with a slice of these letters. *)
+  let rec trace_of b = function
+    | [] -> Some []
+    | a :: rest -> List.find_map (fun e -> List.find_map (fun b -> left ();
+        if letter (e, b) = a then Option.map (List.cons e) (trace_of b rest) else None) (after e b))
+        (Lazy.force events) in
+  let checked u = Option.map (fun accepted -> (u, accepted)) (wrong (List.fold_left advance begin_ u)) in
+  (* A trace of some length on which the text is wrong. *)
+  let rec search now u length =
+    if length = 0 then Option.map (fun accepted -> (List.rev u, accepted)) (wrong now)
+    else List.find_map (fun e -> search (advance now e) (e :: u) (length - 1)) (Lazy.force events) in
+  let example found =
+    match within_budget (fun () -> Option.bind (trace_of unbound found) checked) with
+    | Some _ as example -> example
+    | None -> within_budget (fun () -> List.find_map (search begin_ []) (List.init (1 + List.length found) Fun.id)) in
+  let matched e =
+    match List.concat (List.map2 (fun name node -> match node.on with
+        | Some p when bindings p e.content <> [] -> [ name ] | _ -> []) task.read.names tree.nodes) with
+    | [] -> "(another event)"
+    | names -> String.concat "+" names in
+  answer task.limit (fun found -> match example found with
+      | Some (u, true) -> Differs ("the text accepts " ^ word_of matched u ^ ", in which the tree detects nothing")
+      | Some (u, false) -> Differs ("the text does not accept " ^ word_of matched u ^ ", in which the tree detects")
+      | None -> Unknown "the text may differ from the tree; no trace is known on which it does")
+    (certified task.selection task.semantics ps basic composed atoms values task.limit)
+
+let certify_ltlf task = certify_slices task (fun number ->
+    let f = formula number task.body in
+    (atoms f, (fun word -> at_end (List.fold_left derivative (simplified f) word)),
+     fun w s ps basic composed atoms values fuel ->
+       certify_text_ltlf mix task.read.tree w s ps basic composed atoms values fuel f))
+
+let certify_hoa task = certify_slices task (fun number ->
+    let h = automaton number task.body in
+    let state_after word = List.fold_left (hoa_step h) (Standing (Some h.start_state)) word in
+    (hoa_atoms h, (fun word -> hoa_accepts h (state_after word) = Some true),
+     fun w s ps basic composed atoms values fuel ->
+       certify_text_hoa mix task.read.tree w s ps basic composed atoms values fuel h))
+
+(* The answer for a text; [limit] bounds the pairs of a state of the text and a state of the automaton. *)
+let certify read selection semantics limit v =
+  if read.tree.lateness <> None && need "in_order" v <> Json.Bool true then refuse "the tree drops late events";
+  let same_time t u = need "field" t = need "field" u && need "format" t = need "format" u in
+  (match optional Fun.id (need "time" v), read.time with
+   | None, _ -> ()
+   | Some t, Some u when same_time t u -> ()
+   | Some _, _ -> refuse "the text has another time than the tree");
+  let predicates = items (need "predicates" v) in
+  let task = { read; selection; semantics; limit; values = []; predicates; body = need "text" v } in
+  let patterns = List.map (fun q -> fst (predicate read.lower q)) (items (need "samples" v))
+      @ List.map fst (known_in task)
+      @ List.filter_map (fun v -> if is_atom v then None else Some (fst (closed task v))) predicates in
+  let pairs = List.concat_map (fun p -> List.map (fun q -> match p, q with
+      | ObjectWith f, ObjectWith g -> ObjectWith (f @ g) | _ -> p) patterns) patterns in
+  let task = { task with values = List.map sample (ObjectWith [] :: patterns @ pairs) } in
+  match text (need "language" v) with
+  | "ltlf" -> certify_ltlf task
+  | "automaton" -> certify_hoa task
+  | "rml" -> certify_rml task
+  | other -> refuse "unknown language %s" other

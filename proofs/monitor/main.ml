@@ -78,8 +78,11 @@ let run () =
   if !certify <> None && !traces then fail "--traces and --certify exclude each other";
   if !certify <> None && !log_file <> None then fail "with --certify no log is read";
   if !certify = None && !limit <> None then fail "--limit bounds the comparison of --certify, which is not given";
-  let read =
-    try Tree_reader.read (Json.parse (read_file tree_file)) with
+  let read, time =
+    try
+      let read = Tree_reader.read (Json.parse (read_file tree_file)) in
+      (read, if !certify = None then Option.map Tree_reader.time_of read.Tree_reader.time else None)
+    with
     | Json.Bad (place, why) -> fail "%s: byte %d: %s; %s" tree_file place why hint
     | Tree_reader.Refused why | Clock.Refused why -> fail "%s: %s" tree_file why in
   let tree = read.Tree_reader.tree in
@@ -123,7 +126,7 @@ let run () =
   | None ->
   let step = next tree semantics in
   let step = if !repeat then next_repeated begin_ step else step in
-  let time_of_value v = match read.Tree_reader.time with
+  let time_of_value v = match time with
     | None -> None
     | Some (path, format) -> Option.bind (Clock.at path v) (Clock.read format) in
   let detected = ref false in

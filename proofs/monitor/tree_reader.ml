@@ -39,12 +39,12 @@ let number v = match v with
   | _ -> refuse "an integer was expected"
 let big v = match value v with Num { mantissa; scale = N0 } -> mantissa | _ -> refuse "an integer was expected"
 
-(* Names of variables, as numbers. *)
-let numbering () =
-  let known = Hashtbl.create 16 in
-  fun name -> match Hashtbl.find_opt known name with
-    | Some n -> n
-    | None -> let n = Hashtbl.length known in Hashtbl.add known name n; n
+(* Names of variables, as numbers; [known] has those given so far. *)
+let numbering_in known name = match Hashtbl.find_opt known name with
+  | Some n -> n
+  | None -> let n = Hashtbl.length known in Hashtbl.add known name n; n
+
+let numbering () = let known = Hashtbl.create 16 in numbering_in known
 
 let only v = match v with Json.Object [ (name, inner) ] -> (Json.text_of name, inner) | _ ->
     refuse "an object with one field was expected"
@@ -139,10 +139,11 @@ let lower_of table =
 
 type t = {
   tree : tree;
-  time : (int list list * Clock.format) option;
+  time : Json.t option;                        (* the field and the format of times *)
   semantics : string option;
   numbers : string -> int option;              (* of the nodes below the root *)
   names : string list;                         (* by number *)
+  variables : (string, int) Hashtbl.t;         (* the numbers of the variables of the tree *)
   lower : int -> int list;
 }
 
@@ -158,6 +159,13 @@ let in_order root children =
     end in
   visit root;
   !order
+
+(* The path of a time, and its format. *)
+let time_of = within "time" (fun v -> match need "format" v with
+  | Json.String f ->
+    (List.map (function Json.String p -> p | _ -> refuse "a path of fields was expected") (read_field "field" items v),
+     Clock.format_of (Json.text_of f))
+  | _ -> refuse "times in a strptime format are not supported")
 
 let read (v : Json.t) : t =
   (match field "format" v, field "version" v with
@@ -189,7 +197,8 @@ let read (v : Json.t) : t =
   List.iteri (fun i name ->
       if List.exists (fun child -> Hashtbl.find numbers child <= i) (children name) then
           refuse "node %s: children: there is a cycle" name) order;
-  let rigid = numbering () in
+  let variables = Hashtbl.create 16 in
+  let rigid = numbering_in variables in
   let gate n = match read_field "gate" (optional text) n with
     | None -> Leaf | Some "or" -> Or | Some "and" -> And | Some "sand" -> Sand | Some "sand_rl" -> SandRl
     | Some "pand" -> Pand | Some "vot" -> AtLeast (read_field "threshold" number n)
@@ -222,19 +231,14 @@ let read (v : Json.t) : t =
           | Some other -> refuse "unknown kind %s" other) }) (node name) in
   let ignored i = within (Printf.sprintf "ignore %d" (i + 1)) (fun v ->
       let own = numbering () in let on = read_field "on" (call events own) v in (on, condition own v)) in
-  let time = read_field "time" (optional (fun t ->
-      (match need "format" t with
-       | Json.String f -> (List.map (function Json.String p -> p | _ -> refuse "a path of fields was expected")
-           (read_field "field" items t),
-                           Clock.format_of (Json.text_of f))
-       | _ -> refuse "times in a strptime format are not supported"), read_field "late" (optional big) t)) v in
+  let time = optional Fun.id (need "time" v) in
   let tree = {
     nodes = List.map made order;
     top_down = (match read_field "causality" text v with "top_down" -> true | "bottom_up" -> false | other ->
         refuse "unknown causality %s" other);
     ignores = List.mapi ignored (read_field "ignores" items v);
-    lateness = Option.bind time snd } in
+    lateness = Option.bind time (within "time" (read_field "late" (optional big))) } in
   if not (well_formed tree) then
     refuse "the tree is not well formed: the condition of an `ignore` has a variable that its event does not bind";
-  { tree; time = Option.map fst time; semantics = read_field "semantics" (optional text) v; numbers = node_number;
-    names = order; lower }
+  { tree; time; semantics = read_field "semantics" (optional text) v; numbers = node_number;
+    names = order; variables; lower }

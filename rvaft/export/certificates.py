@@ -15,10 +15,12 @@ from typing import Any, Final
 from rvaft.backend import Backend, Observed, Specification
 from rvaft.core.branches import branch as numbered
 from rvaft.core.solver import witness
+from rvaft.core.times import untimed
 from rvaft.errors import NotExpressible, TooLarge, ToolFailed, ToolMissing
-from rvaft.export.interchange import condition_json, json_text, pattern_json
+from rvaft.export.interchange import condition_json, json_text, pattern_json, time_json
 from rvaft.model import guards, patterns
-from rvaft.model.nodes import Kind
+from rvaft.model.event_time import EventTime
+from rvaft.model.nodes import Assumption, Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
@@ -27,6 +29,7 @@ PROGRAM: Final = "rvaft-verified"
 EVERY: Final = Observed(patterns.ObjectPattern(()))
 """Every event is an object."""
 CERTIFIED: Final = "certified: for every trace the text has the verdict of the tree"
+IN_ORDER: Final = "certified: for every trace without late events the text has the verdict of the tree"
 
 
 def on_path() -> Path | None:
@@ -41,8 +44,7 @@ def part_options(tree: RVAFT, semantics: Semantics, branch: int | None, kind: Ki
     A restricted tree is its whole tree with a branch or kind, because the alphabet is that of the
     whole tree. Raises `NotExpressible` for a part of a part.
     """
-    part = tree.part_of
-    if part is not None:
+    if (part := tree.part_of) is not None:
         if branch is not None or kind is not None:
             raise NotExpressible("a part of a part of a tree")
         tree, branch, kind = part.tree, part.branch, part.kind
@@ -77,10 +79,15 @@ def run(
 
 @dataclass
 class EventConditions:
-    """The tests of events in a formal text: Boolean formulas over numbered patterns with guards."""
+    """The tests of events in a formal text: Boolean formulas over numbered predicates."""
 
+    time: EventTime | None = None
     numbers: dict[str, int] = field(default_factory=dict)
     """The number of each predicate, which is written as JSON."""
+
+    def _number(self, predicate: Json) -> Json:
+        written = json.dumps(predicate)  # as values of Python, 1 and true are equal
+        return ["predicate", self.numbers.setdefault(written, len(self.numbers))]
 
     def of(self, one: Observed) -> Json:
         """Return a test whose variables are its own; raises `NotExpressible` for shared ones."""
@@ -88,18 +95,22 @@ class EventConditions:
             return ["and"]
         if not set(guards.variables(one.when)) <= set(patterns.variables(one.pattern)):
             raise NotExpressible("a guard has variables that its event does not bind")
-        predicate = {"pattern": pattern_json(one.pattern), "condition": condition_json(one.when)}
-        written = json.dumps(predicate)  # as values of Python, 1 and true are equal
-        self.numbers.setdefault(written, len(self.numbers))
-        return ["predicate", self.numbers[written]]
+        return self._number({"pattern": pattern_json(one.pattern), "condition": condition_json(one.when)})
 
-    def relevance(self, relevant: Iterable[Observed], ignored: Iterable[Observed]) -> Json:
+    def atom(self, pattern: patterns.Pattern, when: Iterable[guards.Guard] = ()) -> Json:
+        """Return a test whose variables have one value in a slice of a trace."""
+        bare, time = untimed(pattern)
+        return self._number({"pattern": pattern_json(bare), "time": time, "guards": list(map(condition_json, when))})
+
+    def relevance(self, relevant: Iterable[Any], ignored: Iterable[Any]) -> Json:
         """Return the test of an event that some of `relevant` and none of `ignored` accepts."""
-        return ["and", ["or", *map(self.of, relevant)], ["not", ["or", *map(self.of, ignored)]]]
+        wanted, unwanted = ([self.of(Observed(one.pattern, one.when)) for one in kind] for kind in (relevant, ignored))
+        return ["and", ["or", *wanted], ["not", ["or", *unwanted]]]
 
     def text(self, language: str, body: Json) -> dict[str, Any]:
         """Return the formal text with these predicates."""
-        return {"language": language, "predicates": list(map(json.loads, self.numbers)), "text": body}
+        predicates = list(map(json.loads, self.numbers))
+        return {"language": language, "time": time_json(self.time), "predicates": predicates, "text": body}
 
 
 def certificate(
@@ -114,40 +125,32 @@ def certificate(
     limit: int = 1_000_000,
     timeout: float = 120,
 ) -> tuple[int, str]:
-    """Return 0 if a text has the verdict of the tree on every trace, 1 if not, 2 if this is not
-    known, and a message.
-    """
-    if specification.assumes:
-        return 2, "not certified: the text relies on assumptions about logs"
+    """Return 0 if a text has the verdict of the tree on every trace, 1 if not, 2 else, and why."""
     if program is None:
         return 2, f"not certified: {PROGRAM} is not on the PATH: build it by `make verified`, or name it by --verified"
+    in_order, status = Assumption.ORDER in specification.assumes, 2
     try:
-        formal = speaks.formal(specification.text) | {"samples": _samples(tree)}
+        formal = speaks.formal(specification.text) | {"in_order": in_order, "samples": _samples(tree)}
         tree, options = part_options(tree, semantics, branch, kind)
         status, lines, why = run(program, tree, [*options, "--limit", str(limit)], text=formal, timeout=timeout)
         why = "".join(lines) or why
         if not why or (status == 0) != (why == "certified"):
             status, why = 2, f"{program} is no validator: its output is {why or 'empty'}"
-    except NotExpressible as error:
-        status, why = 2, error.reason
-    except (TooLarge, ToolMissing, ToolFailed) as error:
-        status, why = 2, str(error)
+    except (NotExpressible, TooLarge, ToolMissing, ToolFailed) as error:
+        why = error.reason if isinstance(error, NotExpressible) else str(error)
     except subprocess.TimeoutExpired:
-        status, why = 2, f"no answer within {timeout:g} s"
-    return status, f"not certified: {why}" if status else CERTIFIED
+        why = f"no answer within {timeout:g} s"
+    return status, f"not certified: {why}" if status else IN_ORDER if in_order else CERTIFIED
 
 
 def _samples(tree: RVAFT) -> list[Json]:
-    """Return for each node with a guard a pattern of events that the node accepts."""
-    found: list[Json] = []
-    for node in tree.top_down():
-        pattern = tree.pattern(node.name)
-        if (
-            pattern is None
-            or node.when is None
-            or any(isinstance(part, guards.TimePoint) for part in guards.walk(node.when))
-        ):
-            continue
-        values = {name: patterns.Literal(value) for name, value in (witness([node.when]) or {}).items()}
-        found.append({"pattern": pattern_json(patterns.substitute(pattern, values)), "condition": None})
-    return found
+    """Return patterns of events that satisfy conditions on the variables of a node."""
+    found: dict[str, Json] = {}
+    conditions = [node.when for node in tree.top_down() if node.when and not guards.time_points(node.when)]
+    for pattern in [own for node in tree.top_down() if (own := tree.pattern(node.name))]:
+        alone = [when for when in conditions if {*guards.variables(when)} <= {*patterns.variables(pattern)}]
+        for some in (alone, *([when] for when in alone)):
+            values = {name: patterns.Literal(value) for name, value in (witness(some) or {}).items()}
+            sample: Json = {"pattern": pattern_json(patterns.substitute(pattern, values)), "condition": None}
+            found[json.dumps(sample)] = sample
+    return list(found.values())

@@ -11,7 +11,7 @@ from typing import Any, Final, assert_never
 
 from rvaft.errors import OptionError
 from rvaft.export.layout import turn
-from rvaft.model.event_time import TextFormat
+from rvaft.model.event_time import EventTime, TextFormat
 from rvaft.model.expressions import WORD, bare_value, guard_text
 from rvaft.model.guards import Guard, Operation, Operator, TimePoint, walk
 from rvaft.model.nodes import Causality, Gate, Node
@@ -33,7 +33,7 @@ def json_text(tree: RVAFT) -> str:
         "root": tree.root,
         "causality": tree.causality,
         "semantics": tree.semantics,
-        "time": None if tree.time is None else _record(tree.time, "field format late"),
+        "time": time_json(tree.time),
         "nodes": [
             _record(node, "name gate threshold children on times when within kind label attributes")
             | {"condition": condition_json(node.when)}
@@ -82,6 +82,11 @@ def pattern_json(pattern: Pattern) -> Json:
             return {"some": pattern_json(item)}
         case _ as never:
             assert_never(never)
+
+
+def time_json(time: EventTime | None) -> Json:
+    """Return the time of events as in `json_text`."""
+    return None if time is None else _record(time, "field format late")
 
 
 def condition_json(guard: Guard | None) -> Json:

@@ -30,11 +30,7 @@ from rvaft.engine.stage_group import LaneMember, Member, StageGroup, in_order
 from rvaft.engine.stages import Scan, Stage, StageMove, Stages
 from rvaft.engine.subsumption import Rank, Term
 from rvaft.errors import TooLarge
-from rvaft.model.guards import (
-    UNDEFINED,
-    value,
-)
-from rvaft.model.patterns import Variable
+from rvaft.model.guards import UNDEFINED
 from rvaft.model.values import Json, equal, exact
 from rvaft.model.verdict import Verdict
 from rvaft.support.bits import bits, union
@@ -345,7 +341,7 @@ class ScatteredMatches(Following):
         self, group: StageGroup, scan: Scan, values: Mapping[str, Json]
     ) -> Sequence[tuple[Iterable[Member], tuple[tuple[Term, Extreme], ...] | None]]:
         """Return the members that may make a move, with stop conditions."""
-        required = [values[one.name] if type(one) is Variable else value(one, values) for one in scan.terms]
+        required = [term(values) for term in scan.terms]
         if UNDEFINED in required:
             return ()
         least, lanes, enough, last_first = -1, list[tuple[list[LaneMember], int, int]](), None, False
@@ -443,7 +439,7 @@ class ScatteredMatches(Following):
             self._complete[part] = [(stage, group) for stage, group in stages if self._is_complete(stage, part)]
         for stage, group in self._complete[part]:
             names, terms = self._stages.equalities(frozenset(binding), stage)
-            required = [value(one, binding) for one in terms]
+            required = [term(binding) for term in terms]
             if UNDEFINED not in required:
                 yield from group.between(names, required, None, (), binding)
 

@@ -9,7 +9,7 @@ Of many times that only windows bound, a partial match remembers the least and t
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import chain, product
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.core.times import Extreme, TimeDifference
 from rvaft.engine.configuration import Configuration, Witness
@@ -24,16 +24,18 @@ from rvaft.model.guards import (
     Operation,
     Operator,
     Predicate,
+    evaluation,
     predicate,
-    value,
     variables,
 )
-from rvaft.model.patterns import Variable
+from rvaft.model.patterns import Binding, Variable
 from rvaft.model.values import Json, is_number
 from rvaft.support.bits import bits, mask_of
 
 _MANY: Final = 4
 """The maximum number of joint guards to enumerate."""
+Terms: TypeAlias = tuple[Callable[[Binding], Json], ...]
+"""The values of terms."""
 _TIMES: Final = 3
 """The minimum number of times of a span: fewer are remembered as they are."""
 
@@ -86,7 +88,7 @@ class Scan(NamedTuple):
 
     names: tuple[str, ...]
     """The remembered variables that must equal `terms`, which are over the event's values."""
-    terms: tuple[Guard, ...]
+    terms: Terms
     orders: tuple["Order", ...]
     """The possible orders for the search; any order suffices."""
 
@@ -152,7 +154,7 @@ class Stages:
         self.choices = choices
         self.size = 0
         self._known: dict[Hashable, Stage] = {}
-        self._equalities: dict[tuple[frozenset[str], Stage], tuple[tuple[str, ...], tuple[Guard, ...]]] = {}
+        self._equalities: dict[tuple[frozenset[str], Stage], tuple[tuple[str, ...], Terms]] = {}
 
     def of(self, configuration: Configuration) -> Stage:
         """Return the stage of a partial match."""
@@ -285,7 +287,7 @@ class Stages:
                         orders.setdefault(Term(1, Extreme(Operator.MAX, (name,))), []).append(_bound(part, name, sign))
             found = self.outcome(move, move.alone, (True,) * len(joint))
             target = found[0] if found and len(needed) == len(joint) and not found[0].settled else None
-            terms = (*map(Variable, move.compared), *joined.values())
+            terms = tuple(map(evaluation, (*map(Variable, move.compared), *joined.values())))
             equal_names = {*own, *joined}
             ranged = [Order.of(move.stage, term, bounds, target, equal_names) for term, bounds in orders.items()]
             if terms and not ranged:
@@ -293,7 +295,7 @@ class Stages:
             move.scan = Scan((*move.compared, *joined), terms, tuple(ranged))
         return move.scan
 
-    def equalities(self, names: frozenset[str], stage: Stage) -> tuple[tuple[str, ...], tuple[Guard, ...]]:
+    def equalities(self, names: frozenset[str], stage: Stage) -> tuple[tuple[str, ...], Terms]:
         """Return variables of a stage, and the terms over other variables that they must equal.
 
         All guards that are open in the stage must hold.
@@ -309,7 +311,7 @@ class Stages:
                     other = repeats(part.guard, name) if name in stage.names and name not in joined else None
                     if other is not None and names.issuperset(variables(other)):
                         joined[name] = other
-            found = self._equalities[names, stage] = tuple(joined), tuple(joined.values())
+            found = self._equalities[names, stage] = tuple(joined), tuple(map(evaluation, joined.values()))
         return found
 
     def is_hopeful(self, move: StageMove, held: int) -> bool:
@@ -348,11 +350,12 @@ def _bound(part: Operation, name: str, sign: int) -> Bound:
     other = right if left == Variable(name) else left
     operator = part.operator if other is right else facts.mirrored
     compare = OPERATORS[operator].compare if operator is not None and Variable(name) in part.operands else None
+    evaluate = evaluation(other)
 
     def by(event: Mapping[str, Json]) -> Callable[[Json], bool]:
         if compare is None:
             return lambda one: holds({**event, name: one})
-        than = value(other, event)
+        than = evaluate(event)
         if is_number(than) and than - than == 0:
             return lambda one: type(one) is not str and compare(one, than)
         return lambda one: type(than) is str and type(one) is str and compare(one, than)

@@ -35,8 +35,6 @@ from rvaft.model.values import Json, equal, exact
 from rvaft.model.verdict import Verdict
 from rvaft.support.bits import bits, union
 
-MEMORY: Final = 500_000
-"""The maximum number of nodes with flags in cached stages."""
 REMEMBERED: Final = 20_000
 """The maximum number of cached values and event classes."""
 MIN_STAGES: Final = 1_000
@@ -126,9 +124,9 @@ class ScatteredMatches(Following):
 
     def follow(self, configurations: Iterable[Configuration]) -> None:
         """Replace the followed partial matches."""
-        if self._stages.size > MEMORY:
-            self._stages = Stages(self.matching, self._stages.choices)  # otherwise copies share the stages
-            self._sets = {}
+        if self._stages.is_full:
+            self._stages.clear()
+            self._sets.clear()
         self._hold((self._stages.of(configuration), configuration, None) for configuration in configurations)
 
     def _hold(self, followed: Iterable[tuple[Stage, Configuration, Rank | None]]) -> None:
@@ -261,16 +259,13 @@ class ScatteredMatches(Following):
         return found
 
     def _find(self, known: StageSet, event_class: EventClass) -> tuple[CandidateMove, ...]:
-        found = []
-        for one, held in zip(event_class.serving, event_class.held, strict=True):
-            moves = [
-                (move, place)
-                for stage in known.stages
-                for place, node in enumerate(one.nodes)
-                if self._may_take(stage, node) and (move := self._stages.move(stage, node)) is not None
-            ]
-            # the guards of a letter with several ways are not decided yet
-            if any(one.reader.ways is not None or self._stages.is_hopeful(move, held) for move, _ in moves):
+        found, by_letter = [], list[list[tuple[StageMove, int]]]([[] for _ in event_class.serving])
+        for stage in known.stages:
+            for number, move, place in self._stages.moves(stage, event_class):
+                if self._may_take(move):
+                    by_letter[number].append((move, place))
+        for one, held, moves in zip(event_class.serving, event_class.held, by_letter, strict=True):
+            if moves:
                 names = tuple(dict.fromkeys(name for node in one.nodes for name in self.compiled.exported[node]))
                 by_name = one.reader.fields
                 fields = None if by_name is None or one.time else tuple(by_name[name] for name in names)
@@ -280,11 +275,11 @@ class ScatteredMatches(Following):
             known.candidates.clear()
         return known.candidates.setdefault(event_class, tuple(found))
 
-    def _may_take(self, stage: Stage, node: int) -> bool:
+    def _may_take(self, move: StageMove) -> bool:
         """Whether a partial match may take a node of its own part, or begin that part."""
         if not self._components:
             return True
-        part, own = self._part_of[node], self._own(stage.sample)
+        part, own = self._part_of[move.node], self._own(move.stage.sample)
         return own & part.nodes > 0 if own else not self._begun & part.nodes
 
     def advance(self, reading: Reading, position: int) -> Verdict:
@@ -385,7 +380,7 @@ class ScatteredMatches(Following):
         if self.matches:
             self.follow([])
             return Verdict.TRUE
-        if self._stages.size > MEMORY:
+        if self._stages.is_full:
             self.follow(self.partial)
         return _UNKNOWN
 

@@ -6,12 +6,13 @@ values. So the effect of an event is computed once per *stage*, node and outcome
 Of many times that only windows bound, a partial match remembers the least and the greatest.
 """
 
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, product
 from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.core.times import Extreme, TimeDifference
+from rvaft.engine.compiled_tree import EventClass
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.partial_matches import Matching
 from rvaft.engine.settled_choices import SettledChoices
@@ -32,6 +33,8 @@ from rvaft.model.patterns import Binding, Variable
 from rvaft.model.values import Json, is_number
 from rvaft.support.bits import bits, mask_of
 
+MEMORY: Final = 500_000
+"""The maximum size of remembered stages."""
 _MANY: Final = 4
 """The maximum number of joint guards to enumerate."""
 Terms: TypeAlias = tuple[Callable[[Binding], Json], ...]
@@ -57,12 +60,14 @@ class Stage:
     names: tuple[str, ...]
     """The remembered variables."""
     ranking: Ranking
-    deadlines: tuple[TimeDifference, ...]
+    deadlines: tuple[TimeDifference, ...] = ()
     """The time differences that must hold."""
-    settled: bool
+    settled: bool = False
     """Whether settled choices may differ."""
     spans: tuple[Span, ...] = ()
     moves: dict[int, "StageMove | None"] = field(default_factory=dict)
+    by_class: dict[EventClass, Sequence[tuple[int, "StageMove", int]]] = field(default_factory=dict)
+    """The possible moves by events of a class (see `Stages.moves`)."""
 
     def remembered(self, bound: Mapping[str, Json]) -> dict[str, Json]:
         """Return what a partial match of this stage remembers of these values."""
@@ -147,44 +152,72 @@ class StageMove:
 
 
 class Stages:
-    """The stages of a tree, computed when first needed."""
+    """The stages of a tree, computed when first needed.
 
-    def __init__(self, matching: Matching, choices: SettledChoices) -> None:
+    Without `choices`, no partial match replaces another. If the letters `decide`, the class of an
+    event has the outcomes of the guards that the event alone decides.
+    """
+
+    def __init__(self, matching: Matching, choices: SettledChoices | None = None, *, decide: bool = True) -> None:
         self.matching = matching
         self.choices = choices
+        self._decide = decide
         self.size = 0
+        """The number of nodes with flags, moves and outcomes."""
         self._known: dict[Hashable, Stage] = {}
         self._equalities: dict[tuple[frozenset[str], Stage], tuple[tuple[str, ...], Terms]] = {}
 
+    @property
+    def is_full(self) -> bool:
+        """Whether to `clear` the stages."""
+        return self.size > MEMORY
+
+    def clear(self) -> None:
+        """Forget the stages; partial matches of these go on to new ones."""
+        for stage in self._known.values():
+            stage.moves.clear()
+            stage.by_class.clear()
+        self._known.clear()
+        self._equalities.clear()
+        self.size = 0
+
     def of(self, configuration: Configuration) -> Stage:
         """Return the stage of a partial match."""
-        place, settled = self.choices.place(configuration, self.matching.progress)
+        place, settled = self._place(configuration)
         found = self._known.get(place)
         if found is None:
             self.size += 1 + len(configuration.flags)
             sample = configuration.copy()
             sample.binding, sample.witness = dict.fromkeys(configuration.binding), None
-            spans = self._spans(sample)
-            for span in spans:
-                sample.binding = dict.fromkeys(name for name in sample.binding if name not in span.names)
-                sample.binding.update({span.least: None, span.greatest: None})
-            common, _ = self.choices.place(sample, self.matching.progress)
-            if common in self._known:
-                self._known[place] = self._known[common]
-                return self._known[common]
-            is_match, _ = self.matching.standing(sample)
-            names, ranks = tuple(sorted(sample.binding)), ranking(self.matching, sample)
+            found = self._known[place] = self._made(sample, settled=settled)
+        return found
+
+    def _place(self, configuration: Configuration) -> tuple[Hashable, bool]:
+        if self.choices is not None:
+            return self.choices.place(configuration, self.matching.progress)
+        return (configuration.taken, configuration.dead, configuration.closed, configuration.inversions), False
+
+    def _made(self, sample: Configuration, *, settled: bool) -> Stage:
+        if self.choices is None:
+            return Stage(sample, self.matching.standing(sample)[0], tuple(sample.binding), Ranking())
+        spans = self._spans(sample)
+        for span in spans:
+            sample.binding = dict.fromkeys(name for name in sample.binding if name not in span.names)
+            sample.binding.update({span.least: None, span.greatest: None})
+        common, _ = self._place(sample)
+        if common not in self._known:
             open_nodes = [node for node in self.matching.early_differences if not sample.closed >> node & 1]
-            needed = [node for node in open_nodes if self._has_to_hold(sample, node)]
             deadlines = tuple(
                 one
-                for node in needed
+                for node in open_nodes
+                if self._has_to_hold(sample, node)
                 for one in self.matching.early_differences[node]
                 if not all(self.matching.is_bound(sample, name) for name in one.plus.names)
             )
-            found = Stage(sample, is_match, names, ranks, deadlines, settled, spans)
-            self._known[place] = self._known[common] = found
-        return found
+            is_match, names = self.matching.standing(sample)[0], tuple(sorted(sample.binding))
+            found = Stage(sample, is_match, names, ranking(self.matching, sample), deadlines, settled, spans)
+            self._known[common] = found
+        return self._known[common]
 
     def _spans(self, sample: Configuration) -> tuple[Span, ...]:
         """Return the sets of at least `_TIMES` times that occur in the same windows only."""
@@ -208,7 +241,7 @@ class Stages:
     def rank(self, stage: Stage, binding: Mapping[str, Json], last: Witness | None, node: int | None = None) -> Rank:
         """Return the rank after these steps and a node's event."""
         rank = stage.ranking.of(binding)
-        if not stage.settled:
+        if not stage.settled or self.choices is None:
             return rank
         steps = last if node is None else Witness(last, node, 0, binding)
         return rank._replace(values=(*rank.values, -self.choices.number(steps)))
@@ -229,7 +262,8 @@ class Stages:
                 names = compiled.exported[node]
                 bound = {*remembered, *names}
                 closing, narrowed = self.matching.decided(stage.sample, node)
-                alone = mask_of(guard for guard in closing if remembered.keys().isdisjoint(compiled.needs[guard]))
+                own = closing if self._decide else ()
+                alone = mask_of(guard for guard in own if remembered.keys().isdisjoint(compiled.needs[guard]))
                 decided = ((guard, self.matching.test(guard, bound)) for guard in closing if not alone >> guard & 1)
                 joint = {guard: holds for guard, holds in decided if holds is not None}
                 for guard in narrowed:
@@ -251,11 +285,13 @@ class Stages:
             before, node = move.stage.sample, move.node
             values = dict.fromkeys(self.matching.compiled.exported[node])
             after = self.matching.extended(before, node, values, 0, judged=judged)
-            found = (
-                None
-                if after is None
-                else (self.of(after), commits(self.matching, before, after, node, firsts=self.choices.firsts))
-            )
+            found = None
+            if after is not None:
+                firsts = None if self.choices is None else self.choices.firsts
+                found = (
+                    self.of(after),
+                    firsts is not None and commits(self.matching, before, after, node, firsts=firsts),
+                )
             move.outcomes[place] = found
         return move.outcomes[place]
 
@@ -314,7 +350,26 @@ class Stages:
             found = self._equalities[names, stage] = tuple(joined), tuple(map(evaluation, joined.values()))
         return found
 
-    def is_hopeful(self, move: StageMove, held: int) -> bool:
+    def moves(self, stage: Stage, event_class: EventClass) -> Sequence[tuple[int, StageMove, int]]:
+        """Return the moves by events of a class that are possible for some values.
+
+        Each has the place of its letter in the class, and of its node in the letter.
+        """
+        found = stage.by_class.get(event_class)
+        if found is None:
+            found = [
+                (number, move, place)
+                for number, letter in enumerate(event_class.serving)
+                for place, node in enumerate(letter.nodes)
+                if (move := self.move(stage, node)) is not None
+                # the guards of a letter with several ways are not decided yet
+                and (letter.reader.ways is not None or self._is_hopeful(move, event_class.held[number]))
+            ]
+            stage.by_class[event_class] = found
+            self.size += 1 + len(found)
+        return found
+
+    def _is_hopeful(self, move: StageMove, held: int) -> bool:
         """Whether a move is possible for some outcomes of the joint guards."""
         ways = product((True, False), repeat=len(move.joint))
         return len(move.joint) > _MANY or any(self.outcome(move, held, outcomes) for outcomes in ways)

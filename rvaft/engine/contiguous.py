@@ -14,8 +14,8 @@ from typing import Any, Final, NamedTuple, Self
 from rvaft.engine.compiled_tree import NOTHING, Admission, CompiledTree, EventClass, Reading, TreeLetters
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.partial_matches import Following, Matching
-from rvaft.engine.stages import Stage, StageMove, Stages
-from rvaft.model.values import Json, equal, exact
+from rvaft.engine.stages import Stage, StageMove, Stages, agree
+from rvaft.model.values import Json, exact
 from rvaft.model.verdict import Semantics, Verdict
 
 SMALL: Final = 500
@@ -152,12 +152,8 @@ class ContiguousMatches(Following):
     @property
     def partial(self) -> list[Configuration]:
         """The followed partial matches."""
-        found = []
-        for stage, (binding, last) in zip(self._frontier.stages, self._settled(), strict=True):
-            sample = stage.sample
-            progress = sample.inversions, sample.flags, sample.tallies
-            found.append(Configuration(sample.dead, sample.closed, sample.taken, dict(binding), *progress, last))
-        return found
+        followed = zip(self._frontier.stages, self._settled(), strict=True)
+        return [stage.configuration(dict(binding), last) for stage, (binding, last) in followed]
 
     def _settled(self) -> list[Follower]:
         """Return the partial matches with all steps."""
@@ -198,7 +194,8 @@ class ContiguousMatches(Following):
             after, members = self._extended(plan, reading, position)
         else:
             self.noted = bool(steps)
-            self._bound(len(steps))
+            if len(steps) > self.limit:
+                self._bound(len(steps))
         if not after.stages:
             self.lost = self.partial
             self.follow([])
@@ -222,34 +219,33 @@ class ContiguousMatches(Following):
     def _extended(self, plan: FrontierPlan, reading: Reading, position: int) -> tuple[Frontier, list[Follower]]:
         """Return the partial matches after an event whose values decide."""
         stages, members, made = self._stages, self._settled(), dict[tuple[Any, ...], Follower]()
+        letters, steps, _, _ = plan
         event, event_class = reading.hits
         if event_class.timed:
             time = self.letters.time(event)
-            ways = [self.letters.ways(letter, event, time) for letter in plan.letters]
+            ways = [self.letters.ways(letter, event, time) for letter in letters]
         else:
-            ways = [[letter.reader.values(event)] for letter in plan.letters]
-        for place, at, held, move, target in plan.steps:
+            ways = [[letter.reader.values(event)] for letter in letters]
+        for place, at, held, move, target in steps:
             binding, last = members[place]
             for values in ways[at]:
-                for name in move.compared:
-                    one, other = binding[name], values[name]
-                    if not (one == other if type(one) is type(other) and type(one) in _PLAIN else equal(one, other)):
-                        break
-                else:
-                    bound = {**values, **binding} if binding else values
-                    if target is None:
-                        own = sum([bit for bit, holds in plan.letters[at].own if holds(values)])
-                        outcomes = tuple([holds(bound) for holds in move.joint.values()])
-                        found = stages.outcome(move, held | own, outcomes)
-                        if found is None:
-                            continue
-                        stage = found[0]
-                    else:
-                        stage = target
-                    kept = {name: bound[name] for name in stage.names}
+                if move.compared and not agree(move.compared, binding, values):
+                    continue
+                bound = {**values, **binding} if binding else values
+                stage = target
+                if stage is None:
+                    own = sum([bit for bit, holds in letters[at].own if holds(values)]) if letters[at].own else 0
+                    outcomes = tuple([holds(bound) for holds in move.joint.values()])
+                    stage, _ = stages.outcome(move, held | own, outcomes) or (None, False)
+                    if stage is None:
+                        continue
+                kept = {name: bound[name] for name in stage.names}
+                key: tuple[Any, ...] = (stage,)
+                if len(steps) > 1 or event_class.timed:
                     key = (stage, *[value if type(value) in _PLAIN else exact(value) for value in kept.values()])
-                    if key not in made:
-                        made[key] = _new(Follower, (kept, _new(Witness, (last, move.node, position, values))))
-            self._bound(len(made))
+                if key not in made:
+                    made[key] = _new(Follower, (kept, _new(Witness, (last, move.node, position, values))))
+            if len(made) > self.limit:
+                self._bound(len(made))
         self.noted = bool(made)
         return stages.frontier((*[key[0] for key in made], *stages.start)), [*made.values(), *self._start]

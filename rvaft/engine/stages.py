@@ -16,7 +16,7 @@ from rvaft.engine.compiled_tree import EventClass
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.partial_matches import Matching
 from rvaft.engine.settled_choices import SettledChoices
-from rvaft.engine.stage_group import Bound
+from rvaft.engine.stage_group import Bound, RankFunction
 from rvaft.engine.subsumption import Rank, Ranking, Term, commits, ranking, repeats, tendency
 from rvaft.model.guards import (
     OPERATORS,
@@ -30,11 +30,12 @@ from rvaft.model.guards import (
     variables,
 )
 from rvaft.model.patterns import Binding, Variable
-from rvaft.model.values import Json, is_number
+from rvaft.model.values import Json, equal, is_number
 from rvaft.support.bits import bits, mask_of
 
 MEMORY: Final = 500_000
 """The maximum size of remembered stages."""
+_PLAIN: Final = frozenset({str, int})
 _MANY: Final = 4
 """The maximum number of joint guards to enumerate."""
 Terms: TypeAlias = tuple[Callable[[Binding], Json], ...]
@@ -60,6 +61,7 @@ class Stage:
     names: tuple[str, ...]
     """The remembered variables."""
     ranking: Ranking
+    rank: RankFunction
     deadlines: tuple[TimeDifference, ...] = ()
     """The time differences that must hold."""
     settled: bool = False
@@ -68,6 +70,11 @@ class Stage:
     moves: dict[int, "StageMove | None"] = field(default_factory=dict)
     by_class: dict[EventClass, Sequence[tuple[int, "StageMove", int]]] = field(default_factory=dict)
     """The possible moves by events of a class (see `Stages.moves`)."""
+
+    def configuration(self, binding: dict[str, Json], last: Witness | None) -> Configuration:
+        """Return the partial match with these values and steps."""
+        one = self.sample
+        return Configuration(one.dead, one.closed, one.taken, binding, one.inversions, one.flags, one.tallies, last)
 
     def remembered(self, bound: Mapping[str, Json]) -> dict[str, Json]:
         """Return what a partial match of this stage remembers of these values."""
@@ -151,6 +158,15 @@ class StageMove:
     """By outcomes: the target stage, and whether it subsumes the original."""
 
 
+def agree(names: Iterable[str], one: Mapping[str, Json], other: Mapping[str, Json]) -> bool:
+    """Whether these variables have equal values."""
+    for name in names:
+        mine, its = one[name], other[name]
+        if not (mine == its if type(mine) is type(its) and type(mine) in _PLAIN else equal(mine, its)):
+            return False
+    return True
+
+
 class Stages:
     """The stages of a tree, computed when first needed.
 
@@ -199,7 +215,7 @@ class Stages:
 
     def _made(self, sample: Configuration, *, settled: bool) -> Stage:
         if self.choices is None:
-            return Stage(sample, self.matching.standing(sample)[0], tuple(sample.binding), Ranking())
+            return self._stage(sample, Ranking(), settled=False)
         spans = self._spans(sample)
         for span in spans:
             sample.binding = dict.fromkeys(name for name in sample.binding if name not in span.names)
@@ -214,10 +230,29 @@ class Stages:
                 for one in self.matching.early_differences[node]
                 if not all(self.matching.is_bound(sample, name) for name in one.plus.names)
             )
-            is_match, names = self.matching.standing(sample)[0], tuple(sorted(sample.binding))
-            found = Stage(sample, is_match, names, ranking(self.matching, sample), deadlines, settled, spans)
-            self._known[common] = found
+            ranks = ranking(self.matching, sample)
+            self._known[common] = self._stage(sample, ranks, settled=settled, deadlines=deadlines, spans=spans)
         return self._known[common]
+
+    def _stage(
+        self,
+        sample: Configuration,
+        ranks: Ranking,
+        *,
+        settled: bool,
+        deadlines: tuple[TimeDifference, ...] = (),
+        spans: tuple[Span, ...] = (),
+    ) -> Stage:
+        choices, of = self.choices, ranks.of
+
+        def rank(binding: Mapping[str, Json], last: Witness | None) -> Rank:
+            found = of(binding)
+            if not settled or choices is None:
+                return found
+            return found._replace(values=(*found.values, -choices.number(last)))
+
+        is_match, names = self.matching.standing(sample)[0], tuple(sorted(sample.binding))
+        return Stage(sample, is_match, names, ranks, rank, deadlines, settled, spans)
 
     def _spans(self, sample: Configuration) -> tuple[Span, ...]:
         """Return the sets of at least `_TIMES` times that occur in the same windows only."""
@@ -237,14 +272,6 @@ class Stages:
                 alike.setdefault(frozenset(some), []).append(name)
         sets = (tuple(sorted(names)) for names in alike.values() if len(names) >= _TIMES)
         return tuple(Span(names, names[0], names[1]) for names in sets)
-
-    def rank(self, stage: Stage, binding: Mapping[str, Json], last: Witness | None, node: int | None = None) -> Rank:
-        """Return the rank after these steps and a node's event."""
-        rank = stage.ranking.of(binding)
-        if not stage.settled or self.choices is None:
-            return rank
-        steps = last if node is None else Witness(last, node, 0, binding)
-        return rank._replace(values=(*rank.values, -self.choices.number(steps)))
 
     def _has_to_hold(self, sample: Configuration, node: int) -> bool:
         trial = sample.copy()
@@ -278,22 +305,21 @@ class Stages:
         `outcomes` of joint guards.
         """
         place = (held & move.alone, outcomes)
-        if place not in move.outcomes:
+        try:
+            return move.outcomes[place]
+        except KeyError:
             self.size += 1
-            judged = {guard: bool(held >> guard & 1) for guard in bits(move.alone)}
-            judged.update(zip(move.joint, outcomes, strict=True))
-            before, node = move.stage.sample, move.node
-            values = dict.fromkeys(self.matching.compiled.exported[node])
-            after = self.matching.extended(before, node, values, 0, judged=judged)
-            found = None
-            if after is not None:
-                firsts = None if self.choices is None else self.choices.firsts
-                found = (
-                    self.of(after),
-                    firsts is not None and commits(self.matching, before, after, node, firsts=firsts),
-                )
-            move.outcomes[place] = found
-        return move.outcomes[place]
+        judged = {guard: bool(held >> guard & 1) for guard in bits(move.alone)}
+        judged.update(zip(move.joint, outcomes, strict=True))
+        before, node, found = move.stage.sample, move.node, None
+        values = dict.fromkeys(self.matching.compiled.exported[node])
+        after = self.matching.extended(before, node, values, 0, judged=judged)
+        if after is not None:
+            firsts = None if self.choices is None else self.choices.firsts
+            ends = firsts is not None and commits(self.matching, before, after, node, firsts=firsts)
+            found = self.of(after), ends
+        move.outcomes[place] = found
+        return found
 
     def scan(self, move: StageMove) -> Scan:
         """Return the query for a move."""

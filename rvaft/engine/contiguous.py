@@ -36,14 +36,13 @@ _NO_VALUES: Final[Mapping[str, Json]] = {}
 
 
 class FrontierStep(NamedTuple):
-    """A possible move: the place of the partial match, and that of the letter with the guards that hold.
+    """A possible move, with the places of the partial match and of the letter.
 
-    `target` is the next stage if no remembered value decides it.
+    `target` is the next stage if no guard decides it.
     """
 
     place: int
     letter: int
-    held: int
     move: StageMove
     target: Stage | None
 
@@ -74,7 +73,7 @@ class FrontierTable(Stages):
     """The stages and frontiers of a tree, made when first needed; copies of a strategy share them."""
 
     def __init__(self, matching: Matching, *, begins: bool) -> None:
-        super().__init__(matching, decide=begins)
+        super().__init__(matching)
         self._begins = begins
         self._frontiers: dict[tuple[Stage, ...], Frontier] = {}
         self.start = self._start()
@@ -107,9 +106,8 @@ class FrontierTable(Stages):
         serving, steps = event_class.serving, []
         for place, stage in enumerate(frontier.stages):
             for number, move, _ in self.moves(stage, event_class):
-                held = event_class.held[number]
-                certain = None if move.joint or serving[number].reader.ways else self.outcome(move, held, ())
-                steps.append(FrontierStep(place, number, held, move, certain and certain[0]))
+                certain = None if move.joint or serving[number].reader.ways else self.outcome(move, 0, ())
+                steps.append(FrontierStep(place, number, move, certain and certain[0]))
         after = None
         if not any(step.target is None or step.move.compared for step in steps):
             first: dict[Stage | None, FrontierStep] = {}
@@ -160,7 +158,7 @@ class ContiguousMatches(Following):
         for plan, event, position in self._deferred:
             members, ways = self._members, [self.letters.values(letter, event) for letter in plan.letters]
             made = list[Follower]()
-            for place, at, _, move, target in plan.steps:
+            for place, at, move, target in plan.steps:
                 (binding, last), values = members[place if place < len(members) else -1], ways[at]
                 names = () if target is None else target.names
                 kept = {name: binding[name] if name in binding else values.get(name) for name in names}
@@ -226,7 +224,7 @@ class ContiguousMatches(Following):
             ways = [self.letters.ways(letter, event, time) for letter in letters]
         else:
             ways = [[letter.reader.values(event)] for letter in letters]
-        for place, at, held, move, target in steps:
+        for place, at, move, target in steps:
             binding, last = members[place]
             for values in ways[at]:
                 if move.compared and not agree(move.compared, binding, values):
@@ -234,9 +232,8 @@ class ContiguousMatches(Following):
                 bound = {**values, **binding} if binding else values
                 stage = target
                 if stage is None:
-                    own = sum([bit for bit, holds in letters[at].own if holds(values)]) if letters[at].own else 0
                     outcomes = tuple([holds(bound) for holds in move.joint.values()])
-                    stage, _ = stages.outcome(move, held | own, outcomes) or (None, False)
+                    stage, _ = stages.outcome(move, 0, outcomes) or (None, False)
                     if stage is None:
                         continue
                 kept = {name: bound[name] for name in stage.names}

@@ -225,9 +225,9 @@ class Engine(Monitor):
 
 def _strategy(prop: Property, semantics: Semantics, limit: int, *, apart: bool) -> Following | LinearMonitor:
     compiled = CompiledTree(prop)
-    letters = TreeLetters(compiled, decide=not semantics.ends)
+    letters = TreeLetters(compiled, decide=semantics is Semantics.SCATTERED)
     if semantics is not Semantics.SCATTERED:
-        staged = not semantics.ends or len(compiled.names) <= SMALL
+        staged = semantics is Semantics.CONSECUTIVE or len(compiled.names) <= SMALL
         return (ContiguousMatches if staged else Contiguous)(compiled, letters, semantics, limit=limit)
     starts = linear_starts(compiled, letters)
     if starts is not None:

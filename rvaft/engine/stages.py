@@ -170,14 +170,13 @@ def agree(names: Iterable[str], one: Mapping[str, Json], other: Mapping[str, Jso
 class Stages:
     """The stages of a tree, computed when first needed.
 
-    Without `choices`, no partial match replaces another. If the letters `decide`, the class of an
-    event has the outcomes of the guards that the event alone decides.
+    Without `choices`, no partial match replaces another, and the class of an event decides no
+    guards.
     """
 
-    def __init__(self, matching: Matching, choices: SettledChoices | None = None, *, decide: bool = True) -> None:
+    def __init__(self, matching: Matching, choices: SettledChoices | None = None) -> None:
         self.matching = matching
         self.choices = choices
-        self._decide = decide
         self.size = 0
         """The number of nodes with flags, moves and outcomes."""
         self._known: dict[Hashable, Stage] = {}
@@ -289,7 +288,7 @@ class Stages:
                 names = compiled.exported[node]
                 bound = {*remembered, *names}
                 closing, narrowed = self.matching.decided(stage.sample, node)
-                own = closing if self._decide else ()
+                own = closing if self.choices is not None else ()
                 alone = mask_of(guard for guard in own if remembered.keys().isdisjoint(compiled.needs[guard]))
                 decided = ((guard, self.matching.test(guard, bound)) for guard in closing if not alone >> guard & 1)
                 joint = {guard: holds for guard, holds in decided if holds is not None}

@@ -7,7 +7,7 @@ well, and an event costs one look-up and the new steps.
 """
 
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple, Self
 
@@ -36,13 +36,13 @@ _NO_VALUES: Final[Mapping[str, Json]] = {}
 
 
 class FrontierStep(NamedTuple):
-    """A possible move, with the places of the partial match and of the letter.
+    """A possible move by a letter, with the place of the partial match.
 
     `target` is the next stage if no guard decides it.
     """
 
     place: int
-    letter: int
+    letter: Admission
     move: StageMove
     target: Stage | None
 
@@ -54,7 +54,6 @@ class FrontierPlan(NamedTuple):
     `fresh` if all its steps begin a match.
     """
 
-    letters: tuple[Admission, ...]
     steps: tuple[FrontierStep, ...]
     after: "Frontier | None"
     fresh: bool
@@ -103,11 +102,12 @@ class FrontierTable(Stages):
         """Return the effect of the events of a class on a frontier."""
         if self.is_full:
             self.clear()
-        serving, steps = event_class.serving, []
+        steps = []
         for place, stage in enumerate(frontier.stages):
             for number, move, _ in self.moves(stage, event_class):
-                certain = None if move.joint or serving[number].reader.ways else self.outcome(move, 0, ())
-                steps.append(FrontierStep(place, number, move, certain and certain[0]))
+                letter = event_class.serving[number]
+                certain = None if move.joint or letter.reader.ways else self.outcome(move, 0, ())
+                steps.append(FrontierStep(place, letter, move, certain and certain[0]))
         after = None
         if not any(step.target is None or step.move.compared for step in steps):
             first: dict[Stage | None, FrontierStep] = {}
@@ -119,10 +119,7 @@ class FrontierTable(Stages):
                 after = self.frontier((*[stage for stage in first if stage is not None], *self.start))
         self.size += 1 + len(steps)
         fresh = bool(self.start) and all(step.place == len(frontier.stages) - 1 for step in steps)
-        numbers = {number: at for at, number in enumerate(dict.fromkeys(step.letter for step in steps))}
-        renumbered = tuple([step._replace(letter=numbers[step.letter]) for step in steps])
-        letters = tuple([serving[number] for number in numbers])
-        found = frontier.plans[event_class] = FrontierPlan(letters, renumbered, after, fresh)
+        found = frontier.plans[event_class] = FrontierPlan(tuple(steps), after, fresh)
         return found
 
 
@@ -156,10 +153,12 @@ class ContiguousMatches(Following):
     def _settled(self) -> list[Follower]:
         """Return the partial matches with all steps."""
         for plan, event, position in self._deferred:
-            members, ways = self._members, [self.letters.values(letter, event) for letter in plan.letters]
-            made = list[Follower]()
-            for place, at, move, target in plan.steps:
-                (binding, last), values = members[place if place < len(members) else -1], ways[at]
+            members, made, known = self._members, list[Follower](), dict[int, Mapping[str, Json]]()
+            for place, letter, move, target in plan.steps:
+                binding, last = members[place if place < len(members) else -1]
+                values = known.get(letter.letter)
+                if values is None:
+                    values = known[letter.letter] = self.letters.values(letter, event)
                 names = () if target is None else target.names
                 kept = {name: binding[name] if name in binding else values.get(name) for name in names}
                 made.append(Follower(kept, _new(Witness, (last, move.node, position, values))))
@@ -186,7 +185,7 @@ class ContiguousMatches(Following):
             return Verdict.UNKNOWN if self._frontier.stages else Verdict.FALSE
         event, event_class = reading.hits or _UNMATCHED
         plan = self._frontier.plans.get(event_class) or self._stages.plan(self._frontier, event_class)
-        _, steps, after, fresh = plan
+        steps, after, fresh = plan
         members: list[Follower] | None = None
         if after is None:
             after, members = self._extended(plan, reading, position)
@@ -216,17 +215,17 @@ class ContiguousMatches(Following):
 
     def _extended(self, plan: FrontierPlan, reading: Reading, position: int) -> tuple[Frontier, list[Follower]]:
         """Return the partial matches after an event whose values decide."""
-        stages, members, made = self._stages, self._settled(), dict[tuple[Any, ...], Follower]()
-        letters, steps, _, _ = plan
-        event, event_class = reading.hits
-        if event_class.timed:
-            time = self.letters.time(event)
-            ways = [self.letters.ways(letter, event, time) for letter in letters]
-        else:
-            ways = [[letter.reader.values(event)] for letter in letters]
-        for place, at, move, target in steps:
+        stages, made = self._stages, dict[tuple[Any, ...], Follower]()
+        members = self._settled() if self._deferred else self._members
+        steps, event, event_class = plan.steps, *reading.hits
+        time = self.letters.time(event) if event_class.timed else None
+        known = dict[int, Sequence[Mapping[str, Json]]]()
+        for place, letter, move, target in steps:
             binding, last = members[place]
-            for values in ways[at]:
+            ways = known.get(letter.letter)
+            if ways is None:
+                ways = known[letter.letter] = self.letters.ways(letter, event, time)
+            for values in ways:
                 if move.compared and not agree(move.compared, binding, values):
                     continue
                 bound = {**values, **binding} if binding else values

@@ -7,7 +7,6 @@ Subsumed partial matches are dropped (see `subsumption`).
 """
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.core.times import Extreme
@@ -41,7 +40,7 @@ MIN_STAGES: Final = 1_000
 STAGE_COST: Final = 10
 """The cost of a stage, in partial matches."""
 MOST_SHARED: Final = 64
-"""The maximum number of stages of a remembered `StageSet`."""
+"""The maximum number of stages with remembered candidates."""
 _MANY: Final = 4
 """The maximum number of members to visit without the index."""
 _UNKNOWN: Final = Verdict.UNKNOWN
@@ -91,13 +90,8 @@ class CandidateMove(NamedTuple):
     fields: tuple[str, ...] | None
 
 
-@dataclass(slots=True, eq=False)
-class StageSet:
-    """Stages, and what events can do with partial matches of these; monitors of a tree share it."""
-
-    stages: tuple[Stage, ...]
-    candidates: dict[EventClass, tuple[CandidateMove, ...]] = field(default_factory=dict)
-    """By event class, the letters with possible moves."""
+Candidates: TypeAlias = dict[EventClass, tuple[CandidateMove, ...]]
+"""By event class, the letters with possible moves from some stages."""
 
 
 def _quiet_key(letter: int, values: Iterable[Json]) -> Hashable:
@@ -123,8 +117,8 @@ class ScatteredMatches(Following):
         self._watermark: int | None = None
         self._most = max(limit // STAGE_COST, MIN_STAGES)
         """The maximum number of stages."""
-        self._sets: dict[Hashable, StageSet] = {}
-        """The sets of stages by what their moves depend on; copies share them."""
+        self._sets: dict[Hashable, Candidates] = {}
+        """The candidates by what they depend on; copies share them."""
         self._begin()
 
     def follow(self, configurations: Iterable[Configuration]) -> None:
@@ -139,8 +133,8 @@ class ScatteredMatches(Following):
         self._groups: dict[Stage, StageGroup] = {}
         self._quiet: set[Hashable] = set()
         """Letters with values that change nothing at present."""
-        self._set: StageSet | None = None
-        """The stages of the groups, if known."""
+        self._set: Candidates | None = None
+        """The candidates of the groups, if known."""
         self._added = 0
         self._complete: dict[IndependentPart, list[tuple[Stage, StageGroup]]] = {}
         """The matches of each part."""
@@ -250,23 +244,21 @@ class ScatteredMatches(Following):
 
     def _candidates(self, event_class: EventClass) -> tuple[CandidateMove, ...]:
         """Return the letters of a class with possible moves at present."""
-        known = self._set or self._find_set()
-        candidates = known.candidates.get(event_class)
+        known = self._find_set() if self._set is None else self._set
+        candidates = known.get(event_class)
         return self._find(known, event_class) if candidates is None else candidates
 
-    def _find_set(self) -> StageSet:
+    def _find_set(self) -> Candidates:
         stages = tuple(self._groups)
         if len(stages) > MOST_SHARED:
-            found = StageSet(stages)
+            self._set = {}
         else:
-            place = stages, self._begun, self._base.taken
-            found = self._sets.get(place) or self._sets.setdefault(place, StageSet(stages))
-        self._set = found
-        return found
+            self._set = self._sets.setdefault((stages, self._begun, self._base.taken), {})
+        return self._set
 
-    def _find(self, known: StageSet, event_class: EventClass) -> tuple[CandidateMove, ...]:
+    def _find(self, known: Candidates, event_class: EventClass) -> tuple[CandidateMove, ...]:
         found, by_letter = [], list[list[tuple[StageMove, int]]]([[] for _ in event_class.serving])
-        for stage in known.stages:
+        for stage in self._groups:
             for number, move, place in self._stages.moves(stage, event_class):
                 if self._may_take(move):
                     by_letter[number].append((move, place))
@@ -277,9 +269,9 @@ class ScatteredMatches(Following):
                 fields = None if by_name is None or one.time else tuple(by_name[name] for name in names)
                 found.append(CandidateMove(one, moves, held, names, fields))
                 self._stages.size += 1 + len(moves)
-        if len(known.candidates) >= REMEMBERED:
-            known.candidates.clear()
-        return known.candidates.setdefault(event_class, tuple(found))
+        if len(known) >= REMEMBERED:
+            known.clear()
+        return known.setdefault(event_class, tuple(found))
 
     def _may_take(self, move: StageMove) -> bool:
         """Whether a partial match may take a node of its own part, or begin that part."""
@@ -464,8 +456,7 @@ class ScatteredMatches(Following):
         group = self._groups.get(stage)
         if group is None:
             if len(self._groups) > self._most:
-                names = [self.compiled.names[node] for node in bits(union(one.sample.taken for one in self._groups))]
-                named = f"{', '.join(names[:10])}{', …' if len(names) > 10 else ''}"
+                named = self.compiled.some(bits(union(one.sample.taken for one in self._groups)))
                 raise TooLarge(f"sets of events in partial matches; any of {named} may be skipped", limit=self._most)
             group = self._groups[stage] = StageGroup(stage.ranking, stage.rank, stage.deadlines, self._watermark)
             self._set = None

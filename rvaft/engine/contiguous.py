@@ -161,7 +161,7 @@ class ContiguousMatches(Following):
                     values = known[letter.letter] = self.letters.values(letter, event)
                 names = () if target is None else target.names
                 kept = {name: binding[name] if name in binding else values.get(name) for name in names}
-                made.append(Follower(kept, _new(Witness, (last, move.node, position, values))))
+                made.append(_new(Follower, (kept, _new(Witness, (last, move.node, position, values)))))
             self._members = made + self._start
         self._deferred.clear()
         return self._members
@@ -218,13 +218,15 @@ class ContiguousMatches(Following):
         stages, made = self._stages, dict[tuple[Any, ...], Follower]()
         members = self._settled() if self._deferred else self._members
         steps, event, event_class = plan.steps, *reading.hits
-        time = self.letters.time(event) if event_class.timed else None
+        timed = event_class.timed
+        time = self.letters.time(event) if timed else None
         known = dict[int, Sequence[Mapping[str, Json]]]()
         for place, letter, move, target in steps:
             binding, last = members[place]
             ways = known.get(letter.letter)
             if ways is None:
-                ways = known[letter.letter] = self.letters.ways(letter, event, time)
+                ways = self.letters.ways(letter, event, time) if timed else [letter.reader.values(event)]
+                known[letter.letter] = ways
             for values in ways:
                 if move.compared and not agree(move.compared, binding, values):
                     continue
@@ -237,7 +239,7 @@ class ContiguousMatches(Following):
                         continue
                 kept = {name: bound[name] for name in stage.names}
                 key: tuple[Any, ...] = (stage,)
-                if len(steps) > 1 or event_class.timed:
+                if timed or len(steps) > 1:
                     key = (stage, *[value if type(value) in _PLAIN else exact(value) for value in kept.values()])
                 if key not in made:
                     made[key] = _new(Follower, (kept, _new(Witness, (last, move.node, position, values))))

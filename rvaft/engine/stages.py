@@ -38,10 +38,10 @@ MEMORY: Final = 500_000
 _PLAIN: Final = frozenset({str, int})
 _MANY: Final = 4
 """The maximum number of joint guards to enumerate."""
-Terms: TypeAlias = tuple[Callable[[Binding], Json], ...]
-"""The values of terms."""
 _TIMES: Final = 3
 """The minimum number of times of a span: fewer are remembered as they are."""
+Terms: TypeAlias = tuple[Callable[[Binding], Json], ...]
+"""Functions from the values of variables to those of terms."""
 
 
 class Span(NamedTuple):
@@ -213,45 +213,34 @@ class Stages:
         return (configuration.taken, configuration.dead, configuration.closed, configuration.inversions), False
 
     def _made(self, sample: Configuration, *, settled: bool) -> Stage:
-        if self.choices is None:
-            return self._stage(sample, Ranking(), settled=False)
-        spans = self._spans(sample)
-        for span in spans:
-            sample.binding = dict.fromkeys(name for name in sample.binding if name not in span.names)
-            sample.binding.update({span.least: None, span.greatest: None})
-        common, _ = self._place(sample)
-        if common not in self._known:
-            open_nodes = [node for node in self.matching.early_differences if not sample.closed >> node & 1]
+        matching, choices, ranks = self.matching, self.choices, Ranking()
+        spans, deadlines = tuple[Span, ...](), tuple[TimeDifference, ...]()
+        if choices is not None:
+            spans = self._spans(sample)
+            for span in spans:
+                sample.binding = dict.fromkeys(name for name in sample.binding if name not in span.names)
+                sample.binding.update({span.least: None, span.greatest: None})
+            known = self._known.get(self._place(sample)[0])
+            if known is not None:
+                return known
+            ranks = ranking(matching, sample)
             deadlines = tuple(
                 one
-                for node in open_nodes
-                if self._has_to_hold(sample, node)
-                for one in self.matching.early_differences[node]
-                if not all(self.matching.is_bound(sample, name) for name in one.plus.names)
+                for node, differences in matching.early_differences.items()
+                if not sample.closed >> node & 1 and self._has_to_hold(sample, node)
+                for one in differences
+                if not all(matching.is_bound(sample, name) for name in one.plus.names)
             )
-            ranks = ranking(self.matching, sample)
-            self._known[common] = self._stage(sample, ranks, settled=settled, deadlines=deadlines, spans=spans)
-        return self._known[common]
-
-    def _stage(
-        self,
-        sample: Configuration,
-        ranks: Ranking,
-        *,
-        settled: bool,
-        deadlines: tuple[TimeDifference, ...] = (),
-        spans: tuple[Span, ...] = (),
-    ) -> Stage:
-        choices, of = self.choices, ranks.of
 
         def rank(binding: Mapping[str, Json], last: Witness | None) -> Rank:
-            found = of(binding)
+            found = ranks.of(binding)
             if not settled or choices is None:
                 return found
             return found._replace(values=(*found.values, -choices.number(last)))
 
-        is_match, names = self.matching.standing(sample)[0], tuple(sorted(sample.binding))
-        return Stage(sample, is_match, names, ranks, rank, deadlines, settled, spans)
+        is_match, names = matching.standing(sample)[0], tuple(sorted(sample.binding))
+        found = Stage(sample, is_match, names, ranks, rank, deadlines, settled, spans)
+        return self._known.setdefault(self._place(sample)[0], found)
 
     def _spans(self, sample: Configuration) -> tuple[Span, ...]:
         """Return the sets of at least `_TIMES` times that occur in the same windows only."""
@@ -293,7 +282,8 @@ class Stages:
                 decided = ((guard, self.matching.test(guard, bound)) for guard in closing if not alone >> guard & 1)
                 joint = {guard: holds for guard, holds in decided if holds is not None}
                 for guard in narrowed:
-                    if not remembered.keys().isdisjoint(compiled.needs[guard]):
+                    # a time alone fails a guard only if it is undefined; under `scattered` a later event tells
+                    if self.choices is None or not remembered.keys().isdisjoint(compiled.needs[guard]):
                         joint[guard] = self.matching.early_test(guard, bound)
                 found = StageMove(stage, node, tuple(name for name in names if name in remembered), alone, joint)
             stage.moves[node] = found

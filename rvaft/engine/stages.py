@@ -272,7 +272,9 @@ class Stages:
         if node not in stage.moves:
             found = None
             self.size += 1
-            if self.matching.admits(stage.sample, node):
+            # `outcome` decides this too: a second search is worth it only under `scattered`
+            possible = not stage.sample.taken >> node & 1
+            if possible and (self.choices is None or self.matching.admits(stage.sample, node)):
                 compiled, remembered = self.matching.compiled, stage.sample.binding
                 names = compiled.exported[node]
                 bound = {*remembered, *names}

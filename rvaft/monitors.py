@@ -317,9 +317,10 @@ class Repetition(Monitor):
 
     def begin_again(self) -> None:
         """Restart, if the last event was a detection."""
-        if self.verdict is Verdict.TRUE:
+        current = self._next()
+        if current is not self.current:
             self._before += 1
-            self.current = self._next()
+            self.current = current
 
     def _next(self) -> Monitor:
         if self.verdict is not Verdict.TRUE:
@@ -344,9 +345,11 @@ class Repetition(Monitor):
 
     def step(self, event: Json) -> Verdict:
         """Read one event and return the verdict after it."""
-        if self.current.verdict is Verdict.TRUE:
+        current = self.current
+        if current.verdict is Verdict.TRUE:
             self.begin_again()
-        return self.current.step(event)
+            current = self.current
+        return current.step(event)
 
     def fork(self) -> Self:
         """Return an independent monitor in the same state."""

@@ -22,9 +22,11 @@ from rvaft.model.guards import (
     Guard,
     Operation,
     Operator,
+    Predicate,
     Sort,
     folded,
     holds,
+    predicate,
     value,
     variables,
     walk,
@@ -385,13 +387,13 @@ def witness(guards: Iterable[Guard], tries: int = DEFAULT_TRIES) -> dict[str, Js
     names = list(dict.fromkeys(name for guard in todo for name in variables(guard)))
     rank = {name: index for index, name in enumerate(names)}
     touching: list[list[Guard]] = [[] for _ in names]
-    due: list[list[Guard]] = [[] for _ in names]  # evaluated once the last of their variables has a value
+    due: list[list[Predicate]] = [[] for _ in names]  # evaluated once the last of their variables has a value
     for guard in todo:
         ranks = [rank[name] for name in variables(guard)]
         for index in ranks:
             touching[index].append(guard)
         if ranks:
-            due[max(ranks)].append(guard)
+            due[max(ranks)].append(predicate(guard))
     literals = [part for guard in todo for part in walk(guard) if isinstance(part, Literal)]
     constants = [literal.value for literal in dict.fromkeys(literals)]
     binding: dict[str, Json] = {}
@@ -403,7 +405,7 @@ def witness(guards: Iterable[Guard], tries: int = DEFAULT_TRIES) -> dict[str, Js
         here, name = due[len(levels) - 1], names[len(levels) - 1]
         for candidate in levels[-1]:
             binding[name] = candidate
-            failing = next((index for index, guard in enumerate(here) if not holds(guard, binding)), None)
+            failing = next((index for index, test in enumerate(here) if not test(binding)), None)
             if failing is None:
                 break
             here.insert(0, here.pop(failing))  # a guard that rejects one value probably rejects the next

@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
+from itertools import chain, islice
 from typing import Any, Final, NamedTuple
 
 from rvaft.core import property as core
@@ -138,13 +138,16 @@ class CompiledTree:
         self._note_variables(nodes)
         seen = Counter(child for children in self.children for child in children)
         self._note_parts({child for child, count in seen.items() if count > 1})
-        self.dead = 0
-        """No node is initially impossible, because passes remove such nodes."""
         waiting = (node for node in range(len(nodes)) if self.needs[node])
         self.closed = (1 << len(nodes)) - 1 ^ mask_of(waiting)
         """The nodes without a guard that waits for variables."""
         self.explained: dict[Hashable, Any] = {}
         """The explained matches of earlier detections, by what they depend on (see `explanation`)."""
+
+    def some(self, nodes: Iterable[int]) -> str:
+        """Return the names of the first nodes, for a message."""
+        first = [self.names[node] for node in islice(nodes, 11)]
+        return ", ".join([*first[:10], *("…" for _ in first[10:])])
 
     @cached_property
     def occurrences(self) -> Mapping[Source, int]:

@@ -148,7 +148,7 @@ class PartProgress:
         self._sequence = [op is PartKind.SEQUENCE for op in compiled.ops]
         self._flags = [0] * len(compiled.names)
         self._tallies: list[Tally] = [()] * len(compiled.names)
-        start = Configuration(compiled.dead, compiled.closed)
+        start = Configuration(0, compiled.closed)
         for node in range(len(compiled.names) - 1, -1, -1):
             if node not in compiled.members:
                 children = (_COUNTED[self._flags[child]] for child in compiled.children[node])

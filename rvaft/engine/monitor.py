@@ -142,8 +142,9 @@ class Engine(Monitor):
         self._read += 1  # the fast path for most events
         self._position += 1
         strategy = self._strategy
-        self._verdict = strategy.advance(strategy.read(event, strategy.letters.classify(event)), self._position)
-        return self._verdict
+        reading = strategy.read(event, strategy.letters.classify(event))
+        verdict = self._verdict = strategy.advance(reading, self._position)
+        return verdict
 
     def go_on_after(self, earlier: Self) -> None:
         """Continue after another engine of the same tree; this engine must be new."""

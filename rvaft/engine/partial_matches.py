@@ -48,7 +48,7 @@ class Matching:
 
     def start(self) -> Configuration:
         """Return the partial match before any event."""
-        return Configuration(self.compiled.dead, self.compiled.closed)
+        return Configuration(0, self.compiled.closed)
 
     def standing(self, configuration: Configuration) -> tuple[bool, bool]:
         """Return whether this is a match, and otherwise whether it is a partial match."""
@@ -288,8 +288,7 @@ class Following(ABC):
             grows = f"the variables {', '.join(sorted(bound))} keep too many values"
         else:
             taken = union(configuration.taken for configuration in self.partial)
-            names = [self.compiled.names[node] for node in bits(taken)]
-            grows = f"too many ways to match {', '.join(names[:10])}{', …' if len(names) > 10 else ''}"
+            grows = f"too many ways to match {self.compiled.some(bits(taken))}"
         raise TooLarge(f"partial matches to follow; {grows}", limit=self.limit)
 
 

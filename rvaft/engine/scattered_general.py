@@ -6,9 +6,7 @@ Otherwise an index finds the partial matches of a stage (see `stages`) that an e
 Subsumed partial matches are dropped (see `subsumption`).
 """
 
-from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from operator import attrgetter
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.core.times import Extreme
@@ -26,21 +24,15 @@ from rvaft.engine.configuration import Configuration, Snapshot, Witness, history
 from rvaft.engine.independent_parts import Component, IndependentPart, components
 from rvaft.engine.partial_matches import Following
 from rvaft.engine.settled_choices import SettledChoices
-from rvaft.engine.stage_group import LaneMember, Member, StageGroup, in_order
-from rvaft.engine.stages import Scan, Stage, StageMove, Stages
+from rvaft.engine.stage_group import UNRANKED, LaneMember, Member, StageGroup, in_order
+from rvaft.engine.stages import Scan, Stage, StageMove, Stages, agree
 from rvaft.engine.subsumption import Rank, Term
 from rvaft.errors import TooLarge
-from rvaft.model.guards import (
-    UNDEFINED,
-    value,
-)
-from rvaft.model.patterns import Variable
-from rvaft.model.values import Json, equal, exact
+from rvaft.model.guards import UNDEFINED
+from rvaft.model.values import Json, exact
 from rvaft.model.verdict import Verdict
 from rvaft.support.bits import bits, union
 
-MEMORY: Final = 500_000
-"""The maximum number of nodes with flags in cached stages."""
 REMEMBERED: Final = 20_000
 """The maximum number of cached values and event classes."""
 MIN_STAGES: Final = 1_000
@@ -48,11 +40,10 @@ MIN_STAGES: Final = 1_000
 STAGE_COST: Final = 10
 """The cost of a stage, in partial matches."""
 MOST_SHARED: Final = 64
-"""The maximum number of stages of a remembered `StageSet`."""
+"""The maximum number of stages with remembered candidates."""
 _MANY: Final = 4
 """The maximum number of members to visit without the index."""
 _UNKNOWN: Final = Verdict.UNKNOWN
-_order: Final = attrgetter("order")
 _new: Final = tuple.__new__  # twice as fast as the constructors of the classes
 
 
@@ -61,24 +52,29 @@ Moves: TypeAlias = Sequence[tuple[StageMove, int]]
 
 
 class RelevantHit(NamedTuple):
-    """A letter that may change something: values, guards that hold, cache key."""
+    """A letter that may change something: values, guards that hold, and what its cache key has."""
 
     values: Mapping[str, Json]
     moves: Moves
     held: int
-    name: Hashable
+    letter: int
+    names: tuple[str, ...]
+
+    @property
+    def key(self) -> Hashable:
+        """The key of the letter with its relevant values."""
+        return _quiet_key(self.letter, [self.values[name] for name in self.names])
 
 
 class NewMatch(NamedTuple):
-    """A new partial match: its order, origin, event, and values to remember."""
+    """A new partial match: its order, values to remember, and last step."""
 
     order: tuple[int, int, int]
-    before: Configuration
-    node: int
-    values: Mapping[str, Json]
     stage: Stage
     binding: dict[str, Json]
+    last: Witness
     rank: Rank
+    """`UNRANKED` if its stage had no partial match."""
 
 
 class CandidateMove(NamedTuple):
@@ -94,16 +90,11 @@ class CandidateMove(NamedTuple):
     fields: tuple[str, ...] | None
 
 
-@dataclass(slots=True, eq=False)
-class StageSet:
-    """Stages, and what events can do with partial matches of these; monitors of a tree share it."""
-
-    stages: tuple[Stage, ...]
-    candidates: dict[EventClass, tuple[CandidateMove, ...]] = field(default_factory=dict)
-    """By event class, the letters with possible moves."""
+Candidates: TypeAlias = dict[EventClass, tuple[CandidateMove, ...]]
+"""By event class, the letters with possible moves from some stages."""
 
 
-def _quiet_name(letter: int, values: Iterable[Json]) -> Hashable:
+def _quiet_key(letter: int, values: Iterable[Json]) -> Hashable:
     return (letter, *[v if type(v) is str or type(v) is int else exact(v) for v in values])
 
 
@@ -124,31 +115,33 @@ class ScatteredMatches(Following):
         self._begun = 0
         """The nodes of the parts that need not begin again."""
         self._watermark: int | None = None
-        self._sets: dict[Hashable, StageSet] = {}
-        """The sets of stages by what their moves depend on; copies share them."""
+        self._most = max(limit // STAGE_COST, MIN_STAGES)
+        """The maximum number of stages."""
+        self._sets: dict[Hashable, Candidates] = {}
+        """The candidates by what they depend on; copies share them."""
         self._begin()
 
     def follow(self, configurations: Iterable[Configuration]) -> None:
         """Replace the followed partial matches."""
-        if self._stages.size > MEMORY:
-            self._stages = Stages(self.matching, self._stages.choices)  # otherwise copies share the stages
-            self._sets = {}
-        self._hold((self._stages.of(configuration), configuration, None) for configuration in configurations)
+        if self._stages.is_full:
+            self._stages.clear()
+            self._sets.clear()
+        self._hold((self._stages.of(one), one.binding, one.witness, UNRANKED) for one in configurations)
 
-    def _hold(self, followed: Iterable[tuple[Stage, Configuration, Rank | None]]) -> None:
-        """Replace the followed partial matches; a rank of None is computed."""
+    def _hold(self, followed: Iterable[tuple[Stage, dict[str, Json], Witness | None, Rank]]) -> None:
+        """Replace the followed partial matches."""
         self._groups: dict[Stage, StageGroup] = {}
         self._quiet: set[Hashable] = set()
         """Letters with values that change nothing at present."""
-        self._set: StageSet | None = None
-        """The stages of the groups, if known."""
+        self._set: Candidates | None = None
+        """The candidates of the groups, if known."""
         self._added = 0
         self._complete: dict[IndependentPart, list[tuple[Stage, StageGroup]]] = {}
         """The matches of each part."""
         # a copy must not drop partial matches earlier
         watermark, self._watermark = self._watermark, None
-        for stage, configuration, rank in followed:
-            self._add(stage, configuration, rank)
+        for stage, binding, last, rank in followed:
+            self._add(stage, binding, last, rank)
         self._watermark = watermark
         for group in self._groups.values():
             group.watermark = watermark
@@ -157,18 +150,18 @@ class ScatteredMatches(Following):
         """Return an independent copy."""
         twin = object.__new__(type(self))  # faster than `copy`, since each detection forks
         vars(twin).update(vars(self))
-        twin._hold([(stage, member.configuration, member.rank) for stage, member in self._members])
+        twin._hold([(stage, *member[1:]) for stage, member in self._members])
         return twin
 
     @property
     def _members(self) -> list[tuple[Stage, Member]]:
         members = [(stage, member) for stage, group in self._groups.items() for member in group.members.values()]
-        return sorted(members, key=lambda one: one[1].number)
+        return sorted(members, key=lambda one: one[1].number) if len(members) > 1 else members
 
     @property
     def partial(self) -> list[Configuration]:
         """The followed partial matches."""
-        return [member.configuration for _, member in self._members]
+        return [stage.configuration(member.binding, member.last) for stage, member in self._members]
 
     @property
     def combined(self) -> list[Configuration]:
@@ -186,7 +179,7 @@ class ScatteredMatches(Following):
             for one in some:
                 all_ = one
                 for others in (*found[:place], *found[place + 1 :]):
-                    all_ = (self._joined(all_, others[0]) if others else None) or all_
+                    all_ = (self._joined(all_, others[0].witness) if others else None) or all_
                 if (whole := self._in_order(all_)) is not None:  # an undefined time may be found late
                     made.setdefault(whole.key, whole)
         return list(made.values())
@@ -195,10 +188,10 @@ class ScatteredMatches(Following):
         """Return the nodes taken that not all partial matches contain."""
         return configuration.taken & ~self._base.taken
 
-    def _joined(self, one: Configuration, other: Configuration) -> Configuration | None:
-        """Return the partial match with the steps of both, or None; its steps are not in order."""
+    def _joined(self, one: Configuration, last: Witness | None) -> Configuration | None:
+        """Return the partial match with these steps too, or None; its steps are not in order."""
         joined: Configuration | None = one
-        for step in history(other.witness):
+        for step in history(last):
             if joined is not None and not one.taken >> step.node & 1:
                 joined = self.matching.extended(joined, step.node, step.values, step.position)
         return joined
@@ -228,19 +221,20 @@ class ScatteredMatches(Following):
         """Return the letters that may change something now."""
         if not event_class.serving:
             return NOTHING
-        loud, time = list[RelevantHit](), self.letters.time(event) if event_class.timed else None
+        loud, quiet = list[RelevantHit](), self._quiet
+        time = self.letters.time(event) if event_class.timed else None
         for admission, moves, held, names, fields in self._candidates(event_class):
+            letter = admission.letter
             if fields is not None:
-                name = _quiet_name(admission.letter, [event[field] for field in fields])
-                if name not in self._quiet:
-                    hit: tuple[Any, ...] = (admission.reader.values(event), moves, held, name)
+                if not quiet or _quiet_key(letter, [event[field] for field in fields]) not in quiet:
+                    hit: tuple[Any, ...] = (admission.reader.values(event), moves, held, letter, names)
                     loud.append(_new(RelevantHit, hit))
                 continue
             for values in self.letters.ways(admission, event, time):
-                name = _quiet_name(admission.letter, [values[name] for name in names])
-                if name not in self._quiet:
-                    own = sum([bit for bit, holds in admission.own if holds(values)])
-                    loud.append(RelevantHit(values, moves, held | own, name))
+                own = sum([bit for bit, holds in admission.own if holds(values)])
+                way = RelevantHit(values, moves, held | own, letter, names)
+                if way.key not in quiet:
+                    loud.append(way)
         return _new(Reading, (False, loud)) if loud else QUIET
 
     def inert(self, event_class: EventClass) -> Inert:
@@ -250,45 +244,40 @@ class ScatteredMatches(Following):
 
     def _candidates(self, event_class: EventClass) -> tuple[CandidateMove, ...]:
         """Return the letters of a class with possible moves at present."""
-        known = self._set or self._find_set()
-        candidates = known.candidates.get(event_class)
+        known = self._find_set() if self._set is None else self._set
+        candidates = known.get(event_class)
         return self._find(known, event_class) if candidates is None else candidates
 
-    def _find_set(self) -> StageSet:
+    def _find_set(self) -> Candidates:
         stages = tuple(self._groups)
         if len(stages) > MOST_SHARED:
-            found = StageSet(stages)
+            self._set = {}
         else:
-            place = stages, self._begun, self._base.taken
-            found = self._sets.get(place) or self._sets.setdefault(place, StageSet(stages))
-        self._set = found
-        return found
+            self._set = self._sets.setdefault((stages, self._begun, self._base.taken), {})
+        return self._set
 
-    def _find(self, known: StageSet, event_class: EventClass) -> tuple[CandidateMove, ...]:
-        found = []
-        for one, held in zip(event_class.serving, event_class.held, strict=True):
-            moves = [
-                (move, place)
-                for stage in known.stages
-                for place, node in enumerate(one.nodes)
-                if self._may_take(stage, node) and (move := self._stages.move(stage, node)) is not None
-            ]
-            # the guards of a letter with several ways are not decided yet
-            if any(one.reader.ways is not None or self._stages.is_hopeful(move, held) for move, _ in moves):
+    def _find(self, known: Candidates, event_class: EventClass) -> tuple[CandidateMove, ...]:
+        found, by_letter = [], list[list[tuple[StageMove, int]]]([[] for _ in event_class.serving])
+        for stage in self._groups:
+            for number, move, place in self._stages.moves(stage, event_class):
+                if self._may_take(move):
+                    by_letter[number].append((move, place))
+        for one, held, moves in zip(event_class.serving, event_class.held, by_letter, strict=True):
+            if moves:
                 names = tuple(dict.fromkeys(name for node in one.nodes for name in self.compiled.exported[node]))
                 by_name = one.reader.fields
                 fields = None if by_name is None or one.time else tuple(by_name[name] for name in names)
                 found.append(CandidateMove(one, moves, held, names, fields))
                 self._stages.size += 1 + len(moves)
-        if len(known.candidates) >= REMEMBERED:
-            known.candidates.clear()
-        return known.candidates.setdefault(event_class, tuple(found))
+        if len(known) >= REMEMBERED:
+            known.clear()
+        return known.setdefault(event_class, tuple(found))
 
-    def _may_take(self, stage: Stage, node: int) -> bool:
+    def _may_take(self, move: StageMove) -> bool:
         """Whether a partial match may take a node of its own part, or begin that part."""
         if not self._components:
             return True
-        part, own = self._part_of[node], self._own(stage.sample)
+        part, own = self._part_of[move.node], self._own(move.stage.sample)
         return own & part.nodes > 0 if own else not self._begun & part.nodes
 
     def advance(self, reading: Reading, position: int) -> Verdict:
@@ -296,15 +285,13 @@ class ScatteredMatches(Following):
         if not reading.hits or reading.hits is QUIET.hits:
             self.noted = False
             return _UNKNOWN
-        found: dict[Hashable, NewMatch] = {}
-        ended: dict[int, tuple[StageGroup, Member]] = {}
-        begun, followed = self._begun, sum([len(group.members) for group in self._groups.values()])
-        stages = self._stages
-        for order, (values, moves, held, _) in enumerate(reading.hits):
+        found, ended = list[NewMatch](), dict[int, StageGroup]()
+        begun, stages, groups = self._begun, self._stages, self._groups
+        for order, (values, moves, held, _, _) in enumerate(reading.hits):
             for move, place in moves:
-                group = self._groups[move.stage]
+                group = groups[move.stage]
                 parts: Sequence[tuple[Iterable[Member], tuple[tuple[Term, Extreme], ...] | None]] = group.everyone
-                compared = move.compared
+                compared, joint = move.compared, move.joint
                 many = len(group.members) > _MANY  # few members are visited without the index
                 if move.scan or compared or many:
                     scan = move.scan or stages.scan(move)
@@ -312,40 +299,43 @@ class ScatteredMatches(Following):
                         parts, compared = self._concerned(group, scan, values), ()
                 for members, enough in parts:
                     for member in members:
-                        before = member.configuration
-                        if compared and not all(equal(before.binding[name], values[name]) for name in compared):
+                        number, before, last, _ = member
+                        if compared and not agree(compared, before, values):
                             continue
-                        bound = {**values, **before.binding} if before.binding else values
-                        outcomes = tuple([holds(bound) for holds in move.joint.values()]) if move.joint else ()
-                        outcome = stages.outcome(move, held, outcomes)
-                        if outcome is not None:
-                            stage, commits_to_it = outcome
-                            if commits_to_it and self._components and not self._own(before):
-                                begun |= self._part_of[move.node].nodes  # other parts have yet to begin
-                            elif commits_to_it:
-                                ended[member.number] = group, member
-                            binding = stage.remembered(bound)
-                            at = (member.number, order, place)
-                            rank = stages.rank(stage, binding, before.witness, move.node)
-                            new = _new(NewMatch, (at, before, move.node, values, stage, binding, rank))
-                            self._note(new, found, followed - len(ended))
-                            if enough is not None and all(one.value(binding) == own.of(values) for one, own in enough):
-                                break
+                        bound = {**values, **before} if before else values
+                        judged = tuple([holds(bound) for holds in joint.values()]) if joint else ()
+                        outcome = stages.outcome(move, held, judged)
+                        if outcome is None:
+                            continue
+                        stage, commits_to_it = outcome
+                        if commits_to_it and self._components and not self._own(move.stage.sample):
+                            begun |= self._part_of[move.node].nodes  # other parts have yet to begin
+                        elif commits_to_it:
+                            ended[number] = group
+                        binding = stage.remembered(bound)
+                        step = _new(Witness, (last, move.node, position, values))
+                        rivals = groups.get(stage)
+                        rank = UNRANKED if rivals is None else rivals.rank(binding, step)
+                        if rivals is None or not rivals.excels(rank):
+                            found.append(_new(NewMatch, ((number, order, place), stage, binding, step, rank)))
+                        if enough is not None and all(one.value(binding) == own.of(values) for one, own in enough):
+                            break
         self.noted = bool(found or ended)
         if begun != self._begun:
             self._begun, self._set = begun, None
-        if self.noted or len(self._quiet) > REMEMBERED:
-            self._quiet.clear()
         if self.noted:
-            return self._change(found.values(), ended.values(), position)
-        self._quiet.update(name for _, _, _, name in reading.hits)
+            self._quiet.clear()
+            return self._change(found, ended)
+        if len(self._quiet) > REMEMBERED:
+            self._quiet.clear()
+        self._quiet.update([hit.key for hit in reading.hits])
         return _UNKNOWN
 
     def _concerned(
         self, group: StageGroup, scan: Scan, values: Mapping[str, Json]
     ) -> Sequence[tuple[Iterable[Member], tuple[tuple[Term, Extreme], ...] | None]]:
         """Return the members that may make a move, with stop conditions."""
-        required = [values[one.name] if type(one) is Variable else value(one, values) for one in scan.terms]
+        required = [term(values) for term in scan.terms]
         if UNDEFINED in required:
             return ()
         least, lanes, enough, last_first = -1, list[tuple[list[LaneMember], int, int]](), None, False
@@ -358,38 +348,38 @@ class ScatteredMatches(Following):
                 break
         return [(in_order(*lane, last_first=last_first), enough) for lane in lanes]
 
-    def _note(self, new: NewMatch, found: dict[Hashable, NewMatch], others: int) -> None:
-        group = self._groups.get(new.stage)
-        if group is None or not group.excels(new.rank):
-            other = found.get((new.stage, new.rank))
-            if other is None or new.order < other.order:
-                found[new.stage, new.rank] = new
-                self._bound(others + len(found))
-
-    def _change(
-        self, found: Collection[NewMatch], ended: Collection[tuple[StageGroup, Member]], position: int
-    ) -> Verdict:
-        added, changed = list[tuple[Stage, Configuration]](), set[Stage]()
-        for _, before, node, values, stage, binding, rank in sorted(found, key=_order) if len(found) > 1 else found:
-            if stage not in changed or not self._groups[stage].excels(rank):
-                changed.add(stage)
-                sample, witness = stage.sample, _new(Witness, (before.witness, node, position, values))
-                fields = sample.inversions, sample.flags, sample.tallies
-                made = Configuration(sample.dead, sample.closed, sample.taken, binding, *fields, witness)
-                self._add(stage, made, rank)
-                added.append((stage, made))
-        for group, member in ended:
-            group.remove(member)
+    def _change(self, found: list[NewMatch], ended: Mapping[int, StageGroup]) -> Verdict:
+        added, groups = found, self._groups
+        if len(found) > 1:
+            found.sort()
+            added = []
+        for new in found:
+            _, stage, binding, last, rank = new
+            if added is not found:
+                if stage in groups:
+                    rank = groups[stage].rank(binding, last)
+                    if groups[stage].excels(rank):
+                        continue
+                added.append(new)
+            self._add(stage, binding, last, rank)
+        for number, group in ended.items():
+            group.remove(number)
         if ended:
             self._drop_empty()
-        joined = self._join(added) or added if self._components else added
-        self.matches = [made for stage, made in joined if stage.is_match]
+        if self._added > self.limit:
+            self._bound(sum([len(group.members) for group in groups.values()]))
+        able = added if self._components else [one for one in added if one.stage.is_match]
+        if not able and not self._stages.is_full:
+            return _UNKNOWN
+        made = [(one.stage, one.stage.configuration(one.binding, one.last)) for one in able]
         if self._components:
-            self.matches = [whole for one in self.matches if (whole := self._in_order(one)) is not None]
-        if self.matches:
+            made = [(stage, one) for stage, one in self._join(made) or made if stage.is_match]
+            made = [(stage, whole) for stage, one in made if (whole := self._in_order(one)) is not None]
+        self.matches = [one for _, one in made]
+        if made:
             self.follow([])
             return Verdict.TRUE
-        if self._stages.size > MEMORY:
+        if self._stages.is_full:
             self.follow(self.partial)
         return _UNKNOWN
 
@@ -406,11 +396,13 @@ class ScatteredMatches(Following):
             others = [one for one in component.parts if one is not part]
             whole = None if component.chooses else self._match(component, configuration, others)
             if whole is not None:
-                joined = [self._joined(one, whole) for one in self.partial if self._own(one) & ~component.nodes]
+                joined = [self._joined(one, whole.witness) for one in self.partial if self._own(one) & ~component.nodes]
                 self._base = whole
                 self.follow([whole, *(one for one in joined if one is not None)])
                 groups = self._groups.items()
-                return [(stage, one.configuration) for stage, group in groups for one in group.members.values()]
+                return [
+                    (stage, stage.configuration(*one[1:3])) for stage, group in groups for one in group.members.values()
+                ]
         return []
 
     def _is_complete(self, stage: Stage, part: IndependentPart) -> bool:
@@ -428,7 +420,7 @@ class ScatteredMatches(Following):
         rest = [one for one in parts if one is not part]
         for lane in lanes:
             for member in in_order(*lane, last_first=False):
-                joined = self._joined(configuration, member.configuration)
+                joined = self._joined(configuration, member.last)
                 whole = None if joined is None else self._match(component, joined, rest)
                 if whole is not None:
                     return whole
@@ -443,7 +435,7 @@ class ScatteredMatches(Following):
             self._complete[part] = [(stage, group) for stage, group in stages if self._is_complete(stage, part)]
         for stage, group in self._complete[part]:
             names, terms = self._stages.equalities(frozenset(binding), stage)
-            required = [value(one, binding) for one in terms]
+            required = [term(binding) for term in terms]
             if UNDEFINED not in required:
                 yield from group.between(names, required, None, (), binding)
 
@@ -460,17 +452,14 @@ class ScatteredMatches(Following):
             self._set = None
             self._complete.clear()
 
-    def _add(self, stage: Stage, configuration: Configuration, rank: Rank | None = None) -> None:
+    def _add(self, stage: Stage, binding: dict[str, Json], last: Witness | None, rank: Rank = UNRANKED) -> None:
         group = self._groups.get(stage)
         if group is None:
-            if len(self._groups) > (most := max(self.limit // STAGE_COST, MIN_STAGES)):
-                names = [self.compiled.names[node] for node in bits(union(one.sample.taken for one in self._groups))]
-                named = f"{', '.join(names[:10])}{', …' if len(names) > 10 else ''}"
-                raise TooLarge(f"sets of events in partial matches; any of {named} may be skipped", limit=most)
-            group = self._groups[stage] = StageGroup(stage.ranking, stage.deadlines)
+            if len(self._groups) > self._most:
+                named = self.compiled.some(bits(union(one.sample.taken for one in self._groups)))
+                raise TooLarge(f"sets of events in partial matches; any of {named} may be skipped", limit=self._most)
+            group = self._groups[stage] = StageGroup(stage.ranking, stage.rank, stage.deadlines, self._watermark)
             self._set = None
             self._complete.clear()
-            group.watermark = self._watermark
-        rank = rank or self._stages.rank(stage, configuration.binding, configuration.witness)
-        group.add(_new(Member, (self._added, configuration, rank)))
+        group.add(self._added, binding, last, rank)
         self._added += 1

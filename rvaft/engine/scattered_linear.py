@@ -286,11 +286,7 @@ class LinearRun:
 
     def _start(self, node: int) -> None:
         compiled = self.compiled
-        if (
-            node in self._started
-            or compiled.dead >> node & 1
-            or not all(map(self._is_satisfied, self.starts.before[node]))
-        ):
+        if node in self._started or not all(map(self._is_satisfied, self.starts.before[node])):
             return
         self._started.add(node)
         if compiled.own[node] and (compiled.top_down or not compiled.children[node]):
@@ -352,8 +348,7 @@ def possible_nodes(
     """
     able: set[int] = set()
     for node in range(len(compiled.names) - 1, -1, -1):
-        fit = not compiled.dead >> node & 1 and (among is None or node in among)
-        if fit and sum(child in able for child in children(node)) >= compiled.need[node]:
+        if (among is None or node in among) and sum(child in able for child in children(node)) >= compiled.need[node]:
             able.add(node)
     return able
 
@@ -450,9 +445,8 @@ class LinearMonitor:
                 self.useful.note(position, served)
                 if len(self.useful.entries) > self.limit:
                     counts = Counter(node for _, kept in self.useful.entries for node, _ in kept)
-                    names = [self.compiled.names[node] for node, _ in counts.most_common(10)]
-                    most = f"most of them for {', '.join(names)}{', …' if len(counts) > 10 else ''}"
-                    raise TooLarge(f"events to keep for the explanation; {most}", limit=self.limit)
+                    most = self.compiled.some(node for node, _ in counts.most_common(11))
+                    raise TooLarge(f"events to keep for the explanation; most of them for {most}", limit=self.limit)
             self.run.fire(served, position)
         return Verdict.TRUE if self.run.detected else Verdict.UNKNOWN
 

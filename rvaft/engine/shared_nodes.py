@@ -216,8 +216,7 @@ class SharedNodes:
                     reached |= mask_of(options[0])
                 place += 1
             if steps > self.limit:
-                names = [compiled.names[node] for node in core if compiled.chooses >> node & 1]
-                named = ", ".join(names[:10]) + (", …" if len(names) > 10 else "")
+                named = compiled.some(node for node in core if compiled.chooses >> node & 1)
                 raise TooLarge(f"resolutions of the choices that share nodes: {named}", limit=self.limit)
             ahead = reached & self._mask & -(1 << core[place]) if place < len(core) else 0
             within_reach = reached

@@ -10,19 +10,24 @@ from operator import ge
 from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.core.times import TimeDifference
-from rvaft.engine.configuration import Configuration
+from rvaft.engine.configuration import Witness
 from rvaft.engine.subsumption import Rank, Ranking, Term, scale
 from rvaft.model.values import Json, exact, is_number, key
 
 _PLAIN: Final = (str, int, float)
 
 
+UNRANKED: Final = Rank(None, (), ())
+"""The rank of the only member of a group, which is compared with none."""
+
+
 class Member(NamedTuple):
-    """A partial match, numbered by arrival."""
+    """A partial match, numbered by arrival: the values that it remembers, and its last step."""
 
     number: int
-    configuration: Configuration
-    rank: Rank
+    binding: dict[str, Json]
+    last: Witness | None
+    rank: Rank = UNRANKED
 
 
 class Bound(NamedTuple):
@@ -47,7 +52,10 @@ NEAR: Final = 64
 """The distance from the end searched stepwise."""
 LOOSE: Final = "loose"
 """The kind of numbers so large that sums need not keep their order."""
+RankFunction: TypeAlias = Callable[[Mapping[str, Json], Witness | None], Rank]
+"""From the values and steps of a partial match to its rank."""
 _Place: TypeAlias = Hashable
+_new: Final = tuple.__new__  # twice as fast as the constructors of the classes
 _Lanes: TypeAlias = dict[tuple[Hashable, ...], list[LaneMember]]
 """By type and values of the ordering term."""
 
@@ -60,17 +68,30 @@ def place_of(values: Iterable[Json]) -> _Place:
 class StageGroup:
     """The partial matches of one stage, indexed by the values that they remember."""
 
-    def __init__(self, ranking: Ranking, deadlines: Sequence[TimeDifference] = ()) -> None:
+    __slots__ = ("_deadlines", "_ending", "_fronts", "_ordered", "_rank", "everyone", "members", "ranking", "watermark")
+
+    def __init__(
+        self, ranking: Ranking, rank: RankFunction, deadlines: Sequence[TimeDifference], watermark: int | None
+    ) -> None:
         self.ranking = ranking
         self.members: dict[int, Member] = {}
         self.everyone = ((self.members.values(), None),)
-        self.watermark: int | None = None
+        self.watermark = watermark
+        self._rank = rank
         self._deadlines = deadlines
         self._ending: list[tuple[int, int]] | None = None
         """A heap: the watermark that rules out a member, its number; None before any watermark."""
         self._fronts: dict[_Place, list[Member]] = {}
-        """The members by place, sorted by their first value."""
+        """The members by place, sorted by their first value; none while there is one, unranked."""
         self._ordered: dict[tuple[tuple[str, ...], Term | None], dict[_Place, _Lanes]] = {}
+
+    def rank(self, binding: Mapping[str, Json], last: Witness | None) -> Rank:
+        """Return the rank of a partial match, to compare with those of the members."""
+        if not self._fronts:
+            for number, one in self.members.items():
+                only = self.members[number] = one._replace(rank=self._rank(one.binding, one.last))
+                self._fronts[only.rank.place] = [only]
+        return self._rank(binding, last)
 
     def excels(self, rank: Rank) -> bool:
         """Whether some members are at least as good."""
@@ -86,25 +107,25 @@ class StageGroup:
             return start < end and all(map(ge, front[start].rank.values, rank.values))
         return any(all(map(ge, front[at].rank.values, rank.values)) for at in range(start, end))
 
-    def add(self, member: Member) -> None:
+    def add(self, number: int, binding: dict[str, Json], last: Witness | None, rank: Rank = UNRANKED) -> None:
         """Add a member and remove those that it subsumes."""
-        rank = member.rank
-        front = self._fronts.get(rank.place)
-        if front is None:
-            self._fronts[rank.place] = [member]
-        else:
-            for one in self._surpassed(front, rank):
-                self.remove(one)
+        if self.members and rank is UNRANKED:
+            rank = self.rank(binding, last)
+        member = _new(Member, (number, binding, last, rank))
+        if rank is not UNRANKED:
+            front = self._fronts.setdefault(rank.place, [])
+            for one in self._surpassed(front, rank) if front else ():
+                self.remove(one.number)
             front = self._fronts.setdefault(rank.place, front)  # perhaps it was removed with its last member
             front.insert(bisect_left(front, rank.values[0], key=_first) if rank.values else len(front), member)
-        self.members[member.number] = member
+        self.members[number] = member
         for (names, term), ordered in self._ordered.items():
             self._put_ordered(names, term, ordered, member)
         if self._ending is not None and self._deadlines:
             self._note_end(self._ending, member)
 
     def _note_end(self, ending: list[tuple[int, int]], member: Member) -> None:
-        ends = [one.deadline(member.configuration.binding) for one in self._deadlines]
+        ends = [one.deadline(member.binding) for one in self._deadlines]
         known = [end for end in ends if end is not None]
         if known:
             heappush(ending, (min(known), member.number))
@@ -152,18 +173,20 @@ class StageGroup:
         start = 0 if extent is None else bisect_left(front, -values[extent.end] - extent.most, key=_first)
         return start, bisect_right(front, values[0], key=_first)
 
-    def remove(self, member: Member) -> None:
+    def remove(self, number: int) -> None:
         """Remove a member, if present."""
-        if self.members.pop(member.number, None) is None:
+        member = self.members.pop(number, None)
+        if member is None:
             return
-        rank = member.rank
-        front = self._fronts[rank.place]
-        at = bisect_left(front, rank.values[0], key=_first) if rank.values else 0
-        while front[at] is not member:
-            at += 1
-        del front[at]
-        if not front:
-            del self._fronts[rank.place]
+        if member.rank is not UNRANKED:
+            rank = member.rank
+            front = self._fronts[rank.place]
+            at = bisect_left(front, rank.values[0], key=_first) if rank.values else 0
+            while front[at] is not member:
+                at += 1
+            del front[at]
+            if not front:
+                del self._fronts[rank.place]
         for (names, term), ordered in self._ordered.items():
             place, kind, value = _lane(names, term, member) or (None, (), None)
             if place in ordered:  # a value that equals nothing is not indexed
@@ -183,9 +206,7 @@ class StageGroup:
             for member in self.members.values() if self._deadlines else ():
                 self._note_end(ending, member)
         while ending and ending[0][0] < watermark:
-            ended = self.members.get(heappop(ending)[1])
-            if ended is not None:
-                self.remove(ended)
+            self.remove(heappop(ending)[1])
 
     def between(
         self,
@@ -230,7 +251,7 @@ def _first(member: Member) -> Json:
 def _lane(
     names: tuple[str, ...], term: Term | None, member: Member
 ) -> tuple[_Place, tuple[Hashable, ...], Json] | None:
-    binding = member.configuration.binding
+    binding = member.binding
     values = [binding[name] for name in names]
     place = place_of(values) if values else ()
     if term is None:

@@ -6,16 +6,17 @@ values. So the effect of an event is computed once per *stage*, node and outcome
 Of many times that only windows bound, a partial match remembers the least and the greatest.
 """
 
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, product
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.core.times import Extreme, TimeDifference
+from rvaft.engine.compiled_tree import EventClass
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.partial_matches import Matching
 from rvaft.engine.settled_choices import SettledChoices
-from rvaft.engine.stage_group import Bound
+from rvaft.engine.stage_group import Bound, RankFunction
 from rvaft.engine.subsumption import Rank, Ranking, Term, commits, ranking, repeats, tendency
 from rvaft.model.guards import (
     OPERATORS,
@@ -24,18 +25,23 @@ from rvaft.model.guards import (
     Operation,
     Operator,
     Predicate,
+    evaluation,
     predicate,
-    value,
     variables,
 )
-from rvaft.model.patterns import Variable
-from rvaft.model.values import Json, is_number
+from rvaft.model.patterns import Binding, Variable
+from rvaft.model.values import Json, equal, is_number
 from rvaft.support.bits import bits, mask_of
 
+MEMORY: Final = 500_000
+"""The maximum size of remembered stages."""
+_PLAIN: Final = frozenset({str, int})
 _MANY: Final = 4
 """The maximum number of joint guards to enumerate."""
 _TIMES: Final = 3
 """The minimum number of times of a span: fewer are remembered as they are."""
+Terms: TypeAlias = tuple[Callable[[Binding], Json], ...]
+"""Functions from the values of variables to those of terms."""
 
 
 class Span(NamedTuple):
@@ -55,12 +61,20 @@ class Stage:
     names: tuple[str, ...]
     """The remembered variables."""
     ranking: Ranking
-    deadlines: tuple[TimeDifference, ...]
+    rank: RankFunction
+    deadlines: tuple[TimeDifference, ...] = ()
     """The time differences that must hold."""
-    settled: bool
+    settled: bool = False
     """Whether settled choices may differ."""
     spans: tuple[Span, ...] = ()
     moves: dict[int, "StageMove | None"] = field(default_factory=dict)
+    by_class: dict[EventClass, Sequence[tuple[int, "StageMove", int]]] = field(default_factory=dict)
+    """The possible moves by events of a class (see `Stages.moves`)."""
+
+    def configuration(self, binding: dict[str, Json], last: Witness | None) -> Configuration:
+        """Return the partial match with these values and steps."""
+        one = self.sample
+        return Configuration(one.dead, one.closed, one.taken, binding, one.inversions, one.flags, one.tallies, last)
 
     def remembered(self, bound: Mapping[str, Json]) -> dict[str, Json]:
         """Return what a partial match of this stage remembers of these values."""
@@ -86,7 +100,7 @@ class Scan(NamedTuple):
 
     names: tuple[str, ...]
     """The remembered variables that must equal `terms`, which are over the event's values."""
-    terms: tuple[Guard, ...]
+    terms: Terms
     orders: tuple["Order", ...]
     """The possible orders for the search; any order suffices."""
 
@@ -144,45 +158,89 @@ class StageMove:
     """By outcomes: the target stage, and whether it subsumes the original."""
 
 
-class Stages:
-    """The stages of a tree, computed when first needed."""
+def agree(names: Iterable[str], one: Mapping[str, Json], other: Mapping[str, Json]) -> bool:
+    """Whether these variables have equal values."""
+    for name in names:
+        mine, its = one[name], other[name]
+        if not (mine == its if type(mine) is type(its) and type(mine) in _PLAIN else equal(mine, its)):
+            return False
+    return True
 
-    def __init__(self, matching: Matching, choices: SettledChoices) -> None:
+
+class Stages:
+    """The stages of a tree, computed when first needed.
+
+    Without `choices`, no partial match replaces another, and the class of an event decides no
+    guards.
+    """
+
+    def __init__(self, matching: Matching, choices: SettledChoices | None = None) -> None:
         self.matching = matching
         self.choices = choices
         self.size = 0
+        """The number of nodes with flags, moves and outcomes."""
         self._known: dict[Hashable, Stage] = {}
-        self._equalities: dict[tuple[frozenset[str], Stage], tuple[tuple[str, ...], tuple[Guard, ...]]] = {}
+        self._equalities: dict[tuple[frozenset[str], Stage], tuple[tuple[str, ...], Terms]] = {}
+
+    @property
+    def is_full(self) -> bool:
+        """Whether to `clear` the stages."""
+        return self.size > MEMORY
+
+    def clear(self) -> None:
+        """Forget the stages; partial matches of these go on to new ones."""
+        for stage in self._known.values():
+            stage.moves.clear()
+            stage.by_class.clear()
+        self._known.clear()
+        self._equalities.clear()
+        self.size = 0
 
     def of(self, configuration: Configuration) -> Stage:
         """Return the stage of a partial match."""
-        place, settled = self.choices.place(configuration, self.matching.progress)
+        place, settled = self._place(configuration)
         found = self._known.get(place)
         if found is None:
             self.size += 1 + len(configuration.flags)
             sample = configuration.copy()
             sample.binding, sample.witness = dict.fromkeys(configuration.binding), None
+            found = self._known[place] = self._made(sample, settled=settled)
+        return found
+
+    def _place(self, configuration: Configuration) -> tuple[Hashable, bool]:
+        if self.choices is not None:
+            return self.choices.place(configuration, self.matching.progress)
+        return (configuration.taken, configuration.dead, configuration.closed, configuration.inversions), False
+
+    def _made(self, sample: Configuration, *, settled: bool) -> Stage:
+        matching, choices, ranks = self.matching, self.choices, Ranking()
+        spans, deadlines = tuple[Span, ...](), tuple[TimeDifference, ...]()
+        if choices is not None:
             spans = self._spans(sample)
             for span in spans:
                 sample.binding = dict.fromkeys(name for name in sample.binding if name not in span.names)
                 sample.binding.update({span.least: None, span.greatest: None})
-            common, _ = self.choices.place(sample, self.matching.progress)
-            if common in self._known:
-                self._known[place] = self._known[common]
-                return self._known[common]
-            is_match, _ = self.matching.standing(sample)
-            names, ranks = tuple(sorted(sample.binding)), ranking(self.matching, sample)
-            open_nodes = [node for node in self.matching.early_differences if not sample.closed >> node & 1]
-            needed = [node for node in open_nodes if self._has_to_hold(sample, node)]
+            known = self._known.get(self._place(sample)[0])
+            if known is not None:
+                return known
+            ranks = ranking(matching, sample)
             deadlines = tuple(
                 one
-                for node in needed
-                for one in self.matching.early_differences[node]
-                if not all(self.matching.is_bound(sample, name) for name in one.plus.names)
+                for node, differences in matching.early_differences.items()
+                if not sample.closed >> node & 1 and self._has_to_hold(sample, node)
+                for one in differences
+                if not all(matching.is_bound(sample, name) for name in one.plus.names)
             )
-            found = Stage(sample, is_match, names, ranks, deadlines, settled, spans)
-            self._known[place] = self._known[common] = found
-        return found
+
+        def rank(binding: Mapping[str, Json], last: Witness | None) -> Rank:
+            found = ranks.of(binding)
+            if not settled or choices is None:
+                return found
+            return found._replace(values=(*found.values, -choices.number(last)))
+
+        is_match, names = matching.standing(sample)[0], tuple(sorted(sample.binding))
+        found = Stage(sample, is_match, names, ranks, rank, deadlines, settled, spans)
+        return self._known.setdefault(self._place(sample)[0], found)
 
     def _spans(self, sample: Configuration) -> tuple[Span, ...]:
         """Return the sets of at least `_TIMES` times that occur in the same windows only."""
@@ -203,14 +261,6 @@ class Stages:
         sets = (tuple(sorted(names)) for names in alike.values() if len(names) >= _TIMES)
         return tuple(Span(names, names[0], names[1]) for names in sets)
 
-    def rank(self, stage: Stage, binding: Mapping[str, Json], last: Witness | None, node: int | None = None) -> Rank:
-        """Return the rank after these steps and a node's event."""
-        rank = stage.ranking.of(binding)
-        if not stage.settled:
-            return rank
-        steps = last if node is None else Witness(last, node, 0, binding)
-        return rank._replace(values=(*rank.values, -self.choices.number(steps)))
-
     def _has_to_hold(self, sample: Configuration, node: int) -> bool:
         trial = sample.copy()
         return self.matching.compiled.certain >> node & 1 > 0 or not (
@@ -222,16 +272,20 @@ class Stages:
         if node not in stage.moves:
             found = None
             self.size += 1
-            if self.matching.admits(stage.sample, node):
+            # `outcome` decides this too: a second search is worth it only under `scattered`
+            possible = not stage.sample.taken >> node & 1
+            if possible and (self.choices is None or self.matching.admits(stage.sample, node)):
                 compiled, remembered = self.matching.compiled, stage.sample.binding
                 names = compiled.exported[node]
                 bound = {*remembered, *names}
                 closing, narrowed = self.matching.decided(stage.sample, node)
-                alone = mask_of(guard for guard in closing if remembered.keys().isdisjoint(compiled.needs[guard]))
+                own = closing if self.choices is not None else ()
+                alone = mask_of(guard for guard in own if remembered.keys().isdisjoint(compiled.needs[guard]))
                 decided = ((guard, self.matching.test(guard, bound)) for guard in closing if not alone >> guard & 1)
                 joint = {guard: holds for guard, holds in decided if holds is not None}
                 for guard in narrowed:
-                    if not remembered.keys().isdisjoint(compiled.needs[guard]):
+                    # a time alone fails a guard only if it is undefined; under `scattered` a later event tells
+                    if self.choices is None or not remembered.keys().isdisjoint(compiled.needs[guard]):
                         joint[guard] = self.matching.early_test(guard, bound)
                 found = StageMove(stage, node, tuple(name for name in names if name in remembered), alone, joint)
             stage.moves[node] = found
@@ -242,20 +296,21 @@ class Stages:
         `outcomes` of joint guards.
         """
         place = (held & move.alone, outcomes)
-        if place not in move.outcomes:
+        try:
+            return move.outcomes[place]
+        except KeyError:
             self.size += 1
-            judged = {guard: bool(held >> guard & 1) for guard in bits(move.alone)}
-            judged.update(zip(move.joint, outcomes, strict=True))
-            before, node = move.stage.sample, move.node
-            values = dict.fromkeys(self.matching.compiled.exported[node])
-            after = self.matching.extended(before, node, values, 0, judged=judged)
-            found = (
-                None
-                if after is None
-                else (self.of(after), commits(self.matching, before, after, node, firsts=self.choices.firsts))
-            )
-            move.outcomes[place] = found
-        return move.outcomes[place]
+        judged = {guard: bool(held >> guard & 1) for guard in bits(move.alone)}
+        judged.update(zip(move.joint, outcomes, strict=True))
+        before, node, found = move.stage.sample, move.node, None
+        values = dict.fromkeys(self.matching.compiled.exported[node])
+        after = self.matching.extended(before, node, values, 0, judged=judged)
+        if after is not None:
+            firsts = None if self.choices is None else self.choices.firsts
+            ends = firsts is not None and commits(self.matching, before, after, node, firsts=firsts)
+            found = self.of(after), ends
+        move.outcomes[place] = found
+        return found
 
     def scan(self, move: StageMove) -> Scan:
         """Return the query for a move."""
@@ -285,7 +340,7 @@ class Stages:
                         orders.setdefault(Term(1, Extreme(Operator.MAX, (name,))), []).append(_bound(part, name, sign))
             found = self.outcome(move, move.alone, (True,) * len(joint))
             target = found[0] if found and len(needed) == len(joint) and not found[0].settled else None
-            terms = (*map(Variable, move.compared), *joined.values())
+            terms = tuple(map(evaluation, (*map(Variable, move.compared), *joined.values())))
             equal_names = {*own, *joined}
             ranged = [Order.of(move.stage, term, bounds, target, equal_names) for term, bounds in orders.items()]
             if terms and not ranged:
@@ -293,7 +348,7 @@ class Stages:
             move.scan = Scan((*move.compared, *joined), terms, tuple(ranged))
         return move.scan
 
-    def equalities(self, names: frozenset[str], stage: Stage) -> tuple[tuple[str, ...], tuple[Guard, ...]]:
+    def equalities(self, names: frozenset[str], stage: Stage) -> tuple[tuple[str, ...], Terms]:
         """Return variables of a stage, and the terms over other variables that they must equal.
 
         All guards that are open in the stage must hold.
@@ -309,10 +364,29 @@ class Stages:
                     other = repeats(part.guard, name) if name in stage.names and name not in joined else None
                     if other is not None and names.issuperset(variables(other)):
                         joined[name] = other
-            found = self._equalities[names, stage] = tuple(joined), tuple(joined.values())
+            found = self._equalities[names, stage] = tuple(joined), tuple(map(evaluation, joined.values()))
         return found
 
-    def is_hopeful(self, move: StageMove, held: int) -> bool:
+    def moves(self, stage: Stage, event_class: EventClass) -> Sequence[tuple[int, StageMove, int]]:
+        """Return the moves by events of a class that are possible for some values.
+
+        Each has the place of its letter in the class, and of its node in the letter.
+        """
+        found = stage.by_class.get(event_class)
+        if found is None:
+            found = [
+                (number, move, place)
+                for number, letter in enumerate(event_class.serving)
+                for place, node in enumerate(letter.nodes)
+                if (move := self.move(stage, node)) is not None
+                # the guards of a letter with several ways are not decided yet
+                and (letter.reader.ways is not None or self._is_hopeful(move, event_class.held[number]))
+            ]
+            stage.by_class[event_class] = found
+            self.size += 1 + len(found)
+        return found
+
+    def _is_hopeful(self, move: StageMove, held: int) -> bool:
         """Whether a move is possible for some outcomes of the joint guards."""
         ways = product((True, False), repeat=len(move.joint))
         return len(move.joint) > _MANY or any(self.outcome(move, held, outcomes) for outcomes in ways)
@@ -348,11 +422,12 @@ def _bound(part: Operation, name: str, sign: int) -> Bound:
     other = right if left == Variable(name) else left
     operator = part.operator if other is right else facts.mirrored
     compare = OPERATORS[operator].compare if operator is not None and Variable(name) in part.operands else None
+    evaluate = evaluation(other)
 
     def by(event: Mapping[str, Json]) -> Callable[[Json], bool]:
         if compare is None:
             return lambda one: holds({**event, name: one})
-        than = value(other, event)
+        than = evaluate(event)
         if is_number(than) and than - than == 0:
             return lambda one: type(one) is not str and compare(one, than)
         return lambda one: type(than) is str and type(one) is str and compare(one, than)

@@ -174,16 +174,17 @@ class Ranking(NamedTuple):
 
     def of(self, binding: Mapping[str, Json]) -> Rank:
         """Return the rank of a binding."""
-        if not self.terms and not self.excluded:
-            return _new(Rank, (tuple([exact(binding[name]) for name in self.exact]), (), ())) if self.exact else _ONLY
-        place: list[Hashable] = [exact(binding[name]) for name in self.exact]
+        names, terms, names_excluded, *_ = self
+        if not terms and not names_excluded:
+            return _new(Rank, (tuple([exact(binding[name]) for name in names]), (), ())) if names else _ONLY
+        place: list[Hashable] = [exact(binding[name]) for name in names]
         values: list[Json] = []
-        for sign, extreme in self.terms:
+        for sign, extreme in terms:
             value = extreme.of(binding)
             kind = scale(value)
             place.append(tuple([exact(binding[name]) for name in extreme.names]) if kind is None else kind)
             values.append(0 if kind is None else value if sign > 0 else _Backwards(value) if kind is str else -value)
-        excluded = [key(binding[name]) for name in self.excluded]
+        excluded = [key(binding[name]) for name in names_excluded]
         place += [type(one) is object for one in excluded]  # a value that equals nothing has no substitute
         return _new(Rank, (tuple(place), tuple(values), tuple(excluded)))
 

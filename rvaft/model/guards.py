@@ -9,17 +9,14 @@ import json
 import operator as python
 import re
 import sys
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum, StrEnum, auto
 from functools import lru_cache
-from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
+from typing import Any, Final, NamedTuple, TypeAlias
 
 from rvaft.model.patterns import Binding, Literal, Variable
 from rvaft.model.values import NUMBER, Json, equal, is_finite, is_number
-
-T = TypeVar("T")
-H = TypeVar("H", bound=Hashable)
 
 MAX_DEPTH: Final = 100
 
@@ -365,110 +362,18 @@ def value(guard: Guard, binding: Binding) -> Json:
     >>> value(Operation(Operator.LT, (Variable("X"), Literal(2))), {"X": "a"})
     UNDEFINED
     """
-    match guard:
-        case Literal(constant):
-            return constant
-        case Variable(name):
-            return binding[name]
-        case Operation(operator, operands):
-            function = OPERATORS[operator].function
-            if function is not None:
-                arguments = [value(operand, binding) for operand in operands]
-                return UNDEFINED if UNDEFINED in arguments else function(*arguments)
-            decides = operator is Operator.OR
-            for operand in operands:
-                truth = value(operand, binding)
-                if not isinstance(truth, bool):
-                    return UNDEFINED
-                if truth is decides:
-                    return decides
-            return not decides
+    return evaluation(guard)(binding)
 
 
-def is_total(guard: Guard) -> bool:
-    """Whether a guard is defined for all JSON values of its variables.
-
-    >>> is_total(Operation(Operator.NE, (Variable("X"), Literal("a"))))
-    True
-    >>> is_total(Operation(Operator.LT, (Variable("X"), Literal("a"))))
-    False
-    """
-    match guard:
-        case Operation(Operator.EQ | Operator.NE | Operator.IN, (Variable(), *others)):
-            return all(isinstance(operand, Literal) and is_finite(operand.value) for operand in others)
-        case Operation(Operator.NOT | Operator.AND | Operator.OR, parts):
-            return all(map(is_total, parts))
-        case _:
-            return False
-
-
-Predicate: TypeAlias = Callable[[Mapping[str, Json]], bool]
-
-_NUMBERS: Final = (int, float)
-_PLAIN: Final = frozenset({int, str})
-_NUMBER_TYPES: Final = frozenset(_NUMBERS)
-_LARGEST: Final = sys.float_info.max
-MEMORY: Final = 4096
-"""The maximum number of cached outcomes; then the cache is cleared."""
-FEW: Final = 16
-"""The maximum number of distinct values for which a guard is evaluated per value."""
-
-
-def predicate(guard: Guard) -> Predicate:
-    """Return `holds` as a faster function for many events.
-
-    The fastest cases are comparisons of a variable with a constant of its type, and their
-    conjunctions.
-    """
-    match guard:
-        case Operation(Operator.AND, operands):
-            parts = tuple(predicate(operand) for operand in operands)
-            return lambda binding: all(part(binding) for part in parts)
-        case Operation(operator, (Variable(name), Literal(constant))) if compare := OPERATORS[operator].compare:
-            if type(constant) not in (str, *_NUMBERS):
-                return lambda binding: holds(guard, binding)
-            other = (int if type(constant) is str else str) if operator in (Operator.EQ, Operator.NE) else None
-
-            def with_number(binding: Mapping[str, Json]) -> bool:
-                value = binding[name]
-                kind = type(value)
-                if kind is int or kind is other or (kind is float and -_LARGEST <= value <= _LARGEST):
-                    found: bool = compare(value, constant)
-                    return found
-                return holds(guard, binding)
-
-            def with_text(binding: Mapping[str, Json]) -> bool:
-                value = binding[name]
-                kind = type(value)
-                return bool(compare(value, constant)) if kind is str or kind is other else holds(guard, binding)
-
-            return with_text if type(constant) is str else with_number
-        case Operation(operator, (left, right)) if compares := OPERATORS[operator].compare:
-            first, second, evaluate = _evaluation(left), _evaluation(right), _evaluation(guard)
-
-            def with_both(binding: Mapping[str, Json]) -> bool:
-                one, other = first(binding), second(binding)
-                if type(one) is type(other) and (
-                    type(one) in _PLAIN or (type(one) is float and one - one == other - other == 0)
-                ):
-                    return bool(compares(one, other))
-                return evaluate(binding) is True
-
-            return with_both
-        case _:
-            compiled = _evaluation(guard)
-            return lambda binding: compiled(binding) is True
-
-
-def _evaluation(guard: Guard) -> Callable[[Binding], Json]:
-    """Return `value` as a faster function for many bindings."""
+def evaluation(guard: Guard) -> Callable[[Binding], Json]:
+    """Return the function from bindings to `value`s of a guard."""
     match guard:
         case Literal(constant):
             return lambda _: constant
         case Variable(name):
             return python.itemgetter(name)
         case Operation(operator, operands):
-            calculate, parts = OPERATORS[operator].function, [_evaluation(operand) for operand in operands]
+            calculate, parts = OPERATORS[operator].function, [evaluation(operand) for operand in operands]
     if calculate is None:
         decides = operator is Operator.OR
 
@@ -497,3 +402,74 @@ def _evaluation(guard: Guard) -> Callable[[Binding], Json]:
         return UNDEFINED if left is UNDEFINED or right is UNDEFINED else function(left, right)
 
     return evaluate_two
+
+
+def is_total(guard: Guard) -> bool:
+    """Whether a guard is defined for all JSON values of its variables.
+
+    >>> is_total(Operation(Operator.NE, (Variable("X"), Literal("a"))))
+    True
+    >>> is_total(Operation(Operator.LT, (Variable("X"), Literal("a"))))
+    False
+    """
+    match guard:
+        case Operation(Operator.EQ | Operator.NE | Operator.IN, (Variable(), *others)):
+            return all(isinstance(operand, Literal) and is_finite(operand.value) for operand in others)
+        case Operation(Operator.NOT | Operator.AND | Operator.OR, parts):
+            return all(map(is_total, parts))
+        case _:
+            return False
+
+
+Predicate: TypeAlias = Callable[[Mapping[str, Json]], bool]
+
+_NUMBERS: Final = (int, float)
+_PLAIN: Final = frozenset({int, str})
+_LARGEST: Final = sys.float_info.max
+
+
+def predicate(guard: Guard) -> Predicate:
+    """Return `holds` as a function, faster for many events.
+
+    The fastest cases are comparisons of a variable with a constant of its type, and their
+    conjunctions.
+    """
+    match guard:
+        case Operation(Operator.AND, operands):
+            parts = tuple(predicate(operand) for operand in operands)
+            return lambda binding: all(part(binding) for part in parts)
+        case Operation(operator, (Variable(name), Literal(constant))) if compare := OPERATORS[operator].compare:
+            evaluate = evaluation(guard)
+            if type(constant) not in (str, *_NUMBERS):
+                return lambda binding: evaluate(binding) is True
+            other = (int if type(constant) is str else str) if operator in (Operator.EQ, Operator.NE) else None
+
+            def with_number(binding: Mapping[str, Json]) -> bool:
+                value = binding[name]
+                kind = type(value)
+                if kind is int or kind is other or (kind is float and -_LARGEST <= value <= _LARGEST):
+                    found: bool = compare(value, constant)
+                    return found
+                return evaluate(binding) is True
+
+            def with_text(binding: Mapping[str, Json]) -> bool:
+                value = binding[name]
+                kind = type(value)
+                return bool(compare(value, constant)) if kind is str or kind is other else evaluate(binding) is True
+
+            return with_text if type(constant) is str else with_number
+        case Operation(operator, (left, right)) if compares := OPERATORS[operator].compare:
+            first, second, evaluate = evaluation(left), evaluation(right), evaluation(guard)
+
+            def with_both(binding: Mapping[str, Json]) -> bool:
+                one, other = first(binding), second(binding)
+                if type(one) is type(other) and (
+                    type(one) in _PLAIN or (type(one) is float and one - one == other - other == 0)
+                ):
+                    return bool(compares(one, other))
+                return evaluate(binding) is True
+
+            return with_both
+        case _:
+            compiled = evaluation(guard)
+            return lambda binding: compiled(binding) is True

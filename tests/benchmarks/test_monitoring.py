@@ -527,7 +527,7 @@ def test_a_detection_and_its_explanation(
 
     other = partial(decoding(orjson.loads), Log(log, count, Counter(), 0))
     lines, slow = [], []
-    for semantics, most in (("projected", 80), ("consecutive", 80), ("scattered", 180)):
+    for semantics, most in (("projected", 80), ("consecutive", 80), ("scattered", 140)):
         taken = [(timed(partial(own, semantics)), other()[1]) for _ in range(4)]
         ratio = 10 * min(mine for mine, _ in taken) / min(its for _, its in taken)
         ratios.add(f"a detection in the API, {semantics}", "orjson.loads of an event", ratio, most)

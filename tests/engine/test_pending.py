@@ -210,3 +210,10 @@ def test_what_its_times_rule_out_is_left_out_where_no_verdict_waits_for_its_end(
     engine = Engine(rvaft.loads(tree), semantics)
     engine.step({"n": 1})
     assert told(engine.pending()) == {1: {waits}}
+
+
+def test_an_undefined_time_rules_out_a_window_also_below_a_choice() -> None:
+    tree = "time ts as s; event n(v) = { n: v }; top or x within 1 s; x sand a b; a on n(1); b on n(2);"
+    engine = Engine(rvaft.loads(tree), "consecutive")
+    engine.step({"n": 1})
+    assert told(engine.pending()) == {1: {"a"}}

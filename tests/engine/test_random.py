@@ -10,7 +10,7 @@ from random import Random
 import pytest
 
 from rvaft.core.branches import restrict
-from rvaft.engine import Engine, contiguous, scattered_general
+from rvaft.engine import Engine, stages
 from rvaft.errors import TreeError
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.semantics import Reference
@@ -90,8 +90,7 @@ def test_all_ways_to_the_same_events(shape: str, semantics: str, monkeypatch: py
             pickled = pickle.loads(kept)
             taking = taking.fork()
             with monkeypatch.context() as patch:
-                patch.setattr(scattered_general, "MEMORY", 3)
-                patch.setattr(contiguous, "MEMORY", 3)
+                patch.setattr(stages, "MEMORY", 3)
                 forgetful.step(event)
             straight.step(event)
             if taking.is_late(event):

@@ -171,7 +171,7 @@ def test_of_ever_later_or_earlier_times_one_is_kept(times: Sequence[int], matche
     assert isinstance(monitor._strategy, ScatteredMatches)
     for group in monitor._strategy._groups.values():  # what was dropped is found nowhere
         assert len(group.members) == 1
-        assert sum(map(len, group._fronts.values())) == 1
+        assert sum(map(len, group._fronts.values())) <= 1
         lanes = [lane for index in group._ordered.values() for place in index.values() for lane in place.values()]
         assert sum(map(len, lanes)) <= 1
     verdicts = [monitor.step({"n": "b", "v": time + late}) for late in (9, 10)]

@@ -105,6 +105,22 @@ def test_windows_bound_what_is_stored(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("tree", "first", "second", "found"),
+    [
+        ("top sand a b;", "ab", "xb", 1),
+        ("time ts as s late 1 s; top sand a b within 5 s;", "....ab", "ab", 2),
+    ],
+)
+def test_a_second_log_begins_anew(tree: str, first: str, second: str, found: int, tmp_path: Path) -> None:
+    monitor, logs = program(tree, tmp_path), [tmp_path / "1.jsonl", tmp_path / "2.jsonl"]
+    for log, names in zip(logs, (first, second), strict=True):
+        lines = (json.dumps({"event": name, "ts": number}) + "\n" for number, name in enumerate(names))
+        log.write_text("".join(lines), encoding="utf-8")
+    code, printed, _ = status(monitor, b"", "--detections", *map(str, logs))
+    assert (code, printed.count("verdict")) == (1, found)
+
+
+@pytest.mark.parametrize(
     ("tree", "event"),
     [
         ("event e(v) = { v: v }; top or a; a on e(V) when V * V > 1;", {"v": 2**40}),

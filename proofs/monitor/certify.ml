@@ -387,12 +387,13 @@ let certify_hoa task = certify_slices task (fun number ->
 (* The answer for a text; [limit] bounds the pairs of a state of the text and a state of the automaton. *)
 let certify read selection semantics limit v =
   if read.tree.lateness <> None && need "in_order" v <> Json.Bool true then refuse "the tree drops late events";
+  let predicates = items (need "predicates" v) in
+  let reads_time v = Option.fold ~none:false ~some:((<>) Json.Null) (field "time" v) in
   let same_time t u = need "field" t = need "field" u && need "format" t = need "format" u in
   (match optional Fun.id (need "time" v), read.time with
-   | None, _ -> ()
+   | None, _ -> if List.exists reads_time predicates then refuse "the text does not say where events have their time"
    | Some t, Some u when same_time t u -> ()
    | Some _, _ -> refuse "the text has another time than the tree");
-  let predicates = items (need "predicates" v) in
   let task = { read; selection; semantics; limit; values = []; predicates; body = need "text" v } in
   let patterns = List.map (fun q -> fst (predicate read.lower q)) (items (need "samples" v))
       @ List.map fst (known_in task)

@@ -317,6 +317,56 @@ def test_alive_is_true_until_the_end_and_nothing_afterwards(text: str) -> None:
     assert certified(tree, text, "automaton", Semantics.SCATTERED)[0] == 1
 
 
+CYCLE_AFTER_THE_END = """HOA: v1
+States: 5
+Start: 0
+AP: 3 "alive" "a" "b"
+acc-name: Buchi
+Acceptance: 1 Inf(0)
+properties: trans-labels explicit-labels state-acc deterministic
+--BODY--
+State: 0
+[0&!1] 0
+[0&1] 1
+State: 1
+[0&!2] 1
+[0&2] 2
+State: 2
+[0] 2
+[!0] 3
+State: 3 {0}
+[!0] 4
+State: 4
+[!0] 3
+--END--
+"""
+FIELD_OF_TIMES = """/* rvaft
+time t as s
+atom a := { n: 1, t: 0 } at T1
+atom b := { n: 2, t: 100 } at T2 when T2 - T1 >= 100000000000
+*/
+F(a & X[!] F b)
+"""
+TIMES = "time t as s; event e(x, y) = { n: x, t: y }; top sand a b; a on e(1, 0); b on e(2, 100);"
+
+
+@built
+@pytest.mark.spot
+@pytest.mark.skipif(find_spec("spot") is None, reason="needs Spot")
+@pytest.mark.parametrize(
+    ("tree", "language", "text", "trace"),
+    [
+        ("top sand a b;", "automaton", CYCLE_AFTER_THE_END, [{"event": "a"}, {"event": "b"}]),
+        (TIMES, "ltlf", FIELD_OF_TIMES, [{"n": 1, "t": 0}, {"n": 2, "t": 100}]),
+    ],
+)
+def test_a_right_text_that_is_not_certified_does_not_differ(tree: str, language: str, text: str, trace: Any) -> None:
+    verdicts = list(backend(language).read(text).run(trace))
+    assert verdicts == list(Reference(loads(tree), Semantics.SCATTERED).run(trace))
+    reason = "not certified: the text may differ from the tree; no trace is known on which it does"
+    assert certified(loads(tree), text, language, Semantics.SCATTERED) == (2, reason)
+
+
 @built
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_a_text_of_another_semantics_is_not_certified(language: str) -> None:

@@ -82,7 +82,7 @@ class AutomatonBackend(Backend):
         return HoaMonitor(program(text, atoms))
 
     def formal(self, text: str) -> dict[str, Any]:
-        """Return the abstract syntax of an automaton without variables."""
+        """Return the abstract syntax of an automaton."""
         return formal(text)
 
     def observed(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> tuple[Observed, ...] | None:

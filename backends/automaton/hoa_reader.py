@@ -404,12 +404,14 @@ def formal(text: str) -> dict[str, Any]:
     tests: dict[int, Json] = {}
     for number, name in enumerate(known.table.names):
         variable = automaton.register_ap(name)
-        if number in known.events:
+        if name == ALIVE:  # whatever a header line says of it
+            tests[variable] = ["alive"]
+        elif number in known.events:
             tests[variable] = events.atom(known.events[number][0])
         elif number in known.guards:
             tests[variable] = events.atom(Anything(), [known.guards[number]])
-        else:
-            tests[variable] = ["alive"] if name == ALIVE else events.relevance(known.alphabet, known.ignored)
+        else:  # nothing is relevant after the end, also where every event is
+            tests[variable] = ["and", ["alive"], events.relevance(known.alphabet, known.ignored)]
 
     @cache
     def label(condition: Any) -> Json:

@@ -61,7 +61,7 @@ class LtlfBackend(Backend):
         return observed(text, atoms or {})
 
     def formal(self, text: str) -> dict[str, Any]:
-        """Return the abstract syntax of a formula without variables."""
+        """Return the abstract syntax of a formula."""
         return formal(text)
 
     def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:

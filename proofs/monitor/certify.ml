@@ -302,7 +302,7 @@ let trial_events qs values =
 let most_slices = 50_000
 
 (* A text of LTLf or HOA over its slices. [use numbers] has the predicates of the text, whether it accepts a
-   word of letters, and its comparison with the tree. *)
+   word of letters (None when this is not decided), and its comparison with the tree. *)
 let certify_slices task use =
   let tree = task.read.tree in
   let atoms = atoms_of task in
@@ -326,7 +326,12 @@ let certify_slices task use =
   let wanted = alphabet0 (slice_shapes tree ps qs task.selection) @ names in
   let satisfied = slice_satisfies tree ps qs in
   let letter = letter_of satisfied (List.filter (fun k -> List.mem k wanted) (all_numbers ps basic composed)) in
-  let events = lazy (trial_events qs task.values) in
+  (* Whether an event may have any time: its content says nothing about the field of times. *)
+  let any_time e = match e.content, Option.map (fun t -> items (need "field" t)) task.read.time with
+    | Object fields, Some (Json.String name :: _) -> not (List.mem_assoc name fields)
+    | _ -> true in
+  let timed = List.exists (fun q -> q.atom_time <> None) qs in
+  let events = lazy (List.filter (fun e -> not timed || any_time e) (trial_events qs task.values)) in
   (* The assignments after an event. *)
   let after e b = b :: List.concat_map (fun q -> List.filter_map (fun bs ->
       let own = assigned_by q e bs in
@@ -341,10 +346,12 @@ let certify_slices task use =
   let advance (slices, state) e =
     (List.concat_map (fun (word, b) -> List.map (fun b -> left (); (letter (e, b) :: word, b)) (after e b)) slices,
      step state e) in
-  (* Whether the text accepts a trace, if the tree says otherwise. *)
+  (* Whether the text accepts a trace, if this is known and the tree says otherwise. *)
   let wrong (slices, state) =
-    let accepted = List.exists (fun (word, _) -> accepts (List.rev word)) slices in
-    if accepted = (verdict_after state = Top) then None else Some accepted in
+    let answers = List.map (fun (word, _) -> accepts (List.rev word)) slices in
+    let accepted = if List.mem (Some true) answers then Some true else if List.mem None answers then None
+      else Some false in
+    if accepted = Some (verdict_after state = Top) then None else accepted in
   (* A trace with a slice of these letters. *)
   let rec trace_of b = function
     | [] -> Some []
@@ -373,26 +380,27 @@ let certify_slices task use =
 
 let certify_ltlf task = certify_slices task (fun number ->
     let f = formula number task.body in
-    (atoms f, (fun word -> at_end (List.fold_left derivative (simplified f) word)),
+    (atoms f, (fun word -> Some (at_end (List.fold_left derivative (simplified f) word))),
      fun w s ps basic composed atoms values fuel ->
        certify_text_ltlf mix task.read.tree w s ps basic composed atoms values fuel f))
 
 let certify_hoa task = certify_slices task (fun number ->
     let h = automaton number task.body in
     let state_after word = List.fold_left (hoa_step h) (Standing (Some h.start_state)) word in
-    (hoa_atoms h, (fun word -> hoa_accepts h (state_after word) = Some true),
+    (hoa_atoms h, (fun word -> hoa_accepts h (state_after word)),
      fun w s ps basic composed atoms values fuel ->
        certify_text_hoa mix task.read.tree w s ps basic composed atoms values fuel h))
 
 (* The answer for a text; [limit] bounds the pairs of a state of the text and a state of the automaton. *)
 let certify read selection semantics limit v =
   if read.tree.lateness <> None && need "in_order" v <> Json.Bool true then refuse "the tree drops late events";
+  let predicates = items (need "predicates" v) in
+  let reads_time v = Option.fold ~none:false ~some:((<>) Json.Null) (field "time" v) in
   let same_time t u = need "field" t = need "field" u && need "format" t = need "format" u in
   (match optional Fun.id (need "time" v), read.time with
-   | None, _ -> ()
+   | None, _ -> if List.exists reads_time predicates then refuse "the text does not say where events have their time"
    | Some t, Some u when same_time t u -> ()
    | Some _, _ -> refuse "the text has another time than the tree");
-  let predicates = items (need "predicates" v) in
   let task = { read; selection; semantics; limit; values = []; predicates; body = need "text" v } in
   let patterns = List.map (fun q -> fst (predicate read.lower q)) (items (need "samples" v))
       @ List.map fst (known_in task)

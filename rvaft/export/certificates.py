@@ -125,7 +125,11 @@ def certificate(
     limit: int = 1_000_000,
     timeout: float = 120,
 ) -> tuple[int, str]:
-    """Return 0 if a text has the verdict of the tree on every trace, 1 if not, 2 else, and why."""
+    """Return an exit status, and why.
+
+    It is 0 if the text has the verdict of the tree on every trace; 1 if it differs on a trace, in its
+    verdict (RML) or in whether it accepts the trace (LTLf, HOA); 2 if this is not decided.
+    """
     if program is None:
         return 2, f"not certified: {PROGRAM} is not on the PATH: build it by `make verified`, or name it by --verified"
     in_order, status = Assumption.ORDER in specification.assumes, 2

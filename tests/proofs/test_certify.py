@@ -18,6 +18,7 @@ from rvaft.backend import Metrics, Specification, backend
 from rvaft.cli import main
 from rvaft.export.certificates import CERTIFIED, IN_ORDER, certificate
 from rvaft.model.nodes import Assumption, Kind
+from rvaft.model.verdict import Verdict
 from rvaft.semantics import Reference
 from tests.faults.wrong_trees import MISTAKES
 from tests.proofs.verified import PROGRAM, PROOFS, built
@@ -245,6 +246,125 @@ def test_names_of_variables_are_kept_apart() -> None:
     assert certified(two, text, "ltlf", Semantics.STRICT)[0] == 0
     assert certified(two, text.replace("m: Y", "m: X"), "ltlf", Semantics.STRICT)[0] == 1
     assert certified(two, text.replace("X != Y", "X != X"), "ltlf", Semantics.STRICT)[0] == 1
+
+
+@built
+@pytest.mark.parametrize("language", LANGUAGES[1:])
+def test_a_text_without_the_time_of_events_is_not_certified(language: str) -> None:
+    """Without the line `time`, no event has a time, so the reader of the text detects nothing."""
+    text = translate(loads(SOON), language, semantics="scattered").text
+    untimed, count = re.subn(r"(?m)^time.*\n", "", text)
+    assert count == 1
+    assert set(backend(language).read(untimed).run([{"n": 1, "t": 0}, {"n": 2, "t": 1}])) == {Verdict.UNKNOWN}
+    reason = "not certified: the text does not say where events have their time"
+    assert certified(loads(SOON), untimed, language, Semantics.SCATTERED) == (2, reason)
+
+
+ALIVE_IS_AN_EVENT = """HOA: v1
+States: 3
+Start: 0
+AP: 2 "alive" "b"
+event: 0 "{ event: \\"a\\" }"
+acc-name: Buchi
+Acceptance: 1 Inf(0)
+properties: trans-labels explicit-labels state-acc deterministic
+--BODY--
+State: 0
+[!0] 0
+[0] 1
+State: 1
+[!1] 1
+[1] 2
+State: 2 {0}
+[t] 2
+--END--
+"""
+RELEVANT_AFTER_THE_END = """HOA: v1
+States: 4
+Start: 0
+AP: 4 "alive" "a" "b" "relevant"
+relevant: 3
+alphabet: "{}"
+acc-name: Buchi
+Acceptance: 1 Inf(0)
+properties: trans-labels explicit-labels state-acc deterministic
+--BODY--
+State: 0
+[0&!1] 0
+[0&1] 1
+State: 1
+[0&!2] 1
+[0&2] 2
+State: 2
+[0] 2
+[!0&3] 3
+State: 3 {0}
+[!0] 3
+--END--
+"""
+
+
+@built
+@pytest.mark.spot
+@pytest.mark.skipif(find_spec("spot") is None, reason="needs Spot")
+@pytest.mark.parametrize("text", [ALIVE_IS_AN_EVENT, RELEVANT_AFTER_THE_END])
+def test_alive_is_true_until_the_end_and_nothing_afterwards(text: str) -> None:
+    tree = loads("top sand a b;")
+    assert any(
+        list(backend("automaton").read(text).run(trace)) != list(Reference(tree, Semantics.SCATTERED).run(trace))
+        for trace in ([{"event": one}, {"event": "b"}] for one in "ab")
+    )
+    assert certified(tree, text, "automaton", Semantics.SCATTERED)[0] == 1
+
+
+CYCLE_AFTER_THE_END = """HOA: v1
+States: 5
+Start: 0
+AP: 3 "alive" "a" "b"
+acc-name: Buchi
+Acceptance: 1 Inf(0)
+properties: trans-labels explicit-labels state-acc deterministic
+--BODY--
+State: 0
+[0&!1] 0
+[0&1] 1
+State: 1
+[0&!2] 1
+[0&2] 2
+State: 2
+[0] 2
+[!0] 3
+State: 3 {0}
+[!0] 4
+State: 4
+[!0] 3
+--END--
+"""
+FIELD_OF_TIMES = """/* rvaft
+time t as s
+atom a := { n: 1, t: 0 } at T1
+atom b := { n: 2, t: 100 } at T2 when T2 - T1 >= 100000000000
+*/
+F(a & X[!] F b)
+"""
+TIMES = "time t as s; event e(x, y) = { n: x, t: y }; top sand a b; a on e(1, 0); b on e(2, 100);"
+
+
+@built
+@pytest.mark.spot
+@pytest.mark.skipif(find_spec("spot") is None, reason="needs Spot")
+@pytest.mark.parametrize(
+    ("tree", "language", "text", "trace"),
+    [
+        ("top sand a b;", "automaton", CYCLE_AFTER_THE_END, [{"event": "a"}, {"event": "b"}]),
+        (TIMES, "ltlf", FIELD_OF_TIMES, [{"n": 1, "t": 0}, {"n": 2, "t": 100}]),
+    ],
+)
+def test_a_right_text_that_is_not_certified_does_not_differ(tree: str, language: str, text: str, trace: Any) -> None:
+    verdicts = list(backend(language).read(text).run(trace))
+    assert verdicts == list(Reference(loads(tree), Semantics.SCATTERED).run(trace))
+    reason = "not certified: the text may differ from the tree; no trace is known on which it does"
+    assert certified(loads(tree), text, language, Semantics.SCATTERED) == (2, reason)
 
 
 @built

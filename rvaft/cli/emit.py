@@ -65,7 +65,7 @@ def emit_command(
     """Write a specification of a tree in another language, equivalent under the chosen semantics.
 
     With `--certify`, standard error says whether the text is proved to have the verdicts of the tree, and
-    the exit status is 0 if it is, 1 if it differs, and 2 if this is not known.
+    the exit status is 0 if it is, 1 if a trace shows a difference, and 2 if this is not decided.
     """
     options.refuse(verified is not None and not certify, "--verified is for --certify: add it")
     drawing = None if output is None else format_of(output)

@@ -318,6 +318,26 @@ static int scan_scalar(rvaft_reader *r, rvaft_value *v) {
     return 0;
 }
 
+/* Pass a value, which is valid JSON and in an object, up to the comma or the bracket behind it. */
+static void pass_value(rvaft_reader *r) {
+    uint32_t depth = 0;
+    int escaped;
+    while (r->at < r->size) {
+        char c = r->text[r->at];
+        if (depth == 0 && (c == ',' || c == '}')) {
+            return;
+        }
+        r->at++;
+        if (c == '"') {
+            (void)scan_string(r, &escaped);
+        } else if (c == '{' || c == '[') {
+            depth++;
+        } else if (c == '}' || c == ']') {
+            depth--;
+        }
+    }
+}
+
 /* Write the canonical form of the value at `r->at`, which is valid JSON: equal values have equal
    bytes. Sets `undefined` where a number is not finite. */
 static int canonical(rvaft_reader *r, int *undefined) {
@@ -360,7 +380,6 @@ static int canonical(rvaft_reader *r, int *undefined) {
         skip_blanks(r);
         while (r->text[r->at] != '}') {
             member made;
-            uint32_t keep;
             from = r->at + 1;
             r->at = from;
             if (r->members >= MEMBERS) {
@@ -375,14 +394,8 @@ static int canonical(rvaft_reader *r, int *undefined) {
             skip_blanks(r);
             r->at++;
             made.value = r->at;
-            keep = r->used;
             r->member[r->members++] = made;
-            error = canonical(r, undefined); /* to pass the value */
-            if (error) {
-                return error;
-            }
-            r->used = keep;
-            skip_blanks(r);
+            pass_value(r);
             r->at += r->text[r->at] == ',';
             skip_blanks(r);
         }

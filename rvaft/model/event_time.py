@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from dataclasses import field as part
 from datetime import UTC, date, datetime, timedelta, timezone, tzinfo
-from decimal import ROUND_HALF_EVEN, Context, Decimal, DecimalException
+from decimal import ROUND_05UP, ROUND_HALF_EVEN, Context, Decimal, DecimalException
 from enum import StrEnum
 from functools import lru_cache
 from typing import Final
@@ -341,7 +341,8 @@ def duration(text: str) -> int:
 _FEW: Final = 20
 _MOST: Final = 30
 """The maximum power of ten of a time in any unit."""
-_EXACT: Final = Context(prec=5_000, Emax=999_999, Emin=-999_999)
+_EXACT: Final = Context(prec=5_000, rounding=ROUND_05UP, Emax=999_999, Emin=-999_999)
+"""With `ROUND_05UP` a number that has lost digits is never halfway between two times."""
 _LONGEST: Final = 1_000
 """The maximum length of a time text, in characters."""
 _ISO: Final = re.compile(

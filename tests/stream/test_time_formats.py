@@ -9,6 +9,7 @@ import pytest
 import rvaft
 from cross_check.generate.times import FORMATS, TODAY, written
 from rvaft.model.event_time import EventTime, TextFormat, TimeFormat
+from rvaft.readers.json_lines import decode
 from rvaft.semantics.events import time_of
 from tests.cli.runs import jsonl, run
 
@@ -37,6 +38,20 @@ def test_a_log_is_monitored_as_the_reference_reads_it(form: TimeFormat | TextFor
         begun.write_text("".join(lines[:end]))
         parts += _detected(tmp_path / "tree.rvaft", begun, "--checkpoint", state)
     assert parts == whole
+
+
+@pytest.mark.parametrize("zeros", [0, 990, 5_000, 10_000])
+@pytest.mark.parametrize(("number", "less", "more"), [("2.0000000005", 2 * 10**9, 1), ("1.0000000015", 10**9 + 2, 0)])
+def test_a_number_is_rounded_once(number: str, less: int, more: int, zeros: int) -> None:
+    """Half to even, and up where a digit follows, however far behind it is."""
+    time = EventTime(("t",), TimeFormat.SECONDS)
+
+    def nanoseconds(text: str) -> int | None:
+        return time.read(decode(f'{{"t": {text}}}'.encode()))
+
+    assert nanoseconds(number + "0" * zeros) == less
+    assert nanoseconds(f"{number}{'0' * zeros}1") == less + more
+    assert nanoseconds(f"-{number}{'0' * zeros}1") == -less - more
 
 
 def _detected(*args: object) -> list[int]:

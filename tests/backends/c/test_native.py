@@ -138,6 +138,7 @@ def test_native_output_of_a_stream_comes_as_its_events_come(tmp_path: Path, monk
             assert "branch 1: fault" in "".join(running.stdout.readline() for _ in range(4))
 
 
+TEXTS = 'event e(u) = { k: "e", u: u }; top sand a b; a on e(U); b on e(U);'
 PRODUCT = "event e(u) = { u: u }; top and x y when U * V == 4; x on e(U); y on e(V);"
 ONE_KEY = ("--key", "n", "--max-keys", "1")
 
@@ -148,6 +149,7 @@ ONE_KEY = ("--key", "n", "--max-keys", "1")
         (TIED, ['{"k": 1, "u": 1}', '{"k": 1, "u": 2}', '{"k": 1, "u": 3}'], "partial matches or texts of the"),
         (TIED, ['{"k": 1, "u": 1, "n": "x"}', '{"k": 1, "u": 2, "n": "y"}'], "different values of n"),
         (TIED, ['{"k": 1, "u": 1}', '{"k": 1, "u": nope}'], "log.jsonl:2: not JSON"),
+        (TEXTS, ['{"k": "e", "u": 1}', '{"k": "f", "u": 1, "u": 1}'], "line 2 is refused: a key is repeated"),
         (PRODUCT, ['{"u": 4294967296}'] * 2, "bits of a number or a time in the native monitor (limit 64)"),
     ],
 )

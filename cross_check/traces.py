@@ -118,11 +118,10 @@ def _words(participants: Iterable[Participant], events: int, longest: int) -> It
 
 def letters_of(observed: Iterable[Iterable[Observed]], *, proof: bool = False) -> Letters:
     """Return the letters of several participants, with twins for a `proof`; raises `TooLarge`."""
-    match _remembered(frozenset(chain.from_iterable(observed)), proof=proof):
-        case TooLarge() as error:
-            raise error
-        case found:
-            return found
+    found = _remembered(frozenset(chain.from_iterable(observed)), proof=proof)
+    if isinstance(found, TooLarge):  # raised anew, as an error that is kept would keep its callers' frames
+        raise TooLarge(found.what, limit=found.limit)
+    return found
 
 
 @lru_cache(maxsize=16)

@@ -99,9 +99,13 @@ class TooLarge(RvaftError, RuntimeError):
 class NoVerdict(RvaftError, RuntimeError):
     """A monitor has no verdict after an event, where its language leaves the trace open.
 
-    >>> print(NoVerdict("event 1: a number needs more than 64 bits"))
+    >>> print(NoVerdict("a number needs more than 64 bits", event=1))
     event 1: a number needs more than 64 bits
     """
+
+    def __init__(self, reason: str, *, event: int) -> None:
+        self.reason = reason
+        super().__init__(f"event {event}: {reason}")
 
 
 class CheckpointError(RvaftError, ValueError):

@@ -159,7 +159,7 @@ class CMonitor(Monitor):
         """Read a line of JSON and return the verdict after it; raises `NoVerdict`."""
         code = self._functions.rvaft_line(self._state, self._reader, line + bytes(16), len(line))
         if code not in _VERDICTS:
-            raise NoVerdict(f"event {self._read}: {_ERRORS.get(code, code)}")
+            raise NoVerdict(_ERRORS.get(code, str(code)), event=self._read)
         return _VERDICTS[code]
 
     @property
@@ -186,5 +186,5 @@ def _left_open(text: str, trace: Sequence[Json]) -> str:
     try:
         list(CMonitor(text).run(trace))
     except NoVerdict as error:
-        return str(error).partition(": ")[2]  # without the event
+        return error.reason
     return ""

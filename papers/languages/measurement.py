@@ -415,8 +415,7 @@ def _work(work: Callable[[], object], sender: Connection, seconds: float, clock:
 
 
 def limit_memory(size: int) -> None:
-    """Let this process map at most `size` bytes beyond those that it has mapped, within its hard
-    limit.
+    """Let this process map at most `size` bytes more than it has mapped, within its hard limit.
 
     A forked process inherits what libraries have reserved, which can be gigabytes without use.
     """

@@ -399,10 +399,8 @@ class ScatteredMatches(Following):
                 joined = [self._joined(one, whole.witness) for one in self.partial if self._own(one) & ~component.nodes]
                 self._base = whole
                 self.follow([whole, *(one for one in joined if one is not None)])
-                groups = self._groups.items()
-                return [
-                    (stage, stage.configuration(*one[1:3])) for stage, group in groups for one in group.members.values()
-                ]
+                held = [(stage, one) for stage, group in self._groups.items() for one in group.members.values()]
+                return [(stage, stage.configuration(one.binding, one.last)) for stage, one in held]
         return []
 
     def _is_complete(self, stage: Stage, part: IndependentPart) -> bool:

@@ -90,6 +90,7 @@ bare: $(STAMP)
 lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/python -m pytest -q tests/house
 
 types: $(STAMP)
 	$(BIN)/mypy rvaft backends cross_check papers/languages tests

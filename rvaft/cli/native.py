@@ -8,21 +8,18 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from functools import lru_cache
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import IO, Any, BinaryIO, Final
 
-from rvaft.api import monitor, translate
+from rvaft.api import translate
 from rvaft.cli import options
-from rvaft.cli.native_run import BACKEND, compiling
-from rvaft.core.classifier import TreeReads
+from rvaft.cli.native_run import BACKEND, MatchedLine, MatchReader, compiling
 from rvaft.errors import ToolFailed, TraceError
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json
-from rvaft.model.verdict import Semantics, Verdict
-from rvaft.readers.json_lines import decode
-from rvaft.readers.log import BOM
+from rvaft.model.verdict import Semantics
 from rvaft.stream import detection
 
 ALONE: Final = frozenset({"semantics", "traces", "form", "detections", "repeat", "native", "log_format", "per", "jobs"})
@@ -63,9 +60,15 @@ def run(part: RVAFT, semantics: Semantics, files: Sequence[str], *, repeat: bool
         text = translate(part, BACKEND, semantics=semantics).text
     chosen = [*(["--repeat"] if repeat else []), *(["--detections"] if detections else [])]
     command = [str(language.program(text)), *chosen, "--", *files]
-    explained = _Explained(part, semantics)
     output = sys.stdout.buffer
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:  # noqa: S603
+    explained = _Explained(part)
+    with ExitStack() as logs, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:  # noqa: S603
+
+        @lru_cache(maxsize=1)
+        def log(file: str) -> BinaryIO:
+            logs.close()
+            return logs.enter_context(Path(file).open("rb"))
+
         assert process.stdout is not None
         assert process.stderr is not None
         for block in _blocks(process.stdout):
@@ -73,7 +76,7 @@ def run(part: RVAFT, semantics: Semantics, files: Sequence[str], *, repeat: bool
                 output.write(block)
                 continue
             for line in block.splitlines(keepends=True):
-                output.write(explained.line(line, files) if b'"places"' in line else line)
+                output.write(explained.line(line, log, files) if b'"places"' in line else line)
         output.flush()
         error = process.stderr.read().decode(errors="replace").strip()
     if process.returncode in (0, 1):
@@ -95,32 +98,20 @@ def _blocks(stream: IO[bytes]) -> Iterator[bytes]:
 
 
 class _Explained:
-    """Explains detections by the engine, which reads only the events of the match."""
+    """Explains detections."""
 
-    def __init__(self, part: RVAFT, semantics: Semantics) -> None:
-        self._start = monitor(part, semantics=semantics)
+    def __init__(self, part: RVAFT) -> None:
+        self._matches = MatchReader(part)
         self._tree = part if part.part_of is None else part.part_of.tree
         self._fields = detection.identifying_fields(self._tree)
-        self._reads = TreeReads(self._tree)
 
-    def line(self, line: bytes, files: Sequence[str]) -> bytes:
+    def line(self, line: bytes, log: Callable[[str], BinaryIO], files: Sequence[str]) -> bytes:
         """Return the record of a detection with branch, kinds, matched events and variables."""
         record = json.loads(line)
-        places = record.pop("places")
-        events = list(self._events(record.get("trace", files[0]), [offset for _, _, offset in places]))
-        engine = self._start.fork()
-        explanation = engine.explanation if [*engine.run(events)][-1:] == [Verdict.TRUE] else None
-        if explanation is None:
-            raise ToolFailed("the native monitor", reason=f"no match at event {record['event']}")
-        numbers = [number for number, _, _ in places]
-        matched = tuple(one._replace(event=numbers[one.event - 1]) for one in explanation.matched)
-        known = dict(zip(numbers, events, strict=True))
-        lines = {number: at for number, at, _ in places}
-        found = detection.explained(replace(explanation, matched=matched), self._tree, known, self._fields, lines)
+        places = [MatchedLine(*place) for place in record.pop("places")]
+        events = self._matches.events(log(record.get("trace", files[0])), places)
+        explanation = self._matches.explanation(events, [one.number for one in places])
+        known = {one.number: event for one, event in zip(places, events, strict=True)}
+        lines = {one.number: one.line for one in places}
+        found = detection.explained(explanation, self._tree, known, self._fields, lines)
         return f"{json.dumps(record | found)}\n".encode()
-
-    def _events(self, file: str, offsets: Sequence[int]) -> Iterator[Json]:
-        with Path(file).open("rb") as stream:
-            for offset in offsets:
-                stream.seek(offset)
-                yield decode(stream.readline().removeprefix(BOM).rstrip(b"\r\n"), reads=self._reads)

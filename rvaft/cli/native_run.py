@@ -4,7 +4,7 @@ Events are read as without `--native`. `NativeRun` passes each block of the log 
 before the block is read, and `NativeEngine` detects at the events that the compiled monitor named.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -23,7 +23,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation
-from rvaft.readers.json_lines import decode
+from rvaft.readers.json_blocks import decode_accepted
 from rvaft.readers.log import BOM
 from rvaft.stream.keys import Key
 from rvaft.stream.listeners import EventBuffer
@@ -112,6 +112,31 @@ class _Fed(BufferedIOBase):
         return data
 
 
+class MatchReader:
+    """Reads the events of a match that a native monitor found, and explains it by the engine."""
+
+    def __init__(self, part: RVAFT) -> None:
+        self._start = monitor(part, semantics=Semantics.STRICT)  # of nothing but the events of a match
+        self._reads = TreeReads(part if part.part_of is None else part.part_of.tree)
+
+    def events(self, log: BinaryIO, places: Iterable[MatchedLine]) -> list[Json]:
+        """Return the events at these places of a log."""
+        found = list[Json]()
+        for place in places:
+            log.seek(place.offset)
+            found.append(decode_accepted(log.readline().removeprefix(BOM), self._reads))
+        return found
+
+    def explanation(self, events: Sequence[Json], numbers: Sequence[int]) -> Explanation:
+        """Return the match of these events, which have these numbers in the log."""
+        engine = self._start.fork()
+        verdicts = list(engine.run(events))
+        found = engine.explanation
+        if found is None or verdicts.index(Verdict.TRUE) < len(verdicts) - 1:
+            raise ToolFailed("the native monitor", reason=f"the engine has no match at event {numbers[-1]}")
+        return replace(found, matched=tuple(one._replace(event=numbers[one.event - 1]) for one in found.matched))
+
+
 class NativeRun:
     """Monitors traces one after the other; `part` is the monitored tree.
 
@@ -123,8 +148,7 @@ class NativeRun:
         self._backend = compiling().keyed(fields)
         self._text = self._backend.translate(part, Semantics.SCATTERED).text
         self._keys, self._repeat = keys, repeat
-        self._start = monitor(part, semantics=Semantics.STRICT)  # of nothing but the events of a match
-        self._reads = TreeReads(part if part.part_of is None else part.part_of.tree)
+        self._matches = MatchReader(part)
         self._found: dict[int, Sequence[MatchedLine]] = {}
         self._log: CompiledLog | None = None
         self._copy: BinaryIO | None = None
@@ -172,19 +196,10 @@ class NativeRun:
 
     def explanation(self, places: Sequence[MatchedLine]) -> Explanation:
         """Return the match of these events by the engine, after storing them in the buffer."""
-        events, numbers = list(map(self._event, places)), [one.number for one in places]
-        self._buffer.remember_all(list(zip(numbers, events, strict=True)), [one.line for one in places])
-        engine = self._start.fork()
-        verdicts = list(engine.run(events))
-        found = engine.explanation
-        if found is None or verdicts.index(Verdict.TRUE) < len(verdicts) - 1:
-            raise ToolFailed("the native monitor", reason=f"the engine has no match at event {numbers[-1]}")
-        return replace(found, matched=tuple(one._replace(event=numbers[one.event - 1]) for one in found.matched))
-
-    def _event(self, place: MatchedLine) -> Json:
         assert self._copy is not None, "the trace has begun"
-        self._copy.seek(place.offset)
-        return decode(self._copy.readline().removeprefix(BOM).rstrip(b"\r\n"), reads=self._reads)
+        events, numbers = self._matches.events(self._copy, places), [one.number for one in places]
+        self._buffer.remember_all(list(zip(numbers, events, strict=True)), [one.line for one in places])
+        return self._matches.explanation(events, numbers)
 
 
 class NativeEngine(Engine):

@@ -53,6 +53,27 @@ def test_native_monitoring_of_many_detections(tmp_path: Path, monkeypatch: pytes
     assert run(*call, "--native").stdout == run(*call).stdout
 
 
+def test_native_monitoring_of_several_logs_with_unusual_numbers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Values that a strict decoder of JSON refuses, and numbers with more digits than a double."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    file = tmp_path / "tree.rvaft"
+    file.write_text(
+        'time ts as s; event e(n, v) = { event: n, v: v }; top sand a b; a on e("a", X); b on e("b", Y) when Y != X;',
+        encoding="utf-8",
+    )
+    logs = [tmp_path / f"{name}.jsonl" for name in "pqr"]
+    for log, ending in zip(logs, (b'"other": NaN', b'"ts": 1772438400.1234567891, "other": 1e999', b""), strict=True):
+        lines = [b'{"event": "a", "v": 9007199254740993}', b'{"event": "b", "v": 9007199254740994, %s}' % ending]
+        log.write_bytes(b"\xef\xbb\xbf" + b"\n".join(lines[: 2 if ending else 1]) + b"\n")
+    call = ("monitor", str(file), *map(str, logs), "--format", "jsonl", "--semantics", "scattered", "--repeat")
+    found = run(*call, "--native")
+    assert found.stdout == run(*call).stdout
+    assert found.stdout.count('"matched"') == 2
+    assert '"time": 1772438400.123456' in found.stdout
+
+
 def test_native_monitoring_needs_a_compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("PATH", "")

@@ -13,6 +13,8 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import BinaryIO, Final, NamedTuple, Protocol, Self, cast, runtime_checkable
 
+import msgspec
+
 from rvaft.api import monitor
 from rvaft.backend import Specification, backend
 from rvaft.core.classifier import TreeReads
@@ -20,15 +22,17 @@ from rvaft.engine.compiled_tree import NOTHING, EventClass, Inert, Reading
 from rvaft.engine.monitor import Engine
 from rvaft.errors import RvaftError, ToolFailed
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json
+from rvaft.model.values import Json, finite_decimal
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation
-from rvaft.readers.json_blocks import decode_accepted
+from rvaft.readers.json_lines import decode
 from rvaft.readers.log import BOM
 from rvaft.stream.keys import Key
 from rvaft.stream.listeners import EventBuffer
 
 BACKEND: Final = "c"
+_ACCEPTED: Final[msgspec.json.Decoder[Json]] = msgspec.json.Decoder(float_hook=finite_decimal)
+"""For lines that a native monitor has accepted, so that nothing is checked again."""
 _HIT: Final = Reading(relevant=False, hits=(None,))
 """An event that some node may have."""
 
@@ -124,7 +128,11 @@ class MatchReader:
         found = list[Json]()
         for place in places:
             log.seek(place.offset)
-            found.append(decode_accepted(log.readline().removeprefix(BOM), self._reads))
+            line = log.readline().removeprefix(BOM)
+            try:
+                found.append(_ACCEPTED.decode(line))
+            except (msgspec.DecodeError, RecursionError):  # NaN, or a lone surrogate that is not read
+                found.append(decode(line.rstrip(b"\r\n"), reads=self._reads))
         return found
 
     def explanation(self, events: Sequence[Json], numbers: Sequence[int]) -> Explanation:

@@ -45,6 +45,19 @@ def decimal(written: str) -> float:
     return exact
 
 
+def finite_decimal(written: str) -> float:
+    """As `decimal`; raises `ValueError` for a number beyond a double, which decoders pass on.
+
+    >>> finite_decimal("1e999")
+    Traceback (most recent call last):
+    ValueError: beyond a double
+    """
+    number = decimal(written)
+    if number - number != 0:
+        raise ValueError("beyond a double")
+    return number
+
+
 def at(value: Json, path: Iterable[str], missing: Json = None) -> Json:
     """Return the value at a path of fields, or `missing`.
 

@@ -19,7 +19,7 @@ from rvaft.errors import TraceError
 from rvaft.model.event_time import NUMERIC
 from rvaft.model.patterns import ObjectPattern
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json, JsonObject, Scalar, decimal
+from rvaft.model.values import Json, JsonObject, Scalar, finite_decimal
 from rvaft.readers.json_lines import MAX_DEPTH, decode, event_on
 from rvaft.readers.log import BOM, MAX_DIGITS, MAX_LINE, failures_of, unreadable
 from rvaft.support.files import SUFFIXES
@@ -154,7 +154,7 @@ class JsonBlockReader:
         # msgspec calls a float hook only for values of type Any
         read = {field: Any if field == time else types[field] for field in fields}
         event = TypedDict("event", read, total=False)  # type: ignore[misc] # the names come with the tree
-        self._event: msgspec.json.Decoder[_Line] = msgspec.json.Decoder(event, float_hook=_decimal)
+        self._event: msgspec.json.Decoder[_Line] = msgspec.json.Decoder(event, float_hook=finite_decimal)
         self._time = time
         head_fields = tuple(dict.fromkeys((*self._discriminating, *kept)))
         names = {f"f{number}": field for number, field in enumerate(head_fields)}
@@ -385,30 +385,6 @@ def _is_odd(text: bytes) -> bool:
         except UnicodeDecodeError:
             return True
     return False
-
-
-def _decimal(written: str) -> float:
-    number = decimal(written)
-    if number - number != 0:
-        raise msgspec.DecodeError("beyond a double")
-    return number
-
-
-_ANY: Final[msgspec.json.Decoder[Any]] = msgspec.json.Decoder(float_hook=_decimal)
-
-
-def decode_accepted(line: bytes, reads: TreeReads) -> JsonObject:
-    """Return the event on a line that another reader has accepted, so nothing is checked again.
-
-    >>> import rvaft
-    >>> decode_accepted(b'{"event": "a", "n": 1.50}', TreeReads(rvaft.loads("top sand a b;")))
-    {'event': 'a', 'n': 1.5}
-    """
-    try:
-        event: JsonObject = _ANY.decode(line)
-    except _REFUSED:  # what is no JSON, but is accepted: NaN, lone surrogates where they are not read
-        return decode(line, reads=reads)
-    return event
 
 
 def _count(text: bytes, key: bytes) -> int:

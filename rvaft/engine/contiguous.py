@@ -19,7 +19,8 @@ from rvaft.model.values import Json, exact
 from rvaft.model.verdict import Semantics, Verdict
 
 SMALL: Final = 500
-"""The maximum number of nodes of a small tree."""
+"""The maximum number of nodes of a small tree. With 1,000 leaves, the stages take 2 to 3 times as long as
+`Contiguous` for the first events, and up to 6 times for later ones."""
 _PLAIN: Final = frozenset({str, int})
 _UNMATCHED: Final[tuple[Mapping[str, Json], EventClass]] = ({}, EventClass())
 _new: Final = tuple.__new__  # twice as fast as the constructors of the classes

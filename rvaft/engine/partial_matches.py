@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
 from copy import copy
+from dataclasses import replace
 from functools import partial
 from typing import ClassVar, Final, Self
 
@@ -170,8 +171,7 @@ class Matching:
     def decided(self, configuration: Configuration, node: int) -> tuple[list[int], list[int]]:
         """Return the guards that a node's event decides, and those that it may make fail early."""
         names = self.compiled.exported[node]
-        bound = configuration.copy()
-        bound.binding.update(dict.fromkeys(names))
+        bound = replace(configuration, binding={**configuration.binding, **dict.fromkeys(names)})
         return list(self.closing(bound, names)), list(self.narrowed(bound, names))
 
     def is_bound(self, configuration: Configuration, name: str) -> bool:

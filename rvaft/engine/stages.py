@@ -7,7 +7,7 @@ Of many times that only windows bound, a partial match remembers the least and t
 """
 
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain, product
 from typing import Final, NamedTuple, TypeAlias
 
@@ -202,8 +202,7 @@ class Stages:
         found = self._known.get(place)
         if found is None:
             self.size += 1 + len(configuration.flags)
-            sample = configuration.copy()
-            sample.binding, sample.witness = dict.fromkeys(configuration.binding), None
+            sample = replace(configuration, binding=dict.fromkeys(configuration.binding), witness=None)
             found = self._known[place] = self._made(sample, settled=settled)
         return found
 

@@ -53,6 +53,14 @@ VALUES: Final = (
 )
 
 
+MANY_VALUES: Final = (
+    range(9),
+    (*range(-4, 5), 0.5, 1.0, "a", "b"),
+    "abcdefgh",
+    (2**53, 2**53 + 1, -(2**60), 10**101, 1.5, float("nan"), 0, 1, 2),
+)
+
+
 def comparison(random: Random, leaves: list[int], names: list[str]) -> str:
     one, other = random.choice(names), random.choice(names)
     if random.random() < 0.25 and leaves:
@@ -83,10 +91,29 @@ def trees(random: Random, shapes: Sequence[str], count: int) -> Iterator[tuple[R
             yield tree, letters
 
 
-def trace(random: Random, letters: str) -> list[dict[str, Any]]:
+def guarded(random: Random) -> RVAFT:
+    """A tree of three leaves in which all values of V may matter: two guards need it, in different ways."""
+
+    def guard(later: str, name: str) -> str:
+        if random.random() < 0.3:
+            return f"at({later}) - at(a) {random.choice(('<=', '<', '>=', '>'))} {random.randint(0, 6)} s"
+        one = (
+            f"{name} {random.choice(('<', '<=', '>', '>=', '=='))} V{random.choice(('', '', ' + 1', ' - 0.5', ' + V'))}"
+        )
+        return random.choice((one, one, f"not {one}", f"V + 1 > {name}"))
+
+    late = random.choice(("", " late 1 s"))
+    return loads(
+        f"time t as s{late}; event e(n, v) = {{ e: n, v: v }}; top {random.choice(('sand', 'and'))} a b c g"
+        f'{random.choice(("", "", " within 9 s"))}; a on e("a", V); b on e("b", W) when {guard("b", "W")};'
+        f' c on e("c", X); g when {guard("c", "X")}{random.choice(("", " and X != V", " and X < W"))};'
+    )
+
+
+def trace(random: Random, letters: str, *, long: bool = False) -> list[dict[str, Any]]:
     """Events whose times sometimes go back, and sometimes lack."""
-    time, events, values = 0, [], random.choice(VALUES)
-    for _ in range(random.randint(5, 11)):
+    time, events, values = 0, list[dict[str, Any]](), random.choice(MANY_VALUES if long else VALUES)
+    for _ in range(random.randint(15, 30) if long else random.randint(5, 11)):
         time += random.choice((-2, -1, 0, 0, 1, 1, 1, 2))
         told = {"t": time} if random.random() < 0.95 else {}
         events.append({"e": random.choice(letters), "v": random.choice(values), **told})
@@ -110,6 +137,20 @@ def test_joined_events(shapes: Sequence[str], seed: int) -> None:
             twin = monitor.fork()
             assert (twin.state, twin.pending()) == (monitor.state, monitor.pending())
     assert detected > 10
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 12))])
+def test_many_partial_matches(seed: int) -> None:
+    """Partial matches that an index finds, by equal values and by ranges of values and times."""
+    random, detected, many = Random(f"many {seed}"), 0, 0
+    for _ in range(400):
+        events = trace(random, random.choice(("aaabc", "aaaaaaabc")), long=True)
+        found = compare(guarded(random), events, "scattered")
+        assert found is not None
+        detected += found.verdict is Verdict.TRUE
+        many += len(getattr(found._strategy, "partial", ())) > 9
+    assert detected > 100
+    assert many > 40
 
 
 FEW: Final = {

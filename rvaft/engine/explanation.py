@@ -133,7 +133,7 @@ class MatchFinder:
                     return
                 if len(under) >= DEFAULT_BRANCHES:
                     under.clear()
-                under[made] = Matching(CompiledTree(chosen), limit=self.strategy.limit)
+                under[made] = Matching(CompiledTree(chosen), limit=self.strategy.limit, early=matching.early)
             matching = under[made]
         else:
             for steps in histories:

@@ -30,6 +30,7 @@ class Matching:
 
     def __init__(self, compiled: CompiledTree, *, limit: int, early: bool = False) -> None:
         self.compiled = compiled
+        self.early = early
         self.progress = PartProgress(compiled)
         self.shared = SharedNodes(compiled, self.progress, limit=limit)
         self.early_differences: dict[int, tuple[TimeDifference, ...]] = {}

@@ -217,3 +217,16 @@ def test_an_undefined_time_rules_out_a_window_also_below_a_choice() -> None:
     engine = Engine(rvaft.loads(tree), "consecutive")
     engine.step({"n": 1})
     assert told(engine.pending()) == {1: {"a"}}
+
+
+@pytest.mark.parametrize("semantics", ["consecutive", "scattered"])
+def test_an_undefined_time_rules_out_one_branch(semantics: str) -> None:
+    guarded = "b on n(2) when at(b) - at(a) <= 3 s;"
+    engine = Engine(
+        rvaft.loads(f"time ts as s; event n(v) = {{ n: v }}; top sand a x; x or b c; a on n(1); {guarded} c on n(3);"),
+        semantics,
+    )
+    engine.step({"n": 1})
+    assert told(engine.pending()) == {1: {"a"}, 2: {"a", "c"}}
+    engine.step({"n": 1, "ts": 5})
+    assert told(engine.pending()) == {1: {"a", "b"}, 2: {"a", "c"}}

@@ -210,7 +210,8 @@ class Stages:
     def _place(self, configuration: Configuration) -> tuple[Hashable, bool]:
         if self.choices is not None:
             return self.choices.place(configuration, self.matching.progress)
-        return (configuration.taken, configuration.dead, configuration.closed, configuration.inversions), False
+        names = tuple(sorted(configuration.binding))  # an event that rules out a node keeps the variables of the node
+        return (configuration.taken, configuration.dead, configuration.closed, configuration.inversions, names), False
 
     def _made(self, sample: Configuration, *, settled: bool) -> Stage:
         matching, choices, ranks = self.matching, self.choices, Ranking()

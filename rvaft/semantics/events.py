@@ -71,13 +71,12 @@ def time_of(declaration: EventTime | None, event: Any) -> int | None:
     if not re.fullmatch(r"-?(0|[1-9][0-9]*)([.][0-9]+)?([eE][-+]?[0-9]+)?", text, re.ASCII):
         return None
     mantissa, _, exponent = text.lower().partition("e")
-    # Clause: `filetime` counts from 1601.
+    # Clauses: `filetime` counts from 1601; rounded to nanoseconds, half to even (as `round` does).
     begin = (datetime.date(1601, 1, 1) - datetime.date(1970, 1, 1)).days * 86_400 * 10**9 if form == "filetime" else 0
     if Fraction(mantissa) == 0 or int(exponent or 0) < -2000:
         return begin
     if int(exponent or 0) > 2000 or abs(number := Fraction(text)) >= 10**31:
         return None
-    # `round` rounds half to even.
     return begin + round(number * {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1, "filetime": 100}[form])
 
 

@@ -79,7 +79,7 @@ class KqlBackend(Backend):
             raise OptionError(f"kql has no dialects: omit --dialect {mapping['dialect']}")
         table = Table.of(mapping)
         if table.position == ROWID:
-            raise OptionError("rows have no order in KQL: name the column that orders them as the position")
+            raise OptionError("rows have no order in KQL: name the column that orders them (--position COLUMN)")
         return KqlBackend(table)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> DetectionMonitor:  # noqa: ARG002

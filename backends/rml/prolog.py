@@ -124,7 +124,7 @@ def _patterns(value: s.Parameter, variable: str) -> list[str]:
                 return [f"[{', '.join(one)}{'|_' if more else ''}]" for one in product(*inside)]
             case s.Either():
                 return [one for found in inside for one in found]
-            case s.Ignored():
+            case s.Wildcard():
                 return ["_"]
             case s.Constant() | s.Name():
                 return [_data(part, variable)]

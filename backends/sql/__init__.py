@@ -89,7 +89,7 @@ class SqlBackend(Backend):
         if dialect not in (*DIALECTS, *TRANSPILED):
             raise OptionError(f"unknown dialect {dialect}; known: {', '.join((*DIALECTS, *TRANSPILED))}")
         if "position" not in mapping and dialect not in PROGRAMS:
-            raise OptionError(f"rows have no order in {dialect}: name the column that orders them as the position")
+            raise OptionError(f"rows have no order in {dialect}: name the column that orders them (--position COLUMN)")
         return SqlTableBackend(Table.of(mapping), dialect)
 
     @classmethod

@@ -209,9 +209,9 @@ class CompiledTree:
                 self.mentions[name] = self.mentions.get(name, 0) | 1 << node
 
     @cached_property
-    def conditions(self) -> tuple[tuple["Condition", ...], ...]:
+    def conjuncts(self) -> tuple[tuple["Conjunct", ...], ...]:
         """The conjuncts of each node's guard."""
-        return tuple(tuple(Condition.of(part, self.times) for part in conjuncts(guard)) for guard in self.guards)
+        return tuple(tuple(Conjunct.of(part, self.times) for part in conjuncts(guard)) for guard in self.guards)
 
     def _note_parts(self, core: set[int]) -> None:
         size = len(self.names)
@@ -239,8 +239,8 @@ class CompiledTree:
         self.parts = tuple(node for node in range(size) if node not in core and self.parent[node] < 0)
 
 
-class Condition(NamedTuple):
-    """A guard with its variables and the differences that it bounds."""
+class Conjunct(NamedTuple):
+    """A conjunct of a guard with its variables and the differences that it bounds."""
 
     guard: Guard
     names: tuple[str, ...]
@@ -248,8 +248,8 @@ class Condition(NamedTuple):
     differences: tuple[TimeDifference, ...] | None
 
     @classmethod
-    def of(cls, guard: Guard, times: frozenset[str]) -> "Condition":
-        """Return the condition of a guard."""
+    def of(cls, guard: Guard, times: frozenset[str]) -> "Conjunct":
+        """Return the conjunct with its variables and differences."""
         names = guard_variables(guard)
         over_times = times.issuperset(names)
         return cls(guard, names, over_times, differences(guard) if over_times else None)

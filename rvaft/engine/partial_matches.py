@@ -35,11 +35,11 @@ class Matching:
         self.shared = SharedNodes(compiled, self.progress, limit=limit)
         self.early_differences: dict[int, tuple[TimeDifference, ...]] = {}
         """For nodes with guards over times, the time differences that can fail early."""
-        for node, parts in enumerate(compiled.conditions if early else ()):
+        for node, parts in enumerate(compiled.conjuncts if early else ()):
             if found := tuple(one for part in parts for one in part.differences or ()):
                 self.early_differences[node] = found
         self.windows = frozenset(
-            node for node in self.early_differences if all(part.differences for part in compiled.conditions[node])
+            node for node in self.early_differences if all(part.differences for part in compiled.conjuncts[node])
         )
         """The nodes whose guards are differences of times only."""
         self._after: dict[int, tuple[Witness, Configuration | None]] = {}

@@ -209,7 +209,8 @@ class Stages:
     def _place(self, configuration: Configuration) -> tuple[Hashable, bool]:
         if self.choices is not None:
             return self.choices.place(configuration, self.matching.progress)
-        return (configuration.taken, configuration.dead, configuration.closed, configuration.inversions), False
+        names = tuple(sorted(configuration.binding))  # an event that rules out a node keeps the variables of the node
+        return (configuration.taken, configuration.dead, configuration.closed, configuration.inversions, names), False
 
     def _made(self, sample: Configuration, *, settled: bool) -> Stage:
         matching, choices, ranks = self.matching, self.choices, Ranking()
@@ -324,7 +325,7 @@ class Stages:
                 or not self.outcome(move, move.alone, tuple(other != one for other in joint))
             ]
             far = set(move.stage.names).difference(own)
-            for part, names, over_times, differences in chain(*(compiled.conditions[one] for one in needed)):
+            for part, names, over_times, differences in chain(*(compiled.conjuncts[one] for one in needed)):
                 if over_times:
                     for difference in differences or ():
                         for term, bound in _time_bounds(difference, far, own):
@@ -358,7 +359,7 @@ class Stages:
             compiled = self.matching.compiled
             joined: dict[str, Guard] = {name: Variable(name) for name in stage.names if name in names}
             waiting = {node for name in stage.names for node in compiled.guarded_by.get(name, ())}
-            for part in chain(*(compiled.conditions[one] for one in sorted(waiting))):
+            for part in chain(*(compiled.conjuncts[one] for one in sorted(waiting))):
                 for name in part.names if not part.over_times else ():
                     other = repeats(part.guard, name) if name in stage.names and name not in joined else None
                     if other is not None and names.issuperset(variables(other)):

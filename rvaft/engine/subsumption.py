@@ -229,7 +229,7 @@ def ranking(matching: Matching, configuration: Configuration) -> Ranking:
     above_watermark = True
     extents: dict[tuple[Term, Term], int] = {}
     waiting = {node for name in binding for node in compiled.guarded_by.get(name, ())}
-    guards = [compiled.conditions[node] for node in sorted(waiting) if not configuration.closed >> node & 1]
+    guards = [compiled.conjuncts[node] for node in sorted(waiting) if not configuration.closed >> node & 1]
     for part, mentioned, over_times, differences in chain(*guards):
         bound = [name for name in mentioned if name in binding]
         if bound and over_times:

@@ -226,7 +226,7 @@ def _lexical_slips(at: _Situation) -> Advice:
 
 
 _TOPIC_EXAMPLE: Final = 'as in topic "/name" type "package.msg.Name"'
-_NAME_IN_QUOTES: Final = 'a name with other characters than letters, digits and _ is quoted: "{}"'
+_NAME_IN_QUOTES: Final = 'a name with other characters than ASCII letters, digits and _ is quoted: "{}"'
 
 
 def _topic_slips(at: _Situation) -> Advice:

@@ -71,14 +71,13 @@ def time_of(declaration: EventTime | None, event: Any) -> int | None:
     if not re.fullmatch(r"-?(0|[1-9][0-9]*)([.][0-9]+)?([eE][-+]?[0-9]+)?", text, re.ASCII):
         return None
     mantissa, _, exponent = text.lower().partition("e")
+    # Clauses: `filetime` counts from 1601; rounded to nanoseconds, half to even (as `round` does).
+    begin = (datetime.date(1601, 1, 1) - datetime.date(1970, 1, 1)).days * 86_400 * 10**9 if form == "filetime" else 0
     if Fraction(mantissa) == 0 or int(exponent or 0) < -2000:
-        return 0
+        return begin
     if int(exponent or 0) > 2000 or abs(number := Fraction(text)) >= 10**31:
         return None
-    return round(number * {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1, "filetime": 100}[form]) - (
-        # `round` rounds half to even; clause: `filetime` counts from 1601
-        (datetime.date(1970, 1, 1) - datetime.date(1601, 1, 1)).days * 86_400 * 10**9 if form == "filetime" else 0
-    )
+    return begin + round(number * {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1, "filetime": 100}[form])
 
 
 def scanned(form: TextFormat, text: str) -> int | None:

@@ -118,10 +118,9 @@ class Ordering(OrderedField, Generic[E]):
             remedy = f"; declare other formats in the tree with `time {name} as FORMAT;`"
             if self.time is not None:
                 what, remedy = f"a time as {self.time.format}", ""
-            lacking = (
-                f"{counted(self.without)} without {what} in the field {name} keep their place after the preceding event"
-            )
-            yield f"{lacking} (first: event {self.first_without} as read){remedy}"
+            lacking = f"{counted(self.without)} without {what} in the field {name}"
+            keep = f"keep{'s its' if self.without == 1 else ' their'} place after the preceding event"
+            yield f"{lacking} {keep} (first: event {self.first_without} as read){remedy}"
 
 
 class Backwards(OrderedField):

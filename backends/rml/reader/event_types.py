@@ -168,7 +168,7 @@ def _matching(pattern: s.Value, event: Json, bound: Bound) -> Iterator[Bound]:
             continue
         pattern, found, rest = todo
         match pattern:
-            case s.Ignored():
+            case s.Wildcard():
                 stack.append((rest, bound))
             case s.Constant(expected):
                 if equal(expected, found):
@@ -394,7 +394,7 @@ def _choices(value: s.Value) -> Iterator[p.Pattern]:
                 return [p.Literal(constant)]
             case s.Name(name):
                 return [p.Variable(name)]
-            case s.Ignored():
+            case s.Wildcard():
                 return [p.Anything()]
             case s.Either():
                 return [one for found in below for one in found]

@@ -109,7 +109,7 @@ class _RmlSyntax(Transformer[Token, Any]):
             case "list" | "open_list", _:
                 return s.Items(tuple(parts), more=rule == "open_list")
             case "ignored", _:
-                return s.Ignored()
+                return s.Wildcard()
             case "null", _:
                 return s.Constant(None)
             case "string", [token]:

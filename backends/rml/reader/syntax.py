@@ -45,7 +45,7 @@ class Apply:
 
 
 @dataclass(frozen=True, slots=True)
-class Ignored:
+class Wildcard:
     """The pattern `_`."""
 
 
@@ -72,7 +72,7 @@ class Either:
 
 
 Data: TypeAlias = Constant | Name | Apply
-Value: TypeAlias = Constant | Name | Ignored | Fields | Items | Either
+Value: TypeAlias = Constant | Name | Wildcard | Fields | Items | Either
 Parameter: TypeAlias = Value | Apply
 
 
@@ -207,7 +207,7 @@ def inside(part: Part) -> Sequence[Part]:
             return [value for _, value in fields]
         case Declaration(alternatives=parts, guard=guard):
             return parts if guard is None else (*parts, guard)
-        case Constant() | Name() | Ignored():
+        case Constant() | Name() | Wildcard():
             return ()
 
 
@@ -274,7 +274,7 @@ def check(program: RmlProgram) -> None:
                 raise refusal(f"undefined equation {part.data[0]}", part.place)
             for given in part.data.parameters if isinstance(part.data, TypeUse) else ():
                 text = isinstance(given, Constant) and isinstance(given.value, str)
-                if text or isinstance(given, Ignored | Fields | Items):
+                if text or isinstance(given, Wildcard | Fields | Items):
                     reason = (
                         "an argument in an expression cannot be a string, `_`, list or object; derive an event type"
                     )

@@ -145,7 +145,7 @@ def test_a_wrong_text_is_found(fault: str, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 WRONG = {
-    "--table x --time ts": "rows have no order in KQL: name the column that orders them as the position",
+    "--table x --time ts": "rows have no order in KQL: name the column that orders them (--position COLUMN)",
     "--table x --position p": "the tree compares times: name the column of t as the time",
     "--table x --position p --time ts:double": "KQL rounds times in seconds: use a column of datetime",
     "--table x --position p --time ts --dialect sqlite": "kql has no dialects: omit --dialect sqlite",

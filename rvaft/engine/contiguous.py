@@ -161,6 +161,7 @@ class ContiguousMatches(Following):
                 if values is None:
                     values = known[letter.letter] = self.letters.values(letter, event)
                 names = () if target is None else target.names
+                # a partial match that has ended since gets placeholders, which a later plan drops
                 kept = {name: binding[name] if name in binding else values.get(name) for name in names}
                 made.append(_new(Follower, (kept, _new(Witness, (last, move.node, position, values)))))
             self._members = made + self._start

@@ -100,6 +100,9 @@ SHAPES: Final = {
     "shared without order": Dense(sharing=1.5, letters=5, nodes=10, gate_events=0, gates=(Gate.VOT, Gate.OR, Gate.AND)),
     "silent": Dense(guards=0.35, gate_events=0.15, letters=4),
     "variables": Dense(variables=0.7, guards=0.3, nodes=8),
+    "choices of variables": Dense(
+        letters=2, variables=0.6, guards=0, gate_events=0.15, gates=(Gate.OR, Gate.OR, Gate.AND, Gate.AND, Gate.SAND)
+    ),
     "shared variables": Dense(variables=0.6, guards=0.3, sharing=0.6, nodes=8),
 }
 

@@ -261,8 +261,8 @@ static int is_word(const rvaft_reader *r, const char *word, size_t size) {
     return r->at < r->size && size <= r->size - r->at && memcmp(r->text + r->at, word, size) == 0;
 }
 
-/* Pass a value that is no string, list or object; `v` may be NULL. */
-static int scan_scalar(rvaft_reader *r, rvaft_value *v) {
+/* Pass a value that is no string, list or object; `v` may be NULL. A `time` gets its text only. */
+static int scan_scalar(rvaft_reader *r, rvaft_value *v, int time) {
     static const struct {
         const char *word;
         uint32_t size;
@@ -303,7 +303,9 @@ static int scan_scalar(rvaft_reader *r, rvaft_value *v) {
         return refused(r, "a number of more than 4300 digits");
     }
     r->at = end;
-    if (v != NULL) {
+    if (v != NULL && time) {
+        *v = bytes_of(RVAFT_REAL, text + start, size);
+    } else if (v != NULL) {
         int room = point && RVAFT_SCRATCH >= MOST_SIZE && r->used <= RVAFT_SCRATCH - MOST_SIZE;
         *v = read_number(text, start, end, point, room ? r->scratch + r->used : NULL);
         if (v->tag != RVAFT_BIG) { /* as written, for times */
@@ -440,7 +442,7 @@ static int canonical(rvaft_reader *r, int *undefined) {
         rvaft_value v;
         char digits[MOST_SIZE];
         start = r->used;
-        error = scan_scalar(r, &v);
+        error = scan_scalar(r, &v, 0);
         if (error) {
             return error;
         }
@@ -579,7 +581,8 @@ static int scan(rvaft_reader *r, rvaft_event *e) {
                 }
             }
         } else {
-            error = scan_scalar(r, node >= 0 ? &e->field[node] : NULL);
+            rvaft_value *v = node >= 0 && node < RVAFT_FIELDS ? &e->field[node] : NULL;
+            error = scan_scalar(r, v, v != NULL && fields[node].time);
             if (error) {
                 return error;
             }
@@ -680,6 +683,34 @@ static int instant(int64_t seconds, int64_t rest, int64_t *time) {
     return 1;
 }
 
+#define SHORT INT64_C(100000000000000000)
+
+/* The nanoseconds of a decimal number in units of 10^scale; returns 0 unless it is short and needs no rounding. */
+static int short_time(const char *text, uint32_t size, int scale, int64_t *time) {
+    uint32_t at = text[0] == '-', dot = size;
+    int64_t n = 0;
+    if (size > 20) {
+        return 0;
+    }
+    for (; at < size && n < SHORT; at++) {
+        if (text[at] == '.') {
+            dot = at + 1;
+        } else if (text[at] >= '0' && text[at] <= '9') {
+            n = n * 10 + DIGIT(text[at]);
+        } else {
+            return 0; /* an exponent */
+        }
+    }
+    for (scale -= (int)(size - dot); scale > 0 && n < SHORT; scale--) {
+        n *= 10;
+    }
+    if (at < size || scale != 0) {
+        return 0;
+    }
+    *time = text[0] == '-' ? -n : n;
+    return 1;
+}
+
 /* A decimal number of units of 10^scale nanoseconds, half to even: 1, 0 if undefined, or an error. */
 RVAFT_UNUSED static int decimal_time(const rvaft_value *v, int scale, int64_t *time) {
     decimal d;
@@ -689,6 +720,9 @@ RVAFT_UNUSED static int decimal_time(const rvaft_value *v, int scale, int64_t *t
     if (v->tag == RVAFT_TEXT ? v->size == 0 || v->size > 1000 || number_end(v->text, 0, v->size, &point) != v->size
                              : !is_number(v) || v->text == NULL) {
         return 0;
+    }
+    if (short_time(v->text, v->size, scale, time)) {
+        return 1;
     }
     minus = v->text[0] == '-';
     read_decimal(v->text, 0, v->size, &d);

@@ -105,7 +105,7 @@ typedef struct store {
     uint32_t epoch;
     uint32_t mask; /* of the buckets in use: fewer stay in the cache */
     bucket buckets[MAX_LINKS][RVAFT_BUCKETS];
-    partial item[RVAFT_CAPACITY];
+    partial item[RVAFT_CAPACITY + 1]; /* the one after the last is being made */
 } store;
 
 /* Interned texts. */
@@ -212,6 +212,7 @@ typedef struct field_node {
     int32_t next;
     uint64_t keys; /* the hashes of the keys below */
     uint8_t whole; /* whether a list or an object is compared as a whole */
+    uint8_t time;  /* whether a number is read as a time only, of which its text is enough */
 } field_node;
 
 typedef struct expiry {
@@ -1276,20 +1277,35 @@ static uint32_t first_in(const store *s, uint32_t link, uint32_t place) {
     return b->epoch == s->epoch ? b->head : NONE;
 }
 
-static void link_partial(store *s, uint32_t number) {
-    partial *p = &s->item[number];
+static void link_at(store *s, uint32_t number, uint32_t link, uint32_t place) {
+    s->item[number].next[link] = first_in(s, link, place);
+    s->buckets[link][place].head = number;
+    s->buckets[link][place].epoch = s->epoch;
+}
+
+/* The place in the first table, of all exact slots. */
+static uint32_t first_place(const store *s, const partial *p) {
+    uint64_t h = hash_of(p->stage, 0);
+    uint32_t i;
+    for (i = 0; i < stage_of(p)->exact; i++) {
+        h = hash_with(h, slot_of(p, i));
+    }
+    return bucket_of(s, h, KEY_OF(p));
+}
+
+/* Put a partial match, whose place in the first table is known, into all tables. */
+static void link_partial(store *s, uint32_t number, uint32_t place) {
+    const partial *p = &s->item[number];
     const stage *st = stage_of(p);
-    uint32_t link, at = st->link;
-    for (link = 0; link < st->links && link < MAX_LINKS; link++) {
-        uint32_t stop = at + 1 + ROW(link_slots, at), place;
+    uint32_t link, at = st->link + 1 + st->exact;
+    link_at(s, number, 0, place);
+    for (link = 1; link < st->links && link < MAX_LINKS; link++) {
+        uint32_t stop = at + 1 + ROW(link_slots, at);
         uint64_t h = hash_of(p->stage, link);
         for (at++; at < stop; at++) {
             h = hash_with(h, slot_of(p, ROW(link_slots, at)));
         }
-        place = bucket_of(s, h, KEY_OF(p));
-        p->next[link] = first_in(s, link, place);
-        s->buckets[link][place].head = number;
-        s->buckets[link][place].epoch = s->epoch;
+        link_at(s, number, link, bucket_of(s, h, KEY_OF(p)));
     }
 }
 
@@ -1311,14 +1327,14 @@ static int better(const stage *st, const partial *p, const partial *q) {
     return p_good ? 1 : q_good ? -1 : 0;
 }
 
-static void insert_partial(rvaft_monitor *m, store *s, const partial *p) {
+/* The partial match that is being made. */
+static partial *next_partial(store *s) { return &s->item[s->count < RVAFT_CAPACITY ? s->count : RVAFT_CAPACITY]; }
+
+/* Keep the partial match that has been made, unless another one is at least as good. */
+static void insert_partial(rvaft_monitor *m, store *s) {
+    const partial *p = next_partial(s);
     const stage *st = stage_of(p);
-    uint32_t i, at;
-    uint64_t h = hash_of(p->stage, 0);
-    for (i = 0; i < st->exact; i++) {
-        h = hash_with(h, slot_of(p, i));
-    }
-    at = first_in(s, 0, bucket_of(s, h, KEY_OF(p)));
+    uint32_t i, place = first_place(s, p), at = first_in(s, 0, place);
     for (; at < RVAFT_CAPACITY; at = s->item[at].next[0]) {
         partial *other = &s->item[at];
         if (other->stage == p->stage && KEY_OF(other) == KEY_OF(p) && !is_void(m, other)) {
@@ -1349,28 +1365,30 @@ static void insert_partial(rvaft_monitor *m, store *s, const partial *p) {
         m->error = RVAFT_FULL;
         return;
     }
-    s->item[at] = *p;
-    link_partial(s, at);
+    link_partial(s, at, place);
     s->count = at + 1;
 }
 
 /*@ assigns *m, *s; */
 static void insert_starts(rvaft_monitor *m, store *s) {
-    partial p;
     uint32_t i;
-    memset(&p, 0, sizeof p);
-#if RVAFT_KEYED
-    p.key = NONE;
-#endif
     for (i = 0; i < RVAFT_STARTS; i++) {
-        p.stage = starts[i];
-        insert_partial(m, s, &p);
+        partial *p = next_partial(s);
+        p->stage = starts[i];
+#if RVAFT_KEYED
+        p->key = NONE;
+        p->era = 0;
+#endif
+#if RVAFT_PLACES
+        p->taken = 0;
+#endif
+        insert_partial(m, s);
     }
 }
 
 /* Try a move from a partial match; returns 1 if it detects. */
 static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *mv, const rvaft_event *e) {
-    partial made;
+    partial *made = next_partial(to);
     const stage *st = &ROW(stages, mv->target);
     uint32_t i;
     for (i = 0; i < mv->joins; i++) {
@@ -1383,26 +1401,23 @@ static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *m
     if (mv->guard != 0 && (!guard(m, mv->guard, p->slot, e) || m->error != 0)) {
         return 0;
     }
-    memset(&made, 0, sizeof made);
 #if RVAFT_PLACES
-    memcpy(made.events, p->events, p->taken * sizeof p->events[0]);
-    made.events[p->taken] = e->at;
-    made.taken = p->taken + 1;
-    if (st->rank == 0) {
-        m->match = made;
-    }
+    made = st->rank == 0 ? &m->match : made;
+    memcpy(made->events, p->events, p->taken * sizeof p->events[0]);
+    made->events[p->taken] = e->at;
+    made->taken = p->taken + 1;
 #endif
     if (st->rank == 0) {
         return m->error == 0;
     }
-    made.stage = mv->target;
+    made->stage = mv->target;
 #if RVAFT_KEYED
-    made.key = m->key;
-    made.era = m->keys.item[m->key].era;
+    made->key = m->key;
+    made->era = m->keys.item[m->key].era;
 #endif
     for (i = 0; i < st->slots && i < RVAFT_WIDTH; i++) {
         const load *l = &ROW(loads, mv->load + i);
-        cell *c = &made.slot[i];
+        cell *c = &made->slot[i];
         rvaft_value t;
         if (l->from == COPY) {
             *c = *slot_of(p, l->slot);
@@ -1419,15 +1434,17 @@ static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *m
         }
         c->tag = t.tag;
         c->bits = t.integer;
-        c->hash = mixed(((uint64_t)c->bits ^ m->seed ^ c->tag) * UINT64_C(0x9E3779B97F4A7C15));
+        if (i < st->exact) {
+            c->hash = mixed(((uint64_t)c->bits ^ m->seed ^ c->tag) * UINT64_C(0x9E3779B97F4A7C15));
+        }
     }
     for (i = st->exact; i < st->slots; i++) {
-        if (slot_of(&made, i)->tag == RVAFT_UNDEFINED) { /* a guard over this time can never hold */
+        if (slot_of(made, i)->tag == RVAFT_UNDEFINED) { /* a guard over this time can never hold */
             return 0;
         }
     }
     if (m->error == 0) {
-        insert_partial(m, to, &made);
+        insert_partial(m, to);
     }
     return 0;
 }
@@ -1478,7 +1495,7 @@ static void sweep(rvaft_monitor *m, store *s) {
     }
     clear_store(s);
     for (i = 0; i < kept && i < RVAFT_CAPACITY; i++) {
-        link_partial(s, i);
+        link_partial(s, i, first_place(s, &s->item[i]));
     }
     s->count = kept;
     m->sweep_at = kept < FEW ? 2 * FEW : kept < RVAFT_CAPACITY / 2 ? 2 * kept : kept + (RVAFT_CAPACITY - kept) / 2;
@@ -1497,10 +1514,10 @@ static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *mat
         cursor[i] = ROW(pattern_moves, matched[i]);
     }
     for (;;) {
-        uint32_t best = NONE, rank = NONE, at, k, key = NONE, slot, last;
+        uint32_t best = 0, rank = NONE, at, k, key = NONE, slot, last;
         const move *mv;
         uint64_t h;
-        for (i = 0; i < count && i < RVAFT_PATTERNS; i++) {
+        for (i = 0; count > 1 && i < count && i < RVAFT_PATTERNS; i++) {
             uint32_t next = cursor[i];
             if (next < ROW(pattern_moves, matched[i] + 1) && next < RVAFT_MOVES) {
                 uint32_t its = ROW(stages, ROW(moves, sorted_moves[next]).stage).rank;
@@ -1510,12 +1527,9 @@ static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *mat
                 }
             }
         }
-        if (best >= RVAFT_PATTERNS) {
-            return 0;
-        }
         at = cursor[best];
-        if (at >= RVAFT_MOVES) {
-            return 0;
+        if (at >= ROW(pattern_moves, matched[best] + 1) || at >= RVAFT_MOVES) {
+            return 0; /* no pattern has another move */
         }
         cursor[best] = at + 1;
         mv = &ROW(moves, sorted_moves[at]);

@@ -1277,10 +1277,10 @@ static uint32_t first_in(const store *s, uint32_t link, uint32_t place) {
     return b->epoch == s->epoch ? b->head : NONE;
 }
 
-static void link_at(store *s, uint32_t number, uint32_t link, uint32_t place) {
-    s->item[number].next[link] = first_in(s, link, place);
-    s->buckets[link][place].head = number;
-    s->buckets[link][place].epoch = s->epoch;
+static void link_at(store *s, uint32_t number, uint32_t link, uint32_t home) {
+    s->item[number].next[link] = first_in(s, link, home);
+    s->buckets[link][home].head = number;
+    s->buckets[link][home].epoch = s->epoch;
 }
 
 /* The place in the first table, of all exact slots. */
@@ -1294,11 +1294,11 @@ static uint32_t first_place(const store *s, const partial *p) {
 }
 
 /* Put a partial match, whose place in the first table is known, into all tables. */
-static void link_partial(store *s, uint32_t number, uint32_t place) {
+static void link_partial(store *s, uint32_t number, uint32_t home) {
     const partial *p = &s->item[number];
     const stage *st = stage_of(p);
     uint32_t link, at = st->link + 1 + st->exact;
-    link_at(s, number, 0, place);
+    link_at(s, number, 0, home);
     for (link = 1; link < st->links && link < MAX_LINKS; link++) {
         uint32_t stop = at + 1 + ROW(link_slots, at);
         uint64_t h = hash_of(p->stage, link);
@@ -1334,7 +1334,7 @@ static partial *next_partial(store *s) { return &s->item[s->count < RVAFT_CAPACI
 static void insert_partial(rvaft_monitor *m, store *s) {
     const partial *p = next_partial(s);
     const stage *st = stage_of(p);
-    uint32_t i, place = first_place(s, p), at = first_in(s, 0, place);
+    uint32_t i, home = first_place(s, p), at = first_in(s, 0, home);
     for (; at < RVAFT_CAPACITY; at = s->item[at].next[0]) {
         partial *other = &s->item[at];
         if (other->stage == p->stage && KEY_OF(other) == KEY_OF(p) && !is_void(m, other)) {
@@ -1365,7 +1365,7 @@ static void insert_partial(rvaft_monitor *m, store *s) {
         m->error = RVAFT_FULL;
         return;
     }
-    link_partial(s, at, place);
+    link_partial(s, at, home);
     s->count = at + 1;
 }
 
@@ -1763,7 +1763,7 @@ static int append_key(key_table *t, uint32_t *size, const void *from, uint32_t m
    Equal values of the key have equal bytes. */
 static uint32_t key_of(rvaft_monitor *m, const rvaft_event *e) {
     key_table *t = &m->keys;
-    uint32_t i, size = 0, hash, place;
+    uint32_t i, size = 0, hash, home;
     for (i = 0; i < RVAFT_KEY_FIELDS; i++) {
         const rvaft_value *v = &e->field[key_fields[i][0]];
         char tag;
@@ -1791,8 +1791,8 @@ static uint32_t key_of(rvaft_monitor *m, const rvaft_event *e) {
         }
     }
     hash = hash_bytes(m->seed, t->bytes + t->used, size);
-    place = hash % RVAFT_KEYS;
-    for (i = t->head[place]; i < RVAFT_KEYS; i = t->item[i].next) {
+    home = hash % RVAFT_KEYS;
+    for (i = t->head[home]; i < RVAFT_KEYS; i = t->item[i].next) {
         const key_state *k = &t->item[i];
         if (k->hash == hash && k->size == size && memcmp(t->bytes + k->start, t->bytes + t->used, size) == 0) {
             return i;
@@ -1806,8 +1806,8 @@ static uint32_t key_of(rvaft_monitor *m, const rvaft_event *e) {
     t->item[i].hash = hash;
     t->item[i].size = size;
     t->item[i].start = t->used;
-    t->item[i].next = t->head[place];
-    t->head[place] = i;
+    t->item[i].next = t->head[home];
+    t->head[home] = i;
     t->used += size;
     return i;
 }

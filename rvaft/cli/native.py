@@ -9,13 +9,14 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import IO, Any, Final
 
 from rvaft.api import monitor, translate
 from rvaft.cli import options
-from rvaft.cli.native_run import BACKEND, compiling
+from rvaft.cli.native_run import BACKEND, compiling, refused
 from rvaft.core.classifier import TreeReads
 from rvaft.errors import ToolFailed, TraceError
 from rvaft.model.tree import RVAFT
@@ -81,7 +82,11 @@ def run(part: RVAFT, semantics: Semantics, files: Sequence[str], *, repeat: bool
     found = _ERROR.fullmatch(error)
     if found is None:
         raise ToolFailed("the native monitor", reason=error or f"exit status {process.returncode}")
-    raise TraceError(found["reason"], file=found["file"], line=int(found["line"]) if found["line"] else None)
+    failure = TraceError(found["reason"], file=found["file"], line=int(found["line"]) if found["line"] else None)
+    if failure.line is not None:
+        with suppress(OSError), Path(failure.file).open("rb") as log:
+            failure = refused(failure, log)
+    raise failure
 
 
 def _blocks(stream: IO[bytes]) -> Iterator[bytes]:

@@ -9,6 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from io import BufferedIOBase
+from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import BinaryIO, Final, NamedTuple, Protocol, Self, cast, runtime_checkable
@@ -18,12 +19,12 @@ from rvaft.backend import Specification, backend
 from rvaft.core.classifier import TreeReads
 from rvaft.engine.compiled_tree import NOTHING, EventClass, Inert, Reading
 from rvaft.engine.monitor import Engine
-from rvaft.errors import RvaftError, ToolFailed
+from rvaft.errors import RvaftError, ToolFailed, TraceError
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation
-from rvaft.readers.json_lines import decode
+from rvaft.readers.json_lines import decode, event_on
 from rvaft.readers.log import BOM
 from rvaft.stream.keys import Key
 from rvaft.stream.listeners import EventBuffer
@@ -42,7 +43,10 @@ class MatchedLine(NamedTuple):
 
 
 class CompiledLog(Protocol):
-    """A compiled monitor of one log; `failure` is why it has no verdict from event `failed` on."""
+    """A compiled monitor of one log; `failure` is why it has no verdict from event `failed` on.
+
+    A `TraceError` names the line only.
+    """
 
     failed: int
     failure: RvaftError | None
@@ -77,6 +81,16 @@ def compiling() -> Compiling:
     if not isinstance(found, Compiling):
         raise ToolFailed(f"the backend {BACKEND}", reason="it compiles no monitors")
     return found
+
+
+def refused(failure: TraceError, log: BinaryIO) -> TraceError:
+    """Return the error of the reader for the line of a failure; the same if the reader accepts it."""
+    line = next(islice(log, (failure.line or 1) - 1, None), b"").removeprefix(BOM).removesuffix(b"\n")
+    try:
+        event_on(line, failure.file, failure.line or 1, None)
+    except TraceError as error:
+        return error
+    return failure
 
 
 class _Fed(BufferedIOBase):
@@ -128,17 +142,18 @@ class NativeRun:
         self._found: dict[int, Sequence[MatchedLine]] = {}
         self._log: CompiledLog | None = None
         self._copy: BinaryIO | None = None
+        self._name = ""
         self._buffer = EventBuffer()
 
     @contextmanager
-    def trace(self, file: Path | None, stream: BinaryIO, buffer: EventBuffer) -> Iterator[BinaryIO]:
-        """Yield the stream to read a trace from; `file` has the same bytes, or is None.
+    def trace(self, name: str, file: Path | None, stream: BinaryIO, buffer: EventBuffer) -> Iterator[BinaryIO]:
+        """Yield the stream to read the trace `name` from; `file` has the same bytes, or is None.
 
         Matched events are read from the file, or from a temporary copy of the stream, into the buffer.
         """
         self._log = self._backend.native_log(self._text, keys=self._keys, repeat=self._repeat)
         self._found.clear()
-        self._buffer = buffer
+        self._name, self._buffer = name, buffer
         with ExitStack() as stack:
             stack.callback(self._log.close)
             if file is None:
@@ -147,8 +162,8 @@ class NativeRun:
             else:
                 self._copy = stack.enter_context(file.open("rb"))
                 yield cast("BinaryIO", _Fed(stream, self._feed, stack.enter_context(ThreadPoolExecutor(1))))
-        if self._log.failure is not None:
-            raise self._log.failure
+            if self._log.failure is not None:
+                raise self._named(self._log.failure)
         if self._found:
             raise ToolFailed("the native monitor", reason=f"event {min(self._found)} is no detection of the engine")
 
@@ -163,11 +178,17 @@ class NativeRun:
         self._copy.write(data)
         self._feed(data)
 
+    def _named(self, failure: RvaftError) -> RvaftError:
+        if self._copy is None or not isinstance(failure, TraceError):
+            return failure
+        self._copy.seek(0)
+        return refused(TraceError(failure.message, file=self._name, line=failure.line), self._copy)
+
     def match(self, number: int) -> Sequence[MatchedLine]:
         """Return the events of the detection at this event, or (); raises why there is no verdict."""
         log = self._log
         if log is not None and log.failure is not None and number >= log.failed:
-            raise log.failure
+            raise self._named(log.failure)
         return self._found.pop(number, ())
 
     def explanation(self, places: Sequence[MatchedLine]) -> Explanation:

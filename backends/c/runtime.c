@@ -467,7 +467,7 @@ static uint64_t magnitude(int64_t i) { return i < 0 ? 0U - (uint64_t)i : (uint64
     assigns *error;
     ensures *error == \old(*error) || *error == RVAFT_UNSUPPORTED; */
 RVAFT_UNUSED static rvaft_value multiply(int *error, rvaft_value a, rvaft_value b) {
-    uint64_t left, right;
+    uint64_t left, right, product;
     if (unusable(error, &a, &b)) {
         return a;
     }
@@ -476,10 +476,11 @@ RVAFT_UNUSED static rvaft_value multiply(int *error, rvaft_value a, rvaft_value 
     }
     left = magnitude(a.integer);
     right = magnitude(b.integer);
-    if (left != 0 && right > (uint64_t)INT64_MAX / left) {
+    product = left * right;
+    if ((left != 0 && right > (uint64_t)INT64_MAX / left) || product > (uint64_t)INT64_MAX) {
         return unsupported(error);
     }
-    return integer((a.integer < 0) == (b.integer < 0) ? (int64_t)(left * right) : -(int64_t)(left * right));
+    return integer((a.integer < 0) == (b.integer < 0) ? (int64_t)product : -(int64_t)product);
 }
 
 /* The double that is nearest to the quotient of two integers. */
@@ -1330,6 +1331,18 @@ static int better(const stage *st, const partial *p, const partial *q) {
 /* The partial match that is being made. */
 static partial *next_partial(store *s) { return &s->item[s->count < RVAFT_CAPACITY ? s->count : RVAFT_CAPACITY]; }
 
+#if RVAFT_PLACES
+/* Copy the places of the events; returns their number, with which one more has room. */
+static uint32_t copy_places(partial *to, const partial *from) {
+    uint32_t i;
+    for (i = 0; i < from->taken && i + 1 < RVAFT_DEPTH; i++) {
+        place moved = from->events[i];
+        to->events[i] = moved;
+    }
+    return i;
+}
+#endif
+
 /* Keep the partial match that has been made, unless another one is at least as good. */
 static void insert_partial(rvaft_monitor *m, store *s) {
     const partial *p = next_partial(s);
@@ -1349,11 +1362,11 @@ static void insert_partial(rvaft_monitor *m, store *s) {
                 }
                 if (order < 0) {
                     for (i = st->exact; i < st->slots && i < RVAFT_WIDTH; i++) {
-                        other->slot[i] = p->slot[i];
+                        cell moved = p->slot[i];
+                        other->slot[i] = moved;
                     }
 #if RVAFT_PLACES
-                    other->taken = p->taken;
-                    memcpy(other->events, p->events, sizeof p->events);
+                    other->taken = copy_places(other, p);
 #endif
                     return;
                 }
@@ -1403,9 +1416,9 @@ static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *m
     }
 #if RVAFT_PLACES
     made = st->rank == 0 ? &m->match : made;
-    memcpy(made->events, p->events, p->taken * sizeof p->events[0]);
-    made->events[p->taken] = e->at;
-    made->taken = p->taken + 1;
+    i = copy_places(made, p);
+    made->events[i] = e->at;
+    made->taken = i + 1;
 #endif
     if (st->rank == 0) {
         return m->error == 0;
@@ -1413,7 +1426,7 @@ static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *m
     made->stage = mv->target;
 #if RVAFT_KEYED
     made->key = m->key;
-    made->era = m->keys.item[m->key].era;
+    made->era = ROW(m->keys.item, m->key).era;
 #endif
     for (i = 0; i < st->slots && i < RVAFT_WIDTH; i++) {
         const load *l = &ROW(loads, mv->load + i);
@@ -1459,7 +1472,7 @@ static int expired(const rvaft_monitor *m, const partial *p) {
         const expiry *x = &ROW(expiries, st->expiry + i);
         int64_t from = slot_of(p, x->slot)->bits;
 #if RVAFT_KEYED
-        int64_t latest = m->keys.item[p->key < RVAFT_KEYS ? p->key : 0].latest; /* with slots it has a key */
+        int64_t latest = ROW(m->keys.item, p->key).latest; /* with slots it has a key */
 #else
         int64_t latest = m->latest;
 #endif
@@ -1748,15 +1761,33 @@ static int step(rvaft_monitor *m, const rvaft_event *e) {
 
 /* Append the bytes of a key; returns 0 if there is no room. */
 static int append_key(key_table *t, uint32_t *size, const void *from, uint32_t more) {
-    uint32_t at = t->used + *size;
-    if (more > RVAFT_KEY_BYTES - at) {
-        return 0;
+    const char *bytes = from;
+    uint32_t at = t->used + *size, i;
+    for (i = 0; i < more && at < RVAFT_KEY_BYTES; i++, at++) {
+        t->bytes[at] = bytes[i];
     }
-    if (more != 0) {
-        memcpy(t->bytes + at, from, more);
+    *size += i;
+    return i == more;
+}
+
+static uint32_t hash_key(const key_table *t, uint64_t h, uint32_t size) {
+    uint32_t at = t->used, i;
+    for (i = 0; i < size && at < RVAFT_KEY_BYTES; i++, at++) {
+        h = (h ^ (unsigned char)t->bytes[at]) * UINT64_C(0x100000001B3);
+        h ^= h >> 29;
     }
-    *size += more;
-    return 1;
+    return mixed(h ^ size);
+}
+
+/* Whether the bytes of a key are those behind all keys. */
+static int same_key(const key_table *t, const key_state *k) {
+    uint32_t at = t->used, own = k->start, i;
+    for (i = 0; i < k->size && at < RVAFT_KEY_BYTES && own < RVAFT_KEY_BYTES; i++, at++, own++) {
+        if (t->bytes[at] != t->bytes[own]) {
+            return 0;
+        }
+    }
+    return i == k->size;
 }
 
 /* The number of the key of an event, NONE if it lacks a field or is not finite, or an error in m->error.
@@ -1790,11 +1821,11 @@ static uint32_t key_of(rvaft_monitor *m, const rvaft_event *e) {
             return NONE;
         }
     }
-    hash = hash_bytes(m->seed, t->bytes + t->used, size);
+    hash = hash_key(t, m->seed, size);
     home = hash % RVAFT_KEYS;
     for (i = t->head[home]; i < RVAFT_KEYS; i = t->item[i].next) {
         const key_state *k = &t->item[i];
-        if (k->hash == hash && k->size == size && memcmp(t->bytes + k->start, t->bytes + t->used, size) == 0) {
+        if (k->hash == hash && k->size == size && same_key(t, k)) {
             return i;
         }
     }
@@ -1828,7 +1859,7 @@ static int enter_key(rvaft_monitor *m, const rvaft_event *e) {
 }
 
 static void leave_key(rvaft_monitor *m) {
-    key_state *k = &m->keys.item[m->key < RVAFT_KEYS ? m->key : 0];
+    key_state *k = &ROW(m->keys.item, m->key);
     k->latest = m->latest;
     k->has_latest = m->has_latest;
     k->era += m->verdict != k->verdict;

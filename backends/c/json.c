@@ -251,8 +251,8 @@ static int is_word(const rvaft_reader *r, const char *word, size_t size) {
     return r->at < r->size && size <= r->size - r->at && memcmp(r->text + r->at, word, size) == 0;
 }
 
-/* Pass a value that is no string, list or object; `v` may be NULL. A `time` gets its text only. */
-static int scan_scalar(rvaft_reader *r, rvaft_value *v, int time) {
+/* Pass a value that is no string, list or object; `v` may be NULL. */
+static int scan_scalar(rvaft_reader *r, rvaft_value *v) {
     static const struct {
         const char *word;
         uint32_t size;
@@ -293,9 +293,7 @@ static int scan_scalar(rvaft_reader *r, rvaft_value *v, int time) {
         return refused(r, "a number of more than 4300 digits");
     }
     r->at = end;
-    if (v != NULL && time) {
-        *v = bytes_of(RVAFT_REAL, text + start, size);
-    } else if (v != NULL) {
+    if (v != NULL) {
         int room = point && RVAFT_SCRATCH >= MOST_SIZE && r->used <= RVAFT_SCRATCH - MOST_SIZE;
         *v = read_number(text, start, end, point, room ? r->scratch + r->used : NULL);
         if (v->tag != RVAFT_BIG) { /* as written, for times */
@@ -309,6 +307,12 @@ static int scan_scalar(rvaft_reader *r, rvaft_value *v, int time) {
         }
     }
     return 0;
+}
+
+/* Whether a number, and not -Infinity, is at `r->at`. */
+static int starts_number(const rvaft_reader *r) {
+    size_t at = r->at < r->size ? r->at + (r->text[r->at] == '-') : r->size;
+    return at < r->size && r->text[at] >= '0' && r->text[at] <= '9';
 }
 
 /* Pass a value, which is valid JSON and in an object, up to the comma or the bracket behind it. */
@@ -482,7 +486,7 @@ static int canonical(rvaft_reader *r, int *undefined) {
         r->used = begin;
         return error;
     }
-    error = put_head(r, '#') ? RVAFT_FULL : scan_scalar(r, &v, 0);
+    error = put_head(r, '#') ? RVAFT_FULL : scan_scalar(r, &v);
     *undefined |= v.tag == RVAFT_UNDEFINED;
     if (error) {
         return error;
@@ -614,10 +618,14 @@ static int scan(rvaft_reader *r, rvaft_event *e) {
                 }
             }
         } else {
-            error = node >= 0 && node < RVAFT_FIELDS ? scan_scalar(r, &e->field[node], fields[node].time)
-                                                     : scan_scalar(r, NULL, 0);
+            size_t start = r->at;
+            int time = node >= 0 && ROW(fields, (uint32_t)node).time && starts_number(r);
+            error = scan_scalar(r, node >= 0 && !time ? &e->field[node] : NULL);
             if (error) {
                 return error;
+            }
+            if (node >= 0 && time) {
+                e->field[node] = bytes_of(RVAFT_REAL, r->text + start, (uint32_t)(r->at - start));
             }
         }
         for (;;) { /* after a value */

@@ -131,7 +131,7 @@ class LogFile(ABC):
     def key(self, field: Field) -> tuple[str, str]:
         """Return the text of the value of a key, and whether other values may have this text.
 
-        The text is NULL if the event lacks the field. Raises `Declined`.
+        The text is NULL if the event lacks the field; DuckDB refuses a table without the column.
         """
 
     doubtful: str = "false"
@@ -359,9 +359,7 @@ class CsvFile(LogFile):
 
     def key(self, field: Field) -> tuple[str, str]:
         """Return the text of a cell."""
-        if field.text not in self.names:
-            raise Declined(f"no column has the name {field.text}")
-        text = self._cell((field.text,))
+        text = f"nullif(\"{field.text}\", '')"
         return _key(text, _numeral(text))
 
     def check(self, rows: int, doubtful: Sequence[int], reads: Scope) -> None:  # noqa: ARG002
@@ -482,12 +480,8 @@ class ParquetFile(LogFile):
 
     def key(self, field: Field) -> tuple[str, str]:
         """Return the text of a cell."""
-        if field.text not in self.types:
-            raise Declined(f"no column has the name {field.text}")
-        cell = f'"{field.text}"'
-        if self.types[field.text] in ("FLOAT", "DOUBLE"):
-            return f"CAST({cell} + 0.0 AS VARCHAR)", f"NOT isfinite({cell})"
-        return f"CAST({cell} AS VARCHAR)", "false"
+        cell, real = f'"{field.text}"', self.types.get(field.text) in ("FLOAT", "DOUBLE")
+        return f"CAST({cell}{' + 0.0' * real} AS VARCHAR)", f"NOT isfinite({cell})" if real else "false"
 
     def check(self, rows: int, doubtful: Sequence[int], reads: Scope) -> None:
         """Accept all rows: the table is typed."""

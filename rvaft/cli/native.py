@@ -10,20 +10,15 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import IO, Any, Final
 
-from rvaft.api import monitor, translate
+from rvaft.api import translate
 from rvaft.cli import options
-from rvaft.cli.native_run import BACKEND, compiling, refused
-from rvaft.core.classifier import TreeReads
+from rvaft.cli.native_run import BACKEND, MatchedLine, MatchExplainer, compiling, refused
 from rvaft.errors import ToolFailed, TraceError
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json
-from rvaft.model.verdict import Semantics, Verdict
-from rvaft.readers.json_lines import decode
-from rvaft.readers.log import BOM
+from rvaft.model.verdict import Semantics
 from rvaft.stream import detection
 
 ALONE: Final = frozenset({"semantics", "traces", "form", "detections", "repeat", "native", "log_format", "per", "jobs"})
@@ -100,32 +95,19 @@ def _blocks(stream: IO[bytes]) -> Iterator[bytes]:
 
 
 class _Explained:
-    """Explains detections by the engine, which reads only the events of the match."""
+    """Adds explanations to the records of detections."""
 
     def __init__(self, part: RVAFT, semantics: Semantics) -> None:
-        self._start = monitor(part, semantics=semantics)
+        self._explainer = MatchExplainer(part, semantics)
         self._tree = part if part.part_of is None else part.part_of.tree
         self._fields = detection.identifying_fields(self._tree)
-        self._reads = TreeReads(self._tree)
 
     def line(self, line: bytes, files: Sequence[str]) -> bytes:
         """Return the record of a detection with branch, kinds, matched events and variables."""
         record = json.loads(line)
-        places = record.pop("places")
-        events = list(self._events(record.get("trace", files[0]), [offset for _, _, offset in places]))
-        engine = self._start.fork()
-        explanation = engine.explanation if [*engine.run(events)][-1:] == [Verdict.TRUE] else None
-        if explanation is None:
-            raise ToolFailed("the native monitor", reason=f"no match at event {record['event']}")
-        numbers = [number for number, _, _ in places]
-        matched = tuple(one._replace(event=numbers[one.event - 1]) for one in explanation.matched)
-        known = dict(zip(numbers, events, strict=True))
+        places = [MatchedLine(*one) for one in record.pop("places")]
+        with Path(record.get("trace", files[0])).open("rb") as log:
+            explanation, events = self._explainer.explained(log, places)
         lines = {number: at for number, at, _ in places}
-        found = detection.explained(replace(explanation, matched=matched), self._tree, known, self._fields, lines)
+        found = detection.explained(explanation, self._tree, events, self._fields, lines)
         return f"{json.dumps(record | found)}\n".encode()
-
-    def _events(self, file: str, offsets: Sequence[int]) -> Iterator[Json]:
-        with Path(file).open("rb") as stream:
-            for offset in offsets:
-                stream.seek(offset)
-                yield decode(stream.readline().removeprefix(BOM).rstrip(b"\r\n"), reads=self._reads)

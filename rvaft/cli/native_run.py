@@ -93,6 +93,27 @@ def refused(failure: TraceError, log: BinaryIO) -> TraceError:
     return failure
 
 
+class MatchExplainer:
+    """Explains detections by the engine, which reads only the events of the match."""
+
+    def __init__(self, part: RVAFT, semantics: Semantics) -> None:
+        self._start = monitor(part, semantics=semantics)
+        self._reads = TreeReads(part if part.part_of is None else part.part_of.tree)
+
+    def explained(self, log: BinaryIO, places: Sequence[MatchedLine]) -> tuple[Explanation, dict[int, Json]]:
+        """Return the match of the events at these places of a log, and the events."""
+        events, engine = dict[int, Json](), self._start.fork()
+        for number, _, offset in places:
+            log.seek(offset)
+            events[number] = decode(log.readline().removeprefix(BOM).rstrip(b"\r\n"), reads=self._reads)
+        verdicts, numbers = list(engine.run([*events.values()])), [*events]
+        found = engine.explanation
+        if found is None or verdicts.index(Verdict.TRUE) < len(verdicts) - 1:
+            raise ToolFailed("the native monitor", reason=f"the engine has no match at event {numbers[-1]}")
+        matched = tuple(one._replace(event=numbers[one.event - 1]) for one in found.matched)
+        return replace(found, matched=matched), events
+
+
 class _Fed(BufferedIOBase):
     """A stream that passes each piece to `feed` before it returns it, with b"" at the end.
 
@@ -137,8 +158,7 @@ class NativeRun:
         self._backend = compiling().keyed(fields)
         self._text = self._backend.translate(part, Semantics.SCATTERED).text
         self._keys, self._repeat = keys, repeat
-        self._start = monitor(part, semantics=Semantics.STRICT)  # of nothing but the events of a match
-        self._reads = TreeReads(part if part.part_of is None else part.part_of.tree)
+        self._explainer = MatchExplainer(part, Semantics.STRICT)
         self._found: dict[int, Sequence[MatchedLine]] = {}
         self._log: CompiledLog | None = None
         self._copy: BinaryIO | None = None
@@ -193,19 +213,10 @@ class NativeRun:
 
     def explanation(self, places: Sequence[MatchedLine]) -> Explanation:
         """Return the match of these events by the engine, after storing them in the buffer."""
-        events, numbers = list(map(self._event, places)), [one.number for one in places]
-        self._buffer.remember_all(list(zip(numbers, events, strict=True)), [one.line for one in places])
-        engine = self._start.fork()
-        verdicts = list(engine.run(events))
-        found = engine.explanation
-        if found is None or verdicts.index(Verdict.TRUE) < len(verdicts) - 1:
-            raise ToolFailed("the native monitor", reason=f"the engine has no match at event {numbers[-1]}")
-        return replace(found, matched=tuple(one._replace(event=numbers[one.event - 1]) for one in found.matched))
-
-    def _event(self, place: MatchedLine) -> Json:
         assert self._copy is not None, "the trace has begun"
-        self._copy.seek(place.offset)
-        return decode(self._copy.readline().removeprefix(BOM).rstrip(b"\r\n"), reads=self._reads)
+        found, events = self._explainer.explained(self._copy, places)
+        self._buffer.remember_all([*events.items()], [one.line for one in places])
+        return found
 
 
 class NativeEngine(Engine):

@@ -112,6 +112,8 @@ class EventFields:
         self.paths: list[tuple[Step, ...]] = []
         self.whole: set[int] = set()
         """The fields that are compared as a whole if they are lists or objects."""
+        self.times: set[int] = set()
+        """The fields that are read as times only."""
         self._numbers: dict[tuple[Step, ...], int] = {}
 
     def number(self, path: tuple[Step, ...]) -> int:
@@ -159,7 +161,7 @@ class EventFields:
         return " && ".join([*literals, *(one for one in found if "ABSENT" in one)]) or "1", bound
 
     def rows(self) -> list[str]:
-        """Return the rows of the table of fields: name, size, first child, next sibling, keys of children, whole."""
+        """Return the rows of the table of fields: name, size, first child, next sibling, keys of children, flags."""
         children: dict[tuple[Step, ...], list[int]] = {}
         for number, path in enumerate(self.paths):
             children.setdefault(path[:-1], []).append(number)
@@ -170,7 +172,8 @@ class EventFields:
             following = siblings[place] if place < len(siblings) else -1
             child = children.get(path, [-1])[0]
             name = string(path[-1]) if isinstance(path[-1], str) else f"NULL, {path[-1]}"
-            rows.append(f"{{{name}, {child}, {following}, {self.keys(path)}, {int(number in self.whole)}}}")
+            flags = f"{int(number in self.whole)}, {int(number in self.times)}"
+            rows.append(f"{{{name}, {child}, {following}, {self.keys(path)}, {flags}}}")
         return rows
 
     def keys(self, path: tuple[Step, ...]) -> str:

@@ -8,7 +8,6 @@
 
 typedef struct member {
     size_t value; /* its place in the line */
-    size_t end;
     uint32_t key; /* the decoded key in scratch */
     uint32_t size;
 } member;
@@ -188,15 +187,6 @@ static int put(rvaft_reader *r, uint32_t c) {
     return 0;
 }
 
-static int put_bytes(rvaft_reader *r, const void *from, size_t size) {
-    if (size > RVAFT_SCRATCH - r->used) {
-        return full(r, "the texts of an event");
-    }
-    memcpy(r->scratch + r->used, from, size);
-    r->used += (uint32_t)size;
-    return 0;
-}
-
 /* Decode a valid string between two places into scratch. */
 static int decode(rvaft_reader *r, size_t at, size_t end) {
     while (at < end && at < r->size) {
@@ -312,10 +302,17 @@ static int scan_scalar(rvaft_reader *r, rvaft_value *v) {
         } else if (v->text == NULL) {
             return full(r, "the texts of an event");
         } else if (room && v->size <= MOST_SIZE) {
-            r->used += v->size;
+            uint32_t used = r->used + v->size;
+            r->used = used < RVAFT_SCRATCH ? used : RVAFT_SCRATCH;
         }
     }
     return 0;
+}
+
+/* Whether a number, and not -Infinity, is at `r->at`. */
+static int starts_number(const rvaft_reader *r) {
+    size_t at = r->at < r->size ? r->at + (r->text[r->at] == '-') : r->size;
+    return at < r->size && r->text[at] >= '0' && r->text[at] <= '9';
 }
 
 /* Pass a value, which is valid JSON and in an object, up to the comma or the bracket behind it. */
@@ -338,131 +335,173 @@ static void pass_value(rvaft_reader *r) {
     }
 }
 
+/* The byte at `r->at`, or a newline behind the line. */
+static char byte_at(const rvaft_reader *r) { return r->at < r->size ? r->text[r->at] : '\n'; }
+
+static void pass_comma(rvaft_reader *r) {
+    skip_blanks(r);
+    advance(r, byte_at(r) == ',');
+    skip_blanks(r);
+}
+
+/* Append bytes to scratch. */
+static int put_bytes(rvaft_reader *r, const void *from, uint32_t size) {
+    const char *bytes = from;
+    uint32_t i;
+    int error = 0;
+    for (i = 0; i < size && !error; i++) {
+        error = put(r, (unsigned char)bytes[i]);
+    }
+    return error;
+}
+
+/* Append bytes that are in scratch already. */
+static int put_again(rvaft_reader *r, uint32_t at, uint32_t size) {
+    int error = 0;
+    for (; size > 0 && at < RVAFT_SCRATCH && !error; size--, at++) {
+        error = put(r, (unsigned char)r->scratch[at]);
+    }
+    return error;
+}
+
+/* Begin a value with its tag and four bytes for a size. */
+static int put_head(rvaft_reader *r, uint32_t tag) { return put(r, tag) || put_bytes(r, "size", 4); }
+
+/* Write the size of the value that begins at a place in scratch, which has its end at `r->used`. */
+static void put_size(rvaft_reader *r, uint32_t at) {
+    uint32_t size = r->used - at, i;
+    for (i = 1; i < 5 && at + i < RVAFT_SCRATCH; i++) {
+        r->scratch[at + i] = (char)(unsigned char)(size & 0xFFU);
+        size >>= 8;
+    }
+}
+
+/* The order of two keys in scratch. */
+static int order_of(const rvaft_reader *r, const member *a, const member *b) {
+    uint32_t i = a->key, k = b->key, left = a->size < b->size ? a->size : b->size;
+    for (; left > 0 && i < RVAFT_SCRATCH && k < RVAFT_SCRATCH; left--, i++, k++) {
+        if (r->scratch[i] != r->scratch[k]) {
+            return (unsigned char)r->scratch[i] < (unsigned char)r->scratch[k] ? -1 : 1;
+        }
+    }
+    return a->size < b->size ? -1 : a->size > b->size;
+}
+
+/* Note the fields of the object at `r->at` behind those in `r->members`, in order. */
+static int note_members(rvaft_reader *r) {
+    uint32_t first = r->members, count = first, k;
+    int escaped;
+    advance(r, 1);
+    skip_blanks(r);
+    while (r->at < r->size && byte_at(r) != '}') {
+        member made;
+        size_t from = r->at + 1;
+        advance(r, 1);
+        if (count >= MEMBERS) {
+            return full(r, "the fields of an object");
+        }
+        made.key = r->used;
+        if (scan_string(r, &escaped) || decode(r, from, r->at - 1)) {
+            return RVAFT_FULL;
+        }
+        made.size = r->used - made.key;
+        skip_blanks(r);
+        advance(r, 1);
+        made.value = r->at;
+        for (k = count; k > first && k < MEMBERS; k--) { /* few fields: insertion sort */
+            member other;
+            int order = order_of(r, &r->member[k - 1], &made);
+            if (order == 0) {
+                return refused(r, "a key is repeated");
+            }
+            if (order < 0) {
+                break;
+            }
+            other = r->member[k - 1];
+            r->member[k] = other;
+        }
+        r->member[k < MEMBERS ? k : 0] = made;
+        count++;
+        pass_value(r);
+        pass_comma(r);
+    }
+    r->members = count;
+    advance(r, 1);
+    return 0;
+}
+
 /* Write the canonical form of the value at `r->at`, which is valid JSON: equal values have equal
    bytes. Sets `undefined` where a number is not finite. */
+/*@ requires r->used <= RVAFT_SCRATCH;
+    requires r->members <= MEMBERS;
+    assigns r->at, r->used, r->members, r->reason, r->member[0 .. MEMBERS - 1], r->scratch[0 .. RVAFT_SCRATCH - 1],
+            *undefined;
+    ensures r->used <= RVAFT_SCRATCH;
+    ensures r->members <= MEMBERS; */
 static int canonical(rvaft_reader *r, int *undefined) {
-    int error, escaped;
-    uint32_t start, size;
+    int error = 0, escaped;
+    uint32_t begin = r->used, i;
     size_t from;
     char c;
+    rvaft_value v = {NULL, 0.0, 0, 0, 0};
     skip_blanks(r);
-    c = r->text[r->at];
+    from = r->at;
+    c = byte_at(r);
     if (c == '"') {
-        from = ++r->at;
-        if (scan_string(r, &escaped) || put(r, '"') || put_bytes(r, "size", 4)) {
-            return RVAFT_FULL;
-        }
-        start = r->used;
-        if (decode(r, from, r->at - 1)) {
-            return RVAFT_FULL;
-        }
-        size = r->used - start;
-        memcpy(r->scratch + start - 4, &size, 4);
-        return 0;
+        advance(r, 1);
+        error = put_head(r, '"') || scan_string(r, &escaped) || decode(r, from + 1, r->at - 1);
+        put_size(r, begin);
+        return error ? RVAFT_FULL : 0;
     }
     if (c == '[') {
-        r->at++;
         error = put(r, '[');
+        advance(r, 1);
         skip_blanks(r);
-        while (!error && r->text[r->at] != ']') {
+        while (!error && r->at < r->size && byte_at(r) != ']') {
             error = canonical(r, undefined);
-            skip_blanks(r);
-            r->at += r->text[r->at] == ',';
-            skip_blanks(r);
+            pass_comma(r);
         }
-        r->at++;
+        advance(r, 1);
         return error ? error : put(r, ']');
     }
     if (c == '{') {
-        uint32_t first = r->members, begin = r->used, i, k;
+        uint32_t first = r->members, start;
         size_t end;
-        r->at++;
-        skip_blanks(r);
-        while (r->text[r->at] != '}') {
-            member made;
-            from = r->at + 1;
-            r->at = from;
-            if (r->members >= MEMBERS) {
-                return full(r, "the fields of an object");
-            }
-            made.key = r->used;
-            error = scan_string(r, &escaped);
-            if (error || decode(r, from, r->at - 1)) {
-                return RVAFT_FULL;
-            }
-            made.size = r->used - made.key;
-            skip_blanks(r);
-            r->at++;
-            made.value = r->at;
-            r->member[r->members++] = made;
-            pass_value(r);
-            r->at += r->text[r->at] == ',';
-            skip_blanks(r);
-        }
-        end = r->at + 1;
-        for (i = first + 1; i < r->members; i++) { /* few fields: insertion sort */
-            member moved = r->member[i];
-            rvaft_value key = bytes_of(RVAFT_TEXT, r->scratch + moved.key, moved.size);
-            for (k = i; k > first; k--) {
-                rvaft_value other =
-                    bytes_of(RVAFT_TEXT, r->scratch + r->member[k - 1].key, r->member[k - 1].size);
-                if (compare_bytes(&other, &key) <= 0) {
-                    break;
-                }
-                r->member[k] = r->member[k - 1];
-            }
-            r->member[k] = moved;
-        }
+        error = note_members(r);
+        end = r->at;
         start = r->used; /* behind the keys, over which the object then moves */
-        error = put(r, '{');
-        for (i = first; !error && i < r->members; i++) {
-            member one = r->member[i];
-            if (i > first && one.size == r->member[i - 1].size &&
-                (one.size == 0 || memcmp(r->scratch + one.key, r->scratch + r->member[i - 1].key, one.size) == 0)) {
-                return refused(r, "a key is repeated");
-            }
-            if (put_bytes(r, &one.size, 4) || put_bytes(r, r->scratch + one.key, one.size)) {
-                return RVAFT_FULL;
-            }
-            r->at = one.value;
-            error = canonical(r, undefined);
+        error = error ? error : put(r, '{');
+        for (i = first; !error && i < r->members && i < MEMBERS; i++) {
+            const member one = r->member[i];
+            error = put_bytes(r, &one.size, 4) || put_again(r, one.key, one.size) ? RVAFT_FULL : 0;
+            r->at = one.value < r->size ? one.value : r->size;
+            error = error ? error : canonical(r, undefined);
         }
         r->members = first;
-        r->at = end;
-        if (error || put(r, '}')) {
-            return error ? error : RVAFT_FULL;
+        r->at = end < r->size ? end : r->size;
+        error = error ? error : put(r, '}');
+        for (i = start; i < r->used && i < RVAFT_SCRATCH && begin < RVAFT_SCRATCH; i++, begin++) {
+            r->scratch[begin] = r->scratch[i];
         }
-        memmove(r->scratch + begin, r->scratch + start, r->used - start);
-        r->used -= start - begin;
-        return 0;
+        r->used = begin;
+        return error;
     }
-    {
-        rvaft_value v;
-        char digits[MOST_SIZE];
-        start = r->used;
-        error = scan_scalar(r, &v);
-        if (error) {
-            return error;
-        }
-        *undefined |= v.tag == RVAFT_UNDEFINED;
-        if (v.tag == RVAFT_BIG && v.text == NULL) {
-            return full(r, "the texts of an event");
-        }
-        if (r->used != start) { /* digits that the scanner wrote */
-            memcpy(digits, v.text, v.size);
-            v.text = digits;
-            r->used = start;
-        }
-        error = put(r, 'a' + v.tag);
-        if (v.tag == RVAFT_INTEGER) {
-            error = error || put_bytes(r, &v.integer, 8);
-        } else if (v.tag == RVAFT_REAL) {
-            error = error || put_bytes(r, &v.real, 8);
-        } else if (v.tag == RVAFT_BIG) {
-            error = error || put_bytes(r, &v.size, 4) || put_bytes(r, v.text, v.size);
-        }
-        return error ? RVAFT_FULL : 0;
+    error = put_head(r, '#') ? RVAFT_FULL : scan_scalar(r, &v);
+    *undefined |= v.tag == RVAFT_UNDEFINED;
+    if (error) {
+        return error;
     }
+    if (v.tag == RVAFT_BIG && r->used == begin + 5) { /* else the scanner wrote its digits */
+        for (; from < r->at && from < r->size && !error; from++) {
+            error = put(r, (unsigned char)r->text[from]);
+        }
+    } else if (v.tag == RVAFT_INTEGER) {
+        error = put_bytes(r, &v.integer, 8);
+    } else if (v.tag == RVAFT_REAL) {
+        error = put_bytes(r, &v.real, 8);
+    }
+    put_size(r, begin);
+    return error ? RVAFT_FULL : put(r, 'a' + v.tag);
 }
 
 #define KEY_HASH(first, size) ((5U * (size) + (unsigned char)(first)) % 64U)
@@ -579,9 +618,14 @@ static int scan(rvaft_reader *r, rvaft_event *e) {
                 }
             }
         } else {
-            error = scan_scalar(r, node >= 0 ? &e->field[node] : NULL);
+            size_t start = r->at;
+            int time = node >= 0 && ROW(fields, (uint32_t)node).time && starts_number(r);
+            error = scan_scalar(r, node >= 0 && !time ? &e->field[node] : NULL);
             if (error) {
                 return error;
+            }
+            if (node >= 0 && time) {
+                e->field[node] = bytes_of(RVAFT_REAL, r->text + start, (uint32_t)(r->at - start));
             }
         }
         for (;;) { /* after a value */
@@ -680,6 +724,37 @@ static int instant(int64_t seconds, int64_t rest, int64_t *time) {
     return 1;
 }
 
+#define SHORT INT64_C(100000000000000000)
+
+/* The nanoseconds of a decimal number in units of 10^scale; returns 0 unless it is short and needs no rounding. */
+static int short_time(const char *text, uint32_t size, int scale, int64_t *time) {
+    uint32_t at = text[0] == '-', dot = size;
+    int64_t n = 0;
+    if (size > 20) {
+        return 0;
+    }
+    for (; at < size && n < SHORT; at++) {
+        if (text[at] == '.') {
+            dot = at + 1;
+        } else if (text[at] >= '0' && text[at] <= '9') {
+            n = n * 10 + DIGIT(text[at]);
+        } else {
+            return 0; /* an exponent */
+        }
+    }
+    for (; dot < size && scale > -FAR; dot++) {
+        scale--;
+    }
+    for (; scale > 0 && n < SHORT; scale--) {
+        n *= 10;
+    }
+    if (at < size || scale != 0) {
+        return 0;
+    }
+    *time = text[0] == '-' ? -n : n;
+    return 1;
+}
+
 /* A decimal number of units of 10^scale nanoseconds, half to even: 1, 0 if undefined, or an error. */
 RVAFT_UNUSED static int decimal_time(const rvaft_value *v, int scale, int64_t *time) {
     decimal d;
@@ -689,6 +764,9 @@ RVAFT_UNUSED static int decimal_time(const rvaft_value *v, int scale, int64_t *t
     if (v->tag == RVAFT_TEXT ? v->size == 0 || v->size > 1000 || number_end(v->text, 0, v->size, &point) != v->size
                              : !is_number(v) || v->text == NULL) {
         return 0;
+    }
+    if (short_time(v->text, v->size, scale, time)) {
+        return 1;
     }
     minus = v->text[0] == '-';
     read_decimal(v->text, 0, v->size, &d);
@@ -713,7 +791,7 @@ RVAFT_UNUSED static int decimal_time(const rvaft_value *v, int scale, int64_t *t
 
 /* A number of 100 ns since 1601-01-01: 1, 0 if undefined, or an error. */
 RVAFT_UNUSED static int filetime(const rvaft_value *v, int64_t *time) {
-    int found, minus, error = 0;
+    int found, minus, left, error = 0;
     int64_t rest;
     uint64_t part, ticks = 0;
     uint32_t i;
@@ -730,8 +808,8 @@ RVAFT_UNUSED static int filetime(const rvaft_value *v, int64_t *time) {
     for (i = 0; (int)i < d.point && i < 18; i++) { /* apart: with two more digits it may need more than 64 bits */
         ticks = ticks * 10 + (i < d.count ? d.digit[i] : 0U);
     }
-    i = i < count_of(&d) ? i : count_of(&d);
-    d.count -= i;
+    left = (int)count_of(&d) - (int)i;
+    d.count = left > 0 ? (uint32_t)left : 0;
     memmove(d.digit, d.digit + i, d.count);
     d.point = d.point > 0 ? 2 : d.point + 2;
     part = rounded(&d);
@@ -757,7 +835,7 @@ static int is_day(int year, int month, int day) {
 
 /* An offset of a zone such as +02:00 at a place, in seconds; returns the place after it, or NONE. */
 static uint32_t offset_of(const char *text, uint32_t at, uint32_t size, int *seconds) {
-    int hours, minutes = 0, sign = text[at] == '-' ? -1 : 1;
+    int hours = 0, minutes = 0, sign = text[at] == '-' ? -1 : 1;
     at++;
     if (at + 2 > size || !read_two(text + at, &hours)) {
         return NONE;
@@ -782,14 +860,17 @@ static int64_t decimals_of(const char *text, uint32_t at, uint32_t end) {
     if (d.count == 0) {
         return 0;
     }
-    d.point += 9 - (int)(end - at);
+    for (; at < end && d.point > -FAR; at++) {
+        d.point--;
+    }
+    d.point += 9;
     return (int64_t)rounded(&d);
 }
 
 RVAFT_UNUSED static int iso_time(const rvaft_value *v, int64_t *time) {
     const char *t = v->text;
     uint32_t at = 16, size = v->size;
-    int century, year, month, day, hour, minute, second = 0, ahead = 0;
+    int century = 0, year = 0, month = 0, day = 0, hour = 0, minute = 0, second = 0, ahead = 0;
     int64_t rest = 0;
     if (v->tag != RVAFT_TEXT || size < 16 || size > 1000 || !read_two(t, &century) || !read_two(t + 2, &year) ||
         t[4] != '-' || !read_two(t + 5, &month) || t[7] != '-' || !read_two(t + 8, &day) ||
@@ -802,9 +883,7 @@ RVAFT_UNUSED static int iso_time(const rvaft_value *v, int64_t *time) {
         at += 3;
         if (at + 1 < size && (t[at] == '.' || t[at] == ',') && t[at + 1] >= '0' && t[at + 1] <= '9') {
             uint32_t from = ++at;
-            while (at < size && t[at] >= '0' && t[at] <= '9') {
-                at++;
-            }
+            at = (uint32_t)digits_end(t, from, size);
             rest = decimals_of(t, from, at);
         }
     }

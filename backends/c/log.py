@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final, TypeAlias
 
 from backends.c.library import cached_library
-from rvaft.errors import RvaftError, TooLarge, ToolFailed
+from rvaft.errors import RvaftError, TooLarge, ToolFailed, TraceError
 
 CAPACITY: Final = 1 << 20
 """The number of partial matches of all keys; memory that is not used is not touched."""
@@ -60,7 +60,7 @@ def _functions(file: Path) -> ctypes.CDLL:
 class NativeLog:
     """Monitors one log that comes in pieces.
 
-    `failure` is why there is no verdict from event `failed` on.
+    `failure` is why there is no verdict from event `failed` on; a `TraceError` names the line only.
     """
 
     def __init__(self, text: str, *, keys: int, repeat: bool) -> None:
@@ -103,10 +103,10 @@ class NativeLog:
         reason = (self._head.reason or b"").decode()
         match self._head.verdict:
             case code if code == _FULL and reason:
-                return ToolFailed("the native monitor", reason=f"line {self._head.line} has too much of {reason}")
+                return TraceError(f"too much of {reason} for the native monitor: {_REMEDY}", line=self._head.line)
             case code if code == _FULL:
                 return TooLarge("partial matches or texts of the native monitor", limit=CAPACITY, remedy=_REMEDY)
             case code if code == _UNSUPPORTED:
                 return TooLarge("bits of a number or a time in the native monitor", limit=64, remedy=_REMEDY)
             case _:
-                return ToolFailed("the native monitor", reason=f"line {self._head.line} is refused: {reason}")
+                return TraceError(f"the native monitor cannot read it: {reason}", line=self._head.line)

@@ -105,7 +105,7 @@ typedef struct store {
     uint32_t epoch;
     uint32_t mask; /* of the buckets in use: fewer stay in the cache */
     bucket buckets[MAX_LINKS][RVAFT_BUCKETS];
-    partial item[RVAFT_CAPACITY];
+    partial item[RVAFT_CAPACITY + 1]; /* the one after the last is being made */
 } store;
 
 /* Interned texts. */
@@ -212,6 +212,7 @@ typedef struct field_node {
     int32_t next;
     uint64_t keys; /* the hashes of the keys below */
     uint8_t whole; /* whether a list or an object is compared as a whole */
+    uint8_t time;  /* whether a number is read as a time only, of which its text is enough */
 } field_node;
 
 typedef struct expiry {
@@ -466,7 +467,7 @@ static uint64_t magnitude(int64_t i) { return i < 0 ? 0U - (uint64_t)i : (uint64
     assigns *error;
     ensures *error == \old(*error) || *error == RVAFT_UNSUPPORTED; */
 RVAFT_UNUSED static rvaft_value multiply(int *error, rvaft_value a, rvaft_value b) {
-    uint64_t left, right;
+    uint64_t left, right, product;
     if (unusable(error, &a, &b)) {
         return a;
     }
@@ -475,10 +476,11 @@ RVAFT_UNUSED static rvaft_value multiply(int *error, rvaft_value a, rvaft_value 
     }
     left = magnitude(a.integer);
     right = magnitude(b.integer);
-    if (left != 0 && right > (uint64_t)INT64_MAX / left) {
+    product = left * right;
+    if ((left != 0 && right > (uint64_t)INT64_MAX / left) || product > (uint64_t)INT64_MAX) {
         return unsupported(error);
     }
-    return integer((a.integer < 0) == (b.integer < 0) ? (int64_t)(left * right) : -(int64_t)(left * right));
+    return integer((a.integer < 0) == (b.integer < 0) ? (int64_t)product : -(int64_t)product);
 }
 
 /* The double that is nearest to the quotient of two integers. */
@@ -1276,20 +1278,35 @@ static uint32_t first_in(const store *s, uint32_t link, uint32_t place) {
     return b->epoch == s->epoch ? b->head : NONE;
 }
 
-static void link_partial(store *s, uint32_t number) {
-    partial *p = &s->item[number];
+static void link_at(store *s, uint32_t number, uint32_t link, uint32_t home) {
+    s->item[number].next[link] = first_in(s, link, home);
+    s->buckets[link][home].head = number;
+    s->buckets[link][home].epoch = s->epoch;
+}
+
+/* The place in the first table, of all exact slots. */
+static uint32_t first_place(const store *s, const partial *p) {
+    uint64_t h = hash_of(p->stage, 0);
+    uint32_t i;
+    for (i = 0; i < stage_of(p)->exact; i++) {
+        h = hash_with(h, slot_of(p, i));
+    }
+    return bucket_of(s, h, KEY_OF(p));
+}
+
+/* Put a partial match, whose place in the first table is known, into all tables. */
+static void link_partial(store *s, uint32_t number, uint32_t home) {
+    const partial *p = &s->item[number];
     const stage *st = stage_of(p);
-    uint32_t link, at = st->link;
-    for (link = 0; link < st->links && link < MAX_LINKS; link++) {
-        uint32_t stop = at + 1 + ROW(link_slots, at), place;
+    uint32_t link, at = st->link + 1 + st->exact;
+    link_at(s, number, 0, home);
+    for (link = 1; link < st->links && link < MAX_LINKS; link++) {
+        uint32_t stop = at + 1 + ROW(link_slots, at);
         uint64_t h = hash_of(p->stage, link);
         for (at++; at < stop; at++) {
             h = hash_with(h, slot_of(p, ROW(link_slots, at)));
         }
-        place = bucket_of(s, h, KEY_OF(p));
-        p->next[link] = first_in(s, link, place);
-        s->buckets[link][place].head = number;
-        s->buckets[link][place].epoch = s->epoch;
+        link_at(s, number, link, bucket_of(s, h, KEY_OF(p)));
     }
 }
 
@@ -1311,14 +1328,26 @@ static int better(const stage *st, const partial *p, const partial *q) {
     return p_good ? 1 : q_good ? -1 : 0;
 }
 
-static void insert_partial(rvaft_monitor *m, store *s, const partial *p) {
-    const stage *st = stage_of(p);
-    uint32_t i, at;
-    uint64_t h = hash_of(p->stage, 0);
-    for (i = 0; i < st->exact; i++) {
-        h = hash_with(h, slot_of(p, i));
+/* The partial match that is being made. */
+static partial *next_partial(store *s) { return &s->item[s->count < RVAFT_CAPACITY ? s->count : RVAFT_CAPACITY]; }
+
+#if RVAFT_PLACES
+/* Copy the places of the events; returns their number, with which one more has room. */
+static uint32_t copy_places(partial *to, const partial *from) {
+    uint32_t i;
+    for (i = 0; i < from->taken && i + 1 < RVAFT_DEPTH; i++) {
+        place moved = from->events[i];
+        to->events[i] = moved;
     }
-    at = first_in(s, 0, bucket_of(s, h, KEY_OF(p)));
+    return i;
+}
+#endif
+
+/* Keep the partial match that has been made, unless another one is at least as good. */
+static void insert_partial(rvaft_monitor *m, store *s) {
+    const partial *p = next_partial(s);
+    const stage *st = stage_of(p);
+    uint32_t i, home = first_place(s, p), at = first_in(s, 0, home);
     for (; at < RVAFT_CAPACITY; at = s->item[at].next[0]) {
         partial *other = &s->item[at];
         if (other->stage == p->stage && KEY_OF(other) == KEY_OF(p) && !is_void(m, other)) {
@@ -1333,11 +1362,11 @@ static void insert_partial(rvaft_monitor *m, store *s, const partial *p) {
                 }
                 if (order < 0) {
                     for (i = st->exact; i < st->slots && i < RVAFT_WIDTH; i++) {
-                        other->slot[i] = p->slot[i];
+                        cell moved = p->slot[i];
+                        other->slot[i] = moved;
                     }
 #if RVAFT_PLACES
-                    other->taken = p->taken;
-                    memcpy(other->events, p->events, sizeof p->events);
+                    other->taken = copy_places(other, p);
 #endif
                     return;
                 }
@@ -1349,28 +1378,30 @@ static void insert_partial(rvaft_monitor *m, store *s, const partial *p) {
         m->error = RVAFT_FULL;
         return;
     }
-    s->item[at] = *p;
-    link_partial(s, at);
+    link_partial(s, at, home);
     s->count = at + 1;
 }
 
 /*@ assigns *m, *s; */
 static void insert_starts(rvaft_monitor *m, store *s) {
-    partial p;
     uint32_t i;
-    memset(&p, 0, sizeof p);
-#if RVAFT_KEYED
-    p.key = NONE;
-#endif
     for (i = 0; i < RVAFT_STARTS; i++) {
-        p.stage = starts[i];
-        insert_partial(m, s, &p);
+        partial *p = next_partial(s);
+        p->stage = starts[i];
+#if RVAFT_KEYED
+        p->key = NONE;
+        p->era = 0;
+#endif
+#if RVAFT_PLACES
+        p->taken = 0;
+#endif
+        insert_partial(m, s);
     }
 }
 
 /* Try a move from a partial match; returns 1 if it detects. */
 static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *mv, const rvaft_event *e) {
-    partial made;
+    partial *made = next_partial(to);
     const stage *st = &ROW(stages, mv->target);
     uint32_t i;
     for (i = 0; i < mv->joins; i++) {
@@ -1383,26 +1414,23 @@ static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *m
     if (mv->guard != 0 && (!guard(m, mv->guard, p->slot, e) || m->error != 0)) {
         return 0;
     }
-    memset(&made, 0, sizeof made);
 #if RVAFT_PLACES
-    memcpy(made.events, p->events, p->taken * sizeof p->events[0]);
-    made.events[p->taken] = e->at;
-    made.taken = p->taken + 1;
-    if (st->rank == 0) {
-        m->match = made;
-    }
+    made = st->rank == 0 ? &m->match : made;
+    i = copy_places(made, p);
+    made->events[i] = e->at;
+    made->taken = i + 1;
 #endif
     if (st->rank == 0) {
         return m->error == 0;
     }
-    made.stage = mv->target;
+    made->stage = mv->target;
 #if RVAFT_KEYED
-    made.key = m->key;
-    made.era = m->keys.item[m->key].era;
+    made->key = m->key;
+    made->era = ROW(m->keys.item, m->key).era;
 #endif
     for (i = 0; i < st->slots && i < RVAFT_WIDTH; i++) {
         const load *l = &ROW(loads, mv->load + i);
-        cell *c = &made.slot[i];
+        cell *c = &made->slot[i];
         rvaft_value t;
         if (l->from == COPY) {
             *c = *slot_of(p, l->slot);
@@ -1419,15 +1447,17 @@ static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *m
         }
         c->tag = t.tag;
         c->bits = t.integer;
-        c->hash = mixed(((uint64_t)c->bits ^ m->seed ^ c->tag) * UINT64_C(0x9E3779B97F4A7C15));
+        if (i < st->exact) {
+            c->hash = mixed(((uint64_t)c->bits ^ m->seed ^ c->tag) * UINT64_C(0x9E3779B97F4A7C15));
+        }
     }
     for (i = st->exact; i < st->slots; i++) {
-        if (slot_of(&made, i)->tag == RVAFT_UNDEFINED) { /* a guard over this time can never hold */
+        if (slot_of(made, i)->tag == RVAFT_UNDEFINED) { /* a guard over this time can never hold */
             return 0;
         }
     }
     if (m->error == 0) {
-        insert_partial(m, to, &made);
+        insert_partial(m, to);
     }
     return 0;
 }
@@ -1442,7 +1472,7 @@ static int expired(const rvaft_monitor *m, const partial *p) {
         const expiry *x = &ROW(expiries, st->expiry + i);
         int64_t from = slot_of(p, x->slot)->bits;
 #if RVAFT_KEYED
-        int64_t latest = m->keys.item[p->key < RVAFT_KEYS ? p->key : 0].latest; /* with slots it has a key */
+        int64_t latest = ROW(m->keys.item, p->key).latest; /* with slots it has a key */
 #else
         int64_t latest = m->latest;
 #endif
@@ -1478,7 +1508,7 @@ static void sweep(rvaft_monitor *m, store *s) {
     }
     clear_store(s);
     for (i = 0; i < kept && i < RVAFT_CAPACITY; i++) {
-        link_partial(s, i);
+        link_partial(s, i, first_place(s, &s->item[i]));
     }
     s->count = kept;
     m->sweep_at = kept < FEW ? 2 * FEW : kept < RVAFT_CAPACITY / 2 ? 2 * kept : kept + (RVAFT_CAPACITY - kept) / 2;
@@ -1497,10 +1527,10 @@ static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *mat
         cursor[i] = ROW(pattern_moves, matched[i]);
     }
     for (;;) {
-        uint32_t best = NONE, rank = NONE, at, k, key = NONE, slot, last;
+        uint32_t best = 0, rank = NONE, at, k, key = NONE, slot, last;
         const move *mv;
         uint64_t h;
-        for (i = 0; i < count && i < RVAFT_PATTERNS; i++) {
+        for (i = 0; count > 1 && i < count && i < RVAFT_PATTERNS; i++) {
             uint32_t next = cursor[i];
             if (next < ROW(pattern_moves, matched[i] + 1) && next < RVAFT_MOVES) {
                 uint32_t its = ROW(stages, ROW(moves, sorted_moves[next]).stage).rank;
@@ -1510,12 +1540,9 @@ static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *mat
                 }
             }
         }
-        if (best >= RVAFT_PATTERNS) {
-            return 0;
-        }
         at = cursor[best];
-        if (at >= RVAFT_MOVES) {
-            return 0;
+        if (at >= ROW(pattern_moves, matched[best] + 1) || at >= RVAFT_MOVES) {
+            return 0; /* no pattern has another move */
         }
         cursor[best] = at + 1;
         mv = &ROW(moves, sorted_moves[at]);
@@ -1734,22 +1761,40 @@ static int step(rvaft_monitor *m, const rvaft_event *e) {
 
 /* Append the bytes of a key; returns 0 if there is no room. */
 static int append_key(key_table *t, uint32_t *size, const void *from, uint32_t more) {
-    uint32_t at = t->used + *size;
-    if (more > RVAFT_KEY_BYTES - at) {
-        return 0;
+    const char *bytes = from;
+    uint32_t at = t->used + *size, i;
+    for (i = 0; i < more && at < RVAFT_KEY_BYTES; i++, at++) {
+        t->bytes[at] = bytes[i];
     }
-    if (more != 0) {
-        memcpy(t->bytes + at, from, more);
+    *size += i;
+    return i == more;
+}
+
+static uint32_t hash_key(const key_table *t, uint64_t h, uint32_t size) {
+    uint32_t at = t->used, i;
+    for (i = 0; i < size && at < RVAFT_KEY_BYTES; i++, at++) {
+        h = (h ^ (unsigned char)t->bytes[at]) * UINT64_C(0x100000001B3);
+        h ^= h >> 29;
     }
-    *size += more;
-    return 1;
+    return mixed(h ^ size);
+}
+
+/* Whether the bytes of a key are those behind all keys. */
+static int same_key(const key_table *t, const key_state *k) {
+    uint32_t at = t->used, own = k->start, i;
+    for (i = 0; i < k->size && at < RVAFT_KEY_BYTES && own < RVAFT_KEY_BYTES; i++, at++, own++) {
+        if (t->bytes[at] != t->bytes[own]) {
+            return 0;
+        }
+    }
+    return i == k->size;
 }
 
 /* The number of the key of an event, NONE if it lacks a field or is not finite, or an error in m->error.
    Equal values of the key have equal bytes. */
 static uint32_t key_of(rvaft_monitor *m, const rvaft_event *e) {
     key_table *t = &m->keys;
-    uint32_t i, size = 0, hash, place;
+    uint32_t i, size = 0, hash, home;
     for (i = 0; i < RVAFT_KEY_FIELDS; i++) {
         const rvaft_value *v = &e->field[key_fields[i][0]];
         char tag;
@@ -1776,11 +1821,11 @@ static uint32_t key_of(rvaft_monitor *m, const rvaft_event *e) {
             return NONE;
         }
     }
-    hash = hash_bytes(m->seed, t->bytes + t->used, size);
-    place = hash % RVAFT_KEYS;
-    for (i = t->head[place]; i < RVAFT_KEYS; i = t->item[i].next) {
+    hash = hash_key(t, m->seed, size);
+    home = hash % RVAFT_KEYS;
+    for (i = t->head[home]; i < RVAFT_KEYS; i = t->item[i].next) {
         const key_state *k = &t->item[i];
-        if (k->hash == hash && k->size == size && memcmp(t->bytes + k->start, t->bytes + t->used, size) == 0) {
+        if (k->hash == hash && k->size == size && same_key(t, k)) {
             return i;
         }
     }
@@ -1792,8 +1837,8 @@ static uint32_t key_of(rvaft_monitor *m, const rvaft_event *e) {
     t->item[i].hash = hash;
     t->item[i].size = size;
     t->item[i].start = t->used;
-    t->item[i].next = t->head[place];
-    t->head[place] = i;
+    t->item[i].next = t->head[home];
+    t->head[home] = i;
     t->used += size;
     return i;
 }
@@ -1814,7 +1859,7 @@ static int enter_key(rvaft_monitor *m, const rvaft_event *e) {
 }
 
 static void leave_key(rvaft_monitor *m) {
-    key_state *k = &m->keys.item[m->key < RVAFT_KEYS ? m->key : 0];
+    key_state *k = &ROW(m->keys.item, m->key);
     k->latest = m->latest;
     k->has_latest = m->has_latest;
     k->era += m->verdict != k->verdict;

@@ -215,7 +215,7 @@ class _Writer:
         fields = max(1, len(self._fields.paths))
         width = max(1, *(len(stage.slots) for stage in self._found.stages))
         own = 8 if self._key else 0
-        store = _whole(12 + 8 * links * buckets) + capacity * (_whole(4 * links + 4 + own) + 16 * width)
+        store = _whole(12 + 8 * links * buckets) + (capacity + 1) * (_whole(4 * links + 4 + own) + 16 * width)
         keys = 16 + (4 + 40 + 64) * _KEYS if self._key else 0
         pool = 16 + 4 * buckets + 17 * number + content
         stores = store if self._scattered else 2 * store
@@ -311,14 +311,16 @@ class _Writer:
         made = ["#if RVAFT_JSON\n"]
         if time is not None:
             made.append(f"#define READ_TIME(e, time) {self._reading(time)}\n")
-        rows = self._fields.rows() or ['{"", 0, -1, -1, 0, 0}']
+        rows = self._fields.rows() or ['{"", 0, -1, -1, 0, 0, 0}']
         first = 0 if self._fields.paths else -1
         made.append(f"#define FIRST_FIELD {first}\n#define FIRST_KEYS {self._fields.keys(())}\n")
         made += [_array("field_node", "fields", rows), "#endif\n"]
         return "".join(made)
 
     def _reading(self, time: EventTime) -> str:
+        only = time.field not in self._fields.paths and time.format is not TimeFormat.ROS
         field = self._fields.number(time.field)
+        self._fields.times.update({field} if only else ())
         match time.format:
             case TextFormat():
                 raise NotExpressible(f"the time format {time.format}: only numbers, iso8601, ros and filetime are read")

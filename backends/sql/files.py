@@ -23,6 +23,7 @@ from rvaft.readers.csv_table import CsvReader, delimiter
 from rvaft.readers.json_lines import BLANK, NonFiniteEvent, event_on
 from rvaft.readers.log import BOM, MAX_LINE, Log
 from rvaft.readers.parquet import ParquetReader, picked
+from rvaft.stream.keys import Field
 from rvaft.stream.whole_log import Declined
 from rvaft.stream.whole_log import Place as EventPlace
 from rvaft.support.files import opened
@@ -94,6 +95,12 @@ def _plain(name: str) -> bool:
     return name.isascii() and name.isprintable() and not set(name) & set('"\\/')
 
 
+def _key(text: str, number: str) -> tuple[str, str]:
+    """Return the text of the value of a key, equal for equal numbers, and whether a double is not exact."""
+    double = f"TRY_CAST({number} AS DOUBLE)"
+    return f"coalesce(CAST({double} + 0.0 AS VARCHAR), {text})", f"length({number}) > 15 OR NOT isfinite({double})"
+
+
 class LogFile(ABC):
     """The rows of a file: expressions of their cells, and the events of some of them."""
 
@@ -120,6 +127,13 @@ class LogFile(ABC):
     def odd(self, place: Place, kind: ValueType) -> str:
         """Return whether a column of this type cannot hold the value at a place."""
 
+    @abstractmethod
+    def key(self, field: Field) -> tuple[str, str]:
+        """Return the text of the value of a key, and whether other values may have this text.
+
+        The text is NULL if the event lacks the field; DuckDB refuses a table without the column.
+        """
+
     doubtful: str = "false"
     """Whether rvaft has to read a row itself."""
 
@@ -141,10 +155,11 @@ class JsonFile(LogFile):
         """Whether some lines are blank."""
         tree: dict[str, Any] = {}
         for place in (*read, *([time] if time else [])):
-            inner = tree
-            for name in place[:-1]:
-                inner = inner.setdefault(str(name), {})
-            inner.setdefault(str(place[-1]), "JSON")
+            inner: Any = tree
+            for name in place:
+                if not isinstance(inner, dict):
+                    raise Declined(f"the field {place[0]} is read as a whole, and inside")
+                inner = inner.setdefault(str(name), "JSON" if name is place[-1] else {})
         self.form = json.dumps(tree)
         if any(not _plain(str(name)) for place in (*read, *([time] if time else [])) for name in place):
             raise Declined("JSON spells the name of a field in several ways")
@@ -215,6 +230,17 @@ class JsonFile(LogFile):
         raw = self._raw(place)
         other = f"{raw} IS NULL OR left({raw}, 1) IN ('\"', '{{', '[', 't', 'f')"
         return f"CASE WHEN {other} THEN false ELSE {_beyond(raw, kind)} END"
+
+    def key(self, field: Field) -> tuple[str, str]:
+        """Return the value as JSON; objects and lists may have rounded numbers."""
+        found, odd = list[str](), list[str]()
+        for place in dict.fromkeys([(field.text,), field.path]):
+            raw, path = self._raw(place), "$" + "".join(f".{json.dumps(name)}" for name in place)
+            null = f"CASE WHEN json_exists(json, {quoted(path)}) THEN 'null' END"
+            text, beyond = _key(raw, f"CASE WHEN left({raw}, 1) NOT IN ('\"', 't', 'f') THEN {raw} END")
+            found += [text, null]
+            odd.append(f"left({raw}, 1) IN ('{{', '[') OR {beyond}")
+        return f"coalesce({', '.join(found)})", " OR ".join(odd)
 
     def check(self, rows: int, doubtful: Sequence[int], reads: Scope) -> None:
         """Raise `Declined` for lines that rvaft reads in another way."""
@@ -331,6 +357,11 @@ class CsvFile(LogFile):
         number = _numeral(self._cell(place))
         return f"CASE WHEN {number} IS NULL THEN false ELSE {_beyond(number, kind)} END"
 
+    def key(self, field: Field) -> tuple[str, str]:
+        """Return the text of a cell."""
+        text = f"nullif(\"{field.text}\", '')"
+        return _key(text, _numeral(text))
+
     def check(self, rows: int, doubtful: Sequence[int], reads: Scope) -> None:  # noqa: ARG002
         """Raise `Declined` for empty lines."""
         if rows != self.rows_written:
@@ -446,6 +477,11 @@ class ParquetFile(LogFile):
             return "false"
         text = f'CAST("{name}" AS VARCHAR)'
         return f'CASE WHEN "{name}" IS NULL THEN false ELSE {_beyond(text, kind)} END'
+
+    def key(self, field: Field) -> tuple[str, str]:
+        """Return the text of a cell."""
+        cell, real = f'"{field.text}"', self.types.get(field.text) in ("FLOAT", "DOUBLE")
+        return f"CAST({cell}{' + 0.0' * real} AS VARCHAR)", f"NOT isfinite({cell})" if real else "false"
 
     def check(self, rows: int, doubtful: Sequence[int], reads: Scope) -> None:
         """Accept all rows: the table is typed."""

@@ -7,7 +7,7 @@ or the log is declined.
 
 import json
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import gettempdir
@@ -110,7 +110,8 @@ class DuckDbEngine(QueryEngine):
         self.columns = [LogColumn(f"c{number}", place, kind) for number, (place, kind) in enumerate(kinds.items(), 1)]
         used = column_types(plain.prepared(part, semantics))
         named = {".".join(map(str, one.place)): one.name for one in self.columns if one.place in used}
-        self.backend = _LogBackend(Table("log", named, "pos", "", "time" if tree.time else "", "ns"), "duckdb")
+        trace = "" if self.plan.key is None else "key"
+        self.backend = _LogBackend(Table("log", named, "pos", trace, "time" if tree.time else "", "ns"), "duckdb")
         self.query = self.backend.translate(part, semantics).text
         self.every = bool(re.search(r"^-- .*: every match\.$", self.query, re.MULTILINE))
         """Whether the query returns every match, not the first one of each scenario."""
@@ -175,7 +176,9 @@ class DuckDbEngine(QueryEngine):
         time = self.types.tree.time
         field: Place = ("time",) if time is None else time.field
         name = "jsonl" if reader is None else reader.name
-        source = FORMATS[name](path, [one.place for one in self.columns], field)
+        fields = () if self.plan.key is None else self.plan.key.fields
+        keys = [place for one in fields for place in dict.fromkeys([(one.text,), one.path])]
+        source = FORMATS[name](path, [*(one.place for one in self.columns), *keys], field)
         duckdb = DuckDb.installed()
         connection = duckdb.connect()
         try:
@@ -202,6 +205,9 @@ class DuckDbAnswer(LogAnswer):
             raise Declined(f"more than {CLASSES} kinds of events")
         self.groups = [EventCount(number, first) for number, first in groups]
         self.noted = [*self._noted()]
+        counts = self._ask("SELECT key, count(*), min(pos) FROM log GROUP BY key ORDER BY 3")
+        self.keys = [EventCount(number, [first]) for key, number, first in counts if key]
+        self.keyless = next((EventCount(number, [first]) for key, number, first in counts if key is None), None)
         self.selected = self._selected()
 
     def _ask(self, query: str) -> list[tuple[Any, ...]]:
@@ -219,10 +225,17 @@ class DuckDbAnswer(LogAnswer):
                 time = f"coalesce({instant('time_text')}, instant)"
             case declared:
                 time = nanoseconds("time_number", UNITS[str(declared.format)])
-        odd = " OR ".join(["other", *(source.odd(one.place, one.kind) for one in engine.columns)])
+        keys = () if engine.plan.key is None else [source.key(field) for field in engine.plan.key.fields]
+        odd = " OR ".join(
+            ["other", *(source.odd(one.place, one.kind) for one in engine.columns), *(odd for _, odd in keys)]
+        )
+        names = [f"k{number}" for number in range(len(keys))]
+        cells += [f"{text} AS {name}" for name, (text, _) in zip(names, keys, strict=True)]
+        present = " AND ".join(f"{name} IS NOT NULL" for name in names)
+        key = f"CASE WHEN {present} THEN min(pos) OVER (PARTITION BY {', '.join(names)}) END" if keys else "0"
         self.connection.execute(
             f"CREATE TABLE log AS SELECT pos, {''.join(f'{one.name}, ' for one in engine.columns)}"
-            f"{time} AS time, time_number IS NULL AND time_text IS NOT NULL AS words, odd, doubtful FROM "
+            f"{time} AS time, time_number IS NULL AND time_text IS NOT NULL AS words, odd, doubtful, {key} AS key FROM "
             f"(SELECT row_number() OVER () AS pos, {''.join(f'{one}, ' for one in cells)}"
             f"CAST({source.time_number} AS VARCHAR) AS time_number, CAST({source.time_text} AS VARCHAR) AS time_text, "
             f"{source.instant} AS instant, "
@@ -251,9 +264,10 @@ class DuckDbAnswer(LogAnswer):
             if number is not None:
                 raise Declined(f"event {number} {cause}")
         late = None if tree.time is None else tree.time.late
-        back, rows = "lag(time) OVER () > time", f"{entry} AND time IS NOT NULL"
+        back, rows = "lag(time) OVER (ORDER BY pos) > time", f"{entry} AND time IS NOT NULL"
         if late is not None:
-            back, rows = f"max(time) OVER (ROWS UNBOUNDED PRECEDING) - time > {late}", "true"
+            back = f"max(time) OVER (PARTITION BY key ORDER BY pos ROWS UNBOUNDED PRECEDING) - time > {late}"
+            rows = "key IS NOT NULL"
         back = f"SELECT pos FROM (SELECT pos, {back} AS back FROM log WHERE {rows}) WHERE back LIMIT 1"
         for (number,) in self._ask(back):
             raise Declined(f"the time goes back at event {number}")
@@ -280,52 +294,65 @@ class DuckDbAnswer(LogAnswer):
             query = f"SELECT min(pos) FROM log WHERE NOT {engine.entry} AND {name} NOT IN ({known}) GROUP BY {name}"
             yield from (number for (number,) in self._ask(f"{query} ORDER BY 1 LIMIT {SPELLINGS}"))
 
-    def _matches(self) -> list[tuple[int, list[int]]] | None:
-        """Return each match: the number of the last event, and those of all; None for too many."""
+    def _matches(self) -> list[tuple[int, int, list[int]]] | None:
+        """Return each match: key, number of the last event, and those of all; None for too many."""
         timer = Timer(PATIENCE, self.connection.interrupt)
         timer.daemon = True
         timer.start()
         try:
-            found = self._ask(f"SELECT detected, nodes FROM (\n{self.engine.query}\n) AS found LIMIT {MATCHES + 1}")
+            key, where = ("0", "") if self.engine.plan.key is None else ("trace", " WHERE trace IS NOT NULL")
+            query = f"SELECT {key}, detected, nodes FROM (\n{self.engine.query}\n) AS found{where}"
+            found = self._ask(f"{query} LIMIT {MATCHES + 1}")
         except DuckDb.installed().InterruptException:
             return None
         finally:
             timer.cancel()
         if len(found) > MATCHES:
             return None
-        return [(last, sorted(_positions(nodes))) for last, nodes in found]
+        return [(key, last, sorted(_positions(nodes))) for key, last, nodes in sorted(found)]
 
     def _selected(self) -> Iterable[int]:
-        monitors = self.engine.plan.monitors
-        whole = len(monitors.columns) == 1
-        matches = self._matches()
+        monitors, every = self.engine.plan.monitors, self.engine.every
+        whole, matches = len(monitors.columns) == 1, self._matches()
         if matches == []:
             return []
-        every = f"SELECT pos FROM log WHERE {self.engine.entry} ORDER BY pos"
-        if matches is None or (monitors.repeat and not self.engine.every):
-            return self._numbers(every)
-        first = min(last for last, _ in matches)
-        if not self.engine.every:
-            return self._numbers(f"SELECT pos FROM log WHERE {self.engine.entry} AND pos <= {first} ORDER BY pos")
+        if matches is None or (monitors.repeat and not every):
+            return self._numbers(None)
+        first: dict[int, int] = {}
+        for key, last, _ in matches:
+            first.setdefault(key, last)
+        if not every:
+            return self._numbers({key: [(0, last)] for key, last in first.items()})
         if monitors.semantics is Semantics.SCATTERED:
-            most = first if whole and not monitors.repeat else self.total
-            return sorted({number for _, numbers in matches for number in numbers if number <= most})
+            alone = whole and not monitors.repeat
+            return sorted({one for key, _, numbers in matches for one in numbers if not alone or one <= first[key]})
         if not whole:
-            return self._numbers(every)
-        ranges, before = list[tuple[int, int]](), 0
-        for last, numbers in sorted(matches):
-            if numbers[0] > before:
-                ranges.append((numbers[0], last))
-                before = last
-        chosen = " OR ".join(
-            f"pos BETWEEN {start} AND {end}" for start, end in ranges[: None if monitors.repeat else 1]
-        )
-        return self._numbers(f"SELECT pos FROM log WHERE {self.engine.entry} AND ({chosen}) ORDER BY pos")
+            return self._numbers(None)
+        ranges: dict[int, list[tuple[int, int]]] = {}
+        for key, last, numbers in matches:
+            known = ranges.setdefault(key, [])
+            if not known or (monitors.repeat and numbers[0] > known[-1][1]):
+                known.append((numbers[0], last))
+        return self._numbers(ranges)
 
-    def _numbers(self, query: str) -> Iterator[int]:
-        found = self.connection.cursor().execute(query)
+    def _numbers(self, ranges: Mapping[int, Sequence[tuple[int, int]]] | None) -> Iterator[int]:
+        """Yield the numbers of events that a match may have, within increasing ranges of their keys."""
+        left = {key: list(reversed(some)) for key, some in (ranges or {}).items()}
+        for number, key in self._places(f"{self.engine.entry} AND key IS NOT NULL"):
+            some = left.get(key, [])
+            while some and some[-1][1] < number:
+                some.pop()
+            if ranges is None or (some and some[-1][0] <= number):
+                yield number
+
+    def _places(self, condition: str) -> Iterator[tuple[int, int]]:
+        found = self.connection.cursor().execute(f"SELECT pos, key FROM log WHERE {condition} ORDER BY pos")
         while rows := found.fetchmany(10_000):
-            yield from (number for (number,) in rows)
+            yield from rows
+
+    def of_keys(self) -> Iterator[tuple[int, int]]:
+        """Yield each event with a key, and the first event of that key."""
+        return self._places("key IS NOT NULL")
 
     def events(self, numbers: Iterable[int], reads: Scope) -> Iterator[EventPlace]:
         """Yield the events with these numbers."""

@@ -70,7 +70,6 @@ _UNQUERIED: Final = {
     "follow": "a query reads a whole file",
     "checkpoint": "a query reads a whole file",
     "order_by": "a query reads the events in the order of the file",
-    "key": "tie the events by a variable instead",
     "foxglove": "it follows the events one by one",
     "strict_json": "DuckDB reads the words NaN and Infinity",
 }

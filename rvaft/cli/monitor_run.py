@@ -202,13 +202,12 @@ class _Run(Listener):
         self._log = None
         try:
             if (answer := self._answer(run, trace)) is None:
-                comes = settings.follow or trace.live or isinstance(trace.events, IOBase)
-                if comes and plan.monitors.evaluate_prefixes:
+                if self._arrives(trace) and plan.monitors.evaluate_prefixes:
                     self.sink.warn(
                         f"the backend evaluates all events of {trace.name} after each event, at most {LIVE:,}: "
                         "give a complete log as a file, or omit --backend"
                     )
-                backends = not (plan.monitors.engines or comes)
+                backends = not (plan.monitors.engines or self._arrives(trace))
                 with _shown(f"the backend evaluates {trace.name} as a whole") if backends else nullcontext():
                     self._read(run, trace)
             else:
@@ -247,6 +246,10 @@ class _Run(Listener):
         keyless = " and ".join(field.text for field in key.fields) if key and run.number and not run.watches else ""
         return TraceOutcome(status, rows, reaction.first, reaction.count - before, reaction.failed, keyless, ended)
 
+    def _arrives(self, trace: TraceSource) -> bool:
+        """Whether events of a trace arrive while it is monitored."""
+        return self.settings.follow or trace.live or isinstance(trace.events, IOBase)
+
     def _readers(self, trace: TraceSource) -> int:
         """Return how many processes read a trace; flush, since forked processes inherit the
         buffer.
@@ -281,7 +284,7 @@ class _Run(Listener):
         if native is None:
             return source
         same = Path(trace.file) if trace.file is not None and trace.is_plain else None
-        return stack.enter_context(native.trace(same, cast("BinaryIO", source), run.buffer))
+        return stack.enter_context(native.trace(trace.name, same, cast("BinaryIO", source), run.buffer))
 
     def _read(self, run: TraceRun, trace: TraceSource) -> None:
         """Read all events since the last checkpoint; save and flush after each batch."""
@@ -326,7 +329,7 @@ class _Run(Listener):
                 stream = stack.enter_context(open_at(Path(trace.file), offset=offset, line=line))
             else:
                 source = self._source(stack, run, trace)
-            at_once = trace.file is None or follow  # events arrive live
+            at_once = self._arrives(trace)
             live = stack.enter_context(_listening(trace, sink, partial(keep, idle=True)))
             self._log = trace.log(stream or source, self.settings.plan, line + 1, live, sink if follow else None)
             seldom = not follow and (kept is None or kept.every >= _OFTEN)

@@ -9,14 +9,14 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any, BinaryIO, Final
 
 from rvaft.api import translate
 from rvaft.cli import options
-from rvaft.cli.native_run import BACKEND, MatchedLine, MatchReader, compiling
+from rvaft.cli.native_run import BACKEND, MatchedLine, MatchExplainer, compiling, refused
 from rvaft.errors import ToolFailed, TraceError
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
@@ -60,8 +60,8 @@ def run(part: RVAFT, semantics: Semantics, files: Sequence[str], *, repeat: bool
         text = translate(part, BACKEND, semantics=semantics).text
     chosen = [*(["--repeat"] if repeat else []), *(["--detections"] if detections else [])]
     command = [str(language.program(text)), *chosen, "--", *files]
-    output = sys.stdout.buffer
     explained = _Explained(part)
+    output = sys.stdout.buffer
     with ExitStack() as logs, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:  # noqa: S603
 
         @lru_cache(maxsize=1)
@@ -84,7 +84,11 @@ def run(part: RVAFT, semantics: Semantics, files: Sequence[str], *, repeat: bool
     found = _ERROR.fullmatch(error)
     if found is None:
         raise ToolFailed("the native monitor", reason=error or f"exit status {process.returncode}")
-    raise TraceError(found["reason"], file=found["file"], line=int(found["line"]) if found["line"] else None)
+    failure = TraceError(found["reason"], file=found["file"], line=int(found["line"]) if found["line"] else None)
+    if failure.line is not None:
+        with suppress(OSError), Path(failure.file).open("rb") as stream:
+            failure = refused(failure, stream)
+    raise failure
 
 
 def _blocks(stream: IO[bytes]) -> Iterator[bytes]:
@@ -98,20 +102,18 @@ def _blocks(stream: IO[bytes]) -> Iterator[bytes]:
 
 
 class _Explained:
-    """Explains detections."""
+    """Adds explanations to the records of detections."""
 
     def __init__(self, part: RVAFT) -> None:
-        self._matches = MatchReader(part)
+        self._explainer = MatchExplainer(part)
         self._tree = part if part.part_of is None else part.part_of.tree
         self._fields = detection.identifying_fields(self._tree)
 
     def line(self, line: bytes, log: Callable[[str], BinaryIO], files: Sequence[str]) -> bytes:
         """Return the record of a detection with branch, kinds, matched events and variables."""
         record = json.loads(line)
-        places = [MatchedLine(*place) for place in record.pop("places")]
-        events = self._matches.events(log(record.get("trace", files[0])), places)
-        explanation = self._matches.explanation(events, [one.number for one in places])
-        known = {one.number: event for one, event in zip(places, events, strict=True)}
-        lines = {one.number: one.line for one in places}
-        found = detection.explained(explanation, self._tree, known, self._fields, lines)
+        places = [MatchedLine(*one) for one in record.pop("places")]
+        explanation, events = self._explainer.explained(log(record.get("trace", files[0])), places)
+        lines = {number: at for number, at, _ in places}
+        found = detection.explained(explanation, self._tree, events, self._fields, lines)
         return f"{json.dumps(record | found)}\n".encode()

@@ -4,11 +4,12 @@ Events are read as without `--native`. `NativeRun` passes each block of the log 
 before the block is read, and `NativeEngine` detects at the events that the compiled monitor named.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from io import BufferedIOBase
+from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import BinaryIO, Final, NamedTuple, Protocol, Self, cast, runtime_checkable
@@ -20,12 +21,12 @@ from rvaft.backend import Specification, backend
 from rvaft.core.classifier import TreeReads
 from rvaft.engine.compiled_tree import NOTHING, EventClass, Inert, Reading
 from rvaft.engine.monitor import Engine
-from rvaft.errors import RvaftError, ToolFailed
+from rvaft.errors import RvaftError, ToolFailed, TraceError
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, finite_decimal
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation
-from rvaft.readers.json_lines import decode
+from rvaft.readers.json_lines import decode, event_on
 from rvaft.readers.log import BOM
 from rvaft.stream.keys import Key
 from rvaft.stream.listeners import EventBuffer
@@ -46,7 +47,10 @@ class MatchedLine(NamedTuple):
 
 
 class CompiledLog(Protocol):
-    """A compiled monitor of one log; `failure` is why it has no verdict from event `failed` on."""
+    """A compiled monitor of one log; `failure` is why it has no verdict from event `failed` on.
+
+    A `TraceError` names the line only.
+    """
 
     failed: int
     failure: RvaftError | None
@@ -83,6 +87,41 @@ def compiling() -> Compiling:
     return found
 
 
+def refused(failure: TraceError, log: BinaryIO) -> TraceError:
+    """Return the error of the reader for the line of a failure; the same if the reader accepts it."""
+    line = next(islice(log, (failure.line or 1) - 1, None), b"").removeprefix(BOM).removesuffix(b"\n")
+    try:
+        event_on(line, failure.file, failure.line or 1, None)
+    except TraceError as error:
+        return error
+    return failure
+
+
+class MatchExplainer:
+    """Explains detections by the engine, which reads only the events of the match."""
+
+    def __init__(self, part: RVAFT) -> None:
+        self._start = monitor(part, semantics=Semantics.STRICT)  # of nothing but the events of a match
+        self._reads = TreeReads(part if part.part_of is None else part.part_of.tree)
+
+    def explained(self, log: BinaryIO, places: Sequence[MatchedLine]) -> tuple[Explanation, dict[int, Json]]:
+        """Return the match of the events at these places of a log, and the events."""
+        events, engine = dict[int, Json](), self._start.fork()
+        for number, _, offset in places:
+            log.seek(offset)
+            line = log.readline().removeprefix(BOM)
+            try:
+                events[number] = _ACCEPTED.decode(line)
+            except (msgspec.DecodeError, RecursionError):  # NaN, or a lone surrogate that is not read
+                events[number] = decode(line.rstrip(b"\r\n"), reads=self._reads)
+        verdicts, numbers = list(engine.run([*events.values()])), [*events]
+        found = engine.explanation
+        if found is None or verdicts.index(Verdict.TRUE) < len(verdicts) - 1:
+            raise ToolFailed("the native monitor", reason=f"the engine has no match at event {numbers[-1]}")
+        matched = tuple(one._replace(event=numbers[one.event - 1]) for one in found.matched)
+        return replace(found, matched=matched), events
+
+
 class _Fed(BufferedIOBase):
     """A stream that passes each piece to `feed` before it returns it, with b"" at the end.
 
@@ -116,35 +155,6 @@ class _Fed(BufferedIOBase):
         return data
 
 
-class MatchReader:
-    """Reads the events of a match that a native monitor found, and explains it by the engine."""
-
-    def __init__(self, part: RVAFT) -> None:
-        self._start = monitor(part, semantics=Semantics.STRICT)  # of nothing but the events of a match
-        self._reads = TreeReads(part if part.part_of is None else part.part_of.tree)
-
-    def events(self, log: BinaryIO, places: Iterable[MatchedLine]) -> list[Json]:
-        """Return the events at these places of a log."""
-        found = list[Json]()
-        for place in places:
-            log.seek(place.offset)
-            line = log.readline().removeprefix(BOM)
-            try:
-                found.append(_ACCEPTED.decode(line))
-            except (msgspec.DecodeError, RecursionError):  # NaN, or a lone surrogate that is not read
-                found.append(decode(line.rstrip(b"\r\n"), reads=self._reads))
-        return found
-
-    def explanation(self, events: Sequence[Json], numbers: Sequence[int]) -> Explanation:
-        """Return the match of these events, which have these numbers in the log."""
-        engine = self._start.fork()
-        verdicts = list(engine.run(events))
-        found = engine.explanation
-        if found is None or verdicts.index(Verdict.TRUE) < len(verdicts) - 1:
-            raise ToolFailed("the native monitor", reason=f"the engine has no match at event {numbers[-1]}")
-        return replace(found, matched=tuple(one._replace(event=numbers[one.event - 1]) for one in found.matched))
-
-
 class NativeRun:
     """Monitors traces one after the other; `part` is the monitored tree.
 
@@ -156,21 +166,22 @@ class NativeRun:
         self._backend = compiling().keyed(fields)
         self._text = self._backend.translate(part, Semantics.SCATTERED).text
         self._keys, self._repeat = keys, repeat
-        self._matches = MatchReader(part)
+        self._explainer = MatchExplainer(part)
         self._found: dict[int, Sequence[MatchedLine]] = {}
         self._log: CompiledLog | None = None
         self._copy: BinaryIO | None = None
+        self._name = ""
         self._buffer = EventBuffer()
 
     @contextmanager
-    def trace(self, file: Path | None, stream: BinaryIO, buffer: EventBuffer) -> Iterator[BinaryIO]:
-        """Yield the stream to read a trace from; `file` has the same bytes, or is None.
+    def trace(self, name: str, file: Path | None, stream: BinaryIO, buffer: EventBuffer) -> Iterator[BinaryIO]:
+        """Yield the stream to read the trace `name` from; `file` has the same bytes, or is None.
 
         Matched events are read from the file, or from a temporary copy of the stream, into the buffer.
         """
         self._log = self._backend.native_log(self._text, keys=self._keys, repeat=self._repeat)
         self._found.clear()
-        self._buffer = buffer
+        self._name, self._buffer = name, buffer
         with ExitStack() as stack:
             stack.callback(self._log.close)
             if file is None:
@@ -179,8 +190,8 @@ class NativeRun:
             else:
                 self._copy = stack.enter_context(file.open("rb"))
                 yield cast("BinaryIO", _Fed(stream, self._feed, stack.enter_context(ThreadPoolExecutor(1))))
-        if self._log.failure is not None:
-            raise self._log.failure
+            if self._log.failure is not None:
+                raise self._named(self._log.failure)
         if self._found:
             raise ToolFailed("the native monitor", reason=f"event {min(self._found)} is no detection of the engine")
 
@@ -195,19 +206,25 @@ class NativeRun:
         self._copy.write(data)
         self._feed(data)
 
+    def _named(self, failure: RvaftError) -> RvaftError:
+        if self._copy is None or not isinstance(failure, TraceError):
+            return failure
+        self._copy.seek(0)
+        return refused(TraceError(failure.message, file=self._name, line=failure.line), self._copy)
+
     def match(self, number: int) -> Sequence[MatchedLine]:
         """Return the events of the detection at this event, or (); raises why there is no verdict."""
         log = self._log
         if log is not None and log.failure is not None and number >= log.failed:
-            raise log.failure
+            raise self._named(log.failure)
         return self._found.pop(number, ())
 
     def explanation(self, places: Sequence[MatchedLine]) -> Explanation:
         """Return the match of these events by the engine, after storing them in the buffer."""
         assert self._copy is not None, "the trace has begun"
-        events, numbers = self._matches.events(self._copy, places), [one.number for one in places]
-        self._buffer.remember_all(list(zip(numbers, events, strict=True)), [one.line for one in places])
-        return self._matches.explanation(events, numbers)
+        found, events = self._explainer.explained(self._copy, places)
+        self._buffer.remember_all([*events.items()], [one.line for one in places])
+        return found
 
 
 class NativeEngine(Engine):

@@ -14,9 +14,10 @@ from typing import ClassVar, Final, NamedTuple, TypeAlias
 from rvaft.core.classifier import Scope
 from rvaft.errors import OptionError, RvaftError, ToolFailed
 from rvaft.model.values import JsonObject
+from rvaft.model.values import key as value_key
 from rvaft.readers.log import LogReader
 from rvaft.stream.data_warnings import DataWarnings
-from rvaft.stream.listeners import VerdictChange
+from rvaft.stream.listeners import MonitoredTrace, VerdictChange
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun
 from rvaft.stream.statistics import LOOKED_AT, Statistics
@@ -38,7 +39,7 @@ class Declined(RvaftError, RuntimeError):
 
 
 class EventCount(NamedTuple):
-    """Events that match the same patterns and guards: how many, and the numbers of the `FIRST`."""
+    """Events of a group: how many, and the numbers of the first ones."""
 
     total: int
     first: Sequence[int]
@@ -47,18 +48,26 @@ class EventCount(NamedTuple):
 class LogAnswer(ABC):
     """What an engine found in a log.
 
-    `selected` are the numbers of the events that a match may have, in order; the monitors need no
-    other. `noted` are the first events with different values in discriminating fields.
+    `groups` match the same patterns and guards, and have the numbers of the `FIRST` events. `keys` are
+    the events of each key in order of first occurrence, and `keyless` those without a key, each with
+    the first number. `selected` are the numbers of the events that a match may have, in order; the
+    monitors need no other. `noted` are the first events with different values in discriminating fields.
     """
 
     total: int
     groups: Sequence[EventCount]
+    keys: Sequence[EventCount]
+    keyless: EventCount | None
     noted: Sequence[int]
     selected: Iterable[int]
 
     @abstractmethod
     def events(self, numbers: Iterable[int], reads: Scope) -> Iterator[Place]:
         """Yield the events with these increasing numbers; raises `RvaftError` and `OSError`."""
+
+    @abstractmethod
+    def of_keys(self) -> Iterator[tuple[int, int]]:
+        """Yield the number of each event with a key, and that of the first event of its key."""
 
     @abstractmethod
     def close(self) -> None:
@@ -103,8 +112,14 @@ def count(run: TraceRun, answer: LogAnswer) -> None:
     Raises `Declined`, without an effect, if an event causes a data warning.
     """
     plan, types = run.plan, run.plan.monitors.types
-    wanted = sorted({number for group in answer.groups for number in group.first} | set(answer.noted))
+    if len(answer.keys) > plan.max_keys:
+        raise Declined(f"more than {plan.max_keys} keys")
+    firsts = [group.first[0] for group in answer.keys]
+    wanted = sorted({number for group in answer.groups for number in group.first} | {*answer.noted, *firsts})
     events = {number: event for number, _, event in answer.events(wanted, plan.reads)}
+    keys = () if plan.key is None else [plan.key.of(events[number]) for number in firsts]
+    if len({tuple(map(value_key, key)) for key in keys if key is not None}) < len(keys):
+        raise Declined("a key is written in several ways")
     for totals in (Totals(Statistics(types), DataWarnings(types)), run.totals):
         statistics, warnings = totals.statistics, totals.data_warnings
         looked_at = {number for group in answer.groups for number in group.first}
@@ -133,19 +148,55 @@ def count(run: TraceRun, answer: LogAnswer) -> None:
 def read(run: TraceRun, answer: LogAnswer) -> Iterator[bool]:
     """Step the monitors over the selected events, and pause after each; notify as `run.read` does."""
     run.prepare()
-    watch, types = run.watch, run.plan.monitors.types
-    monitors = watch.monitors
-    for number, line, event in answer.events(answer.selected, run.plan.reads) if monitors.live else ():
-        run.number, run.lines, watch.events = number, (number - 1, (line,)), number
-        changed = monitors.step(event, number, types.of(event))
-        if monitors.serves:
+    reads, types, keys = run.plan.reads, run.plan.monitors.types, run.keys
+    watch: MonitoredTrace | None = run.watch
+    unchanged = _Unchanged(run, answer)
+    for number, line, event in answer.events(answer.selected, reads) if run.watch.monitors.live else ():
+        run.number, run.lines = number, (number - 1, (line,))
+        if keys is not None:
+            watch = keys.of(event, number)
+        if watch is None or not watch.monitors.live:
+            continue
+        unchanged.notify(number)
+        changed = watch.monitors.step(event, number, types.of(event))
+        if watch.monitors.serves:
             watch.buffer.remember(number, event, line)
         if changed:
+            unchanged.skip()
             run.notify(VerdictChange(watch, number, event, changed, line))
-            if not monitors.live:
+            if watch is run.watch and not watch.monitors.live:
                 break
         yield True
-    run.number = watch.events = answer.total
+    run.number = run.watch.events = answer.total
+    unchanged.notify(answer.total + 1)
     run.notify_unchanged(answer.total)
     run.ended = True
     yield False
+
+
+class _Unchanged:
+    """The events with a key, for listeners of each event; it begins the monitors of all keys."""
+
+    def __init__(self, run: TraceRun, answer: LogAnswer) -> None:
+        keys = run.keys
+        self._each, self._watches = run.audience.each, dict[int, MonitoredTrace]()
+        self._places = iter(() if keys is None or not self._each else answer.of_keys())
+        self._place = next(self._places, None)
+        counts = {group.first[0]: group.total for group in answer.keys}
+        for number, _, event in answer.events(counts, run.plan.reads) if keys is not None else ():
+            if keys is not None and (watch := keys.of(event, number)) is not None:
+                self._watches[number], watch.events = watch, counts[number]
+        if keys is not None and answer.keyless is not None:
+            keys.lacking, (keys.first_lacking, *_) = answer.keyless
+
+    def notify(self, end: int) -> None:
+        """Notify listeners of the events before the event `end`."""
+        while self._place is not None and self._place[0] < end:
+            number, key = self._place
+            for listener in self._each:
+                listener.event(self._watches[key], number, {})
+            self.skip()
+
+    def skip(self) -> None:
+        """Go to the next event."""
+        self._place = next(self._places, None)

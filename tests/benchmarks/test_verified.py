@@ -31,7 +31,7 @@ def test_the_gates(gate: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     lines = (json.dumps({"event": random.choice("abc")}) + "\n" for _ in range(EVENTS))
     (log := tmp_path / "log.jsonl").write_text("".join(lines), encoding="utf-8")
     for semantics in (Semantics.SCATTERED, Semantics.CONSECUTIVE):
-        seconds = min(running(PROGRAM, log, (str(tree), "--semantics", semantics)) for _ in range(2))
+        seconds = min(running(PROGRAM, str(tree), "--semantics", semantics, log) for _ in range(2))
         ratio = seconds / decoding(log)
         ratios.add(f"verified monitor, {gate}, {semantics}", "orjson.loads", ratio, 90)
         with capsys.disabled():

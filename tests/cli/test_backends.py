@@ -113,6 +113,7 @@ def test_events_that_come_one_by_one_are_evaluated_up_to_a_limit(
     assert done.exit_code == (2 if warned else 1)
     file = tmp_path / "log.jsonl"
     file.write_text(events)
-    whole = run("monitor", tree, file, "--backend", backend, "--semantics", "scattered")
-    assert "warning: the backend" not in whole.stderr
-    assert whole.exit_code == 1
+    for trace in ([file], ["--word", "x y z"]):
+        whole = run("monitor", tree, *trace, "--backend", backend, "--semantics", "scattered")
+        assert "warning: the backend" not in whole.stderr
+        assert whole.exit_code == 1

@@ -3,6 +3,7 @@
 import json
 import math
 import struct
+from collections import Counter
 from decimal import Decimal, localcontext
 from pathlib import Path
 from random import Random
@@ -12,8 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from backends.c.library import CMonitor, compile_c, compiler
-from rvaft import loads
+from rvaft import NoVerdict, Verdict, loads, monitor
+from rvaft.core.classifier import TreeReads
 from rvaft.model.values import Json
+from rvaft.readers.json_lines import decode
 from tests.backends.c.programs import BACKEND, READING, SANITIZERS, SCATTERED, TIED, program, status
 from tests.tables import rows, spelled
 
@@ -119,6 +122,57 @@ def test_decimals_with_sanitizers(tmp_path: Path) -> None:
     lines = (f'{{"k": 1, "u": {one}}}\n{{"k": 2, "u": {float(one)!r}}}\n' for one in texts)
     code, out, error = status(program, "".join(lines).encode(), "--repeat", "--detections")
     assert (code, out.count("\n"), error) == (1, len(texts), "")
+
+
+ODD_TIMES = ("-Infinity", "Infinity", "NaN", "true", "null", '"x"', '""', '"-"', "[1]", "{}", "-0.0", "0e0", "1e400")
+
+
+def written_time(random: Random, form: str) -> str:
+    """A time that is a number or its text, some with few digits, some to be rounded."""
+    if random.random() < 0.1:
+        return random.choice(ODD_TIMES)
+    size, places = random.randrange(1, 21), random.randrange(13)
+    digits = str(random.randrange(10**size)).zfill(places + 1)
+    whole, rest = digits[: len(digits) - places], digits[len(digits) - places :]
+    if form == "filetime":  # from 1696 to 2234
+        return f"{random.randrange(3 * 10**16, 2 * 10**17)}{'.' if rest else ''}{rest}"
+    text = f"{random.choice(['', '-'])}{whole.lstrip('0') or '0'}{'.' if rest else ''}{rest}"
+    text += random.choice(["", "", "", "e0", "e-3", "E+1"])
+    return json.dumps(text) if random.random() < 0.2 else text
+
+
+def respelled(random: Random, text: str) -> str:
+    """Another text of the same number, or of one that is near."""
+    if not text[-1].isdigit() or "e" in text.lower():
+        return text
+    ends = [
+        "e0",
+        "E+00",
+        *(["0", "000", "4", "5", "50001", "9"] if "." in text else [".0", ".5", ".50", ".4999999999"]),
+    ]
+    return text + random.choice(ends)
+
+
+@pytest.mark.parametrize("form", ["s", "ms", "us", "ns", "filetime"])
+def test_times_are_those_of_the_engine(form: str) -> None:
+    tree = loads(f"time ts as {form}; top sand a b when at(b) - at(a) == 0 s;")
+    fresh, engine = CMonitor(BACKEND.translate(tree, SCATTERED).text), monitor(tree, semantics=SCATTERED)
+    random, found = Random(form), Counter[str]()
+    for _ in range(3000):
+        first = written_time(random, form)
+        second = random.choice([first, respelled(random, first), respelled(random, first), written_time(random, form)])
+        lines = [
+            f'{{"event": "{name}", "ts": {time}}}'.encode() for name, time in zip("ab", (first, second), strict=True)
+        ]
+        wanted = [*engine.fork().run([decode(line, reads=TreeReads(tree)) for line in lines])]
+        watching = fresh.fork()
+        try:
+            assert [watching.read_line(line) for line in lines] == wanted, lines
+            found[wanted[-1]] += 1
+        except NoVerdict:
+            found["none"] += 1
+    assert min(found[Verdict.TRUE], found[Verdict.UNKNOWN]) > 500
+    assert found["none"] < 1500
 
 
 @pytest.mark.parametrize("guard", ["V > 5", "V == W"])

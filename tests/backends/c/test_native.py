@@ -170,7 +170,7 @@ ONE_KEY = ("--key", "n", "--max-keys", "1")
         (TIED, ['{"k": 1, "u": 1}', '{"k": 1, "u": 2}', '{"k": 1, "u": 3}'], "partial matches or texts of the"),
         (TIED, ['{"k": 1, "u": 1, "n": "x"}', '{"k": 1, "u": 2, "n": "y"}'], "different values of n"),
         (TIED, ['{"k": 1, "u": 1}', '{"k": 1, "u": nope}'], "log.jsonl:2: not JSON"),
-        (TEXTS, ['{"k": "e", "u": 1}', '{"k": "f", "u": 1, "u": 1}'], "line 2 is refused: a key is repeated"),
+        (TEXTS, ['{"k": "e", "u": 1}', '{"k": "f", "u": 1, "u": 1}'], 'log.jsonl:2: the key "u" is repeated'),
         (PRODUCT, ['{"u": 4294967296}'] * 2, "bits of a number or a time in the native monitor (limit 64)"),
     ],
 )
@@ -186,6 +186,43 @@ def test_without_a_verdict_there_is_an_error(
     assert found.exit_code == 2
     assert wrong in found.stderr
     assert "verdict" not in found.stdout
+
+
+LARGE = json.dumps({"k": 1, "u": "x" * 70_000 + "\n"})
+"""An event with more text than a native monitor has room for."""
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        *('{"k": 1, "u": nope}', '{"k": 1, "u": 1, "u": 1}', '{"k": 1, "u": {"a": 1, "a": 1}}', "[1]", "1", '{"k": 1'),
+        *('{"k": 1, "u": "\\ud800"}', '{"k": 1, "u": "\x01"}', f'{{"k": {"[" * 600}{"]" * 600}}}'),
+    ],
+)
+def test_a_malformed_line_has_the_message_of_the_reader(
+    line: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    (tree := folder / "tied.rvaft").write_text(TIED, encoding="utf-8")
+    (log := folder / "wrong.jsonl").write_text(f'{{"k": 1, "u": 1}}\n\n{line}\n{{"k": 2, "u": 1}}\n', encoding="utf-8")
+    call, data = ("monitor", tree, "--semantics", "scattered"), log.read_bytes()
+    wanted = run(*call, log)
+    assert wanted.exit_code == 2
+    assert f"{log}:3: " in wanted.stderr
+    for options in ((), ("--format", "jsonl")):
+        found = run(*call, log, "--native", *options)
+        assert (found.exit_code, found.stderr) == (2, wanted.stderr)
+    assert run(*call, "--native", data=data).stderr == run(*call, data=data).stderr
+
+
+def test_a_line_that_is_too_large_is_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    (tree := folder / "tied.rvaft").write_text(TIED, encoding="utf-8")
+    (log := folder / "large.jsonl").write_text(f"{LARGE}\n", encoding="utf-8")
+    for options in ((), ("--format", "jsonl")):
+        found = run("monitor", tree, log, "--semantics", "scattered", "--native", *options)
+        assert found.exit_code == 2
+        assert f"{log}:1: " in found.stderr
 
 
 def test_the_engine_checks_each_match(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -51,6 +51,9 @@ CASES = (
 )
 OPTIONS = ((), ("--repeat",), ("--format", "jsonl"), ("--format", "jsonl", "--detections", "--repeat"), ("--explain",))
 PER = ((), (), ("--per", "branch"), ("--per", "kind"))
+KEYS = ((), ("--key", "u"), ("--key", "kind"), ("--key", "n", "--key", "u"), ("--key", "k"))
+INSIDE = (*KEYS, ("--key", "d.u"), ("--key", "q"), ("--key", "q", "--max-keys", "4"))
+MIXED = (1, 1.0, -0.0, 0, "1", "1.0", None, "null", True, "true", "é", 1e3, 1000, 0.1, 1e-7, "")
 ODD = (None, "5", 5, 5.0, "X", "/x", " x", False, [1], {"a": 1}, 10**20, 2**60, "é", "\0", "😀", 1.1234567890123, "a,]")
 LINES = ("", "  ", "null", "{}", '{"event": "x", "u": "a", "t": 1} x', "\f")
 """Lines that are no events, or events without a field."""
@@ -73,6 +76,7 @@ def event(draw: random.Random, time: float, odd: float) -> dict[str, Any]:
         "k": draw.randint(0, 4),
         "d": {"u": user, "n": draw.choice([0, 0.5, 1, 2])},
         "kind": draw.choice([4, 4.0, 4.5]),
+        "q": draw.choice(MIXED),
         "iso": f"2024-01-01T00:00:{int(time) % 60:02}{draw.choice(FRACTIONS)}{draw.choice(['', 'Z', '+00:00'])}",
     }
     if draw.random() < odd:
@@ -117,7 +121,7 @@ def test_json_lines(first: int, tmp_path: Path) -> None:
         draw = random.Random(seed)
         tree.write_text(CASES[seed % len(CASES)])
         log.write_text(written(draw, draw.choice([0, 0, 0.004, 0.02])), encoding="utf-8")
-        answered, found = differences(tree, log, [*draw.choice(OPTIONS), *draw.choice(PER)])
+        answered, found = differences(tree, log, [*draw.choice(OPTIONS), *draw.choice(PER), *draw.choice(INSIDE)])
         seen.update({"answered": answered, "found": answered and found, "declined": not answered})
     assert seen["answered"] > 30
     assert seen["found"] > 10
@@ -133,7 +137,7 @@ def test_tables(first: int, tmp_path: Path) -> None:
     for seed in range(first, first + 40):
         draw = random.Random(seed)
         tree.write_text(CASES[seed % len(CASES)].replace(", v: true", ""))
-        rows = [{name: value for name, value in one.items() if name not in ("d", "v")} for one in events(draw, 0)]
+        rows = [{name: value for name, value in one.items() if name not in ("d", "q", "v")} for one in events(draw, 0)]
         if draw.random() < 0.2:
             rows[-1]["n"] = None
         if seed // len(CASES) % 2:
@@ -151,7 +155,7 @@ def test_tables(first: int, tmp_path: Path) -> None:
                 milliseconds = [int(row["t"] * 1000) for row in rows]
                 columns["iso"] = pa.array(milliseconds, pa.timestamp("ms", draw.choice([None, "UTC"])))
             pq.write_table(pa.table(columns), log, row_group_size=draw.choice([7, 1000]))
-        answered, found = differences(tree, log, draw.choice(OPTIONS))
+        answered, found = differences(tree, log, [*draw.choice(OPTIONS), *draw.choice(KEYS)])
         seen.update({"answered": answered, "found": answered and found})
     assert seen["answered"] > 20
     assert seen["found"] > 5
@@ -223,11 +227,59 @@ def test_what_duckdb_may_read_in_another_way_is_read_without_it(name: str, tmp_p
     assert re.search(reason, run("monitor", tree, log, "--engine", "duckdb").stderr)
 
 
+ONE = f"{TYPED} {SCATTERED} top on x(U);"
+LATE = f"{TYPED} {SCATTERED} time t as s late 2 s; top sand a b within 3 s; a on x(U); b on y(U, _);"
+DRIFT = "".join(
+    f'{{"event": "{kind}", "u": "a", "n": 1, "k": {key}, "t": {time + 100 * key}}}\n'
+    for kind, time in (("x", 5), ("y", 6), ("x", 9), ("y", 8), ("y", 10))
+    for key in range(3)
+)
+"""Events of three keys, 100 s apart: none is late among those of its key."""
+BY_KEY = {
+    "events without the key": (ONE, '{"event": "x", "u": "a"}\n{"event": "x", "u": "a", "k": 1}\n', True),
+    "late only beside other keys": (LATE, DRIFT, True),
+    "late for its key": (LATE, DRIFT + '{"event": "x", "u": "a", "k": 0, "t": 7}\n', False),
+    "a long number": (ONE, '{"event": "x", "u": "a", "k": 12345678901234567890}\n', False),
+    "an object": (ONE, '{"event": "x", "u": "a", "k": {"id": 1}}\n', False),
+    "a key inside a field": ("semantics scattered; top sand x y;", '{"event": "x", "event.u": 1}\n', False),
+}
+
+
+@pytest.mark.parametrize("name", BY_KEY)
+def test_keys(name: str, tmp_path: Path) -> None:
+    text, lines, answered = BY_KEY[name]
+    tree, log = tmp_path / "tree.rvaft", tmp_path / "log.jsonl"
+    tree.write_text(text)
+    log.write_text(lines)
+    key = "event.u" if "inside" in name else "k"
+    for options in (["--repeat"], ["--format", "jsonl", "--repeat"], ["--max-keys", "1"]):
+        found = differences(tree, log, ["--key", key, *options])
+        assert found[0] == (answered and not ("beside" in name and "1" in options))
+
+
+def test_a_table_without_the_key(tmp_path: Path) -> None:
+    tree, log = tmp_path / "tree.rvaft", tmp_path / "log.csv"
+    tree.write_text("semantics scattered; top sand x y;")
+    log.write_text("event,user\nx,a\ny,a\n")
+    assert differences(tree, log, ["--key", "user"]) == (True, True)
+    assert differences(tree, log, ["--key", "host"]) == (False, False)
+    assert "there is no column host" in run("monitor", tree, log, "--key", "host", "--engine", "duckdb").stderr
+
+
+def test_a_field_that_is_read_as_a_whole_and_inside(tmp_path: Path) -> None:
+    tree, log = tmp_path / "tree.rvaft", tmp_path / "log.jsonl"
+    tree.write_text(
+        'event x(u: text) = { event: "x", u: u }; event y(v: text) = { event: "y", u: { v: v } };'
+        f"{SCATTERED} top sand a b; a on x(U); b on y(V);"
+    )
+    log.write_text('{"event": "x", "u": "a"}\n{"event": "y", "u": {"v": "b"}}\n')
+    assert differences(tree, log, []) == (False, True)
+
+
 REFUSED: Sequence[tuple[str, list[str], str]] = (
     (JOIN, ["--follow"], "--engine does not take --follow: a query reads a whole file"),
     (JOIN, ["--checkpoint", "state"], "--engine does not take --checkpoint"),
     (JOIN, ["--order-by", "t"], "--engine does not take --order-by"),
-    (JOIN, ["--key", "u"], "--engine does not take --key"),
     (JOIN, ["--format", "table"], "--engine does not take --format table"),
     (JOIN, ["--semantics", "projected"], "a query does not tell when a verdict becomes false"),
     (JOIN.replace("assume types, present;", ""), [], "typed columns need `assume types, present;`"),

@@ -106,6 +106,25 @@ Definition text_binds (w : selection) (atoms : list atom) : bool :=
 
 Definition all_placed (w : selection) : bool := forallb (forallb (placed qs)) (shape_atoms w).
 
+(** The atom of an occurrence is among those of its scenario. *)
+Lemma occurrence_atom : forall w r chosen o, In r (resolutions t) -> selected t w r = true ->
+  constants_hold (guards_of t r) = true -> In chosen (lasts t r) ->
+  Scenarios.acyclic (precedes (node_pairs t r) (end_pairs t r (last_in chosen))) (occurrences_of t r) = true ->
+  In o (occurrences_of t r) -> exists q l,
+    scenario_atom t (timed_in w) (scenario_guards t (parts t r) (guards_of t r)) o = Some q /\
+    In l (shape_atoms w) /\ In q l.
+Proof.
+  intros w r chosen o R S C L A O. set (guards := scenario_guards t (parts t r) (guards_of t r)).
+  assert (Q : exists q, scenario_atom t (timed_in w) guards o = Some q).
+  { apply occurrences_iff in O as (_ & O & _). unfold scenario_atom.
+    destruct (on (node_at t (fst o))); [eexists; reflexivity | congruence]. }
+  destruct Q as (q & Q).
+  exists q, (flat_map (fun o => match scenario_atom t (timed_in w) guards o with Some q => [q] | None => [] end)
+    (occurrences_of t r)). split; [auto | split].
+  - apply in_scenarios. exists r, chosen. repeat split; auto.
+  - apply in_flat_map. exists o; split; auto. rewrite Q. simpl; auto.
+Qed.
+
 Section Scenarios.
 Variable w : selection.
 Variable atoms : list atom.
@@ -143,16 +162,7 @@ Proof.
   intros r chosen o R S C L A. split.
   - unfold all_timed in timed. rewrite forallb_forall in timed. apply timed. apply in_scenarios.
     exists r, chosen. repeat split; auto.
-  - intros O. assert (Q : exists q, scenario_atom t (timed_in w) (scenario_guards t (parts t r) (guards_of t r)) o
-    = Some q).
-    { apply occurrences_iff in O as (_ & O & _). unfold scenario_atom.
-      destruct (on (node_at t (fst o))); [eexists; reflexivity | congruence]. }
-    destruct Q as (q & Q). exists q; split; auto.
-    set (l := flat_map (fun o => match scenario_atom t (timed_in w) (scenario_guards t (parts t r) (guards_of t r))
-      o with
-       | Some q => [q] | None => [] end) (occurrences_of t r)).
-    assert (IL : In l (shape_atoms w)) by (apply in_scenarios; exists r, chosen; repeat split; auto).
-    assert (IQ : In q l) by (apply in_flat_map; exists o; split; auto; rewrite Q; simpl; auto).
+  - intros O. destruct (occurrence_atom w r chosen o R S C L A O) as (q & l & Q & IL & IQ). exists q; split; auto.
     unfold all_placed in atoms_placed. unfold text_binds in bound_by_text.
     rewrite forallb_forall in atoms_placed, bound_by_text.
     assert (PL := atoms_placed l IL). assert (BI := bound_by_text l IL). rewrite forallb_forall in PL, BI.

@@ -1,0 +1,295 @@
+(** * Certifying texts of RML with variables
+
+    A text whose block is outermost is compared with the scenarios of the tree over the letters of
+    [SlicedLetters.v].  A state of the text has the variables that have a value.  The letters of a state are
+    those of an assignment of these variables that the event completes, and a state is good when the
+    assignment is fair to all partial matches ([Determined.v]).  [certify_block_correct]: a certified text has
+    the verdict of the tree on every trace of JSON values without late events. *)
+
+Require Import List Bool Arith ZArith Lia.
+Require Import RVAFT.Values RVAFT.Language RVAFT.Definition RVAFT.Search RVAFT.Conditions RVAFT.Scenarios.
+Require Import RVAFT.Monitor RVAFT.Verdicts RVAFT.Plain RVAFT.Automaton RVAFT.Exploration RVAFT.Letters.
+Require Import RVAFT.PlainTree RVAFT.Relevance RVAFT.Rml RVAFT.RmlCertificate RVAFT.Slices RVAFT.SlicedTree.
+Require Import RVAFT.SlicedCertificate RVAFT.SlicedLetters RVAFT.SlicedValidator.
+Require Import RVAFT.Determined RVAFT.RmlVariables RVAFT.Equalities.
+Import ListNotations.
+
+(** ** JSON values *)
+
+Lemma value_along_defined : forall l v w, value_along l v = Some w -> defined v = true -> defined w = true.
+Proof.
+  induction l as [| f l IH]; intros v w V D; [injection V as <-; auto |]. simpl in V.
+  destruct v as [| | | | | object |]; try discriminate. destruct (field f object) as [u |] eqn:F; [| discriminate].
+  apply (IH u w V). simpl in D. clear V. induction object as [| [g z] object IHo]; [discriminate |].
+  simpl in F, D. apply andb_true_iff in D as [D D']. destruct (text_eqb f g); [congruence | auto].
+Qed.
+
+(** An event of JSON values that is not late. *)
+Definition json_event (e : event) : Prop := late e = false /\ defined (content e) = true.
+
+Definition all_defined_values (b : assignment) : Prop := forall x v, b x = Some v -> defined v = true.
+
+Lemma completed_defined : forall ps b e, determined ps = true -> json_event e -> all_defined_values b ->
+  all_defined_values (completed ps b e).
+Proof.
+  intros ps b e D [_ J] B x v Q. unfold completed in Q. destruct (b x) eqn:X; [injection Q as <-; eauto |].
+  apply found_some in Q as (p & a & I & M & F & <-). destruct F as (c & A & F).
+  unfold determined in D. rewrite forallb_forall in D. specialize (D p I). rewrite forallb_forall in D.
+  specialize (D p I). rewrite forallb_forall in D. assert (M' := proj1 (Conditions.member_iff _ _) M).
+  specialize (D x M'). rewrite M in D. simpl in D. apply orb_true_iff in D as [D | D].
+  - exfalso. eapply exclude_sound; eauto.
+  - destruct (path x p) as [l |] eqn:P; [| discriminate]. apply (path_value x c p _ l P) in F.
+    rewrite <- A. eapply value_along_defined; eauto.
+Qed.
+
+(** ** The letters of an assignment that an event completes *)
+
+Section Letters.
+Variable t : tree.
+Variable ps : list predicate.
+Variables basic composed : list atom.
+
+Notation qs := (basic ++ composed).
+Notation sat := (slice_satisfies t ps qs).
+Notation patterns := (map atom_pattern qs).
+Notation number := (atom_number ps qs).
+
+Definition is_pattern (q : atom) : bool :=
+  placed basic q && is_nil (atom_guards q) && match atom_time q with None => true | Some _ => false end.
+
+(** The variables of a pattern, its number, and that of the event that fits it under any assignment. *)
+Definition pattern_table : list (list nat * (option nat * option nat)) :=
+  map (fun q => (pattern_variables (atom_pattern q), (if is_pattern q then Some (number q) else None,
+      let bare : predicate := (atom_pattern q, []) in
+      if listed ps bare then Some (number_in ps bare) else None))) qs.
+
+(** Where a variable has its place, the numbers of a pattern and of that with another operand in this place. *)
+Definition equality_table : list (nat * operand * (nat * nat)) :=
+  let pairs := flat_map (fun q => flat_map equalities (atom_guards q)) basic in
+  flat_map (fun xo : nat * operand => let '(x, o) := xo in
+    flat_map (fun q =>
+      match path x (atom_pattern q) with
+      | Some _ =>
+        if is_pattern q then
+          match o with
+          | Literal v => if defined v then map (fun r => (x, o, (number q, number_in ps r)))
+              (filter (fun r => listed ps r && bare_as r (focus x o (atom_pattern q))) ps) else []
+          | Another y => map (fun r => (x, o, (number q, number r)))
+              (filter (fun r => is_pattern r && same_pattern (atom_pattern r) (focus x o (atom_pattern q))) basic)
+          end
+        else []
+      | None => []
+      end) basic) pairs.
+
+Definition same_operand (o o' : operand) : bool :=
+  match o, o' with
+  | Literal v, Literal w => value_eqb v w
+  | Another x, Another y => Nat.eqb x y
+  | Literal _, Another _ | Another _, Literal _ => false
+  end.
+
+Lemma same_operand_eq : forall o o', same_operand o o' = true -> o = o'.
+Proof. intros [v | x] [w | y] E; try discriminate; f_equal; [now apply value_eqb_iff | now apply Nat.eqb_eq]. Qed.
+
+Section Possible.
+Variable table : list (list nat * (option nat * option nat)).
+Variable equal : list (nat * operand * (nat * nat)).
+Variable asked : list (nat * guard).          (* the guards with their numbers *)
+Variable bound : list nat.
+Variable a : letter.
+
+(** Whether the event gives a value to a variable, or may give one. *)
+Definition has_value (x : nat) : bool :=
+  Conditions.member x bound || existsb (fun r => Conditions.member x (fst r) &&
+    match fst (snd r) with Some n => Automaton.member n a | None => false end) table.
+Definition may_have_value (x : nat) : bool :=
+  Conditions.member x bound || existsb (fun r => Conditions.member x (fst r) &&
+    match snd (snd r) with Some k => Automaton.member k a | None => true end) table.
+
+Definition equal_in (x : nat) (o : operand) : option bool :=
+  if match o with Literal _ => true | Another y => has_value y end then
+    match find (fun r => Nat.eqb (fst (fst r)) x && same_operand (snd (fst r)) o && Automaton.member (fst (snd r)) a) equal
+      with Some r => Some (Automaton.member (snd (snd r)) a) | None => None end
+  else None.
+
+(** A guard that does not hold has all its values, and one that is decided holds as it is decided.  A pattern
+    without known variables is observed when an event fits it. *)
+Definition possible_in : bool :=
+  forallb (fun ng => let '(n, g) := ng in
+    (Automaton.member n a || forallb may_have_value (variables g)) &&
+    (negb (forallb has_value (variables g)) ||
+     match decide equal_in g with Some b => Bool.eqb b (Automaton.member n a) | None => true end)) asked &&
+  forallb (fun r => match snd r with
+    | (Some n, Some k) =>
+      negb (Automaton.member k a) || existsb (fun x => Conditions.member x bound) (fst r) || Automaton.member n a
+    | _ => true
+    end) table.
+End Possible.
+
+Definition asked_guards : list (nat * guard) :=
+  flat_map (fun q => match atom_guards q with
+    | [g] => if placed basic q && same_atom q (guard_atom g) then [(number q, g)] else []
+    | _ => []
+    end) basic.
+
+Definition possible : list nat -> letter -> bool :=
+  let table := pattern_table in let equal := equality_table in let asked := asked_guards in
+  fun bound a => possible_in table equal asked bound a.
+
+(** *** The letter of a completed assignment is possible *)
+
+Section Sound.
+Hypothesis patterns_determined : determined patterns = true.
+Variable b : assignment.
+Variable e : event.
+Variable bound : list nat.
+Hypothesis bound_iff : forall x, binds b x = Conditions.member x bound.
+Hypothesis json : json_event e.
+Hypothesis values_defined : all_defined_values b.
+
+Notation b' := (completed patterns b e).
+Notation a := (letter_of sat (all_numbers ps basic composed) (e, b')).
+
+Lemma number_member : forall q, placed basic q = true -> Automaton.member (number q) a = observes q (e, b').
+Proof.
+  intros q P. destruct (basic_number ps basic composed q P) as [I L]. rewrite member_letter.
+  - now apply atom_satisfied.
+  - unfold all_numbers. rewrite !in_app_iff. auto.
+Qed.
+
+Lemma closed_member : forall r, listed ps r = true -> Automaton.member (number_in ps r) a = meets r e.
+Proof.
+  intros r L. assert (K := L). apply Nat.ltb_lt in K. rewrite member_letter.
+  - unfold slice_satisfies. replace (number_in ps r <=? length ps) with true
+      by (symmetry; apply Nat.leb_le; unfold number_in; lia). now apply listed_numbered.
+  - unfold all_numbers, closed_numbers. rewrite !in_app_iff. left. apply in_seq. unfold number_in. lia.
+Qed.
+
+Lemma bare_meets : forall p, meets (p, []) e = negb (is_nil (bindings p (content e))).
+Proof.
+  intros p. unfold meets. destruct json as [-> _]. simpl. destruct (bindings p (content e)); auto.
+Qed.
+
+Lemma is_pattern_iff : forall q, is_pattern q = true -> placed basic q = true /\ atom_variables q = pattern_variables
+  (atom_pattern q) /\ (observes q (e, b') = true <->
+    (forall x, In x (pattern_variables (atom_pattern q)) -> binds b' x = true) /\
+    fits_pattern (values_of b') (atom_pattern q) (content e)).
+Proof.
+  intros q I. unfold is_pattern in I. rewrite !andb_true_iff in I. destruct I as [[P G] T].
+  apply is_nil_iff in G. destruct (atom_time q) eqn:AT; [discriminate |].
+  assert (V : atom_variables q = pattern_variables (atom_pattern q))
+    by (unfold atom_variables; rewrite AT; apply app_nil_r).
+  split; [auto | split; [auto |]]. rewrite observes_iff, V, AT, G. destruct json as [L _].
+  split; [tauto |]. intros [B F].
+  split; [exact L | split; [exact B | split; [exact F | split; [discriminate | intros g []]]]].
+Qed.
+
+Lemma has_value_sound : forall x, has_value pattern_table bound a x = true -> binds b' x = true.
+Proof.
+  intros x H. unfold has_value in H. rewrite <- bound_iff in H. apply orb_true_iff in H as [H | H].
+  - unfold binds, completed in *. now destruct (b x).
+  - apply existsb_exists in H as (r & I & H). apply andb_true_iff in H as [X M].
+    apply in_map_iff in I as (q & <- & _). cbn [fst snd] in *. destruct (is_pattern q) eqn:P; [| discriminate].
+    destruct (is_pattern_iff q P) as (PL & _ & O). rewrite number_member in M by exact PL.
+    apply O in M as [B _]. apply B. now apply Conditions.member_iff.
+Qed.
+
+Lemma may_have_value_sound : forall x, binds b' x = true -> may_have_value pattern_table bound a x = true.
+Proof.
+  intros x B. unfold may_have_value. rewrite <- bound_iff. unfold binds, completed in *.
+  destruct (b x); auto. destruct (found patterns (content e) x) as [v |] eqn:F; [| discriminate]. simpl.
+  apply found_some in F as (p & c & I & M & F & _). apply in_map_iff in I as (q & <- & I).
+  apply existsb_exists. eexists. split; [apply in_map, I |]. cbn [fst snd]. unfold mentions in M. rewrite M. simpl.
+  destruct (listed ps (atom_pattern q, [])) eqn:L; auto. rewrite closed_member, bare_meets by exact L.
+  apply bindings_iff in F as (bs & J & _). now destruct (bindings (atom_pattern q) (content e)).
+Qed.
+Lemma equality_in : forall x o n k, In (x, o, (n, k)) (equality_table) -> exists q l, In q basic /\
+  path x (atom_pattern q) = Some l /\ is_pattern q = true /\ n = number q /\
+  match o with
+  | Literal v => defined v = true /\ exists r, listed ps r = true /\ k = number_in ps r /\
+      bare_as r (focus x o (atom_pattern q)) = true
+  | Another y => exists r, is_pattern r = true /\ k = number r /\ atom_pattern r = focus x o (atom_pattern q)
+  end.
+Proof.
+  intros x o n k I. unfold equality_table in I. cbv zeta in I. apply in_flat_map in I as ([x' o'] & _ & I).
+  apply in_flat_map in I as (q & Q & I). destruct (path x' (atom_pattern q)) as [l |] eqn:P; [| destruct I].
+  destruct (is_pattern q) eqn:IP; [| destruct I]. exists q, l. destruct o' as [v | y].
+  - destruct (defined v) eqn:D; [| destruct I]. apply in_map_iff in I as (r & E & I). injection E as <- <- <- <-.
+    apply filter_In in I as [_ I]. apply andb_true_iff in I as [L B]. repeat split; auto. exists r; auto.
+  - apply in_map_iff in I as (r & E & I). injection E as <- <- <- <-. apply filter_In in I as [_ I].
+    apply andb_true_iff in I as [L B]. apply same_pattern_eq in B. repeat split; auto. exists r; auto.
+Qed.
+
+Lemma equal_in_sound : forall x o v, equal_in pattern_table equality_table bound a x o = Some v ->
+  defined (values_of b' x) = true /\ defined (operand_value (values_of b') o) = true /\
+  v = value_eqb (values_of b' x) (operand_value (values_of b') o).
+Proof.
+  intros x o v E. unfold equal_in in E.
+  destruct (match o with Literal _ => true | Another y => has_value pattern_table bound a y end) eqn:HV;
+    [| discriminate].
+  destruct (find _ equality_table) as [[[x' o'] [n k]] |] eqn:F; [| discriminate]. injection E as <-.
+  apply find_some in F as [I F]. cbn [fst snd] in *. rewrite !andb_true_iff in F. destruct F as [[X O] N].
+  apply Nat.eqb_eq in X. apply same_operand_eq in O. subst x' o'.
+  apply equality_in in I as (q & l & Q & P & IP & -> & K).
+  destruct (is_pattern_iff q IP) as (PL & _ & OB). rewrite number_member in N by exact PL. apply OB in N as [B FT].
+  assert (DEF : forall z, binds b' z = true -> defined (values_of b' z) = true).
+  { intros z Z. unfold binds, values_of in *. destruct (b' z) as [w |] eqn:W; [| discriminate].
+    now apply (completed_defined patterns b e patterns_determined json values_defined z). }
+  assert (XV : In x (pattern_variables (atom_pattern q))).
+  { clear - P. revert l P. induction (atom_pattern q) as [w | y | | fields IH | items IH | p IH] using pattern_induction;
+      intros l P; try discriminate.
+    - destruct y as [y | y]; [| discriminate]. simpl in *. destruct (Nat.eqb_spec x y); [auto | discriminate].
+    - cbn [path pattern_variables] in *. revert l P. induction IH as [| [f p] fields H _ IHF]; intros l P;
+        [discriminate |]. cbn [flat_map snd]. apply in_app_iff. destruct (path x p) eqn:R; [left; eapply H; eauto |].
+      right. eapply IHF; eauto. }
+  split; [now apply DEF, B |]. assert (FF := focus_fits x o _ l (values_of b') (values_of b') _ P FT).
+  destruct o as [w | y].
+  - destruct K as (D & r & L & -> & BA). split; auto. apply eq_true_iff_eq. rewrite value_eqb_iff, closed_member by exact L.
+    destruct json as [LA _]. rewrite (bare_as_meets r _ e BA LA). rewrite <- FF. split.
+    + intros M. exists (fun z => match z with Rigid z => values_of b' z | Language.Local _ => Null end). auto.
+    + intros E c. destruct FT as (c0 & A0 & M0). apply focus_matches with c0; auto. rewrite A0. now apply FF.
+  - destruct K as (r & IR & -> & R). apply has_value_sound in HV. split; [now apply DEF |].
+    destruct (is_pattern_iff r IR) as (PR & _ & OR). apply eq_true_iff_eq.
+    rewrite value_eqb_iff, number_member by exact PR. rewrite OR, R, <- FF. split; [tauto |]. intros E; split; auto.
+    intros z Z. apply focus_variables in Z. now injection Z as <-.
+Qed.
+
+Lemma asked_guard : forall n g, In (n, g) asked_guards -> Automaton.member n a = passes b' g.
+Proof.
+  intros n g I. unfold asked_guards in I. apply in_flat_map in I as (q & _ & I).
+  destruct (atom_guards q) as [| g' [|]]; try destruct I. destruct (placed basic q && _) eqn:H; [| destruct I].
+  destruct I as [I | []]. injection I as <- <-. apply andb_true_iff in H as [P S]. apply same_atom_eq in S.
+  rewrite number_member by exact P. rewrite S, observes_guard. now destruct json as [-> _].
+Qed.
+
+Lemma possible_sound : possible bound a = true.
+Proof.
+  unfold possible, possible_in. apply andb_true_iff; split; apply forallb_forall.
+  - intros [n g] I. rewrite (asked_guard n g I). apply andb_true_iff; split.
+    + destruct (passes b' g) eqn:P; auto. unfold passes in P. apply orb_false_iff in P as [P _].
+      apply negb_false_iff in P. rewrite forallb_forall in P. apply forallb_forall. intros x X.
+      now apply may_have_value_sound, P.
+    + destruct (forallb _ (variables g)) eqn:H; auto. simpl. destruct (decide _ g) as [v |] eqn:D; auto.
+      apply (decide_sound _ (values_of b') equal_in_sound) in D. unfold passes, Language.holds. rewrite D.
+      rewrite forallb_forall in H. replace (forallb (binds b') (variables g)) with true
+        by (symmetry; apply forallb_forall; intros x X; now apply has_value_sound, H).
+      destruct v; reflexivity.
+  - intros r I. apply in_map_iff in I as (q & <- & I). cbn [fst snd].
+    destruct (is_pattern q) eqn:P; auto. destruct (listed ps _) eqn:L; auto.
+    destruct (is_pattern_iff q P) as (PL & _ & O). rewrite closed_member, bare_meets, number_member by assumption.
+    destruct (bindings (atom_pattern q) (content e)) as [| bs l] eqn:B; auto. simpl.
+    destruct (existsb _ (pattern_variables _)) eqn:X; auto. simpl. apply O.
+    assert (J : In bs (bindings (atom_pattern q) (content e))) by (rewrite B; simpl; auto).
+    assert (F : fits_pattern (get Nat.eqb bs) (atom_pattern q) (content e)).
+    { apply bindings_iff. exists bs; split; auto. now apply (bindings_agree (atom_pattern q) (content e)). }
+    assert (V : forall x, In x (pattern_variables (atom_pattern q)) -> b' x = Some (get Nat.eqb bs x)).
+    { intros x Y. unfold completed. assert (N : binds b x = false).
+      { rewrite bound_iff. apply not_true_iff_false. intros M. rewrite <- not_true_iff_false in X. apply X.
+        apply existsb_exists. eauto. }
+      unfold binds in N. destruct (b x); [discriminate |].
+      apply found_fits with (atom_pattern q); auto; [now apply in_map | now apply Conditions.member_iff]. }
+    split; [intros x Y; unfold binds; now rewrite (V x Y) |]. apply fits_pattern_same with (get Nat.eqb bs); auto.
+    intros x Y. unfold values_of. now rewrite (V x Y).
+Qed.
+End Sound.
+End Letters.

@@ -293,3 +293,243 @@ Proof.
 Qed.
 End Sound.
 End Letters.
+
+(** ** The states of a text *)
+
+Inductive block_reading :=
+| At (x : term) (bound : list nat)     (* a term, and the variables that have a value *)
+| Ended (v : verdict)
+| Unsettled                            (* the depth ran out, or the rules do not say *)
+| Impossible.                          (* after a letter that no event makes *)
+
+Definition same_block (r r' : block_reading) : bool :=
+  match r, r' with
+  | At x l, At y m => same_term x y && same_list Nat.eqb l m
+  | Ended v, Ended w => same_verdict v w
+  | Unsettled, Unsettled | Impossible, Impossible => true
+  | _, _ => false
+  end.
+
+Lemma same_block_iff : forall r r', same_block r r' = true <-> r = r'.
+Proof.
+  intros [x l | v | |] [y m | w | |]; simpl; rewrite ?andb_true_iff, ?same_term_iff, ?same_verdict_iff,
+    ?(same_list_iff _ _ Nat.eqb_eq); split; try congruence; try tauto; intuition congruence.
+Qed.
+
+Definition hash_block (mix : mixing) (r : block_reading) : nat :=
+  match r with
+  | At x l => fold_left mix l (hash_term mix x)
+  | Ended Top => 13
+  | Ended Bottom => 14
+  | Ended Unknown | Unsettled => 15
+  | Impossible => 16
+  end.
+
+Section Text.
+Variable mix : mixing.
+Variable t : tree.
+Variable w : selection.
+Variable s : semantics.
+Variable ps : list predicate.
+Variables basic composed : list atom.
+Variable shared : list nat.
+Variable depth : nat.
+Variable equations : list term.
+
+Notation qs := (basic ++ composed).
+Notation sat := (slice_satisfies t ps qs).
+Notation patterns := (map atom_pattern qs).
+Notation numbers := (all_numbers ps basic composed).
+Notation first := (S (length ps)).
+Notation xs := (slice_shapes t ps qs w).
+Notation cs := (scenes t w ps qs).
+
+Definition settle_block (x : term) (bound : list nat) : block_reading :=
+  match halts_in equations depth x with Some true => Ended Top | Some false => At x bound | None => Unsettled end.
+
+(** The variables that have a value, in the order of the block. *)
+Definition with_values (bound news : list nat) : list nat :=
+  filter (fun x => Conditions.member x bound || Conditions.member x news) shared.
+
+Definition block_step (is_possible : list nat -> letter -> bool) (r : block_reading) (a : letter) : block_reading :=
+  match r with
+  | At x bound =>
+    if is_possible bound a then
+      match go_in equations first qs shared bound (predicates_of a) depth x with
+      | Some (Some (y, news)) => settle_block y (with_values bound news)
+      | Some None => Ended Bottom
+      | None => Unsettled
+      end
+    else Impossible
+  | Ended _ | Unsettled | Impossible => r
+  end.
+
+Definition block_fits (cs : list scene) (r : block_reading) (q : state) : bool :=
+  match r with
+  | At _ bound => same_verdict Unknown (verdict_at q) && fair_state t qs shared s cs bound q
+  | Ended v => same_verdict v (verdict_at q)
+  | Unsettled => false
+  | Impossible => true
+  end.
+
+(** The comparison over all letters; [fuel] bounds the pairs of states. *)
+Definition compare_block (fuel : nat) (x : term) : outcome :=
+  let is_possible := possible ps basic composed in
+  let scenes := cs in
+  match settle_block x [] with
+  | At _ _ as first =>
+    if all_among (alphabet xs) numbers
+    then compare_with_automaton mix same_block (hash_block mix) (fun r l => map (block_step is_possible r) l)
+           (block_fits scenes) s (map rows xs)
+           (distinct_letters mix (slice_letters t ps basic composed)) fuel first
+    else Exhausted
+  | _ => Refuted []
+  end.
+
+Definition certify_text_block (fuel : nat) (x : term) : refusal + outcome :=
+  if negb (well_formed t) then inl NotWellFormed
+  else if negb (all_untimed t w) then inl NotPlain
+  else if negb (all_placed t qs w && parts_placed basic composed) then inl NotListed
+  else if negb (determined patterns) then inl NotDetermined
+  else inr (compare_block fuel x).
+
+Section Correct.
+Variable fuel : nat.
+Variable start : term.
+Hypothesis well : WellFormed t.
+Hypothesis untimed : all_untimed t w = true.
+Hypothesis atoms_placed : all_placed t qs w = true.
+Hypothesis parts : parts_placed basic composed = true.
+Hypothesis patterns_determined : determined patterns = true.
+Hypothesis compared : compare_block fuel start = Certified.
+
+Notation step := (block_step (possible ps basic composed)).
+Notation letter_at y := (letter_of sat numbers y).
+Notation read p := (fold_left step (map (letter_of sat numbers) p) (settle_block start [])).
+Notation reached p := (automaton_after sat numbers s xs p).
+
+Lemma numbers_cover : In relevance numbers /\ Forall (well_lettered numbers) xs.
+Proof.
+  unfold compare_block in compared. cbv zeta in compared.
+  destruct (settle_block start []); try discriminate.
+  destruct (all_among (alphabet xs) numbers) eqn:A; [| discriminate]. now apply alphabet_among.
+Qed.
+
+(** What is read fits the state of the automaton. *)
+Lemma reading_good : forall p, block_fits cs (read p) (reached p) = true.
+Proof.
+  intros p. unfold compare_block in compared. cbv zeta in compared.
+  destruct (settle_block start []) eqn:S; try discriminate.
+  destruct (all_among (alphabet xs) numbers); [| discriminate].
+  apply (compare_sound mix same_block (hash_block mix) _ step (block_fits cs) same_block_iff (fun _ _ => eq_refl))
+    with (word := map (letter_of sat numbers) p) in compared.
+  - exact compared.
+  - apply Forall_forall. intros l I. apply in_map_iff in I as (y & <- & _).
+    now apply distinct_letters_complete, slice_letters_complete.
+Qed.
+
+Lemma closed_letters : forall y k, k < first -> predicates_of (letter_at y) k = satisfies t ps k (fst y).
+Proof.
+  intros y k K. unfold predicates_of. rewrite member_letter.
+  - unfold slice_satisfies. now replace (k <=? length ps) with true by (symmetry; apply Nat.leb_le; lia).
+  - unfold all_numbers, closed_numbers. rewrite !in_app_iff, !in_seq. lia.
+Qed.
+
+Lemma atom_letters : forall y k q, first <= k -> nth_error qs (k - first) = Some q ->
+  predicates_of (letter_at y) k = observes q y.
+Proof.
+  intros y k q K N. unfold predicates_of. rewrite member_letter.
+  - unfold slice_satisfies. replace (k <=? length ps) with false by (symmetry; apply Nat.leb_gt; lia). now rewrite N.
+  - assert (L : k - first < length qs) by (apply nth_error_Some; congruence). rewrite app_length in L.
+    unfold all_numbers, closed_numbers, basic_numbers, composed_numbers. rewrite !in_app_iff, !in_seq. lia.
+Qed.
+
+(** From a state of the text on: the verdict by the rules is that of the tree. *)
+Lemma block_from : forall u u0 p b bound x, Followed t w ps qs shared s u0 p b bound ->
+  read p = At x bound -> Halts equations x false -> all_defined_values b ->
+  (forall x, binds b x = true -> Conditions.member x shared = true) -> Forall json_event u ->
+  exists v, BlockVerdict equations (satisfies t ps) first qs shared b x u v /\ VerdictOfTree t w s (u0 ++ u) v.
+Proof.
+  destruct numbers_cover as [RN WL].
+  induction u as [| e u IH]; intros u0 p b bound x F R H D SH J.
+  - exists Unknown. split; [now constructor |]. rewrite app_nil_r. assert (G := reading_good p). rewrite R in G.
+    apply andb_true_iff in G as [G _]. apply same_verdict_iff in G. rewrite G.
+    eapply followed_verdict; eauto.
+  - inversion J as [| ? ? JE JU]; subst. assert (BI := followed_bound _ _ _ _ _ _ _ _ _ _ F).
+    set (y := (e, completed patterns b e)). assert (G := reading_good (p ++ [y])).
+    assert (V : VerdictOfTree t w s (u0 ++ [e]) (verdict_at (reached (p ++ [y])))).
+    { apply (followed_verdict t w ps qs shared well untimed atoms_placed patterns_determined s numbers RN WL u0 p b
+        bound F). }
+    assert (RS : read (p ++ [y]) = step (At x bound) (letter_at y)).
+    { rewrite map_app, fold_left_app. simpl. now rewrite R. }
+    rewrite RS in G. cbn [block_step] in RS, G.
+    assert (PO := possible_sound t ps basic composed patterns_determined b e bound BI JE D). fold y in PO.
+    rewrite PO in G, RS.
+    destruct (go_in equations first qs shared bound (predicates_of (letter_at y)) depth x) as [r |] eqn:GO;
+      [| discriminate].
+    destruct (go_in_sound equations (satisfies t ps) first qs shared patterns_determined b e bound
+      (predicates_of (letter_at y)) BI SH (closed_letters y) (atom_letters y) depth x r GO) as (r' & S & M).
+    replace (u0 ++ e :: u) with ((u0 ++ [e]) ++ u) by now rewrite <- app_assoc.
+    destruct r as [[z news] |], r' as [[z' c] |]; try (destruct M; fail).
+    + destruct M as [Z GE]. simpl in Z, GE. subst z'. unfold settle_block in G, RS.
+      destruct (halts_in equations depth z) as [[] |] eqn:HA; try discriminate; apply halts_in_sound in HA.
+      * exists Top. split; [eapply block_goes_on; eauto; now constructor |]. apply top_is_final.
+        cbn [block_fits] in G. apply same_verdict_iff in G. now rewrite G.
+      * destruct GE as [GE NEW]. cbn [fst snd] in GE, NEW.
+        assert (BN : forall k, binds c k = Conditions.member k (with_values bound news)).
+        { intros k. apply eq_true_iff_eq. unfold with_values.
+          rewrite Conditions.member_iff, filter_In, orb_true_iff, <- BI, !Conditions.member_iff. split.
+          - intros B. destruct (b k) as [v |] eqn:BK.
+            + assert (BB : binds b k = true) by (unfold binds; now rewrite BK).
+              split; auto. now apply Conditions.member_iff, SH.
+            + unfold binds in B. rewrite GE, BK in B. destruct (Conditions.member k news) eqn:N; [| discriminate].
+              apply Conditions.member_iff in N. split; auto. now apply NEW.
+          - intros [_ [B | N]]; [| now apply NEW]. unfold binds in *. rewrite GE. now destruct (b k). }
+        assert (GR : grows b c) by (intros k v Q; rewrite GE; now rewrite Q).
+        assert (CO : forall k v, c k = Some v -> completed patterns b e k = Some v).
+        { intros k v Q. rewrite GE in Q. unfold completed. destruct (b k); auto.
+          destruct (Conditions.member k news); [auto | discriminate]. }
+        assert (FA : Fair t w ps qs shared s (with_values bound news) (p ++ [y])).
+        { cbn [block_fits] in G. apply andb_true_iff in G as [G FS]. apply same_verdict_iff in G.
+          eapply fair_state_fair; eauto. }
+        assert (F' := followed_event t w ps qs shared s u0 p b bound e c _ F GR CO BN FA).
+        destruct (IH (u0 ++ [e]) (p ++ [y]) c (with_values bound news) z) as (v & BV & TV); auto.
+        -- intros k v Q. apply CO in Q. now apply (completed_defined patterns b e patterns_determined JE D k).
+        -- intros k B. rewrite BN in B. apply Conditions.member_iff, filter_In in B as [B _].
+           now apply Conditions.member_iff.
+        -- exists v. split; auto. eapply block_goes_on; eauto.
+    + exists Bottom. split; [now constructor |]. apply bottom_is_final; [now apply well_formed_iff |].
+      cbn [block_fits] in G. apply same_verdict_iff in G. now rewrite G.
+Qed.
+
+(** The text has the verdict of the tree on every trace. *)
+Lemma block_verdict : forall u, Forall json_event u -> exists v,
+  BlockVerdict equations (satisfies t ps) first qs shared unbound start u v /\ VerdictOfTree t w s u v.
+Proof.
+  destruct numbers_cover as [RN WL]. intros u J. assert (G := reading_good []). simpl in G.
+  assert (S : settle_block start [] = At start [] /\ Halts equations start false).
+  { unfold compare_block in compared. cbv zeta in compared. unfold settle_block in *.
+    destruct (halts_in equations depth start) as [[] |] eqn:HA; try discriminate.
+    apply halts_in_sound in HA. auto. }
+  destruct S as [S HA]. rewrite S in G. cbn [block_fits] in G. apply andb_true_iff in G as [G FS].
+  apply same_verdict_iff in G. apply (block_from u [] [] unbound [] start); auto.
+  - constructor. eapply fair_state_fair; eauto.
+  - intros x v Q. discriminate.
+  - intros x B. discriminate.
+Qed.
+End Correct.
+
+Theorem certify_text_block_correct : forall fuel x, certify_text_block fuel x = inr Certified ->
+  forall u v, Forall json_event u ->
+  (BlockVerdict equations (satisfies t ps) first qs shared unbound x u v <-> VerdictOfTree t w s u v).
+Proof.
+  intros fuel x H u v J. unfold certify_text_block in H.
+  destruct (well_formed t) eqn:W; [| discriminate]. destruct (all_untimed t w) eqn:U; [| discriminate].
+  destruct (all_placed t qs w && parts_placed basic composed) eqn:P; [| discriminate].
+  apply andb_true_iff in P as [P PP]. destruct (determined patterns) eqn:D; [| discriminate].
+  injection H as H. apply well_formed_iff in W.
+  destruct (block_verdict fuel x W U P PP D H u J) as (v' & B & V). split; intros K.
+  - now rewrite (block_unique _ _ _ _ _ _ _ _ _ K _ B).
+  - apply (tree_plans_verdict t w W) in K, V. now rewrite (verdict_only _ _ _ _ _ _ K V).
+Qed.
+End Text.

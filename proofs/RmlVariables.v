@@ -223,26 +223,30 @@ Notation b' := (completed patterns b e).
 
 (** These variables have got the values of the event. *)
 Definition Gets (c : assignment) (news : list nat) : Prop :=
-  forall x, c x = match b x with Some v => Some v | None => if Conditions.member x news then found patterns (content e)
-    x else None end.
+  (forall x, c x = match b x with Some v => Some v | None => if Conditions.member x news then found patterns (content e)
+    x else None end) /\
+  forall x, In x news -> binds c x = true /\ In x shared.
 
 Lemma gets_nothing : Gets b [].
-Proof. intros x. now destruct (b x). Qed.
+Proof. split; [intros x; now destruct (b x) | intros x []]. Qed.
 
 Lemma gets_completed : forall c l x v, Gets c l -> c x = Some v -> b' x = Some v.
 Proof.
-  intros c l x v G Q. rewrite G in Q. unfold completed. destruct (b x); auto.
+  intros c l x v [G _] Q. rewrite G in Q. unfold completed. destruct (b x); auto.
   destruct (Conditions.member x l); [auto | discriminate].
 Qed.
 
 Lemma gets_merged : forall c d l m, Gets c l -> Gets d m -> compatible c d /\ Gets (merged c d) (l ++ m).
 Proof.
-  intros c d l m C D. split.
+  intros c d l m C D. split; [| split].
   - intros x v w V W. apply (gets_completed c l) in V; auto. apply (gets_completed d m) in W; auto. congruence.
-  - intros x. unfold merged. rewrite C, D. destruct (b x); auto.
+  - intros x. unfold merged. rewrite (proj1 C), (proj1 D). destruct (b x); auto.
     assert (M : Conditions.member x (l ++ m) = Conditions.member x l || Conditions.member x m)
       by (unfold Conditions.member; apply existsb_app).
     rewrite M. now destruct (Conditions.member x l), (Conditions.member x m), (found patterns (content e) x).
+  - intros x X. unfold merged, binds. apply in_app_iff in X as [X | X].
+    + apply (proj2 C) in X as [B S]. unfold binds in B. now destruct (c x).
+    + apply (proj2 D) in X as [B S]. unfold binds in B. now destruct (c x), (d x).
 Qed.
 
 (** What an atom observes depends on its variables only. *)
@@ -297,8 +301,10 @@ Proof.
   unfold taken. destruct (find _ _) as [c |] eqn:F.
   - apply find_some in F as [J O]. apply in_map_iff in J as (bs & <- & J).
     assert (O' : observes q (e, b') = true) by (eapply observes_same; [| exact O]; intros; now apply SAME).
-    rewrite O'. eexists. split; [reflexivity |]. intros x. unfold kept, extended.
-    destruct (b x) as [v |] eqn:BX.
+    rewrite O'. eexists. split; [reflexivity |]. split.
+    2:{ intros x X. apply filter_In in X as [X S]. split; [| now apply Conditions.member_iff]. unfold binds, kept.
+      rewrite S. apply observes_iff in O as (_ & V & _). exact (V x X). }
+    intros x. unfold kept, extended. destruct (b x) as [v |] eqn:BX.
     + rewrite bound_shared; auto. unfold binds. now rewrite BX.
     + rewrite (WAY bs J O x BX), AV. set (vs := pattern_variables (atom_pattern q)).
       assert (M : Conditions.member x (filter (fun x => Conditions.member x shared) vs) =

@@ -91,10 +91,18 @@ Definition same_operand (o o' : operand) : bool :=
 Lemma same_operand_eq : forall o o', same_operand o o' = true -> o = o'.
 Proof. intros [v | x] [w | y] E; try discriminate; f_equal; [now apply value_eqb_iff | now apply Nat.eqb_eq]. Qed.
 
+(** A predicate of its own with a pattern of some atom: the variables, its number and those of its guards. *)
+Definition own_table : list (list nat * (nat * list nat)) :=
+  flat_map (fun r : nat * (list nat * list nat) =>
+    let p := fst (nth (fst r - 1) ps (Anything, [])) in
+    if existsb (fun q => same_pattern (atom_pattern q) p) qs then [(pattern_variables p, (fst r, snd (snd r)))] else [])
+    (consequences ps basic composed).
+
 Section Possible.
 Variable table : list (list nat * (option nat * option nat)).
 Variable equal : list (nat * operand * (nat * nat)).
 Variable asked : list (nat * guard).          (* the guards with their numbers *)
+Variable own : list (list nat * (nat * list nat)).
 Variable bound : list nat.
 Variable a : letter.
 
@@ -113,7 +121,7 @@ Definition equal_in (x : nat) (o : operand) : option bool :=
   else None.
 
 (** A guard that does not hold has all its values, and one that is decided holds as it is decided.  A pattern
-    without known variables is observed when an event fits it. *)
+    without known variables is observed when an event fits it, and the guards hold that a predicate of its own has. *)
 Definition possible_in : bool :=
   forallb (fun ng => let '(n, g) := ng in
     (Automaton.member n a || forallb may_have_value (variables g)) &&
@@ -123,7 +131,9 @@ Definition possible_in : bool :=
     | (Some n, Some k) =>
       negb (Automaton.member k a) || existsb (fun x => Conditions.member x bound) (fst r) || Automaton.member n a
     | _ => true
-    end) table.
+    end) table &&
+  forallb (fun r => negb (Automaton.member (fst (snd r)) a) || existsb (fun x => Conditions.member x bound) (fst r) ||
+    forallb (fun n => Automaton.member n a) (snd (snd r))) own.
 End Possible.
 
 Definition asked_guards : list (nat * guard) :=
@@ -134,7 +144,8 @@ Definition asked_guards : list (nat * guard) :=
 
 Definition possible : list nat -> letter -> bool :=
   let table := pattern_table in let equal := equality_table in let asked := asked_guards in
-  fun bound a => possible_in table equal asked bound a.
+  let own := own_table in
+  fun bound a => possible_in table equal asked own bound a.
 
 (** *** The letter of a completed assignment is possible *)
 
@@ -262,9 +273,49 @@ Proof.
   rewrite number_member by exact P. rewrite S, observes_guard. now destruct json as [-> _].
 Qed.
 
+(** The values of an event for the variables of a pattern none of which is known. *)
+Lemma all_new : forall p bs, In p patterns -> In bs (bindings p (content e)) ->
+  existsb (fun x => Conditions.member x bound) (pattern_variables p) = false ->
+  forall x, In x (pattern_variables p) -> b' x = Some (get Nat.eqb bs x).
+Proof.
+  intros p bs I J X x Y. unfold completed. assert (N : binds b x = false).
+  { rewrite bound_iff. apply not_true_iff_false. intros M. rewrite <- not_true_iff_false in X. apply X.
+    apply existsb_exists. eauto. }
+  unfold binds in N. destruct (b x); [discriminate |].
+  apply found_fits with p; auto; [now apply Conditions.member_iff |].
+  apply bindings_iff. exists bs; split; auto. now apply (bindings_agree p (content e)).
+Qed.
+
+Lemma own_sound : forall r, In r own_table -> Automaton.member (fst (snd r)) a = true ->
+  existsb (fun x => Conditions.member x bound) (fst r) = false ->
+  forallb (fun n => Automaton.member n a) (snd (snd r)) = true.
+Proof.
+  intros r I M X. unfold own_table in I. apply in_flat_map in I as ([k [ms ns]] & I & J). cbv zeta in J.
+  cbn [fst snd] in J. unfold consequences in I. apply in_flat_map in I as ([k' [p gs]] & C & I).
+  apply (combine_seq _ _ (Anything, [])) in C as [C N].
+  destruct (forallb _ gs) eqn:F; [| destruct I]. destruct I as [I | []]. injection I as <- <- <-.
+  set (p' := fst (nth (k' - 1) ps (Anything, []))) in J. assert (PN : p = p') by exact (f_equal fst N).
+  rewrite <- PN in J. clear p' PN. destruct (existsb _ qs) eqn:E; [| destruct J]. destruct J as [<- | []].
+  cbn [fst snd] in *. apply existsb_exists in E as (q & Q & E). apply same_pattern_eq in E.
+  assert (K : k' <= length ps) by (apply Nat.lt_succ_r; exact (proj2 C)).
+  assert (P : In p patterns) by (rewrite <- E; now apply in_map).
+  assert (ME : meets (p, gs) e = true).
+  { rewrite member_letter in M by (unfold all_numbers, closed_numbers; rewrite in_app_iff, in_seq; left; lia).
+    unfold slice_satisfies in M. replace (k' <=? length ps) with true in M by (symmetry; apply Nat.leb_le; lia).
+    assert (NTH : nth_error ps (k' - 1) = Some (p, gs)) by (rewrite N; apply nth_error_nth'; lia).
+    destruct k' as [| i]; [lia |]. simpl in M, NTH. rewrite Nat.sub_0_r in NTH. now rewrite NTH in M. }
+  unfold meets in ME. cbn [fst snd] in ME. apply andb_true_iff in ME as [_ ME].
+  apply existsb_exists in ME as (bs & B & H). rewrite forallb_forall in F, H.
+  rewrite forallb_map. apply forallb_forall. intros g G. specialize (F g G). rewrite !andb_true_iff in F.
+  destruct F as [[PT PG] VG]. apply is_nil_iff in PT. rewrite forallb_forall in VG.
+  rewrite number_member by exact PG. rewrite observes_guard. destruct json as [-> _]. simpl. unfold passes.
+  apply orb_true_iff. right. rewrite <- (H g G). apply holds_same; [| rewrite PT; intros ? []].
+  intros x Y. apply VG, Conditions.member_iff in Y. unfold values_of. now rewrite (all_new p bs P B X x Y).
+Qed.
+
 Lemma possible_sound : possible bound a = true.
 Proof.
-  unfold possible, possible_in. apply andb_true_iff; split; apply forallb_forall.
+  unfold possible, possible_in. rewrite !andb_true_iff. split; [split |]; apply forallb_forall.
   - intros [n g] I. rewrite (asked_guard n g I). apply andb_true_iff; split.
     + destruct (passes b' g) eqn:P; auto. unfold passes in P. apply orb_false_iff in P as [P _].
       apply negb_false_iff in P. rewrite forallb_forall in P. apply forallb_forall. intros x X.
@@ -282,14 +333,11 @@ Proof.
     assert (J : In bs (bindings (atom_pattern q) (content e))) by (rewrite B; simpl; auto).
     assert (F : fits_pattern (get Nat.eqb bs) (atom_pattern q) (content e)).
     { apply bindings_iff. exists bs; split; auto. now apply (bindings_agree (atom_pattern q) (content e)). }
-    assert (V : forall x, In x (pattern_variables (atom_pattern q)) -> b' x = Some (get Nat.eqb bs x)).
-    { intros x Y. unfold completed. assert (N : binds b x = false).
-      { rewrite bound_iff. apply not_true_iff_false. intros M. rewrite <- not_true_iff_false in X. apply X.
-        apply existsb_exists. eauto. }
-      unfold binds in N. destruct (b x); [discriminate |].
-      apply found_fits with (atom_pattern q); auto; [now apply in_map | now apply Conditions.member_iff]. }
+    assert (V := all_new _ bs (in_map atom_pattern _ _ I) J X).
     split; [intros x Y; unfold binds; now rewrite (V x Y) |]. apply fits_pattern_same with (get Nat.eqb bs); auto.
     intros x Y. unfold values_of. now rewrite (V x Y).
+  - intros r I. destruct (Automaton.member (fst (snd r)) a) eqn:M; auto. simpl.
+    destruct (existsb _ (fst r)) eqn:X; auto. simpl. now apply own_sound.
 Qed.
 End Sound.
 End Letters.

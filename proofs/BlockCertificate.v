@@ -29,10 +29,11 @@ Definition json_event (e : event) : Prop := late e = false /\ defined (content e
 
 Definition all_defined_values (b : assignment) : Prop := forall x v, b x = Some v -> defined v = true.
 
-Lemma completed_defined : forall ps b e, determined ps = true -> json_event e -> all_defined_values b ->
-  all_defined_values (completed ps b e).
+Lemma completed_defined : forall ps hidden b e, determined ps = true -> json_event e -> all_defined_values b ->
+  all_defined_values (completed ps hidden b e).
 Proof.
-  intros ps b e D [_ J] B x v Q. unfold completed in Q. destruct (b x) eqn:X; [injection Q as <-; eauto |].
+  intros ps hidden b e D [_ J] B x v Q. unfold completed in Q. destruct (b x) eqn:X; [injection Q as <-; eauto |].
+  destruct (Conditions.member x hidden); [discriminate |].
   apply found_some in Q as (p & a & I & M & F & <-). destruct F as (c & A & F).
   unfold determined in D. rewrite forallb_forall in D. specialize (D p I). rewrite forallb_forall in D.
   specialize (D p I). rewrite forallb_forall in D. assert (M' := proj1 (Conditions.member_iff _ _) M).
@@ -103,7 +104,7 @@ Variable table : list (list nat * (option nat * option nat)).
 Variable equal : list (nat * operand * (nat * nat)).
 Variable asked : list (nat * guard).          (* the guards with their numbers *)
 Variable own : list (list nat * (nat * list nat)).
-Variable bound : list nat.
+Variables bound hidden : list nat.
 Variable a : letter.
 
 (** Whether the event gives a value to a variable, or may give one. *)
@@ -111,8 +112,10 @@ Definition has_value (x : nat) : bool :=
   Conditions.member x bound || existsb (fun r => Conditions.member x (fst r) &&
     match fst (snd r) with Some n => Automaton.member n a | None => false end) table.
 Definition may_have_value (x : nat) : bool :=
-  Conditions.member x bound || existsb (fun r => Conditions.member x (fst r) &&
-    match snd (snd r) with Some k => Automaton.member k a | None => true end) table.
+  Conditions.member x bound || (negb (Conditions.member x hidden) && existsb (fun r => Conditions.member x (fst r) &&
+    match snd (snd r) with Some k => Automaton.member k a | None => true end) table).
+Definition known_or_hidden (xs : list nat) : bool :=
+  existsb (fun x => Conditions.member x bound || Conditions.member x hidden) xs.
 
 Definition equal_in (x : nat) (o : operand) : option bool :=
   if match o with Literal _ => true | Another y => has_value y end then
@@ -129,10 +132,10 @@ Definition possible_in : bool :=
      match decide equal_in g with Some b => Bool.eqb b (Automaton.member n a) | None => true end)) asked &&
   forallb (fun r => match snd r with
     | (Some n, Some k) =>
-      negb (Automaton.member k a) || existsb (fun x => Conditions.member x bound) (fst r) || Automaton.member n a
+      negb (Automaton.member k a) || known_or_hidden (fst r) || Automaton.member n a
     | _ => true
     end) table &&
-  forallb (fun r => negb (Automaton.member (fst (snd r)) a) || existsb (fun x => Conditions.member x bound) (fst r) ||
+  forallb (fun r => negb (Automaton.member (fst (snd r)) a) || known_or_hidden (fst r) ||
     forallb (fun n => Automaton.member n a) (snd (snd r))) own.
 End Possible.
 
@@ -142,10 +145,10 @@ Definition asked_guards : list (nat * guard) :=
     | _ => []
     end) basic.
 
-Definition possible : list nat -> letter -> bool :=
+Definition possible : list nat -> list nat -> letter -> bool :=
   let table := pattern_table in let equal := equality_table in let asked := asked_guards in
   let own := own_table in
-  fun bound a => possible_in table equal asked own bound a.
+  fun bound hidden a => possible_in table equal asked own bound hidden a.
 
 (** *** The letter of a completed assignment is possible *)
 
@@ -153,12 +156,12 @@ Section Sound.
 Hypothesis patterns_determined : determined patterns = true.
 Variable b : assignment.
 Variable e : event.
-Variable bound : list nat.
+Variables bound hidden : list nat.
 Hypothesis bound_iff : forall x, binds b x = Conditions.member x bound.
 Hypothesis json : json_event e.
 Hypothesis values_defined : all_defined_values b.
 
-Notation b' := (completed patterns b e).
+Notation b' := (completed patterns hidden b e).
 Notation a := (letter_of sat (all_numbers ps basic composed) (e, b')).
 
 Lemma number_member : forall q, placed basic q = true -> Automaton.member (number q) a = observes q (e, b').
@@ -205,10 +208,11 @@ Proof.
     apply O in M as [B _]. apply B. now apply Conditions.member_iff.
 Qed.
 
-Lemma may_have_value_sound : forall x, binds b' x = true -> may_have_value pattern_table bound a x = true.
+Lemma may_have_value_sound : forall x, binds b' x = true -> may_have_value pattern_table bound hidden a x = true.
 Proof.
   intros x B. unfold may_have_value. rewrite <- bound_iff. unfold binds, completed in *.
-  destruct (b x); auto. destruct (found patterns (content e) x) as [v |] eqn:F; [| discriminate]. simpl.
+  destruct (b x); auto. destruct (Conditions.member x hidden); [discriminate |].
+  destruct (found patterns (content e) x) as [v |] eqn:F; [| discriminate]. simpl.
   apply found_some in F as (p & c & I & M & F & _). apply in_map_iff in I as (q & <- & I).
   apply existsb_exists. eexists. split; [apply in_map, I |]. cbn [fst snd]. unfold mentions in M. rewrite M. simpl.
   destruct (listed ps (atom_pattern q, [])) eqn:L; auto. rewrite closed_member, bare_meets by exact L.
@@ -245,7 +249,7 @@ Proof.
   destruct (is_pattern_iff q IP) as (PL & _ & OB). rewrite number_member in N by exact PL. apply OB in N as [B FT].
   assert (DEF : forall z, binds b' z = true -> defined (values_of b' z) = true).
   { intros z Z. unfold binds, values_of in *. destruct (b' z) as [w |] eqn:W; [| discriminate].
-    now apply (completed_defined patterns b e patterns_determined json values_defined z). }
+    now apply (completed_defined patterns hidden b e patterns_determined json values_defined z). }
   assert (XV : In x (pattern_variables (atom_pattern q))).
   { clear - P. revert l P. induction (atom_pattern q) as [w | y | | fields IH | items IH | p IH] using pattern_induction;
       intros l P; try discriminate.
@@ -275,19 +279,20 @@ Qed.
 
 (** The values of an event for the variables of a pattern none of which is known. *)
 Lemma all_new : forall p bs, In p patterns -> In bs (bindings p (content e)) ->
-  existsb (fun x => Conditions.member x bound) (pattern_variables p) = false ->
+  known_or_hidden bound hidden (pattern_variables p) = false ->
   forall x, In x (pattern_variables p) -> b' x = Some (get Nat.eqb bs x).
 Proof.
-  intros p bs I J X x Y. unfold completed. assert (N : binds b x = false).
-  { rewrite bound_iff. apply not_true_iff_false. intros M. rewrite <- not_true_iff_false in X. apply X.
-    apply existsb_exists. eauto. }
-  unfold binds in N. destruct (b x); [discriminate |].
+  intros p bs I J X x Y. unfold completed.
+  assert (N : Conditions.member x bound || Conditions.member x hidden = false).
+  { apply not_true_iff_false. intros M. rewrite <- not_true_iff_false in X. apply X. apply existsb_exists. eauto. }
+  apply orb_false_iff in N as [N H]. rewrite <- bound_iff in N. unfold binds in N. destruct (b x); [discriminate |].
+  rewrite H.
   apply found_fits with p; auto; [now apply Conditions.member_iff |].
   apply bindings_iff. exists bs; split; auto. now apply (bindings_agree p (content e)).
 Qed.
 
 Lemma own_sound : forall r, In r own_table -> Automaton.member (fst (snd r)) a = true ->
-  existsb (fun x => Conditions.member x bound) (fst r) = false ->
+  known_or_hidden bound hidden (fst r) = false ->
   forallb (fun n => Automaton.member n a) (snd (snd r)) = true.
 Proof.
   intros r I M X. unfold own_table in I. apply in_flat_map in I as ([k [ms ns]] & I & J). cbv zeta in J.
@@ -313,7 +318,7 @@ Proof.
   intros x Y. apply VG, Conditions.member_iff in Y. unfold values_of. now rewrite (all_new p bs P B X x Y).
 Qed.
 
-Lemma possible_sound : possible bound a = true.
+Lemma possible_sound : possible bound hidden a = true.
 Proof.
   unfold possible, possible_in. rewrite !andb_true_iff. split; [split |]; apply forallb_forall.
   - intros [n g] I. rewrite (asked_guard n g I). apply andb_true_iff; split.
@@ -329,7 +334,7 @@ Proof.
     destruct (is_pattern q) eqn:P; auto. destruct (listed ps _) eqn:L; auto.
     destruct (is_pattern_iff q P) as (PL & _ & O). rewrite closed_member, bare_meets, number_member by assumption.
     destruct (bindings (atom_pattern q) (content e)) as [| bs l] eqn:B; auto. simpl.
-    destruct (existsb _ (pattern_variables _)) eqn:X; auto. simpl. apply O.
+    destruct (known_or_hidden _ _ (pattern_variables _)) eqn:X; auto. simpl. apply O.
     assert (J : In bs (bindings (atom_pattern q) (content e))) by (rewrite B; simpl; auto).
     assert (F : fits_pattern (get Nat.eqb bs) (atom_pattern q) (content e)).
     { apply bindings_iff. exists bs; split; auto. now apply (bindings_agree (atom_pattern q) (content e)). }
@@ -337,7 +342,7 @@ Proof.
     split; [intros x Y; unfold binds; now rewrite (V x Y) |]. apply fits_pattern_same with (get Nat.eqb bs); auto.
     intros x Y. unfold values_of. now rewrite (V x Y).
   - intros r I. destruct (Automaton.member (fst (snd r)) a) eqn:M; auto. simpl.
-    destruct (existsb _ (fst r)) eqn:X; auto. simpl. now apply own_sound.
+    destruct (known_or_hidden _ _ (fst r)) eqn:X; auto. simpl. now apply own_sound.
 Qed.
 End Sound.
 End Letters.
@@ -395,15 +400,34 @@ Notation cs := (scenes t w ps qs).
 Definition settle_block (x : term) (bound : list nat) : block_reading :=
   match halts_in equations depth x with Some true => Ended Top | Some false => At x bound | None => Unsettled end.
 
+(** The variables that event types ask for, of which one may take the next event. *)
+Fixpoint asked_for (depth : nat) (x : term) : list nat :=
+  match depth with
+  | O => []
+  | S depth =>
+    match x with
+    | All | Empty | Nothing => []
+    | OfType ty => type_variables first qs shared ty
+    | Union x y | Intersection x y | Shuffle x y | Filter _ x y => asked_for depth x ++ asked_for depth y
+    | Concat x y => asked_for depth x ++ match halts_in equations depth x with Some true => asked_for depth y | _ => [] end
+    | Star x | Optional x => asked_for depth x
+    | Call n => asked_for depth (body equations n)
+    end
+  end.
+
+Definition hidden_at (x : term) : list nat :=
+  let asked := asked_for depth x in filter (fun y => negb (Conditions.member y asked)) shared.
+
 (** The variables that have a value, in the order of the block. *)
 Definition with_values (bound news : list nat) : list nat :=
   filter (fun x => Conditions.member x bound || Conditions.member x news) shared.
 
-Definition block_step (is_possible : list nat -> letter -> bool) (r : block_reading) (a : letter) : block_reading :=
+Definition block_step (is_possible : list nat -> list nat -> letter -> bool) (r : block_reading) (a : letter) : block_reading :=
   match r with
   | At x bound =>
-    if is_possible bound a then
-      match go_in equations first qs shared bound (predicates_of a) depth x with
+    let hidden := hidden_at x in
+    if is_possible bound hidden a then
+      match go_in equations first qs shared bound hidden (predicates_of a) depth x with
       | Some (Some (y, news)) => settle_block y (with_values bound news)
       | Some None => Ended Bottom
       | None => Unsettled
@@ -414,7 +438,7 @@ Definition block_step (is_possible : list nat -> letter -> bool) (r : block_read
 
 Definition block_fits (cs : list scene) (r : block_reading) (q : state) : bool :=
   match r with
-  | At _ bound => same_verdict Unknown (verdict_at q) && fair_state t qs shared s cs bound q
+  | At x bound => same_verdict Unknown (verdict_at q) && fair_state t qs shared s cs (hidden_at x) bound q
   | Ended v => same_verdict v (verdict_at q)
   | Unsettled => false
   | Impossible => true
@@ -493,7 +517,7 @@ Proof.
 Qed.
 
 (** From a state of the text on: the verdict by the rules is that of the tree. *)
-Lemma block_from : forall u u0 p b bound x, Followed t w ps qs shared s u0 p b bound ->
+Lemma block_from : forall u u0 p b bound x, Followed t w ps qs shared s u0 p b (hidden_at x) bound ->
   read p = At x bound -> Halts equations x false -> all_defined_values b ->
   (forall x, binds b x = true -> Conditions.member x shared = true) -> Forall json_event u ->
   exists v, BlockVerdict equations (satisfies t ps) first qs shared b x u v /\ VerdictOfTree t w s (u0 ++ u) v.
@@ -503,19 +527,20 @@ Proof.
   - exists Unknown. split; [now constructor |]. rewrite app_nil_r. assert (G := reading_good p). rewrite R in G.
     apply andb_true_iff in G as [G _]. apply same_verdict_iff in G. rewrite G.
     eapply followed_verdict; eauto.
-  - inversion J as [| ? ? JE JU]; subst. assert (BI := followed_bound _ _ _ _ _ _ _ _ _ _ F).
-    set (y := (e, completed patterns b e)). assert (G := reading_good (p ++ [y])).
+  - inversion J as [| ? ? JE JU]; subst. assert (BI := followed_bound _ _ _ _ _ _ _ _ _ _ _ F).
+    set (hidden := hidden_at x) in *.
+    set (y := (e, completed patterns hidden b e)). assert (G := reading_good (p ++ [y])).
     assert (V : VerdictOfTree t w s (u0 ++ [e]) (verdict_at (reached (p ++ [y])))).
     { apply (followed_verdict t w ps qs shared well untimed atoms_placed patterns_determined s numbers RN WL u0 p b
-        bound F). }
+        hidden bound F). }
     assert (RS : read (p ++ [y]) = step (At x bound) (letter_at y)).
     { rewrite map_app, fold_left_app. simpl. now rewrite R. }
-    rewrite RS in G. cbn [block_step] in RS, G.
-    assert (PO := possible_sound t ps basic composed patterns_determined b e bound BI JE D). fold y in PO.
+    rewrite RS in G. cbn [block_step] in RS, G. cbv zeta in RS, G. fold hidden in RS, G.
+    assert (PO := possible_sound t ps basic composed patterns_determined b e bound hidden BI JE D). fold y in PO.
     rewrite PO in G, RS.
-    destruct (go_in equations first qs shared bound (predicates_of (letter_at y)) depth x) as [r |] eqn:GO;
+    destruct (go_in equations first qs shared bound hidden (predicates_of (letter_at y)) depth x) as [r |] eqn:GO;
       [| discriminate].
-    destruct (go_in_sound equations (satisfies t ps) first qs shared patterns_determined b e bound
+    destruct (go_in_sound equations (satisfies t ps) first qs shared patterns_determined b e bound hidden
       (predicates_of (letter_at y)) BI SH (closed_letters y) (atom_letters y) depth x r GO) as (r' & S & M).
     replace (u0 ++ e :: u) with ((u0 ++ [e]) ++ u) by now rewrite <- app_assoc.
     destruct r as [[z news] |], r' as [[z' c] |]; try (destruct M; fail).
@@ -534,15 +559,14 @@ Proof.
               apply Conditions.member_iff in N. split; auto. now apply NEW.
           - intros [_ [B | N]]; [| now apply NEW]. unfold binds in *. rewrite GE. now destruct (b k). }
         assert (GR : grows b c) by (intros k v Q; rewrite GE; now rewrite Q).
-        assert (CO : forall k v, c k = Some v -> completed patterns b e k = Some v).
-        { intros k v Q. rewrite GE in Q. unfold completed. destruct (b k); auto.
-          destruct (Conditions.member k news); [auto | discriminate]. }
-        assert (FA : Fair t w ps qs shared s (with_values bound news) (p ++ [y])).
+        assert (CO : forall k v, c k = Some v -> completed patterns hidden b e k = Some v).
+        { intros k v Q. exact (gets_completed qs shared b e hidden c news k v (conj GE NEW) Q). }
+        assert (FA : Fair t w ps qs shared s (hidden_at z) (with_values bound news) (p ++ [y])).
         { cbn [block_fits] in G. apply andb_true_iff in G as [G FS]. apply same_verdict_iff in G.
           eapply fair_state_fair; eauto. }
-        assert (F' := followed_event t w ps qs shared s u0 p b bound e c _ F GR CO BN FA).
+        assert (F' := followed_event t w ps qs shared s u0 p b hidden bound e c _ _ F GR CO BN FA).
         destruct (IH (u0 ++ [e]) (p ++ [y]) c (with_values bound news) z) as (v & BV & TV); auto.
-        -- intros k v Q. apply CO in Q. now apply (completed_defined patterns b e patterns_determined JE D k).
+        -- intros k v Q. apply CO in Q. now apply (completed_defined patterns hidden b e patterns_determined JE D k).
         -- intros k B. rewrite BN in B. apply Conditions.member_iff, filter_In in B as [B _].
            now apply Conditions.member_iff.
         -- exists v. split; auto. eapply block_goes_on; eauto.

@@ -76,9 +76,12 @@ Definition found (v : value) (x : nat) : option value :=
   | None => None
   end.
 
-(** An assignment that an event completes. *)
-Definition completed (b : assignment) (e : event) : assignment :=
-  fun x => match b x with Some v => Some v | None => found (content e) x end.
+(** An assignment that an event completes, but for hidden variables, which the text does not ask for yet. *)
+Definition completed (hidden : list nat) (b : assignment) (e : event) : assignment :=
+  fun x => match b x with
+    | Some v => Some v
+    | None => if Conditions.member x hidden then None else found (content e) x
+    end.
 
 Lemma fits_same : forall p q x a b v, In p ps -> In q ps -> mentions x p = true -> mentions x q = true ->
   fits_pattern a p v -> fits_pattern b q v -> a x = b x.
@@ -124,8 +127,8 @@ Proof.
   rewrite M in X. destruct F as (a' & _ & F), G as (b' & _ & G). eapply exclude_sound; eauto.
 Qed.
 
-Lemma completed_grows : forall b e, grows b (completed b e).
-Proof. intros b e x v Q. unfold completed. now rewrite Q. Qed.
+Lemma completed_grows : forall hidden b e, grows b (completed hidden b e).
+Proof. intros hidden b e x v Q. unfold completed. now rewrite Q. Qed.
 
 (** ** What the text follows *)
 
@@ -134,21 +137,22 @@ Definition variables_of (t : tree) (d : list occurrence) : list nat := flat_map 
 
 (** A guard variable of an occurrence, where [d] is done: it is one of its own, or is followed, or is unbound
     and stays so. *)
-Definition guard_variable_fair (shared bound d : list nat) (p : pattern) (x : nat) : bool :=
+Definition guard_variable_fair (shared hidden bound d : list nat) (p : pattern) (x : nat) : bool :=
   mentions x p || (Conditions.member x d && Conditions.member x shared) ||
   (negb (Conditions.member x d) && negb (Conditions.member x bound) &&
-   forallb (fun q => implb (mentions x q) (exclude p q)) ps).
+   (Conditions.member x hidden || forallb (fun q => implb (mentions x q) (exclude p q)) ps)).
 
 (** The assignment that the text follows agrees with what an occurrence asks for. *)
-Definition fair (t : tree) (shared : list nat) (atom_of : occurrence -> option atom) (bound : list nat)
+Definition fair (t : tree) (shared : list nat) (atom_of : occurrence -> option atom) (hidden bound : list nat)
   (d : list occurrence) (o : occurrence) : bool :=
   let done := variables_of t d in
   match atom_of o with
   | Some q =>
     forallb (fun x => Bool.eqb (Conditions.member x bound) (Conditions.member x done) &&
-                      implb (Conditions.member x done) (Conditions.member x shared))
+                      implb (Conditions.member x done) (Conditions.member x shared) &&
+                      (Conditions.member x done || negb (Conditions.member x hidden)))
       (pattern_variables (atom_pattern q)) &&
-    forallb (fun g => forallb (guard_variable_fair shared bound done (atom_pattern q)) (variables g)) (atom_guards q)
+    forallb (fun g => forallb (guard_variable_fair shared hidden bound done (atom_pattern q)) (variables g)) (atom_guards q)
   | None => false
   end.
 
@@ -221,15 +225,15 @@ Qed.
 
 Section Serving.
 Variable b : assignment.
-Variable bound : list nat.
+Variables hidden bound : list nat.
 Hypothesis bound_iff : forall x, binds b x = Conditions.member x bound.
 Variable m : assigned event.
 Hypothesis follows : Follows b m.
 Variables (o : occurrence) (e : event).
 Hypothesis is_occurrence : In o os.
-Hypothesis is_fair : fair t shared atom_of bound (domain m) o = true.
+Hypothesis is_fair : fair t shared atom_of hidden bound (domain m) o = true.
 
-Notation b' := (completed b e).
+Notation b' := (completed hidden b e).
 
 (** The event serves the occurrence exactly when it satisfies its test under the completed assignment. *)
 Lemma served_completed : consistent t guards part ((o, e) :: m) = sat (required o) (e, b').
@@ -245,19 +249,22 @@ Proof.
   { simpl. unfold node_variables. now rewrite P. }
   destruct follows as [(a0 & U0) FO].
   assert (OLD : forall a x, Under t guards part a m -> In x (pattern_variables p) ->
-    (In x (variables_of t (domain m)) /\ b x = Some (a x)) \/ (~ In x (variables_of t (domain m)) /\ b x = None)).
-  { intros a x U X. specialize (FV x X). apply andb_true_iff in FV as [EQ SH]. apply eqb_prop in EQ.
+    (In x (variables_of t (domain m)) /\ b x = Some (a x)) \/
+    (~ In x (variables_of t (domain m)) /\ b x = None /\ Conditions.member x hidden = false)).
+  { intros a x U X. specialize (FV x X). apply andb_true_iff in FV as [FV HI]. apply andb_true_iff in FV as [EQ SH].
+    apply eqb_prop in EQ.
     destruct (Conditions.member x (variables_of t (domain m))) eqn:D.
     - left. apply Conditions.member_iff in D. split; auto. apply FO; auto. now apply Conditions.member_iff.
     - right. split; [intros I; apply Conditions.member_iff in I; congruence |].
-      rewrite <- bound_iff in EQ. unfold binds in EQ. now destruct (b x). }
+      rewrite <- bound_iff in EQ. unfold binds in EQ. simpl in HI. apply negb_true_iff in HI.
+      split; auto. now destruct (b x). }
   apply eq_true_iff_eq. rewrite (consistent_under t guards part), observes_iff.
   cbn [atom_pattern atom_time atom_guards]. split.
   - intros (a & U).
     assert (UM := under_rest a o e m U).
     destruct (proj1 U o e) as (L & p' & P' & F); [simpl; auto |]. rewrite P in P'. injection P' as <-.
     assert (V : forall x, In x (pattern_variables p) -> b' x = Some (a x)).
-    { intros x X. unfold completed. destruct (OLD a x UM X) as [[_ ->] | [_ ->]]; auto.
+    { intros x X. unfold completed. destruct (OLD a x UM X) as [[_ ->] | (_ & -> & ->)]; auto.
       apply found_fits with p; auto. now apply Conditions.member_iff. }
     split; auto. unfold atom_variables. simpl. rewrite app_nil_r. split; [| split; [| split; [discriminate |]]].
     + intros x X. unfold binds. now rewrite (V x X).
@@ -275,6 +282,7 @@ Proof.
         - rewrite !andb_true_iff, negb_true_iff in N. destruct N as [[_ N] X'].
           exfalso. apply negb_true_iff in N. rewrite <- bound_iff in N. specialize (B x X).
           unfold binds, completed in *. destruct (b x); [discriminate |].
+          destruct (Conditions.member x hidden); [discriminate |]. simpl in X'.
           now rewrite (found_none p a (content e) x F X') in B. }
       rewrite <- (proj2 U g IG).
       * apply guard_same; auto. intros x X. unfold values_of. now rewrite (proj2 (VG x X)).
@@ -286,7 +294,7 @@ Proof.
     assert (AM : forall x, In x (variables_of t (domain m)) -> a x = a0 x).
     { intros x D. unfold a. destruct (mentions x p) eqn:M; auto. apply Conditions.member_iff in M.
       destruct (OLD a0 x U0 M) as [[_ Q] | [N _]]; [| contradiction].
-      unfold values_of. now rewrite (completed_grows b e x _ Q). }
+      unfold values_of. now rewrite (completed_grows hidden b e x _ Q). }
     exists a. split.
     + intros o' e' [Q | I].
       * injection Q as <- <-. split; auto. exists p; split; auto. apply fits_pattern_same with (values_of b'); auto.
@@ -309,7 +317,7 @@ Proof.
             apply K, in_app_iff in Y as [Y | Y]; [apply Conditions.member_iff in Y; unfold mentions in M; congruence |].
             assert (D := proj2 (Conditions.member_iff _ _) Y). rewrite D in FG. simpl in FG. rewrite orb_false_r in FG.
             apply Conditions.member_iff in FG. assert (Q := FO a0 x U0 FG Y).
-            apply (completed_grows b e) in Q. unfold binds, values_of. rewrite Q. split; auto. }
+            apply (completed_grows hidden b e) in Q. unfold binds, values_of. rewrite Q. split; auto. }
         assert (PA := G g IG). unfold passes in PA. apply orb_true_iff in PA as [PA | PA].
         -- apply negb_true_iff in PA. rewrite <- not_true_iff_false in PA. exfalso. apply PA, forallb_forall.
            intros x Y. now apply VG.
@@ -337,11 +345,12 @@ Proof.
       * apply (proj2 follows a x UM S) in D. congruence.
       * exfalso. unfold fair in is_fair. unfold scenario_atom in is_fair. rewrite P in is_fair. simpl in is_fair.
         apply andb_true_iff in is_fair as [FV _]. rewrite forallb_forall in FV. specialize (FV x X).
-        apply andb_true_iff in FV as [EQ _]. apply eqb_prop in EQ. rewrite <- bound_iff in EQ.
+        rewrite !andb_true_iff in FV. destruct FV as [[EQ _] _]. apply eqb_prop in EQ. rewrite <- bound_iff in EQ.
         unfold binds in EQ. rewrite BX in EQ. apply D. now apply Conditions.member_iff.
-    + rewrite (found_fits p a (content e) x) in Q; auto; [congruence | now apply pattern_known with o |].
+    + destruct (Conditions.member x hidden); [discriminate |].
+      rewrite (found_fits p a (content e) x) in Q; auto; [congruence | now apply pattern_known with o |].
       now apply Conditions.member_iff.
-  - apply (proj2 follows a x UM S) in X. apply (completed_grows b e) in X. congruence.
+  - apply (proj2 follows a x UM S) in X. apply (completed_grows hidden b e) in X. congruence.
 Qed.
 End Serving.
 
@@ -374,15 +383,15 @@ Qed.
 
 Section Step.
 Variable b : assignment.
-Variable bound : list nat.
+Variables hidden bound : list nat.
 Hypothesis bound_iff : forall x, binds b x = Conditions.member x bound.
 Variable l : list (assigned sliced).
 Hypothesis l_follow : forall m, In m l -> Follows b (forget m).
 Hypothesis l_consistent : Consistents sat slice_shape l.
 Hypothesis l_fair : forall m o, In m l -> In o os -> ready slice_shape (domain m) o = true ->
-  fair t shared atom_of bound (domain m) o = true.
+  fair t shared atom_of hidden bound (domain m) o = true.
 Variable e : event.
-Notation y := (e, completed b e).
+Notation y := (e, completed hidden b e).
 
 Lemma extend_followed : forall m, In m l -> extend tree_plan e (forget m) = map forget (extend slice_plan y m).
 Proof.
@@ -399,7 +408,7 @@ Proof.
   destruct (negb (among o (domain m)) && _) eqn:R; simpl andb; auto. cbn [forallb fst snd].
   assert (C := l_consistent m I). simpl in C. rewrite C, andb_true_r.
   assert (F := l_fair m o I O R). rewrite <- (forget_domain m) in F.
-  rewrite (served_completed b bound bound_iff (forget m) (l_follow m I) o e O F).
+  rewrite (served_completed b hidden bound bound_iff (forget m) (l_follow m I) o e O F).
   destruct (sat (required o) y); auto.
 Qed.
 
@@ -417,7 +426,7 @@ Proof.
   - now rewrite map_app.
 Qed.
 
-Lemma step_follows : forall s c, grows b c -> (forall x v, c x = Some v -> completed b e x = Some v) ->
+Lemma step_follows : forall s c, grows b c -> (forall x v, c x = Some v -> completed hidden b e x = Some v) ->
   (forall m x, In m (slice_step s y l) -> In x shared -> In x (variables_of t (domain m)) -> binds c x = true) ->
   forall m, In m (slice_step s y l) -> Follows c (forget m).
 Proof.
@@ -426,8 +435,8 @@ Proof.
   - now apply growing_follows with b; auto.
   - apply nothing_follows.
   - assert (F := l_fair m0 o J O R). rewrite <- (forget_domain m0) in F.
-    apply (serving_follows b bound bound_iff (forget m0) (l_follow m0 J) o e O F); auto.
-    + now rewrite (served_completed b bound bound_iff (forget m0) (l_follow m0 J) o e O F).
+    apply (serving_follows b hidden bound bound_iff (forget m0) (l_follow m0 J) o e O F); auto.
+    + now rewrite (served_completed b hidden bound bound_iff (forget m0) (l_follow m0 J) o e O F).
     + intros x X V. apply (B ((o, y) :: m0) x I X). simpl in *. now rewrite forget_domain in V.
 Qed.
 End Step.
@@ -476,24 +485,25 @@ Lemma scene_shapes : map scene_shape scenes = slice_shapes t ps qs w.
 Proof. unfold scenes. cbv zeta. now rewrite map_scenarios. Qed.
 
 (** The assignment with these variables is fair to all partial matches. *)
-Definition Fair (bound : list nat) (p : list sliced) : Prop := forall c m, In c scenes -> In m (slice_states c p) ->
+Definition Fair (hidden bound : list nat) (p : list sliced) : Prop := forall c m, In c scenes -> In m (slice_states c p) ->
   (forall x, In x shared -> In x (variables_of t (domain m)) -> In x bound) /\
   (forall o, In o (shape_occurrences (scene_shape c)) -> ready (scene_shape c) (domain m) o = true ->
-     fair patterns t shared (scene_atom c) bound (domain m) o = true).
+     fair patterns t shared (scene_atom c) hidden bound (domain m) o = true).
 
 (** A trace, seen under assignments that its events complete; of each event some values are kept. *)
-Inductive Followed : list event -> list sliced -> assignment -> list nat -> Prop :=
-| followed_start : Fair [] [] -> Followed [] [] unbound []
-| followed_event : forall u p b bound e c bound', Followed u p b bound -> grows b c ->
-    (forall x v, c x = Some v -> completed patterns b e x = Some v) ->
-    (forall x, binds c x = Conditions.member x bound') -> Fair bound' (p ++ [(e, completed patterns b e)]) ->
-    Followed (u ++ [e]) (p ++ [(e, completed patterns b e)]) c bound'.
+Inductive Followed : list event -> list sliced -> assignment -> list nat -> list nat -> Prop :=
+| followed_start : forall hidden, Fair hidden [] [] -> Followed [] [] unbound hidden []
+| followed_event : forall u p b hidden bound e c hidden' bound', Followed u p b hidden bound -> grows b c ->
+    (forall x v, c x = Some v -> completed patterns hidden b e x = Some v) ->
+    (forall x, binds c x = Conditions.member x bound') ->
+    Fair hidden' bound' (p ++ [(e, completed patterns hidden b e)]) ->
+    Followed (u ++ [e]) (p ++ [(e, completed patterns hidden b e)]) c hidden' bound'.
 
-Lemma followed_bound : forall u p b bound, Followed u p b bound -> forall x, binds b x = Conditions.member x bound.
-Proof. intros u p b bound F. destruct F; auto. Qed.
+Lemma followed_bound : forall u p b hidden bound, Followed u p b hidden bound -> forall x, binds b x = Conditions.member x bound.
+Proof. intros u p b hidden bound F. destruct F; auto. Qed.
 
-Lemma followed_fair : forall u p b bound, Followed u p b bound -> Fair bound p.
-Proof. intros u p b bound F. destruct F; auto. Qed.
+Lemma followed_fair : forall u p b hidden bound, Followed u p b hidden bound -> Fair hidden bound p.
+Proof. intros u p b hidden bound F. destruct F; auto. Qed.
 
 (** What each scene is. *)
 Lemma scene_facts : forall c, In c scenes -> exists r before,
@@ -529,9 +539,9 @@ Variable c : scene.
 Hypothesis c_scene : In c scenes.
 
 Lemma scene_followed : exists Follow : assignment -> assigned event -> Prop,
-  forall u p b bound, Followed u p b bound -> (forall m, In m (slice_states c p) -> Follow b (forget m)) /\
+  forall u p b hidden bound, Followed u p b hidden bound -> (forall m, In m (slice_states c p) -> Follow b (forget m)) /\
     tree_states c u = map forget (slice_states c p) /\
-    forall e, tree_states c (u ++ [e]) = map forget (slice_states c (p ++ [(e, completed patterns b e)])).
+    forall e, tree_states c (u ++ [e]) = map forget (slice_states c (p ++ [(e, completed patterns hidden b e)])).
 Proof.
   destruct (scene_facts c c_scene) as (r & before & Q & C & U & O). cbv zeta in *. exists (Follows t r shared).
   set (timed := timed_in t w) in *.
@@ -547,29 +557,29 @@ Proof.
   assert (PK : forall o p, In o (occurrences_of t r) -> on (node_at t (fst o)) = Some p -> In p patterns).
   { intros o p I P. destruct (O o I) as (q & A & _ & _ & J). unfold scenario_atom in A. rewrite P in A.
     injection A as A. apply (in_map atom_pattern) in J. now rewrite <- A in J. }
-  assert (NEXT : forall u p b bound, Followed u p b bound -> (forall m, In m (slice_states c p) -> Follows t r shared
+  assert (NEXT : forall u p b hidden bound, Followed u p b hidden bound -> (forall m, In m (slice_states c p) -> Follows t r shared
     b (forget m)) -> tree_states c u = map forget (slice_states c p) ->
-    forall e, tree_states c (u ++ [e]) = map forget (slice_states c (p ++ [(e, completed patterns b e)]))).
-  { intros u p b bound F L S e. rewrite !states_snoc, S. rewrite Q in *. cbn [scene_plan scene_shape scene_atom] in *.
+    forall e, tree_states c (u ++ [e]) = map forget (slice_states c (p ++ [(e, completed patterns hidden b e)]))).
+  { intros u p b hidden bound F L S e. rewrite !states_snoc, S. rewrite Q in *. cbn [scene_plan scene_shape scene_atom] in *.
     apply (step_followed patterns patterns_determined t r timed before shared C U UC sat required RQ PK
-      (slice_relevant t ps qs) b bound (followed_bound u p b bound F)); auto.
+      (slice_relevant t ps qs) b hidden bound (followed_bound u p b hidden bound F)); auto.
     - apply states_consistent.
-    - intros m o I J R. apply (followed_fair u p b bound F _ m c_scene I); auto. }
-  intros u p b bound F. assert (B : (forall m, In m (slice_states c p) -> Follows t r shared b (forget m)) /\
+    - intros m o I J R. apply (followed_fair u p b hidden bound F _ m c_scene I); auto. }
+  intros u p b hidden bound F. assert (B : (forall m, In m (slice_states c p) -> Follows t r shared b (forget m)) /\
     tree_states c u = map forget (slice_states c p)); [| destruct B; split; [| split]; eauto].
-  induction F as [F0 | u p b bound e b' bound' F [IHF IHS] G W B FA]; split.
+  induction F as [hidden F0 | u p b hidden bound e b' hidden' bound' F [IHF IHS] G W B FA]; split.
   - intros m I. rewrite Q in I. destruct I as [<- | []].
     now apply (nothing_follows t r shared).
   - rewrite Q. apply (start_followed t r before shared C U sat required).
   - intros m I. rewrite states_snoc in I. assert (FA' := FA c). rewrite Q in *.
     cbn [scene_plan scene_shape scene_atom] in *.
     apply (step_follows patterns patterns_determined t r timed before shared C U UC sat required RQ PK
-      b bound (followed_bound u p b bound F) _ IHF) with (s := s) (e := e); auto.
+      b hidden bound (followed_bound u p b hidden bound F) _ IHF) with (s := s) (e := e); auto.
     + apply states_consistent.
-    + intros m' o J K R. apply (followed_fair u p b bound F _ m' c_scene J); auto.
+    + intros m' o J K R. apply (followed_fair u p b hidden bound F _ m' c_scene J); auto.
     + intros m' x J X V. rewrite B. apply Conditions.member_iff. rewrite <- states_snoc in J.
       now apply (proj1 (FA' m' c_scene J)).
-  - now apply NEXT with bound.
+  - now apply (NEXT _ _ _ hidden bound).
 Qed.
 End Scene.
 
@@ -613,19 +623,19 @@ Proof.
   cbn [snd]. now rewrite X.
 Qed.
 
-Lemma followed_alike : forall u p b bound, Followed u p b bound -> Alike u p /\ SameStates u p /\
-  forall e, SameStates (u ++ [e]) (p ++ [(e, completed patterns b e)]).
+Lemma followed_alike : forall u p b hidden bound, Followed u p b hidden bound -> Alike u p /\ SameStates u p /\
+  forall e, SameStates (u ++ [e]) (p ++ [(e, completed patterns hidden b e)]).
 Proof.
-  assert (SS : forall u p b bound, Followed u p b bound -> SameStates u p /\
-    forall e, SameStates (u ++ [e]) (p ++ [(e, completed patterns b e)])).
-  { intros u p b bound F. split; [intros c I | intros e c I];
-      destruct (scene_followed c I) as (Follow & H); now apply (H u p b bound F). }
-  intros u p b bound F. split; [| now apply (SS u p b bound)]. induction F as [F0 | u p b bound e b' bound' F IH G W B FA].
-  - assert (S := proj1 (SS _ _ _ _ (followed_start F0))). unfold Alike.
+  assert (SS : forall u p b hidden bound, Followed u p b hidden bound -> SameStates u p /\
+    forall e, SameStates (u ++ [e]) (p ++ [(e, completed patterns hidden b e)])).
+  { intros u p b hidden bound F. split; [intros c I | intros e c I];
+      destruct (scene_followed c I) as (Follow & H); now apply (H u p b hidden bound F). }
+  intros u p b hidden bound F. split; [| now apply (SS u p b hidden bound)]. induction F as [hidden F0 | u p b hidden bound e b' hidden' bound' F IH G W B FA].
+  - assert (S := proj1 (SS _ _ _ _ _ (followed_start hidden F0))). unfold Alike.
     change (run (relevant_event t) s tree_plans []) with (settle (snapshot (relevant_event t) s tree_plans [])).
     change (run (relevant sat) s slice_plans []) with (settle (snapshot (relevant sat) s slice_plans [])).
     rewrite !settle_snapshot, (same_full _ _ S). destruct (existsb _ slice_plans); [left | right]; auto.
-  - apply alike_step; auto. now apply (SS u p b bound).
+  - apply alike_step; auto. now apply (SS u p b hidden bound).
 Qed.
 
 Variable numbers : list nat.
@@ -642,42 +652,49 @@ Proof.
 Qed.
 
 (** The automaton has the verdict of the tree after what is followed, and one event more. *)
-Theorem followed_verdict : forall u p b bound, Followed u p b bound ->
+Theorem followed_verdict : forall u p b hidden bound, Followed u p b hidden bound ->
   VerdictOfTree t w s u (verdict_at (reached p)) /\
-  forall e, VerdictOfTree t w s (u ++ [e]) (verdict_at (reached (p ++ [(e, completed patterns b e)]))).
+  forall e, VerdictOfTree t w s (u ++ [e]) (verdict_at (reached (p ++ [(e, completed patterns hidden b e)]))).
 Proof.
-  intros u p b bound F. destruct (followed_alike u p b bound F) as (A & S & N).
+  intros u p b hidden bound F. destruct (followed_alike u p b hidden bound F) as (A & S & N).
   split; [now apply alike_correct |]. intros e. apply alike_correct; auto. now apply alike_step.
 Qed.
 
 (** *** What is fair to the states of the automaton is fair to the partial matches *)
 
 (** Under [scattered] a state has only the greatest sets of done occurrences, so nothing is followed there. *)
-Definition scene_fair (bound : list nat) (c : scene) (d : list occurrence) : bool :=
-  let all := match s with Scattered => true | Strict | Projected | Consecutive => false end in
-  implb all (is_nil bound) &&
-  forallb (fun x => implb (Conditions.member x shared) (Conditions.member x bound)) (variables_of t d) &&
-  forallb (fun o => implb (all || ready (scene_shape c) d o) (fair patterns t shared (scene_atom c) bound d o))
-    (shape_occurrences (scene_shape c)).
-
-Definition fair_state (cs : list scene) (bound : list nat) (q : state) : bool :=
-  match q with
-  | Accepting => true
-  | Watching sets => forallb (fun b => b) (map2 (fun c l => forallb (scene_fair bound c) l) cs sets)
+Definition scene_fair (hidden bound : list nat) (c : scene) (d : list occurrence) : bool :=
+  let os := shape_occurrences (scene_shape c) in
+  match s with
+  | Scattered =>
+    is_nil bound && forallb (fun x => negb (Conditions.member x shared)) (variables_of t os) &&
+    forallb (fun o => fair patterns t shared (scene_atom c) hidden [] (filter (fun p => negb (same p o)) os) o) os
+  | Strict | Projected | Consecutive =>
+    forallb (fun x => implb (Conditions.member x shared) (Conditions.member x bound)) (variables_of t d) &&
+    forallb (fun o => implb (ready (scene_shape c) d o) (fair patterns t shared (scene_atom c) hidden bound d o)) os
   end.
 
-Lemma fair_below : forall atom_of bound d d' o, incl (variables_of t d') (variables_of t d) ->
+Definition fair_state (cs : list scene) (hidden bound : list nat) (q : state) : bool :=
+  match q with
+  | Accepting => true
+  | Watching sets => forallb (fun b => b) (map2 (fun c l => forallb (scene_fair hidden bound c) l) cs sets)
+  end.
+
+Lemma fair_below : forall atom_of hidden bound d d' o, incl (variables_of t d') (variables_of t d) ->
   (incl (variables_of t d) (variables_of t d') \/
    bound = [] /\ forall x, In x (variables_of t d) -> In x shared -> False) ->
-  fair patterns t shared atom_of bound d o = true -> fair patterns t shared atom_of bound d' o = true.
+  fair patterns t shared atom_of hidden bound d o = true -> fair patterns t shared atom_of hidden bound d' o = true.
 Proof.
-  intros atom_of bound d d' o I C F. unfold fair in *. destruct (atom_of o) as [q |]; auto.
+  intros atom_of hidden bound d d' o I C F. unfold fair in *. destruct (atom_of o) as [q |]; auto.
   apply andb_true_iff in F as [V G]. rewrite forallb_forall in V, G. apply andb_true_iff; split; apply forallb_forall.
-  - intros x X. specialize (V x X). apply andb_true_iff in V as [E S]. apply eqb_prop in E.
+  - intros x X. specialize (V x X). rewrite !andb_true_iff in V. destruct V as [[E S] H]. apply eqb_prop in E.
     destruct (Conditions.member x (variables_of t d')) eqn:M.
     + apply Conditions.member_iff, I, Conditions.member_iff in M. rewrite M in *. now rewrite E, S.
-    + simpl. rewrite andb_true_r. destruct C as [C | [-> _]]; auto. rewrite E. apply eqb_true_iff.
-      apply not_true_iff_false. intros D. apply Conditions.member_iff, C, Conditions.member_iff in D. congruence.
+    + simpl. rewrite andb_true_r. assert (N : Conditions.member x (variables_of t d) = false).
+      { destruct (Conditions.member x (variables_of t d)) eqn:D; auto. destruct C as [C | [-> N]].
+        - apply Conditions.member_iff, C, Conditions.member_iff in D. congruence.
+        - exfalso. apply (N x); now apply Conditions.member_iff. }
+      rewrite N in *. rewrite E. exact H.
   - intros g K. specialize (G g K). rewrite forallb_forall in *. intros x X. specialize (G x X).
     unfold guard_variable_fair in *. rewrite !orb_true_iff, !andb_true_iff, !negb_true_iff in *.
     destruct G as [[M | [D S]] | [[N B] X']]; auto.
@@ -687,10 +704,10 @@ Proof.
       now apply Conditions.member_iff, I, Conditions.member_iff.
 Qed.
 
-Lemma fair_state_fair : forall bound p, verdict_at (reached p) = Unknown ->
-  fair_state scenes bound (reached p) = true -> Fair bound p.
+Lemma fair_state_fair : forall hidden bound p, verdict_at (reached p) = Unknown ->
+  fair_state scenes hidden bound (reached p) = true -> Fair hidden bound p.
 Proof.
-  intros bound p V F c m I J.
+  intros hidden bound p V F c m I J.
   destruct (automaton_run sat numbers s (slice_shapes t ps qs w) p relevance_numbered shapes_numbered) as
     [[Q _] | [Q _]]; rewrite Q in *; [discriminate |]. clear V. simpl in F. rewrite <- scene_shapes, map_map in F.
   rewrite <- (map_id scenes) in F at 1. rewrite map2_map, forallb_map, forallb_forall in F. specialize (F c I).
@@ -698,25 +715,40 @@ Proof.
   assert (W : well_lettered numbers (scene_shape c)).
   { rewrite Forall_forall in shapes_numbered. apply shapes_numbered. rewrite <- scene_shapes. now apply in_map. }
   destruct (proj2 (sets_cover sat numbers s (scene_shape c) p relevance_numbered W) m J) as (d & D & BE).
-  specialize (F d D). apply below_iff in BE. unfold scene_fair in F. rewrite !andb_true_iff in F.
-  destruct F as [[ALL SH] FA]. rewrite forallb_forall in SH, FA.
+  specialize (F d D). apply below_iff in BE. unfold scene_fair in F. cbv zeta in F.
   assert (DM : incl (domain m) (shape_occurrences (scene_shape c))).
   { apply states_sound in J as (pos & P & _); [| apply plain_lawful]. apply (of_scenario _ _ _ _ P). }
-  assert (CA := canon_agree (scene_shape c) (domain m)).
-  assert (IN : incl (variables_of t (domain m)) (variables_of t d)).
-  { intros x X. apply in_flat_map in X as (o & O & X). apply in_flat_map. exists o; split; auto.
-    assert (K : In o (canon (scene_shape c) (domain m))) by (apply CA; auto).
-    destruct s; try (rewrite <- BE; exact K). now apply BE. }
-  split.
-  - intros x S X. specialize (SH x (IN x X)). apply Conditions.member_iff in S. rewrite S in SH. simpl in SH.
-    now apply Conditions.member_iff.
-  - intros o O R. specialize (FA o O). apply fair_below with d; auto.
-    + destruct s; try (left; intros x X; apply in_flat_map in X as (z & Z & X); apply in_flat_map; exists z;
-        split; auto; rewrite <- BE in Z; apply filter_In in Z as [_ Z]; now apply among_iff).
-      right. simpl in ALL. split; [now apply is_nil_iff |]. intros x X S. specialize (SH x X).
-      apply Conditions.member_iff in S. rewrite S in SH. apply is_nil_iff in ALL. now rewrite ALL in SH.
-    + assert (RD : match s with Scattered => true | _ => ready (scene_shape c) d o end = true).
-      { destruct s; auto; rewrite <- BE, <- R; now apply ready_agree. }
-      destruct s; simpl in *; auto; now rewrite RD in FA.
+  destruct (match s with Scattered => true | _ => false end) eqn:SC.
+  - destruct s; try discriminate. rewrite !andb_true_iff in F. destruct F as [[BN SH] FA].
+    apply is_nil_iff in BN. subst bound. rewrite forallb_forall in SH, FA.
+    assert (NS : forall l, incl l (shape_occurrences (scene_shape c)) -> forall x, In x (variables_of t l) ->
+      In x shared -> False).
+    { intros l L x X S. assert (Y : In x (variables_of t (shape_occurrences (scene_shape c)))).
+      { apply in_flat_map in X as (o & O & X). apply in_flat_map. eauto. }
+      specialize (SH x Y). apply Conditions.member_iff in S. now rewrite S in SH. }
+    split; [intros x S X; exfalso; now apply (NS (domain m) DM x) |]. intros o O R. specialize (FA o O).
+    unfold ready in R. apply andb_true_iff in R as [N _]. apply negb_true_iff in N.
+    apply fair_below with (filter (fun p => negb (same p o)) (shape_occurrences (scene_shape c))); auto.
+    + intros x X. apply in_flat_map in X as (p' & P & X). apply in_flat_map. exists p'. split; auto.
+      apply filter_In. split; [auto |]. apply negb_true_iff, same_false. intros ->.
+      apply among_iff in P. congruence.
+    + right. split; auto. apply NS. intros z Z. now apply filter_In in Z.
+  - assert (CA := canon_agree (scene_shape c) (domain m)).
+    assert (DC : d = canon (scene_shape c) (domain m)) by (destruct s; try discriminate; congruence).
+    assert (F' : forallb (fun x => implb (Conditions.member x shared) (Conditions.member x bound)) (variables_of t d) &&
+      forallb (fun o => implb (ready (scene_shape c) d o) (fair patterns t shared (scene_atom c) hidden bound d o))
+        (shape_occurrences (scene_shape c)) = true) by (destruct s; [exact F | exact F | exact F | discriminate]).
+    apply andb_true_iff in F' as [SH FA]. rewrite forallb_forall in SH, FA. clear F.
+    assert (IN : incl (variables_of t (domain m)) (variables_of t d) /\ incl (variables_of t d) (variables_of t (domain
+      m))).
+    { subst d. split; intros x X; apply in_flat_map in X as (o & O & X); apply in_flat_map; exists o; split; auto.
+      - now apply (CA o (DM o O)).
+      - apply filter_In in O as [_ O]. now apply among_iff. }
+    split.
+    + intros x S X. specialize (SH x (proj1 IN x X)). apply Conditions.member_iff in S. rewrite S in SH.
+      now apply Conditions.member_iff.
+    + intros o O R. specialize (FA o O). apply fair_below with d; [apply IN | left; apply IN |].
+      assert (RD : ready (scene_shape c) d o = true) by (subst d; rewrite <- R; now apply ready_agree).
+      now rewrite RD in FA.
 Qed.
 End Tree.

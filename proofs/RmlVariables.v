@@ -134,9 +134,11 @@ Qed.
 
 Section Letter.
 Variable bound : list nat.               (* the variables that have a value *)
-Variable a : nat -> bool.                (* what the event satisfies once all variables have values *)
+Variable hidden : list nat.              (* those that no event type asks for yet *)
+Variable a : nat -> bool.                (* what the event satisfies once the other variables have values *)
 
 Notation known := (fun x => Conditions.member x bound).
+Notation asked := (fun x => known x || negb (Conditions.member x hidden)).
 
 (** The variables that get a value by an event that the type takes. *)
 Fixpoint test_in (ty : event_type) : option (option (list nat)) :=
@@ -146,7 +148,7 @@ Fixpoint test_in (ty : event_type) : option (option (list nat)) :=
   | Predicate k =>
     if k <? first then Some (if a k then Some [] else None)
     else match nth_error qs (k - first) with
-         | Some q => if testable known q
+         | Some q => if testable known q && forallb asked (atom_variables q)
            then Some (if a k then Some (filter (fun x => Conditions.member x shared) (atom_variables q)) else None)
            else None
          | None => Some None
@@ -210,30 +212,32 @@ Section Soundness.
 Hypothesis patterns_determined : determined (map atom_pattern qs) = true.
 Variable b : assignment.
 Variable e : event.
-Variable bound : list nat.
+Variables bound hidden : list nat.
 Variable a : nat -> bool.
 Hypothesis bound_iff : forall x, binds b x = Conditions.member x bound.
 Hypothesis bound_shared : forall x, binds b x = true -> Conditions.member x shared = true.
 Hypothesis closed_letter : forall k, k < first -> a k = closed k e.
 Hypothesis atom_letter : forall k q, first <= k -> nth_error qs (k - first) = Some q ->
-  a k = observes q (e, completed (map atom_pattern qs) b e).
+  a k = observes q (e, completed (map atom_pattern qs) hidden b e).
 
 Notation patterns := (map atom_pattern qs).
-Notation b' := (completed patterns b e).
+Notation b' := (completed patterns hidden b e).
 
 (** These variables have got the values of the event. *)
 Definition Gets (c : assignment) (news : list nat) : Prop :=
   (forall x, c x = match b x with Some v => Some v | None => if Conditions.member x news then found patterns (content e)
     x else None end) /\
-  forall x, In x news -> binds c x = true /\ In x shared.
+  forall x, In x news -> binds c x = true /\ In x shared /\ (binds b x = true \/ Conditions.member x hidden = false).
 
 Lemma gets_nothing : Gets b [].
 Proof. split; [intros x; now destruct (b x) | intros x []]. Qed.
 
 Lemma gets_completed : forall c l x v, Gets c l -> c x = Some v -> b' x = Some v.
 Proof.
-  intros c l x v [G _] Q. rewrite G in Q. unfold completed. destruct (b x); auto.
-  destruct (Conditions.member x l); [auto | discriminate].
+  intros c l x v [G N] Q. rewrite G in Q. unfold completed. destruct (b x) eqn:B; auto.
+  destruct (Conditions.member x l) eqn:M; [| discriminate]. apply Conditions.member_iff, N in M as (_ & _ & [H | H]).
+  - unfold binds in H. now rewrite B in H.
+  - now rewrite H.
 Qed.
 
 Lemma gets_merged : forall c d l m, Gets c l -> Gets d m -> compatible c d /\ Gets (merged c d) (l ++ m).
@@ -246,7 +250,7 @@ Proof.
     rewrite M. now destruct (Conditions.member x l), (Conditions.member x m), (found patterns (content e) x).
   - intros x X. unfold merged, binds. apply in_app_iff in X as [X | X].
     + apply (proj2 C) in X as [B S]. unfold binds in B. now destruct (c x).
-    + apply (proj2 D) in X as [B S]. unfold binds in B. now destruct (c x), (d x).
+    + apply (proj2 D) in X as [B S]. unfold binds in B. split; auto. now destruct (c x), (d x).
 Qed.
 
 (** What an atom observes depends on its variables only. *)
@@ -268,11 +272,13 @@ Proof.
     intros x X. unfold values_of. rewrite (H x); [reflexivity | right; exists g; auto].
 Qed.
 
-Lemma taken_correct : forall q, In q qs -> testable (binds b) q = true -> if observes q (e, b')
+Lemma taken_correct : forall q, In q qs -> testable (binds b) q = true ->
+  (forall x, In x (atom_variables q) -> binds b x = true \/ Conditions.member x hidden = false) ->
+  if observes q (e, b')
   then exists c, taken b e q = Some c /\ Gets c (filter (fun x => Conditions.member x shared) (atom_variables q))
   else taken b e q = None.
 Proof.
-  intros q I T. unfold testable in T. apply andb_true_iff in T as [T G].
+  intros q I T AS. unfold testable in T. apply andb_true_iff in T as [T G].
   destruct (atom_time q) eqn:AT; [discriminate |]. clear T. rewrite forallb_forall in G.
   assert (AV : atom_variables q = pattern_variables (atom_pattern q))
     by (unfold atom_variables; rewrite AT; apply app_nil_r).
@@ -281,6 +287,8 @@ Proof.
     binds b x = true \/ In x (pattern_variables (atom_pattern q))).
   { intros x [X | (g & J & X)]; [right; now rewrite <- AV |]. specialize (G g J). rewrite forallb_forall in G.
     specialize (G x X). apply orb_true_iff in G as [G | G]; auto. right. now apply Conditions.member_iff. }
+  assert (SHOWN : forall x, In x (pattern_variables (atom_pattern q)) -> b x = None -> Conditions.member x hidden = false).
+  { intros x X BX. rewrite <- AV in X. destruct (AS x X) as [B | H]; auto. unfold binds in B. now rewrite BX in B. }
   (* A way that is observed has the values of the event. *)
   assert (WAY : forall bs, In bs (bindings (atom_pattern q) (content e)) -> observes q (e, extended b bs) = true ->
     forall x, b x = None -> lookup Nat.eqb bs x =
@@ -297,13 +305,13 @@ Proof.
     extended b bs x = b' x).
   { intros bs J O x X. unfold extended, completed. destruct (b x) eqn:BX; auto. rewrite (WAY bs J O x BX).
     destruct (VARS x X) as [B | B]; [unfold binds in B; rewrite BX in B; discriminate |].
-    apply Conditions.member_iff in B. now rewrite B. }
+    rewrite (SHOWN x B BX). apply Conditions.member_iff in B. now rewrite B. }
   unfold taken. destruct (find _ _) as [c |] eqn:F.
   - apply find_some in F as [J O]. apply in_map_iff in J as (bs & <- & J).
     assert (O' : observes q (e, b') = true) by (eapply observes_same; [| exact O]; intros; now apply SAME).
     rewrite O'. eexists. split; [reflexivity |]. split.
-    2:{ intros x X. apply filter_In in X as [X S]. split; [| now apply Conditions.member_iff]. unfold binds, kept.
-      rewrite S. apply observes_iff in O as (_ & V & _). exact (V x X). }
+    2:{ intros x X. apply filter_In in X as [X S]. split; [| split; [now apply Conditions.member_iff | auto]].
+      unfold binds, kept. rewrite S. apply observes_iff in O as (_ & V & _). exact (V x X). }
     intros x. unfold kept, extended. destruct (b x) as [v |] eqn:BX.
     + rewrite bound_shared; auto. unfold binds. now rewrite BX.
     + rewrite (WAY bs J O x BX), AV. set (vs := pattern_variables (atom_pattern q)).
@@ -318,8 +326,8 @@ Proof.
       destruct (VARS x X) as [B | B]; [unfold binds in B; rewrite BX in B; discriminate |].
       destruct (lookup_bound Nat.eqb Nat.eqb_eq bs x) as (v & LV); [now apply (bindings_variables _ _ _ _ J) |].
       rewrite LV. apply (lookup_in Nat.eqb Nat.eqb_eq) in LV. apply R in LV. subst v.
-      assert (BB := V x). rewrite AV in BB. specialize (BB B). unfold binds, values_of, completed in *. rewrite BX in *.
-      now destruct (found patterns (content e) x). }
+      assert (BB := V x). rewrite AV in BB. specialize (BB B). unfold binds, values_of, completed in *.
+      rewrite BX, (SHOWN x B BX) in *. now destruct (found patterns (content e) x). }
     assert (N := find_none _ _ F (extended b bs) (in_map _ _ _ J)). simpl in N, K. congruence.
 Qed.
 
@@ -329,7 +337,7 @@ Proof.
   now rewrite bound_iff.
 Qed.
 
-Lemma test_in_sound : forall ty r, test_in bound a ty = Some r -> exists r', test b e ty = Some r' /\
+Lemma test_in_sound : forall ty r, test_in bound hidden a ty = Some r -> exists r', test b e ty = Some r' /\
   match r, r' with Some l, Some c => Gets c l | None, None => True | _, _ => False end.
 Proof.
   induction ty as [| | k | ty IH | ty IH ty' IH' | ty IH ty' IH']; intros r H; cbn [test_in test] in *.
@@ -339,16 +347,20 @@ Proof.
     + injection H as <-. eexists; split; [reflexivity |]. rewrite closed_letter by exact K.
       destruct (closed k e); [apply gets_nothing | exact I].
     + destruct (nth_error qs (k - first)) as [q |] eqn:N; [| injection H as <-; eexists; split; [reflexivity | exact I]].
-      rewrite testable_same. destruct (testable _ q) eqn:T; [| discriminate]. injection H as <-.
-      rewrite (atom_letter k q K N). rewrite <- testable_same in T.
-      assert (TC := taken_correct q (nth_error_In _ _ N) T). destruct (observes q (e, b')).
+      rewrite testable_same. destruct (testable _ q && _) eqn:T; [| discriminate]. injection H as <-.
+      apply andb_true_iff in T as [T AS]. rewrite T, (atom_letter k q K N). rewrite <- testable_same in T.
+      assert (TC := taken_correct q (nth_error_In _ _ N) T). rewrite forallb_forall in AS.
+      assert (AS' : forall x, In x (atom_variables q) -> binds b x = true \/ Conditions.member x hidden = false).
+      { intros x X. specialize (AS x X). rewrite <- bound_iff in AS. apply orb_true_iff in AS as [A | A]; auto.
+        right. now apply negb_true_iff. }
+      specialize (TC AS'). destruct (observes q (e, b')).
       * destruct TC as (c & -> & G). eexists; split; [reflexivity | exact G].
       * rewrite TC. eexists; split; [reflexivity | exact I].
   - rewrite (forallb_ext_in _ (binds b) (fun x => Conditions.member x bound)) by (intros; apply bound_iff).
-    destruct (forallb _ _); [| discriminate]. destruct (test_in bound a ty) as [q |]; [| discriminate].
+    destruct (forallb _ _); [| discriminate]. destruct (test_in bound hidden a ty) as [q |]; [| discriminate].
     destruct (IH q eq_refl) as (q' & -> & M). destruct q, q'; try destruct M; injection H as <-;
       eexists; (split; [reflexivity |]); [exact I | apply gets_nothing].
-  - destruct (test_in bound a ty) as [[l |] |]; [| | discriminate];
+  - destruct (test_in bound hidden a ty) as [[l |] |]; [| | discriminate];
       destruct (IH _ eq_refl) as (q' & -> & M); destruct q'; try (destruct M; fail).
     + injection H as <-. eexists; split; [reflexivity | exact M].
     + now apply IH'.
@@ -363,7 +375,7 @@ Definition Same (r : option (term * list nat)) (r' : option (term * assignment))
   | _, _ => False
   end.
 
-Lemma go_in_sound : forall depth x r, go_in bound a depth x = Some r -> exists r', Goes e b x r' /\ Same r r'.
+Lemma go_in_sound : forall depth x r, go_in bound hidden a depth x = Some r -> exists r', Goes e b x r' /\ Same r r'.
 Proof.
   assert (MAP : forall (f : term -> term) r r', Same r r' ->
     Same (option_map (fun p => (f (fst p), snd p)) r) (option_map (fun p => (f (fst p), snd p)) r')).
@@ -373,22 +385,22 @@ Proof.
   - injection H as <-. eexists; split; [constructor | split; [reflexivity | apply gets_nothing]].
   - injection H as <-. exists None; split; [constructor | exact I].
   - injection H as <-. exists None; split; [constructor | exact I].
-  - destruct (test_in bound a ty) as [q |] eqn:T; [| discriminate]. injection H as <-.
+  - destruct (test_in bound hidden a ty) as [q |] eqn:T; [| discriminate]. injection H as <-.
     destruct (test_in_sound ty q T) as (q' & T' & M). exists (option_map (pair Empty) q'). split; [now constructor |].
     destruct q, q'; simpl; auto.
-  - destruct (go_in bound a depth x) as [[p |] |] eqn:X; [| | discriminate];
+  - destruct (go_in bound hidden a depth x) as [[p |] |] eqn:X; [| | discriminate];
       destruct (IH _ _ X) as ([p' |] & G & M); try (destruct M; fail).
     + injection H as <-. eexists. split; [apply goes_first, G |].
       exact (MAP (fun x' => then_ x' y) (Some p) (Some p') M).
     + destruct (halts_in equations depth x) as [[] |] eqn:Z; try discriminate; apply halts_in_sound in Z.
       * destruct (IH _ _ H) as (r' & G' & M'). exists r'. split; auto. now apply goes_second.
       * injection H as <-. exists None. split; auto. now apply goes_neither.
-  - destruct (go_in bound a depth x) as [[p |] |] eqn:X; [| | discriminate];
+  - destruct (go_in bound hidden a depth x) as [[p |] |] eqn:X; [| | discriminate];
       destruct (IH _ _ X) as ([p' |] & G & M); try (destruct M; fail).
     + injection H as <-. exists (Some p'). split; [now apply goes_left | exact M].
     + destruct (IH _ _ H) as (r' & G' & M'). exists r'. split; auto. now apply goes_right.
-  - destruct (go_in bound a depth x) as [[[x' c] |] |] eqn:X.
-    + destruct (go_in bound a depth y) as [[[y' d] |] |] eqn:Y; [| | discriminate]; injection H as <-.
+  - destruct (go_in bound hidden a depth x) as [[[x' c] |] |] eqn:X.
+    + destruct (go_in bound hidden a depth y) as [[[y' d] |] |] eqn:Y; [| | discriminate]; injection H as <-.
       * destruct (IH _ _ X) as ([[x0 c'] |] & G & M); [| destruct M]. destruct M as [M0 M]; cbn [fst snd] in M0, M; subst x0.
         destruct (IH _ _ Y) as ([[y0 d'] |] & G' & M'); [| destruct M']. destruct M' as [M0 M']; cbn [fst snd] in M0, M'; subst y0.
         destruct (gets_merged c' d' c d M M') as [C D]. exists (Some (joined x' y', merged c' d')).
@@ -396,22 +408,22 @@ Proof.
       * destruct (IH _ _ Y) as ([p' |] & G & M); [destruct M |]. exists None. split; auto. now apply goes_not_right.
     + injection H as <-. destruct (IH _ _ X) as ([p' |] & G & M); [destruct M |]. exists None. split; auto.
       now apply goes_not_left.
-    + destruct (go_in bound a depth y) as [[[y' d] |] |] eqn:Y; try discriminate. injection H as <-.
+    + destruct (go_in bound hidden a depth y) as [[[y' d] |] |] eqn:Y; try discriminate. injection H as <-.
       destruct (IH _ _ Y) as ([p' |] & G & M); [destruct M |]. exists None. split; auto. now apply goes_not_right.
-  - destruct (go_in bound a depth x) as [[p |] |] eqn:X; [| | discriminate];
+  - destruct (go_in bound hidden a depth x) as [[p |] |] eqn:X; [| | discriminate];
       destruct (IH _ _ X) as ([p' |] & G & M); try (destruct M; fail).
     + injection H as <-. eexists. split; [apply goes_shuffle_left, G |].
       exact (MAP (fun x' => shuffled x' y) (Some p) (Some p') M).
-    + destruct (go_in bound a depth y) as [q |] eqn:Y; [| discriminate]. injection H as <-.
+    + destruct (go_in bound hidden a depth y) as [q |] eqn:Y; [| discriminate]. injection H as <-.
       destruct (IH _ _ Y) as (q' & G' & M'). eexists. split; [apply goes_shuffle_right; eauto |]. exact (MAP (shuffled x) _ _ M').
   - destruct (type_variables ty) eqn:V; [| discriminate].
-    destruct (test_in bound a ty) as [[l |] |] eqn:T; [| | discriminate];
+    destruct (test_in bound hidden a ty) as [[l |] |] eqn:T; [| | discriminate];
       destruct (test_in_sound ty _ T) as ([c |] & T' & M); try (destruct M; fail); clear M.
-    + destruct (go_in bound a depth x) as [q |] eqn:X; [| discriminate]. injection H as <-.
+    + destruct (go_in bound hidden a depth x) as [q |] eqn:X; [| discriminate]. injection H as <-.
       destruct (IH _ _ X) as (q' & G' & M'). eexists. split; [eapply goes_inside; eauto |]. exact (MAP (fun x' => filtered ty x' y) _ _ M').
-    + destruct (go_in bound a depth y) as [q |] eqn:Y; [| discriminate]. injection H as <-.
+    + destruct (go_in bound hidden a depth y) as [q |] eqn:Y; [| discriminate]. injection H as <-.
       destruct (IH _ _ Y) as (q' & G' & M'). eexists. split; [eapply goes_outside; eauto |]. exact (MAP (filtered ty x) _ _ M').
-  - destruct (go_in bound a depth x) as [q |] eqn:X; [| discriminate]. injection H as <-.
+  - destruct (go_in bound hidden a depth x) as [q |] eqn:X; [| discriminate]. injection H as <-.
     destruct (IH _ _ X) as (q' & G' & M'). eexists. split; [apply goes_star; eauto |]. exact (MAP (fun x' => then_ x' (Star x)) _ _ M').
   - destruct (IH _ _ H) as (r' & G & M). exists r'. split; auto. now constructor.
   - destruct (IH _ _ H) as (r' & G & M). exists r'. split; auto. now constructor.

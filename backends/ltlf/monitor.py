@@ -1,9 +1,9 @@
 """A monitor for formulas: one slice per reachable partial assignment of the variables.
 
 At an event, a slice stays (atoms with unbound variables are false), or binds the values that make
-one more atom true. The letter is the set of true atoms. The verdict is ⊤ if the formula holds in
-some slice on every continuation. A slice in which it cannot hold is dropped; the verdict is ⊥ when
-none is left.
+one more atom true: any atom, or one that the state reads where this suffices. The letter is the set
+of true atoms. The verdict is ⊤ if the formula holds in some slice on every continuation. A slice in
+which it cannot hold is dropped; the verdict is ⊥ when none is left.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
@@ -17,6 +17,7 @@ from backends.ltlf.reader import Header, Observation, formula_of
 from backends.slices import advance, fits, start
 from rvaft.backend import Observed
 from rvaft.core.classifier import FirstLiterals, Letter, PatternIndex, Reader, literals_of, reader
+from rvaft.core.patterns import overlaps
 from rvaft.export.certificates import EventConditions
 from rvaft.model import guards, patterns
 from rvaft.model.patterns import Binding, Pattern
@@ -116,6 +117,65 @@ def _questions(header: Header, formulas: Formulas, root: int, given: Mapping[str
                 yield Observed(one.pattern, one.when).untied()  # any values suffice
 
 
+def binds_late(formulas: Formulas, root: int, atoms: Mapping[str, Atom]) -> bool:
+    """Return whether it suffices that slices bind the atoms that their state reads.
+
+    Then a slice never needs a value earlier: no atom is false because of a variable of another atom,
+    and no event must make two atoms true that bind different variables.
+    """
+    names = [name for name, atom in atoms.items() if atom.binds]
+    bits = {name: 1 << place for place, name in enumerate(names)}
+    clashes = {
+        bits[one]: sum(
+            bits[other]
+            for other in names
+            if not (atoms[one].binds <= atoms[other].binds or atoms[other].binds <= atoms[one].binds)
+            and overlaps(atoms[one].pattern, atoms[other].pattern)
+        )
+        for one in names
+    }
+
+    def clash(left: int, right: int) -> bool:
+        return any(bit & left and found & right for bit, found in clashes.items())
+
+    together, lasting = False, False  # whether two such atoms may be needed at once; whether all positions count
+    parts: dict[tuple[int, bool], tuple[int, int]] = {}  # by polarity, the atoms that are needed now, and later
+    for number, positive in ((number, sign) for number in formulas.reachable(root) for sign in (True, False)):
+        row = formulas.rows[number]
+        below = [parts[operand, positive is not (row.op is Connective.NOT)] for operand in row.operands]
+        now, later = 0, 0
+        for this, after in below:
+            if row.op is (Connective.AND if positive else Connective.OR):
+                together |= clash(now, this) or clash(later, after)
+            now, later = now | this, later | after
+        match row.op:
+            case Connective.ATOM if positive:
+                now = bits.get(row.name, 0)
+            case Connective.NEXT:
+                now, later = 0, now | later
+            case Connective.EVENTUALLY | Connective.UNTIL:
+                later |= now
+                if row.op is Connective.UNTIL and positive:
+                    left = parts[row.operands[0], positive]
+                    together |= clash(left[0] | left[1], later)
+            case _:
+                pass
+        parts[number, positive] = now, later
+    signs: set[tuple[int, bool]] = set()
+    todo = [(root, True)]
+    while todo:
+        number, positive = at = todo.pop()
+        if at in signs:
+            continue
+        signs.add(at)
+        row = formulas.rows[number]
+        lasting |= not positive and row.op in (Connective.NEXT, Connective.EVENTUALLY, Connective.UNTIL)
+        if row.op is Connective.ATOM and not positive and not atoms[row.name].mentions <= atoms[row.name].binds:
+            return False
+        todo += [(operand, positive is not (row.op is Connective.NOT)) for operand in row.operands]
+    return not any(clashes.values()) or not (together or lasting)
+
+
 _AS_JUNCTION: Final = {Connective.TRUE: "AND", Connective.FALSE: "OR"}
 
 
@@ -149,6 +209,7 @@ class _LtlfProgram:
         self.atoms = atoms_of(header, formulas.atoms(root), dict(given))
         self.residuals = Residuals(formulas, {name: atom.mentions for name, atom in self.atoms.items()})
         self.initial = self.residuals.of(root)
+        self.late = binds_late(formulas, root, self.atoms)
         self.names = list(self.atoms)
         self.index = FirstLiterals(literals_of(atom.pattern) for atom in self.atoms.values())
 
@@ -174,7 +235,7 @@ class LtlfMonitor(Monitor):
 
         def extensions(residual: int, binding: Binding) -> Iterator[Binding]:
             if not residuals.variables(residual) <= binding.keys():
-                atoms_now = residuals.now(residual) & candidates
+                atoms_now = residuals.now(residual) & candidates if program.late else candidates
                 residuals.ask(len(atoms_now))
                 for name in sorted(atoms_now):
                     if not atoms[name].binds <= binding.keys():

@@ -101,6 +101,8 @@ class EventConditions:
     def atom(self, pattern: patterns.Pattern, when: Iterable[guards.Guard] = ()) -> Json:
         """Return a test whose variables have one value in a slice of a trace."""
         bare, time = untimed(pattern)
+        if time is not None and time.startswith("_"):  # no slice binds a variable of one event
+            time = None
         return self._number({"pattern": pattern_json(bare), "time": time, "guards": list(map(condition_json, when))})
 
     def relevance(self, relevant: Iterable[Any], ignored: Iterable[Any]) -> Json:

@@ -4,7 +4,7 @@ It shares nothing with the readers of these texts. Events are flat, values few a
 """
 
 import operator
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, combinations
 from typing import Final, TypeAlias
@@ -66,13 +66,14 @@ class Text:
         """Whether the text accepts a word and its extensions by any letters."""
         raise NotImplementedError
 
-    def letters(self) -> list[Letter]:
+    @staticmethod
+    def letters_of(atoms: Iterable[Atom]) -> list[Letter]:
         """All letters."""
-        names = [atom.name for atom in self.atoms]
+        names = [atom.name for atom in atoms]
         subsets = chain.from_iterable(combinations(names, size) for size in range(len(names) + 1))
         return list(map(frozenset, subsets))
 
-    def verdict(self, trace: list[Event]) -> Verdict:
+    def verdict(self, trace: Sequence[Event]) -> Verdict:
         """The verdict after a trace (section 5 of the definition)."""
         slices: set[tuple[tuple[Letter, ...], Assignment]] = {((), frozenset())}
         for event in trace:
@@ -119,7 +120,7 @@ class LtlfText(Text):
         todo: list[frozenset[Formula] | None] = [None]
         while todo:
             rest = todo.pop()
-            for letter in self.letters():
+            for letter in self.letters_of(self.atoms):
                 now = self.holding(letter, rest)
                 if now not in found:
                     found.add(now)
@@ -168,7 +169,9 @@ class LtlfText(Text):
         return found
 
     def __str__(self) -> str:
-        lines = [f"atom {atom.name} := {fields(atom)}" + "".join(f" when {g}" for g in guards(atom)) for atom in self.atoms]
+        lines = [
+            f"atom {atom.name} := {fields(atom)}" + "".join(f" when {g}" for g in guards(atom)) for atom in self.atoms
+        ]
         return "\n".join(["/* rvaft", *lines, "*/", written(self.formula)])
 
 

@@ -116,8 +116,8 @@ def formal(text: str) -> dict[str, Any]:
         match part:
             case Expression("all" | "empty" | "cat" | "and" | "or" | "shuffle" | "star" | "optional" as operator):
                 return [operator, *below]
-            case Expression("event" | "filter" as operator, data=use) if (
-                use.variables <= set(shared if operator == "event" else ())
+            case Expression("event" | "filter" as operator, data=use) if use.variables <= set(
+                shared if operator == "event" else ()
             ):
                 return [operator, test(use), *below]
             case Expression("call", data=(name, (), ())) if not shared or name != "Main":

@@ -188,47 +188,13 @@ Proof.
       rewrite map_length in H. lia.
 Qed.
 
-Lemma match_positions_slice : forall s p used,
-  match_positions SliceRel s p used <-> match_positions Rel s (map fst p) used.
+(** A match, and a partial match, of a slice with the same occurrences use positions that those of the trace may use. *)
+Lemma positions_slice : forall s p position (m : assigned event) (m' : assigned sliced), domain m' = domain m ->
+  (match_positions SliceRel s p (Used position m') <-> match_positions Rel s (map fst p) (Used position m)) /\
+  (partial_positions SliceRel s p (Used position m') <-> partial_positions Rel s (map fst p) (Used position m)).
 Proof.
-  intros s p used; destruct s; simpl; try tauto.
-  - split; intros (k & H); exists k; intros i; rewrite H, relevant_at_slice; tauto.
-  - split; intros (j & k & H); exists j, k; intros i; rewrite H, relevant_at_slice; tauto.
-Qed.
-
-Lemma partial_positions_slice : forall s p used,
-  partial_positions SliceRel s p used <-> partial_positions Rel s (map fst p) used.
-Proof.
-  intros s p used; destruct s; simpl; try tauto.
-  - now rewrite map_length.
-  - split; intros H i; rewrite H, relevant_at_slice; tauto.
-  - split; intros (j & H); exists j; intros i; rewrite H, relevant_at_slice; tauto.
-Qed.
-
-Lemma used_domain : forall E F position (m : assigned E) (m' : assigned F) i, domain m' = domain m ->
-  (Used position m' i <-> Used position m i).
-Proof. intros E F position m m' i D. unfold Used. now rewrite D. Qed.
-
-Lemma match_positions_used : forall E F s (u : list event) position (m : assigned E) (m' : assigned F),
-  domain m' = domain m ->
-  match_positions Rel s u (Used position m') <-> match_positions Rel s u (Used position m).
-Proof.
-  intros E F s u position m m' D. assert (U := fun i => used_domain E F position m m' i D).
-    destruct s; simpl; try tauto.
-  - split; intros (k & H); exists k; intros i; rewrite <- H; rewrite U; tauto.
-  - split; intros (k & H); exists k; intros i; rewrite <- H; rewrite U; tauto.
-  - split; intros (j & k & H); exists j, k; intros i; rewrite <- H; rewrite U; tauto.
-Qed.
-
-Lemma partial_positions_used : forall E F s (u : list event) position (m : assigned E) (m' : assigned F),
-  domain m' = domain m ->
-  partial_positions Rel s u (Used position m') <-> partial_positions Rel s u (Used position m).
-Proof.
-  intros E F s u position m m' D. assert (U := fun i => used_domain E F position m m' i D).
-    destruct s; simpl; try tauto.
-  - split; intros H i; rewrite <- H; rewrite U; tauto.
-  - split; intros H i; rewrite <- H; rewrite U; tauto.
-  - split; intros (j & H); exists j; intros i; rewrite <- H; rewrite U; tauto.
+  intros s p position m m' D. apply positions_same; [now rewrite map_length | apply relevant_at_slice |].
+  intros i. unfold Used. now rewrite D.
 Qed.
 
 (** ** Matches of the tree and of its slices *)
@@ -296,15 +262,14 @@ Proof.
       split; auto;
       now apply in_map |]. exists position, m'. split; auto. split.
     + eapply (complete_domain _ _ d); eauto.
-    + apply match_positions_slice. rewrite <- (slice_events atoms v p S).
-      now apply (match_positions_used _ _ s v position m m').
+    + apply (positions_slice s p position m m' D). now rewrite <- (slice_events atoms v p S).
   - intros (p & S & (v & v' & c & -> & (d & I & ->) & position & m & P & C & M)).
     apply in_map_iff in I as (x & <- & I). destruct (proj1 paired_shapes x I) as (c & J & F & _ & O).
     assert (G := growing_prefix _ _ (slice_growing _ _ _ S)). destruct (F v position m G P) as (m' & D & P').
     apply slice_events in S as ->. rewrite map_app. exists (map fst v), (map fst v'), (denoted c). split; auto.
     split; [exists c; auto |]. exists position, m'. split; auto. split.
     + eapply (complete_domain _ _ (plain slice_satisfies x)); eauto.
-    + apply match_positions_slice in M. now apply (match_positions_used _ _ s (map fst v) position m m').
+    + now apply (positions_slice s v position m' m (eq_sym D)).
 Qed.
 
 (** A trace has a partial match when one of its slices has one. *)
@@ -317,15 +282,14 @@ Proof.
     split; [exists (plain slice_satisfies x); split; auto; now apply in_map |]. exists position, m'. split; auto.
       split.
     + intros C'. apply C. eapply (complete_domain _ _ (plain slice_satisfies x)); eauto.
-    + apply partial_positions_slice. rewrite <- (slice_events atoms u p S).
-      now apply (partial_positions_used _ _ s u position m m').
+    + apply (positions_slice s p position m m' D). now rewrite <- (slice_events atoms u p S).
   - intros (p & S & (c & (d & I & ->) & position & m & P & C & M)).
     apply in_map_iff in I as (x & <- & I). destruct (proj1 paired_shapes x I) as (c & J & F & _ & O).
     destruct (F p position m (slice_growing _ _ _ S) P) as (m' & D & P').
     rewrite (slice_events _ _ _ S). exists (denoted c). split; [exists c; auto |]. exists position, m'.
     split; auto. split.
     + intros C'. apply C. eapply (complete_domain _ _ c); eauto.
-    + apply partial_positions_slice in M. now apply (partial_positions_used _ _ s (map fst p) position m m').
+    + now apply (positions_slice s p position m' m (eq_sym D)).
 Qed.
 
 Lemma tree_plans_verdict : forall s u v, VerdictOfTree t w s u v <-> Verdict Rel (Scenarios (plans t w)) s u v.

@@ -15,7 +15,8 @@ NEEDS_SPOT = pytest.mark.spot
 def atom(random: Random, name: str, names: list[str], *, guarded: bool) -> Atom:
     """An atom with one or two fields, perhaps with a guard about any variables."""
     chosen = random.sample(["n", "m"], random.choice([1, 1, 2]))
-    fields = tuple((field, random.choice([*names, *names, 0, 1])) for field in chosen)
+    values: list[str | int] = [*names, *names, 0, 1]
+    fields = tuple((field, random.choice(values)) for field in chosen)
     return Atom(name, fields, (guard(random, names),) if guarded and random.random() < 0.5 else ())
 
 

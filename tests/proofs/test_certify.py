@@ -294,13 +294,7 @@ State: 2 {0}
 [t] 2
 --END--
 """
-RELEVANT_AFTER_THE_END = """HOA: v1
-States: 4
-Start: 0
-AP: 4 "alive" "a" "b" "relevant"
-relevant: 3
-alphabet: "{}"
-acc-name: Buchi
+SAND_ALIVE = """acc-name: Buchi
 Acceptance: 1 Inf(0)
 properties: trans-labels explicit-labels state-acc deterministic
 --BODY--
@@ -312,8 +306,16 @@ State: 1
 [0&2] 2
 State: 2
 [0] 2
-[!0&3] 3
-State: 3 {0}
+"""
+"""`a`, then `b`; what follows them is left open."""
+RELEVANT_AFTER_THE_END = f"""HOA: v1
+States: 4
+Start: 0
+AP: 4 "alive" "a" "b" "relevant"
+relevant: 3
+alphabet: "{{}}"
+{SAND_ALIVE}[!0&3] 3
+State: 3 {{0}}
 [!0] 3
 --END--
 """
@@ -332,24 +334,12 @@ def test_alive_is_true_until_the_end_and_nothing_afterwards(text: str) -> None:
     assert certified(tree, text, "automaton", Semantics.SCATTERED)[0] == 1
 
 
-CYCLE_AFTER_THE_END = """HOA: v1
+CYCLE_AFTER_THE_END = f"""HOA: v1
 States: 5
 Start: 0
 AP: 3 "alive" "a" "b"
-acc-name: Buchi
-Acceptance: 1 Inf(0)
-properties: trans-labels explicit-labels state-acc deterministic
---BODY--
-State: 0
-[0&!1] 0
-[0&1] 1
-State: 1
-[0&!2] 1
-[0&2] 2
-State: 2
-[0] 2
-[!0] 3
-State: 3 {0}
+{SAND_ALIVE}[!0] 3
+State: 3 {{0}}
 [!0] 4
 State: 4
 [!0] 3

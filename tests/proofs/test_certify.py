@@ -209,6 +209,47 @@ def test_a_fault_in_a_text_is_not_certified(language: str, semantics: str, tree:
     assert re.fullmatch(f"not certified: {DIFFERENCES[language]}", why), why
 
 
+PRUNED = (TREES / "remote_inspection/pruned.rvaft").read_text()
+WRONG_VALUES = [
+    ("t1 + 10", "t1 + 11"),
+    ("t >= (t1", "t > (t1"),
+    ("v >= 250", "v >= 251"),
+    ("'entrance'", "'exit'"),
+    ("'success'", "'failure'"),
+    (" inspect(waypoint)", " inspect(newWp)"),
+    ("(ev10(newWp) all)", "(ev10(waypoint) all)"),
+    ("ev10(wp) not matches", "ev10(wp) matches"),
+    ("(move(newWp, t2) /\\ ev7)", "move(newWp, t2)"),
+    ("let waypoint, t1,", "let t1,"),
+    ("((ev6_ev8(newWp, t2, t1) all) /\\ (ev7 all)) \\/ ", ""),
+]
+
+
+@built
+@pytest.mark.parametrize(("old", "new"), WRONG_VALUES)
+def test_a_fault_in_a_text_of_rml_with_variables_is_not_certified(old: str, new: str) -> None:
+    tree = loads(PRUNED)
+    text = translate(tree, "rml", semantics="strict").text
+    assert text.count(old) == 1, text
+    assert certified(tree, text, "rml", Semantics.STRICT) == (0, CERTIFIED)
+    assert certified(tree, text.replace(old, new), "rml", Semantics.STRICT)[0] == 2
+
+
+@built
+def test_an_undeclared_or_repeated_variable_is_not_certified() -> None:
+    """A block inside the text binds its variable anew each time; the validator follows one value."""
+    tree = loads('event e(x) = { t: "e", n: x }; event f(x) = { t: "f", m: x }; top sand a b; a on e(X); b on f(X);')
+    text = translate(tree, "rml", semantics="strict").text
+    assert certified(tree, text, "rml", Semantics.STRICT) == (0, CERTIFIED)
+    for old, new in (
+        ("{ let x; e(x) f(x) all }", "{ let x; e(x) } { let x; f(x) all }"),
+        ("{ let x; e(x)", "{ let y; e(x)"),
+    ):
+        assert text.count(old) == 1, text
+        status, why = certified(tree, text.replace(old, new), "rml", Semantics.STRICT)
+        assert (status, why.partition(": ")[2][:30]) == (2, "the text has an operator or a ")
+
+
 BY_HAND = {
     "other names and order": """/* rvaft
 atom second := { n: Y } when Y < X

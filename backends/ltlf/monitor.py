@@ -9,6 +9,7 @@ which it cannot hold is dropped; the verdict is ⊥ when none is left.
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from itertools import combinations
 from typing import Any, Final
 
 from backends.ltlf.formulas import Connective, Formulas
@@ -123,57 +124,45 @@ def binds_late(formulas: Formulas, root: int, atoms: Mapping[str, Atom]) -> bool
     Then a slice never needs a value earlier: no atom is false because of a variable of another atom,
     and no event must make two atoms true that bind different variables.
     """
-    names = [name for name, atom in atoms.items() if atom.binds]
-    bits = {name: 1 << place for place, name in enumerate(names)}
-    clashes = {
-        bits[one]: sum(
-            bits[other]
-            for other in names
-            if not (atoms[one].binds <= atoms[other].binds or atoms[other].binds <= atoms[one].binds)
-            and overlaps(atoms[one].pattern, atoms[other].pattern)
-        )
-        for one in names
-    }
+    rows, order = formulas.rows, formulas.reachable(root)
+    signs = {(root, True)}  # the subformulas, by polarity
+    for number, sign in ((number, sign) for number in reversed(order) for sign in (True, False)):
+        if (number, sign) in signs:
+            signs |= {(operand, sign is not (rows[number].op is Connective.NOT)) for operand in rows[number].operands}
+    negative = [rows[number] for number, sign in signs if not sign]
+    if any(row.op is Connective.ATOM and not atoms[row.name].mentions <= atoms[row.name].binds for row in negative):
+        return False
+    binding = [atom for atom in atoms.values() if atom.binds]
+    pairs = [
+        (one, other)
+        for one, other in combinations(binding, 2)
+        if not (one.binds <= other.binds or other.binds <= one.binds) and overlaps(one.pattern, other.pattern)
+    ]
 
-    def clash(left: int, right: int) -> bool:
-        return any(bit & left and found & right for bit, found in clashes.items())
+    def clash(left: frozenset[Atom], right: frozenset[Atom]) -> bool:
+        return any((one in left and other in right) or (one in right and other in left) for one, other in pairs)
 
-    together, lasting = False, False  # whether two such atoms may be needed at once; whether all positions count
-    parts: dict[tuple[int, bool], tuple[int, int]] = {}  # by polarity, the atoms that are needed now, and later
-    for number, positive in ((number, sign) for number in formulas.reachable(root) for sign in (True, False)):
-        row = formulas.rows[number]
-        below = [parts[operand, positive is not (row.op is Connective.NOT)] for operand in row.operands]
-        now, later = 0, 0
-        for this, after in below:
-            if row.op is (Connective.AND if positive else Connective.OR):
-                together |= clash(now, this) or clash(later, after)
+    # The atoms that are needed now, and later, on some way to accept a prefix.
+    needed: dict[tuple[int, bool], tuple[frozenset[Atom], frozenset[Atom]]] = {}
+    for number, sign in ((number, sign) for number in order for sign in (True, False) if (number, sign) in signs):
+        row, now, later = rows[number], frozenset[Atom](), frozenset[Atom]()
+        joint = row.op is (Connective.AND if sign else Connective.OR)
+        for this, after in (needed[operand, sign is not (row.op is Connective.NOT)] for operand in row.operands):
+            if joint and (clash(now, this) or clash(later, after)):
+                return False
             now, later = now | this, later | after
         match row.op:
-            case Connective.ATOM if positive:
-                now = bits.get(row.name, 0)
-            case Connective.NEXT:
-                now, later = 0, now | later
-            case Connective.EVENTUALLY | Connective.UNTIL:
-                later |= now
-                if row.op is Connective.UNTIL and positive:
-                    left = parts[row.operands[0], positive]
-                    together |= clash(left[0] | left[1], later)
+            case Connective.ATOM if sign:
+                now = frozenset([atoms[row.name]])
+            case Connective.NEXT | Connective.EVENTUALLY | Connective.UNTIL:
+                again = frozenset[Atom]().union(*needed[row.operands[0], sign])  # at several positions of an until
+                if pairs and (not sign or (row.op is Connective.UNTIL and clash(again, now | later))):
+                    return False
+                now, later = frozenset() if row.op is Connective.NEXT else now, now | later
             case _:
                 pass
-        parts[number, positive] = now, later
-    signs: set[tuple[int, bool]] = set()
-    todo = [(root, True)]
-    while todo:
-        number, positive = at = todo.pop()
-        if at in signs:
-            continue
-        signs.add(at)
-        row = formulas.rows[number]
-        lasting |= not positive and row.op in (Connective.NEXT, Connective.EVENTUALLY, Connective.UNTIL)
-        if row.op is Connective.ATOM and not positive and not atoms[row.name].mentions <= atoms[row.name].binds:
-            return False
-        todo += [(operand, positive is not (row.op is Connective.NOT)) for operand in row.operands]
-    return not any(clashes.values()) or not (together or lasting)
+        needed[number, sign] = now, later
+    return True
 
 
 _AS_JUNCTION: Final = {Connective.TRUE: "AND", Connective.FALSE: "OR"}

@@ -379,10 +379,6 @@ Lemma settled_after : forall s xs u, settled (map rows xs) (map (fun x => sets_a
   else Watching (map (fun x => sets_after s x u) xs).
 Proof. intros; unfold settled. now rewrite map2_map, existsb_map. Qed.
 
-Lemma snapshot_snoc : forall s (plans : list (plan E)) u e, snapshot relevant s plans (u ++ [e]) =
-  map (fun c => (fst c, step relevant s (fst c) e (snd c))) (snapshot relevant s plans u).
-Proof. intros; unfold snapshot. rewrite map_map. apply map_ext. intros; simpl. now rewrite states_snoc. Qed.
-
 (** The automaton is done exactly when the search is; before, it has the done sets of each scenario. *)
 Lemma automaton_run : forall s xs u, In relevance predicates -> Forall well_lettered xs ->
   (automaton_after s xs u = Accepting /\ run relevant s (map plain xs) u = Done) \/

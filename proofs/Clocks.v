@@ -242,4 +242,17 @@ Proof.
   - now rewrite IHl, IHr.
   - now rewrite IHl, IHr.
 Qed.
+
+(** Without time points a guard is left as it is. *)
+Lemma clocked_untimed : forall g, points g = [] -> clocked g = g.
+Proof.
+  induction g as [v | x | p | o l IH | l r IHl IHr | l r IHl IHr] using guard_induction;
+    simpl; intros P; auto; try discriminate.
+  - f_equal. rewrite <- map_id. apply map_ext_in. intros g I. rewrite Forall_forall in IH. apply IH; auto.
+    destruct (points g) as [| p k] eqn:Q; auto. exfalso.
+    assert (X : In p (flat_map points l)) by (apply in_flat_map; exists g; rewrite Q; simpl; auto).
+    rewrite P in X. destruct X.
+  - apply app_eq_nil in P as [P Q]. now rewrite IHl, IHr.
+  - apply app_eq_nil in P as [P Q]. now rewrite IHl, IHr.
+Qed.
 End Clock.

@@ -7,6 +7,7 @@ Require Import RVAFT.Values RVAFT.Language RVAFT.Definition RVAFT.Conditions RVA
 Require Import RVAFT.Plain RVAFT.Automaton RVAFT.Exploration RVAFT.Hoa RVAFT.Ltlf RVAFT.Rml RVAFT.Letters.
 Require Import RVAFT.Progression RVAFT.PlainTree RVAFT.Relevance.
 Require Import RVAFT.Slices RVAFT.SlicedTree RVAFT.SlicedCertificate RVAFT.SlicedLetters RVAFT.SlicedValidator.
+Require Import RVAFT.BlockCertificate.
 Require Import ZArith.
 Require Extraction.
 Require Import ExtrOcamlBasic ExtrOcamlNatInt.
@@ -27,5 +28,5 @@ Extraction "rvaft_monitor.ml"
     pattern_variables slice_atoms slice_predicates atom_number related_letters atoms_conflict basic_numbers
   pattern_numbers allowed
   slice_satisfies all_numbers assigned_by derivative at_end simplified hoa_step hoa_accepts
-  certify_text_hoa certify_text_ltlf
+  certify_text_hoa certify_text_ltlf certify_text_block
   Z.mul Z.add Z.sub Z.opp Z.div_eucl Z.ltb Z.eqb Z.abs.

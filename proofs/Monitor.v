@@ -256,28 +256,23 @@ Qed.
 Lemma alike_complete : forall E (c d : scenario E) m, Alike c d -> complete c m -> complete d m.
 Proof. intros E c d m [O _ _] H o I. apply H. now apply O. Qed.
 
-Section SameRelevance.
-Context {E : Type}.
-Variables Rel Rel' : E -> Prop.
-Hypothesis same_relevant : forall e, Rel e <-> Rel' e.
-
-Lemma relevant_at_same : forall u i, RelevantAt Rel u i <-> RelevantAt Rel' u i.
-Proof. intros; split; intros (e & N & R); exists e; split; auto; now apply same_relevant. Qed.
-
-Lemma match_positions_same : forall s u P, match_positions Rel s u P <-> match_positions Rel' s u P.
+(** Which positions a match or a partial match may use depends on the relevant ones only. *)
+Lemma positions_same : forall A B (R : A -> Prop) (R' : B -> Prop) s u u' used used', length u = length u' ->
+  (forall i, RelevantAt R u i <-> RelevantAt R' u' i) -> (forall i, used i <-> used' i) ->
+  (match_positions R s u used <-> match_positions R' s u' used') /\
+  (partial_positions R s u used <-> partial_positions R' s u' used').
 Proof.
-  intros s u P; destruct s; simpl; try tauto.
-  - split; intros [k H]; exists k; intros i; [rewrite <- relevant_at_same | rewrite relevant_at_same]; auto.
-  - split; intros (j & k & H); exists j, k; intros i; [rewrite <- relevant_at_same | rewrite relevant_at_same]; auto.
+  intros A B R R' s u u' used used' L RE U.
+  destruct s; simpl; rewrite ?L; split; repeat setoid_rewrite U; repeat setoid_rewrite RE; tauto.
 Qed.
 
-Lemma partial_positions_same : forall s u P, partial_positions Rel s u P <-> partial_positions Rel' s u P.
+Lemma relevant_positions_same : forall E (Rel Rel' : E -> Prop) s u used, (forall e, Rel e <-> Rel' e) ->
+  (match_positions Rel s u used <-> match_positions Rel' s u used) /\
+  (partial_positions Rel s u used <-> partial_positions Rel' s u used).
 Proof.
-  intros s u P; destruct s; simpl; try tauto.
-  - split; intros H i; [rewrite <- relevant_at_same | rewrite relevant_at_same]; auto.
-  - split; intros (j & H); exists j; intros i; [rewrite <- relevant_at_same | rewrite relevant_at_same]; auto.
+  intros E Rel Rel' s u used R. apply positions_same; auto; [| reflexivity]. intros i.
+  split; intros (e & N & H); exists e; split; auto; now apply R.
 Qed.
-End SameRelevance.
 
 Lemma detected_same : forall E (Rel Rel' : E -> Prop) (S S' : scenario E -> Prop), (forall e, Rel e <-> Rel' e) ->
   (forall c, S c -> exists d, S' d /\ Alike c d) ->
@@ -285,7 +280,7 @@ Lemma detected_same : forall E (Rel Rel' : E -> Prop) (S S' : scenario E -> Prop
 Proof.
   intros E Rel Rel' S S' R F s u (w & v & c & Q & I & pos & m & P & C & M). destruct (F c I) as (d & J & A).
   exists w, v, d. split; [auto | split; [auto |]]. exists pos, m. split; [eapply alike_partial; eauto |].
-  split; [eapply alike_complete; eauto |]. now apply (match_positions_same Rel Rel' R).
+  split; [eapply alike_complete; eauto |]. now apply (relevant_positions_same E Rel Rel' s w _ R).
 Qed.
 
 Lemma left_same : forall E (Rel Rel' : E -> Prop) (S S' : scenario E -> Prop), (forall e, Rel e <-> Rel' e) ->
@@ -295,7 +290,7 @@ Proof.
   intros E Rel Rel' S S' R F s u (c & I & pos & m & P & C & M). destruct (F c I) as (d & J & A).
   exists d; split; auto. exists pos, m. split; [eapply alike_partial; eauto |].
   split; [intros X; apply C; eapply alike_complete; eauto using alike_sym |].
-  now apply (partial_positions_same Rel Rel' R).
+  now apply (relevant_positions_same E Rel Rel' s u _ R).
 Qed.
 
 Lemma verdict_same : forall E (Rel Rel' : E -> Prop) (S S' : scenario E -> Prop), (forall e, Rel e <-> Rel' e) ->

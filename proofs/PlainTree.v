@@ -466,6 +466,7 @@ Inductive refusal :=
 | NotTimed                            (* a time point where null is not undefined, or of no occurrence *)
 | NotListed                           (* a predicate of the tree is not in the list *)
 | NotServed                           (* no event is known that serves some occurrence *)
+| NotDetermined                       (* an event may give several values to a variable *)
 | NotBound.                           (* no atom of the text binds the variables of some occurrence *)
 
 (** The predicates [ps] are numbered from 1, and 0 is relevance. *)

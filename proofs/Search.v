@@ -526,6 +526,10 @@ Proof. intros; unfold run; now rewrite fold_left_app. Qed.
 
 Definition snapshot s plans u := map (fun c => (c, states s c u)) plans.
 
+Lemma snapshot_snoc : forall s plans u e, snapshot s plans (u ++ [e]) =
+  map (fun x => (fst x, step s (fst x) e (snd x))) (snapshot s plans u).
+Proof. intros; unfold snapshot. rewrite map_map. apply map_ext. intros; simpl. now rewrite states_snoc. Qed.
+
 Lemma settle_snapshot : forall s plans u,
   settle (snapshot s plans u) =
   if existsb (fun c => existsb (full c) (states s c u)) plans then Done else Running (snapshot s plans u).
@@ -550,9 +554,7 @@ Proof.
     + right; split; auto. intros w v c Q I. symmetry in Q; apply app_eq_nil in Q as [-> ->]. now apply FALSE.
   - rewrite run_snoc. destruct IH as [[-> (w & v & c & -> & I & F)] | [-> N]].
     + left; split; auto. exists w, (v ++ [e]), c. rewrite app_assoc; auto.
-    + simpl. replace (map _ (snapshot s plans u)) with (snapshot s plans (u ++ [e])).
-      2:{ unfold snapshot; rewrite map_map; apply map_ext; intros; simpl. now rewrite states_snoc. }
-      rewrite settle_snapshot. destruct (existsb _ plans) eqn:X.
+    + simpl. rewrite <- snapshot_snoc, settle_snapshot. destruct (existsb _ plans) eqn:X.
       * left; split; auto. apply existsb_exists in X as (c & I & F).
         exists (u ++ [e]), [], c. rewrite app_nil_r; auto.
       * right; split; auto. intros w v c Q I. destruct v as [| f v] using rev_ind.

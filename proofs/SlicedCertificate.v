@@ -106,6 +106,25 @@ Definition text_binds (w : selection) (atoms : list atom) : bool :=
 
 Definition all_placed (w : selection) : bool := forallb (forallb (placed qs)) (shape_atoms w).
 
+(** The atom of an occurrence is among those of its scenario. *)
+Lemma occurrence_atom : forall w r chosen o, In r (resolutions t) -> selected t w r = true ->
+  constants_hold (guards_of t r) = true -> In chosen (lasts t r) ->
+  Scenarios.acyclic (precedes (node_pairs t r) (end_pairs t r (last_in chosen))) (occurrences_of t r) = true ->
+  In o (occurrences_of t r) -> exists q l,
+    scenario_atom t (timed_in w) (scenario_guards t (parts t r) (guards_of t r)) o = Some q /\
+    In l (shape_atoms w) /\ In q l.
+Proof.
+  intros w r chosen o R S C L A O. set (guards := scenario_guards t (parts t r) (guards_of t r)).
+  assert (Q : exists q, scenario_atom t (timed_in w) guards o = Some q).
+  { apply occurrences_iff in O as (_ & O & _). unfold scenario_atom.
+    destruct (on (node_at t (fst o))); [eexists; reflexivity | congruence]. }
+  destruct Q as (q & Q).
+  exists q, (flat_map (fun o => match scenario_atom t (timed_in w) guards o with Some q => [q] | None => [] end)
+    (occurrences_of t r)). split; [auto | split].
+  - apply in_scenarios. exists r, chosen. repeat split; auto.
+  - apply in_flat_map. exists o; split; auto. rewrite Q. simpl; auto.
+Qed.
+
 Section Scenarios.
 Variable w : selection.
 Variable atoms : list atom.
@@ -143,16 +162,7 @@ Proof.
   intros r chosen o R S C L A. split.
   - unfold all_timed in timed. rewrite forallb_forall in timed. apply timed. apply in_scenarios.
     exists r, chosen. repeat split; auto.
-  - intros O. assert (Q : exists q, scenario_atom t (timed_in w) (scenario_guards t (parts t r) (guards_of t r)) o
-    = Some q).
-    { apply occurrences_iff in O as (_ & O & _). unfold scenario_atom.
-      destruct (on (node_at t (fst o))); [eexists; reflexivity | congruence]. }
-    destruct Q as (q & Q). exists q; split; auto.
-    set (l := flat_map (fun o => match scenario_atom t (timed_in w) (scenario_guards t (parts t r) (guards_of t r))
-      o with
-       | Some q => [q] | None => [] end) (occurrences_of t r)).
-    assert (IL : In l (shape_atoms w)) by (apply in_scenarios; exists r, chosen; repeat split; auto).
-    assert (IQ : In q l) by (apply in_flat_map; exists o; split; auto; rewrite Q; simpl; auto).
+  - intros O. destruct (occurrence_atom w r chosen o R S C L A O) as (q & l & Q & IL & IQ). exists q; split; auto.
     unfold all_placed in atoms_placed. unfold text_binds in bound_by_text.
     rewrite forallb_forall in atoms_placed, bound_by_text.
     assert (PL := atoms_placed l IL). assert (BI := bound_by_text l IL). rewrite forallb_forall in PL, BI.
@@ -178,47 +188,13 @@ Proof.
       rewrite map_length in H. lia.
 Qed.
 
-Lemma match_positions_slice : forall s p used,
-  match_positions SliceRel s p used <-> match_positions Rel s (map fst p) used.
+(** A match, and a partial match, of a slice with the same occurrences use positions that those of the trace may use. *)
+Lemma positions_slice : forall s p position (m : assigned event) (m' : assigned sliced), domain m' = domain m ->
+  (match_positions SliceRel s p (Used position m') <-> match_positions Rel s (map fst p) (Used position m)) /\
+  (partial_positions SliceRel s p (Used position m') <-> partial_positions Rel s (map fst p) (Used position m)).
 Proof.
-  intros s p used; destruct s; simpl; try tauto.
-  - split; intros (k & H); exists k; intros i; rewrite H, relevant_at_slice; tauto.
-  - split; intros (j & k & H); exists j, k; intros i; rewrite H, relevant_at_slice; tauto.
-Qed.
-
-Lemma partial_positions_slice : forall s p used,
-  partial_positions SliceRel s p used <-> partial_positions Rel s (map fst p) used.
-Proof.
-  intros s p used; destruct s; simpl; try tauto.
-  - now rewrite map_length.
-  - split; intros H i; rewrite H, relevant_at_slice; tauto.
-  - split; intros (j & H); exists j; intros i; rewrite H, relevant_at_slice; tauto.
-Qed.
-
-Lemma used_domain : forall E F position (m : assigned E) (m' : assigned F) i, domain m' = domain m ->
-  (Used position m' i <-> Used position m i).
-Proof. intros E F position m m' i D. unfold Used. now rewrite D. Qed.
-
-Lemma match_positions_used : forall E F s (u : list event) position (m : assigned E) (m' : assigned F),
-  domain m' = domain m ->
-  match_positions Rel s u (Used position m') <-> match_positions Rel s u (Used position m).
-Proof.
-  intros E F s u position m m' D. assert (U := fun i => used_domain E F position m m' i D).
-    destruct s; simpl; try tauto.
-  - split; intros (k & H); exists k; intros i; rewrite <- H; rewrite U; tauto.
-  - split; intros (k & H); exists k; intros i; rewrite <- H; rewrite U; tauto.
-  - split; intros (j & k & H); exists j, k; intros i; rewrite <- H; rewrite U; tauto.
-Qed.
-
-Lemma partial_positions_used : forall E F s (u : list event) position (m : assigned E) (m' : assigned F),
-  domain m' = domain m ->
-  partial_positions Rel s u (Used position m') <-> partial_positions Rel s u (Used position m).
-Proof.
-  intros E F s u position m m' D. assert (U := fun i => used_domain E F position m m' i D).
-    destruct s; simpl; try tauto.
-  - split; intros H i; rewrite <- H; rewrite U; tauto.
-  - split; intros H i; rewrite <- H; rewrite U; tauto.
-  - split; intros (j & H); exists j; intros i; rewrite <- H; rewrite U; tauto.
+  intros s p position m m' D. apply positions_same; [now rewrite map_length | apply relevant_at_slice |].
+  intros i. unfold Used. now rewrite D.
 Qed.
 
 (** ** Matches of the tree and of its slices *)
@@ -286,15 +262,14 @@ Proof.
       split; auto;
       now apply in_map |]. exists position, m'. split; auto. split.
     + eapply (complete_domain _ _ d); eauto.
-    + apply match_positions_slice. rewrite <- (slice_events atoms v p S).
-      now apply (match_positions_used _ _ s v position m m').
+    + apply (positions_slice s p position m m' D). now rewrite <- (slice_events atoms v p S).
   - intros (p & S & (v & v' & c & -> & (d & I & ->) & position & m & P & C & M)).
     apply in_map_iff in I as (x & <- & I). destruct (proj1 paired_shapes x I) as (c & J & F & _ & O).
     assert (G := growing_prefix _ _ (slice_growing _ _ _ S)). destruct (F v position m G P) as (m' & D & P').
     apply slice_events in S as ->. rewrite map_app. exists (map fst v), (map fst v'), (denoted c). split; auto.
     split; [exists c; auto |]. exists position, m'. split; auto. split.
     + eapply (complete_domain _ _ (plain slice_satisfies x)); eauto.
-    + apply match_positions_slice in M. now apply (match_positions_used _ _ s (map fst v) position m m').
+    + now apply (positions_slice s v position m' m (eq_sym D)).
 Qed.
 
 (** A trace has a partial match when one of its slices has one. *)
@@ -307,15 +282,14 @@ Proof.
     split; [exists (plain slice_satisfies x); split; auto; now apply in_map |]. exists position, m'. split; auto.
       split.
     + intros C'. apply C. eapply (complete_domain _ _ (plain slice_satisfies x)); eauto.
-    + apply partial_positions_slice. rewrite <- (slice_events atoms u p S).
-      now apply (partial_positions_used _ _ s u position m m').
+    + apply (positions_slice s p position m m' D). now rewrite <- (slice_events atoms u p S).
   - intros (p & S & (c & (d & I & ->) & position & m & P & C & M)).
     apply in_map_iff in I as (x & <- & I). destruct (proj1 paired_shapes x I) as (c & J & F & _ & O).
     destruct (F p position m (slice_growing _ _ _ S) P) as (m' & D & P').
     rewrite (slice_events _ _ _ S). exists (denoted c). split; [exists c; auto |]. exists position, m'.
     split; auto. split.
     + intros C'. apply C. eapply (complete_domain _ _ c); eauto.
-    + apply partial_positions_slice in M. now apply (partial_positions_used _ _ s (map fst p) position m m').
+    + now apply (positions_slice s p position m' m (eq_sym D)).
 Qed.
 
 Lemma tree_plans_verdict : forall s u v, VerdictOfTree t w s u v <-> Verdict Rel (Scenarios (plans t w)) s u v.

@@ -134,15 +134,7 @@ Lemma all_observed_servable : forall t ps qs w s values, all_placed t qs w = tru
 Proof.
   intros t ps qs w s values P H. apply Forall_forall. intros x I o O.
   apply in_shapes in I as (r & chosen & R & S & C & L & A & ->). cbv zeta in A. simpl in O.
-  assert (Q : exists q, scenario_atom t (timed_in t w) (scenario_guards t (parts t r) (guards_of t r)) o = Some q).
-  { apply occurrences_iff in O as (_ & O & _). unfold scenario_atom.
-    destruct (on (node_at t (fst o))); [eexists; reflexivity | congruence]. }
-  destruct Q as (q & Q). simpl. rewrite Q.
-  set (l := flat_map (fun o => match scenario_atom t (timed_in t w) (scenario_guards t (parts t r) (guards_of t r))
-    o with
-     | Some q => [q] | None => [] end) (occurrences_of t r)).
-  assert (IL : In l (shape_atoms t w)) by (apply in_scenarios; exists r, chosen; repeat split; auto).
-  assert (IQ : In q l) by (apply in_flat_map; exists o; split; auto; rewrite Q; simpl; auto).
+  destruct (occurrence_atom t w r chosen o R S C L A O) as (q & l & Q & IL & IQ). simpl. rewrite Q.
   unfold all_placed in P. rewrite forallb_forall in P. specialize (P l IL). rewrite forallb_forall in P.
   unfold all_observed in H. cbv zeta in H. rewrite forallb_forall in H.
   assert (OB : observed_in (filter (fun e => match s with Projected | Consecutive => relevant_event t e
@@ -272,18 +264,6 @@ Variable own : list predicate.
 Hypothesis tree_plain : plain_tree t = true.
 Hypothesis own_covered : covered t own = true.
 
-Lemma clocked_untimed : forall clock part g, points g = [] -> Clocks.clocked clock part g = g.
-Proof.
-  intros clock part; induction g as [v | x | p | o l IH | l r IHl IHr | l r IHl IHr] using guard_induction;
-    simpl; intros P; auto; try discriminate.
-  - f_equal. rewrite <- map_id. apply map_ext_in. intros g I. rewrite Forall_forall in IH. apply IH; auto.
-    destruct (points g) as [| p k] eqn:Q; auto. exfalso.
-    assert (X : In p (flat_map points l)) by (apply in_flat_map; exists g; rewrite Q; simpl; auto).
-    rewrite P in X. destruct X.
-  - apply app_eq_nil in P as [P Q]. now rewrite IHl, IHr.
-  - apply app_eq_nil in P as [P Q]. now rewrite IHl, IHr.
-Qed.
-
 (** An event that an atom observes meets the predicate of its node. *)
 Lemma observed_meets : forall r timed o q e b, In o (occurrences_of t r) ->
   scenario_atom t timed (scenario_guards t (parts t r) (guards_of t r)) o = Some q -> observes q (e, b) = true ->
@@ -297,7 +277,7 @@ Proof.
   apply forallb_forall. intros g K. apply filter_In in K as [K N].
   destruct (own_guards t tree_plain _ _ K) as [PG VG]. unfold node_variables in VG. rewrite P in VG.
   assert (IG : In g (scenario_guards t (parts t r) (guards_of t r))).
-  { apply in_map_iff. exists g. split; [now apply clocked_untimed |]. apply filter_In. split; auto.
+  { apply in_map_iff. exists g. split; [now apply Clocks.clocked_untimed |]. apply filter_In. split; auto.
     apply guards_of_iff. exists (fst o). split; auto. apply occurrences_iff in O. apply O. }
   assert (NV : exists x, In x (variables g)).
   { unfold is_constant in N. rewrite PG in N. destruct (variables g) as [| x l]; [discriminate | exists x; simpl;
@@ -323,15 +303,7 @@ Proof.
     (precedes (node_pairs t r) (end_pairs t r (last_in chosen)))).
   assert (IX : In x (slice_shapes t ps qs w)) by (apply in_shapes; exists r, chosen; repeat split; auto).
   rewrite Forall_forall in H. destruct (H x IX o O) as ([e b] & SA & RE). simpl in SA.
-  assert (Q : exists q, scenario_atom t (timed_in t w) (scenario_guards t (parts t r) (guards_of t r)) o = Some q).
-  { apply occurrences_iff in O as (_ & O' & _). unfold scenario_atom.
-    destruct (on (node_at t (fst o))); [eexists; reflexivity | congruence]. }
-  destruct Q as (q & Q). rewrite Q in SA.
-  set (l := flat_map (fun o => match scenario_atom t (timed_in t w) (scenario_guards t (parts t r) (guards_of t r))
-    o with
-     | Some q => [q] | None => [] end) (occurrences_of t r)).
-  assert (IL : In l (shape_atoms t w)) by (apply in_scenarios; exists r, chosen; repeat split; auto).
-  assert (IQ : In q l) by (apply in_flat_map; exists o; split; auto; rewrite Q; simpl; auto).
+  destruct (occurrence_atom t w r chosen o R S C L A O) as (q & l & Q & IL & IQ). rewrite Q in SA.
   unfold all_placed in PL. rewrite forallb_forall in PL. specialize (PL l IL). rewrite forallb_forall in PL.
   rewrite atom_satisfied in SA by auto.
   destruct (observed_meets r _ o q e b O Q SA) as (p & P & M). exists e. simpl. rewrite P. split; [| exact RE].

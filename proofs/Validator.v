@@ -7,6 +7,7 @@
 Require Import List Bool Arith Lia.
 Require Import RVAFT.Language RVAFT.Definition RVAFT.Search RVAFT.Plain RVAFT.Automaton RVAFT.Acceptance.
 Require Import RVAFT.Exploration RVAFT.Hoa RVAFT.Ltlf RVAFT.Progression RVAFT.Rml RVAFT.RmlCertificate.
+Require RVAFT.Monitor.
 Import ListNotations.
 
 (** ** Plain scenarios that represent those of the definition *)
@@ -53,24 +54,10 @@ Definition represented (scenarios : scenario E -> Prop) (xs : list shape) : Prop
 Variable Rel : E -> Prop.
 Hypothesis relevance_is : forall e, Rel e <-> relevant satisfies e = true.
 
-Lemma relevant_at_same : forall u i, RelevantAt Rel u i <-> RelevantAt (fun e => relevant satisfies e = true) u i.
-Proof. intros u i. unfold RelevantAt. split; intros (e & H & R); exists e; split; auto; now apply relevance_is. Qed.
-
-Lemma match_positions_same : forall s u used, match_positions Rel s u used <->
-  match_positions (fun e => relevant satisfies e = true) s u used.
-Proof.
-  intros s u used; destruct s; simpl; try tauto.
-  - split; intros (k & H); exists k; intros i; rewrite H, relevant_at_same; tauto.
-  - split; intros (j & k & H); exists j, k; intros i; rewrite H, relevant_at_same; tauto.
-Qed.
-
-Lemma partial_positions_same : forall s u used, partial_positions Rel s u used <->
-  partial_positions (fun e => relevant satisfies e = true) s u used.
-Proof.
-  intros s u used; destruct s; simpl; try tauto.
-  - split; intros H i; rewrite H, relevant_at_same; tauto.
-  - split; intros (j & H); exists j; intros i; rewrite H, relevant_at_same; tauto.
-Qed.
+Lemma relevant_positions : forall s u used,
+  (match_positions Rel s u used <-> match_positions (fun e => relevant satisfies e = true) s u used) /\
+  (partial_positions Rel s u used <-> partial_positions (fun e => relevant satisfies e = true) s u used).
+Proof. intros. now apply Monitor.relevant_positions_same. Qed.
 
 Lemma represented_detected : forall scenarios xs s u, represented scenarios xs ->
   (Detected Rel scenarios s u <-> Detected (fun e => relevant satisfies e = true) (Scenarios (map plain xs)) s u).
@@ -78,10 +65,10 @@ Proof.
   intros scenarios xs s u [C S]. split.
   - intros (w & v & c & -> & I & pos & m & P & K & Q). destruct (C c I) as (x & J & R).
     exists w, v, (denoted (plain x)). repeat split; [exists (plain x); split; auto; now apply in_map |].
-    exists pos, m. rewrite <- (represented_partial x c), <- (represented_complete x c), <- match_positions_same; auto.
+    exists pos, m. rewrite <- (represented_partial x c), <- (represented_complete x c), <- (proj1 (relevant_positions _ _ _)); auto.
   - intros (w & v & c' & -> & (p & I & ->) & pos & m & P & K & Q). apply in_map_iff in I as (x & <- & I).
     destruct (S x I) as (c & J & R). exists w, v, c. repeat split; auto. exists pos, m.
-    rewrite (represented_partial x c), (represented_complete x c), match_positions_same; auto.
+    rewrite (represented_partial x c), (represented_complete x c), (proj1 (relevant_positions _ _ _)); auto.
 Qed.
 
 Lemma represented_left : forall scenarios xs s u, represented scenarios xs ->
@@ -90,10 +77,10 @@ Proof.
   intros scenarios xs s u [C S]. split.
   - intros (c & I & pos & m & P & K & Q). destruct (C c I) as (x & J & R).
     exists (denoted (plain x)). split; [exists (plain x); split; auto; now apply in_map |].
-    exists pos, m. rewrite <- (represented_partial x c), <- (represented_complete x c), <- partial_positions_same; auto.
+    exists pos, m. rewrite <- (represented_partial x c), <- (represented_complete x c), <- (proj2 (relevant_positions _ _ _)); auto.
   - intros (c' & (p & I & ->) & pos & m & P & K & Q). apply in_map_iff in I as (x & <- & I).
     destruct (S x I) as (c & J & R). exists c. split; auto. exists pos, m.
-    rewrite (represented_partial x c), (represented_complete x c), partial_positions_same; auto.
+    rewrite (represented_partial x c), (represented_complete x c), (proj2 (relevant_positions _ _ _)); auto.
 Qed.
 
 (** Scenarios have the verdicts of the plain scenarios that represent them. *)

@@ -280,6 +280,8 @@ class HoaProgram:
                 lines.append((token, []))
             elif token.lastgroup != "comment" and lines:
                 lines[-1][1].append(token.group())
+        self.binds_late = any(start.group() == "tool:" and values[:1] == ['"rvaft"'] for start, values in lines)
+        """Whether slices bind the events that their state reads; this suffices in texts of trees."""
         for start, values in lines:
             if start.group() in _EXPECTED:  # other header lines belong to the format or to other tools
                 try:
@@ -465,8 +467,9 @@ class HoaMonitor(Monitor):
         relevant = bool(program.relevant) and program.is_relevant(event)
 
         def extensions(state: int, bound: Binding) -> Iterator[Binding]:
-            for number in run.seen(state):
-                if number in events and not events[number][1] <= bound.keys():
+            needed = program.matter(state) - bound.keys()
+            for number in run.seen(state) if program.binds_late else events:
+                if number in events and not needed.isdisjoint(events[number][1]):
                     yield from rigid_ways(ways(events[number][0], event, bound))
 
         def is_true(number: int, bound: Binding, before: Binding) -> bool:
@@ -479,7 +482,9 @@ class HoaMonitor(Monitor):
             to = run.next(state, tuple([is_true(number, bound, before) for number in run.seen(state)]))
             return run.verdicts[to], to
 
-        followed = slices.advance(self._slices, extensions, step, matter=program.matter)
+        followed = slices.advance(
+            self._slices, extensions, step, matter=program.matter, keep_all=not program.binds_late
+        )
         if followed is None:
             return Verdict.TRUE
         self._slices = followed

@@ -1,14 +1,15 @@
 """A monitor for formulas: one slice per reachable partial assignment of the variables.
 
 At an event, a slice stays (atoms with unbound variables are false), or binds the values that make
-one more atom true. The letter is the set of true atoms. The verdict is ⊤ if the formula holds in
-some slice on every continuation. A slice in which it cannot hold is dropped; the verdict is ⊥ when
-none is left.
+one more atom true: any atom, or one that the state reads where this suffices. The letter is the set
+of true atoms. The verdict is ⊤ if the formula holds in some slice on every continuation. A slice in
+which it cannot hold is dropped; the verdict is ⊥ when none is left.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from itertools import combinations
 from typing import Any, Final
 
 from backends.ltlf.formulas import Connective, Formulas
@@ -17,6 +18,7 @@ from backends.ltlf.reader import Header, Observation, formula_of
 from backends.slices import advance, fits, start
 from rvaft.backend import Observed
 from rvaft.core.classifier import FirstLiterals, Letter, PatternIndex, Reader, literals_of, reader
+from rvaft.core.patterns import overlaps
 from rvaft.export.certificates import EventConditions
 from rvaft.model import guards, patterns
 from rvaft.model.patterns import Binding, Pattern
@@ -116,6 +118,53 @@ def _questions(header: Header, formulas: Formulas, root: int, given: Mapping[str
                 yield Observed(one.pattern, one.when).untied()  # any values suffice
 
 
+def binds_late(formulas: Formulas, root: int, atoms: Mapping[str, Atom]) -> bool:
+    """Return whether it suffices that slices bind the atoms that their state reads.
+
+    Then a slice never needs a value earlier: no atom is false because of a variable of another atom,
+    and no event must make two atoms true that bind different variables.
+    """
+    rows, order = formulas.rows, formulas.reachable(root)
+    signs = {(root, True)}  # the subformulas, by polarity
+    for number, sign in ((number, sign) for number in reversed(order) for sign in (True, False)):
+        if (number, sign) in signs:
+            signs |= {(operand, sign is not (rows[number].op is Connective.NOT)) for operand in rows[number].operands}
+    negative = [rows[number] for number, sign in signs if not sign]
+    if any(row.op is Connective.ATOM and not atoms[row.name].mentions <= atoms[row.name].binds for row in negative):
+        return False
+    binding = [atom for atom in atoms.values() if atom.binds]
+    pairs = [
+        (one, other)
+        for one, other in combinations(binding, 2)
+        if not (one.binds <= other.binds or other.binds <= one.binds) and overlaps(one.pattern, other.pattern)
+    ]
+
+    def clash(left: frozenset[Atom], right: frozenset[Atom]) -> bool:
+        return any((one in left and other in right) or (one in right and other in left) for one, other in pairs)
+
+    # The atoms that are needed now, and later, on some way to accept a prefix.
+    needed: dict[tuple[int, bool], tuple[frozenset[Atom], frozenset[Atom]]] = {}
+    for number, sign in ((number, sign) for number in order for sign in (True, False) if (number, sign) in signs):
+        row, now, later = rows[number], frozenset[Atom](), frozenset[Atom]()
+        joint = row.op is (Connective.AND if sign else Connective.OR)
+        for this, after in (needed[operand, sign is not (row.op is Connective.NOT)] for operand in row.operands):
+            if joint and (clash(now, this) or clash(later, after)):
+                return False
+            now, later = now | this, later | after
+        match row.op:
+            case Connective.ATOM if sign:
+                now = frozenset([atoms[row.name]])
+            case Connective.NEXT | Connective.EVENTUALLY | Connective.UNTIL:
+                again = frozenset[Atom]().union(*needed[row.operands[0], sign])  # at several positions of an until
+                if pairs and (not sign or (row.op is Connective.UNTIL and clash(again, now | later))):
+                    return False
+                now, later = frozenset() if row.op is Connective.NEXT else now, now | later
+            case _:
+                pass
+        needed[number, sign] = now, later
+    return True
+
+
 _AS_JUNCTION: Final = {Connective.TRUE: "AND", Connective.FALSE: "OR"}
 
 
@@ -149,6 +198,7 @@ class _LtlfProgram:
         self.atoms = atoms_of(header, formulas.atoms(root), dict(given))
         self.residuals = Residuals(formulas, {name: atom.mentions for name, atom in self.atoms.items()})
         self.initial = self.residuals.of(root)
+        self.late = binds_late(formulas, root, self.atoms)
         self.names = list(self.atoms)
         self.index = FirstLiterals(literals_of(atom.pattern) for atom in self.atoms.values())
 
@@ -174,7 +224,7 @@ class LtlfMonitor(Monitor):
 
         def extensions(residual: int, binding: Binding) -> Iterator[Binding]:
             if not residuals.variables(residual) <= binding.keys():
-                atoms_now = residuals.now(residual) & candidates
+                atoms_now = residuals.now(residual) & candidates if program.late else candidates
                 residuals.ask(len(atoms_now))
                 for name in sorted(atoms_now):
                     if not atoms[name].binds <= binding.keys():

@@ -99,19 +99,21 @@ let automaton number v =
       (need "edges" s))) states;
     marks = List.map (fun s -> need "marked" s = Json.Bool true) states }
 
-let rec term number v =
-  let below make l = match List.map (term number) l with [] -> refuse "no operand" | l -> joined make Empty l in
+(* [event] and [filter] read the event types of events and of filters. *)
+let rec term event filter v =
+  let next = term event filter in
+  let below make l = match List.map next l with [] -> refuse "no operand" | l -> joined make Empty l in
   match word v with
   | "all", [] -> All
   | "empty", [] -> Empty
-  | "event", [ c ] -> OfType (condition types number c)
+  | "event", [ c ] -> OfType (event c)
   | "cat", l -> below (fun x y -> Concat (x, y)) l
   | "or", l -> below (fun x y -> Union (x, y)) l
   | "and", l -> below (fun x y -> Intersection (x, y)) l
   | "shuffle", l -> below (fun x y -> Shuffle (x, y)) l
-  | "filter", [ c; x; y ] -> Filter (condition types number c, term number x, term number y)
-  | "star", [ x ] -> Star (term number x)
-  | "optional", [ x ] -> Optional (term number x)
+  | "filter", [ c; x; y ] -> Filter (filter c, next x, next y)
+  | "star", [ x ] -> Star (next x)
+  | "optional", [ x ] -> Optional (next x)
   | "call", [ n ] -> Call (Tree_reader.number n)
   | other, _ -> refuse "unknown term %s" other
 
@@ -161,6 +163,7 @@ let answer limit refuted = function
   | Inl NotTimed -> Unknown "the tree compares times by an operator that is not supported"
   | Inl NotListed -> Unknown "predicates with `lower` are not compared"
   | Inl NotServed -> Unknown "no event is known that some node accepts"
+  | Inl NotDetermined -> Unknown "an event may give several values to a variable"
   | Inl NotBound -> Unknown "the text does not observe the events of some node"
 
 let is_object e = match e.content with Object _ -> true | _ -> false
@@ -170,8 +173,8 @@ let name_letter nodes letter =
   | [] -> if List.mem 0 letter then "(another relevant event)" else "(another event)"
   | names -> String.concat "+" names
 
-(* A text of RML: its predicates have variables of their own. *)
-let certify_rml task =
+(* A text of RML whose predicates have variables of their own. *)
+let certify_plain task =
   let tree = task.read.tree in
   let given = List.map (closed task) task.predicates in
   let ps = text_predicates tree given in
@@ -179,7 +182,8 @@ let certify_rml task =
   ignore (sets (conflict ps) all);
   let place q = position same_predicate q 1 ps in
   let number = numbered (Array.of_list (List.map place given)) in
-  let equations = List.map (term number) (items task.body) in
+  let test = condition types number in
+  let equations = List.map (term test test) (items (need "equations" task.body)) in
   let events = List.map (fun v -> { content = v; time_of = None; late = false }) task.values in
   let letters = lazy (List.map (letter_of (satisfies tree ps) all) (List.filter is_object events)) in
   let nodes = List.mapi (fun n name -> (name, Option.to_list (Option.map place (predicate_of tree n))))
@@ -299,6 +303,14 @@ let trial_events qs values =
   List.concat_map (fun z -> List.filter_map (function
       | Object _ as v -> Some { content = v; time_of = Some z; late = false } | _ -> None) contents) times
 
+(* Refuse predicates and atoms of which events can satisfy too many combinations. *)
+let bounded_letters tree ps basic composed =
+  ignore (sets (conflict ps) (List.init (List.length ps + 1) Fun.id));
+  let letters_beside a =
+    sets (atoms_conflict ps basic composed) (allowed (pattern_numbers ps basic composed) a (basic_numbers ps basic)) in
+  if List.fold_left (fun n a -> n + letters_beside a) 0 (related_letters tree ps) > 10 * most_letters then
+    refuse "events can satisfy more than %d combinations of the predicates" most_letters
+
 let most_slices = 50_000
 
 (* A text of LTLf or HOA over its slices. [use numbers] has the predicates of the text, whether it accepts a
@@ -310,11 +322,7 @@ let certify_slices task use =
   let basic, composed = slice_atoms tree task.selection atoms in
   let qs = basic @ composed in
   let ps = slice_predicates tree given qs in
-  ignore (sets (conflict ps) (List.init (List.length ps + 1) Fun.id));
-  let letters_beside a =
-    sets (atoms_conflict ps basic composed) (allowed (pattern_numbers ps basic composed) a (basic_numbers ps basic)) in
-  if List.fold_left (fun n a -> n + letters_beside a) 0 (related_letters tree ps) > 10 * most_letters then
-    refuse "events can satisfy more than %d combinations of the predicates" most_letters;
+  bounded_letters tree ps basic composed;
   let number q = atom_number ps qs q in
   let rec numbers predicates given atoms = match predicates, given, atoms with
     | [], _, _ -> []
@@ -390,6 +398,96 @@ let certify_hoa task = certify_slices task (fun number ->
     (hoa_atoms h, (fun word -> hoa_accepts h (state_after word)),
      fun w s ps basic composed atoms values fuel ->
        certify_text_hoa mix task.read.tree w s ps basic composed atoms values fuel h))
+
+(* What the local variables of a pattern are in a pattern of the tree, if both are the same: different variables
+   that the text does not follow. *)
+let rec unified shared known p q = match p, q with
+  | (Named (Local _) | Anything), Named (Rigid x) when not (List.mem x shared) ->
+    let name = match p with Named (Local l) -> l | _ -> -1 in
+    (match List.assoc_opt name known with
+     | Some y when name >= 0 -> if x = y then Some known else None
+     | _ -> if List.exists (fun (_, y) -> x = y) known then None else Some ((name, x) :: known))
+  | ObjectWith f, ObjectWith g when List.map fst f = List.map fst g ->
+    List.fold_left2 (fun known (_, p) (_, q) -> Option.bind known (fun known -> unified shared known p q))
+      (Some known) f g
+  | ListOf l, ListOf m when List.length l = List.length m ->
+    List.fold_left2 (fun known p q -> Option.bind known (fun known -> unified shared known p q)) (Some known) l m
+  | SomeItem p, SomeItem q -> unified shared known p q
+  | _ -> if same_pattern p q then Some known else None
+
+let rec conjuncts = function AndThen (a, b) -> conjuncts a @ conjuncts b | g -> [ g ]
+
+(* The atom of a predicate; [shared] has the variables of the block.  Other variables are those of a pattern of the
+   tree, where the tree has this pattern, and else are new. *)
+let atom_in task shared fresh v =
+  let locals = numbering () in
+  let shape = need "pattern" v in
+  let name x = match List.assoc_opt x shared with Some n -> Named (Rigid n) | None -> Named (Local (locals x)) in
+  let p = Tree_reader.pattern locals (List.map (fun x -> (x, name x)) (variables shape)) shape in
+  let tree_guards = List.concat (clocked_guards task.read.tree task.selection) in
+  let of_tree g = List.find_opt (fun h -> same_guard (sorted g) (sorted h)) tree_guards in
+  let guards number = match need "condition" v with
+    | Json.Null -> []
+    | g -> let g = guard task.read.lower number (fun _ -> None) g in
+      (match of_tree g with Some h -> [ h ] | None ->
+         List.map (fun g -> Option.value (of_tree g) ~default:g) (conjuncts g)) in
+  let made pattern number = { atom_pattern = pattern; atom_time = None; atom_guards = guards number } in
+  let number known x = match List.assoc_opt x shared with Some n -> n | None ->
+    Option.value (List.assoc_opt (locals x) known) ~default:(fresh x) in
+  let candidates = List.filter_map (fun node -> Option.bind node.on (fun q ->
+      Option.map (fun known -> made q (number known)) (unified (List.map snd shared) [] p q))) task.read.tree.nodes in
+  let known_guards q = List.for_all (fun g -> of_tree g <> None) q.atom_guards in
+  match List.find_opt known_guards candidates, candidates with
+  | Some q, _ | None, q :: _ -> q
+  | None, [] ->
+    let asked = match need "condition" v with Json.Null -> [] | _ -> variables shape in
+    let name x = if List.mem_assoc x shared || not (List.mem x asked) then name x else Named (Rigid (fresh x)) in
+    made (canonical_locals (Tree_reader.pattern locals (List.map (fun x -> (x, name x)) (variables shape)) shape))
+      (number [])
+
+(* A text of RML over the values of the variables of its block.  Its events are atoms; filters, and negations without
+   variables of the block, have predicates with variables of their own. *)
+let certify_block task =
+  let tree = task.read.tree in
+  let new_variables = ref 1_000_000_000 in
+  let fresh _ = incr new_variables; !new_variables in
+  let names = List.map text (items (need "variables" task.body)) in
+  let shared = List.map (fun x -> (x, match Hashtbl.find_opt task.read.variables (String.capitalize_ascii x) with
+      | Some n -> n | None -> fresh x)) names in
+  if List.length (once names) < List.length names || List.length (once (List.map snd shared)) < List.length names then
+    refuse "two variables of the block are alike";
+  let written = Array.of_list task.predicates in
+  let follows v = List.exists (fun x -> List.mem_assoc x shared) (variables (need "pattern" v)) in
+  let atoms = Array.map (fun v -> let known = Hashtbl.create 4 in
+      lazy (atom_in task shared (fun x -> match Hashtbl.find_opt known x with
+          | Some n -> n | None -> let n = fresh x in Hashtbl.add known x n; n) v)) written in
+  let closed_ones = Array.map (fun v -> lazy (if follows v then refuse "a filter has variables of the block" else
+      closed task v)) written in
+  (* The event types with numbers for atoms and for predicates with variables of their own. *)
+  let equations atom own =
+    let rec test positive v = match word v with
+      | "not", [ c ] -> NotType (test (fun n -> if follows written.(n) then atom n else own n) c)
+      | "or", l -> joined (fun t u -> EitherType (t, u)) NoEvent (List.map (test positive) l)
+      | _ -> condition types (fun n -> positive (numbered (Array.init (Array.length written) Fun.id) n)) v in
+    List.map (term (test atom) (test own)) (items (need "equations" task.body)) in
+  let used = ref [] and given = ref [] in
+  ignore (equations (fun n -> used := Lazy.force atoms.(n) :: !used; 0)
+      (fun n -> given := Lazy.force closed_ones.(n) :: !given; 0));
+  let basic, composed = slice_atoms tree task.selection !used in
+  let qs = basic @ composed in
+  let ps = slice_predicates tree !given qs in
+  bounded_letters tree ps basic composed;
+  let equations = equations (fun n -> atom_number ps qs (Lazy.force atoms.(n)))
+      (fun n -> position same_predicate (Lazy.force closed_ones.(n)) 1 ps) in
+  answer task.limit (fun found ->
+      Unknown (Printf.sprintf "the verdicts may differ after %d events" (List.length found)))
+    (certify_text_block mix tree task.selection task.semantics ps basic composed (List.map snd shared) depth equations
+       task.limit (Call 0))
+
+let certify_rml task =
+  match if items (need "variables" task.body) = [] then certify_plain task else Unknown "" with
+  | Unknown _ -> certify_block task
+  | decided -> decided
 
 (* The answer for a text; [limit] bounds the pairs of a state of the text and a state of the automaton. *)
 let certify read selection semantics limit v =

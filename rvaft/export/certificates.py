@@ -7,7 +7,7 @@ import json
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -89,17 +89,20 @@ class EventConditions:
         written = json.dumps(predicate)  # as values of Python, 1 and true are equal
         return ["predicate", self.numbers.setdefault(written, len(self.numbers))]
 
-    def of(self, one: Observed) -> Json:
-        """Return a test whose variables are its own; raises `NotExpressible` for shared ones."""
-        if one == EVERY:
+    def of(self, one: Observed, shared: Set[str] = frozenset()) -> Json:
+        """Return a test whose variables are its own, or `shared`; raises `NotExpressible` for others."""
+        if one == EVERY and not shared:
             return ["and"]
-        if not set(guards.variables(one.when)) <= set(patterns.variables(one.pattern)):
+        own, asked = {*patterns.variables(one.pattern)}, {*guards.variables(one.when)}
+        if not asked <= own | shared or not shared <= own | asked or any(name.startswith("_") for name in shared):
             raise NotExpressible("a guard has variables that its event does not bind")
         return self._number({"pattern": pattern_json(one.pattern), "condition": condition_json(one.when)})
 
     def atom(self, pattern: patterns.Pattern, when: Iterable[guards.Guard] = ()) -> Json:
         """Return a test whose variables have one value in a slice of a trace."""
         bare, time = untimed(pattern)
+        if time is not None and time.startswith("_"):  # no slice binds a variable of one event
+            time = None
         return self._number({"pattern": pattern_json(bare), "time": time, "guards": list(map(condition_json, when))})
 
     def relevance(self, relevant: Iterable[Any], ignored: Iterable[Any]) -> Json:

@@ -261,7 +261,7 @@ def alternatives_of(program: s.RmlProgram, declaration: s.Declaration, use: s.Ty
     if any(one.negated for one in derived):
         raise NotExpressible("an event type is derived from a negated one")
     try:
-        questions.ask(questions.declared_ways(declaration, use, {}))
+        questions.ask(questions.declared_ways(declaration, use, {name: p.Variable(name) for name in use.variables}))
     except _Unknown:
         raise NotExpressible("an event type is no pattern with a guard") from None
     return questions.found

@@ -10,12 +10,23 @@ An event may match without binding a variable (`not` types, `|` in patterns). Th
 """
 
 from collections.abc import Hashable
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Final, TypeAlias
 
 from backends.rml.reader.event_types import UNBOUND, EventTypes, alternatives_of, value
 from backends.rml.reader.parser import parse
-from backends.rml.reader.syntax import Expression, Name, RmlProgram, TypeUse, fold, signature
+from backends.rml.reader.syntax import (
+    Constant,
+    Declaration,
+    Expression,
+    Ignored,
+    Name,
+    RmlProgram,
+    TypeUse,
+    fold,
+    signature,
+)
 from backends.rml.reader.terms import RmlTerm, TermTable, is_open, mark
 from rvaft.errors import NotExpressible, TooLarge
 from rvaft.export.certificates import EventConditions
@@ -79,42 +90,74 @@ class RmlMonitor(Monitor):
 
 
 def formal(text: str) -> dict[str, Any]:
-    """Return the equations, `Main` first; raises `NotExpressible`, `LanguageError`, `TooLarge`."""
+    """Return the variables of the outermost block, and the equations, `Main` first.
+
+    Raises `NotExpressible`, `LanguageError`, `TooLarge`.
+    """
     program, events = parse(text), EventConditions()
     reachable = list(program.reachable())
     place = {equation.name: number for number, equation in enumerate(reachable)}
+    shared, main = _outermost(reachable[0].body)
 
     def test(use: TypeUse) -> Json:
         alternatives: list[Json] = ["or"]
-        for declaration in program.declared.get(signature(use), ()):
-            derived = [one for one in declaration.alternatives if isinstance(one, TypeUse)]
-            if declaration.negated or (derived and not declaration.parameters and declaration.guard is None):
-                if (
-                    declaration.parameters
-                    or declaration.guard is not None
-                    or len(derived) < len(declaration.alternatives)
-                ):
-                    raise NotExpressible("an event type has a negation with variables")
+        for one in program.declared.get(signature(use), ()):
+            derived = _derived(one, use)
+            if one.negated or (derived and not one.parameters and one.guard is None):
+                if derived is None or one.guard is not None:
+                    raise NotExpressible("an event type negates a pattern or a guard")
                 either: Json = ["or", *map(test, derived)]
-                alternatives.append(["not", either] if declaration.negated else either)
+                alternatives.append(["not", either] if one.negated else either)
             else:
-                alternatives += map(events.of, alternatives_of(program, declaration, use))
+                alternatives += [events.of(found, use.variables) for found in alternatives_of(program, one, use)]
         return alternatives
 
     def term(part: Expression, below: list[Json]) -> Json:
         match part:
             case Expression("all" | "empty" | "cat" | "and" | "or" | "shuffle" | "star" | "optional" as operator):
                 return [operator, *below]
-            case Expression("event" | "filter" as operator, data=use) if not use.variables:
+            case Expression("event" | "filter" as operator, data=use) if use.variables <= set(
+                shared if operator == "event" else ()
+            ):
                 return [operator, test(use), *below]
-            case Expression("call", data=(name, (), ())):
+            case Expression("call", data=(name, (), ())) if not shared or name != "Main":
                 return ["call", place[name]]
             case _:
-                raise NotExpressible("the text has variables, or an operator that is not in the formal syntax")
+                raise NotExpressible("the text has an operator or a use of variables that is not in the formal syntax")
 
     if any(equation.parameters for equation in reachable):
         raise NotExpressible("an equation of the text has parameters")
-    return events.text("rml", [fold(equation.body, term, lambda part: part.parts) for equation in reachable])
+    bodies = [main, *(equation.body for equation in reachable[1:])]
+    equations: list[Json] = [fold(body, term, lambda part: part.parts) for body in bodies]
+    return events.text("rml", {"variables": [*shared], "equations": equations})
+
+
+def _outermost(body: Expression) -> tuple[list[str], Expression]:
+    """Return the variables of a block around the whole text, or under its filter, and the text without it."""
+    if body.operator == "filter" and body.parts[1].operator == "all":
+        names, inside = _outermost(body.parts[0])
+        return names, replace(body, parts=(inside, body.parts[1])) if body.parts[0].operator == "block" else body
+    names = []
+    while body.operator == "block":
+        names.append(body.data)
+        body = body.parts[0]
+    return names, body
+
+
+def _derived(one: Declaration, use: TypeUse) -> list[TypeUse] | None:
+    """Return the event types that a declaration names, with the arguments of a use; None if it has
+    patterns, or passes on anything but its arguments.
+    """
+    given = dict(zip(one.parameters, use.parameters, strict=True))
+    derived = []
+    for each in one.alternatives:
+        if not isinstance(each, TypeUse) or not each.variables <= given.keys() or len(given) < len(one.parameters):
+            return None
+        parameters = tuple(given[p.name] if isinstance(p, Name) else p for p in each.parameters)
+        if not all(isinstance(p, Name | Constant | Ignored) for p in parameters):
+            return None
+        derived.append(replace(each, parameters=parameters))
+    return derived
 
 
 class Transitions:

@@ -20,10 +20,10 @@ from backends.rml.reader.syntax import (
     Constant,
     Declaration,
     Expression,
-    Ignored,
     Name,
     RmlProgram,
     TypeUse,
+    Wildcard,
     fold,
     signature,
 )
@@ -154,7 +154,7 @@ def _derived(one: Declaration, use: TypeUse) -> list[TypeUse] | None:
         if not isinstance(each, TypeUse) or not each.variables <= given.keys() or len(given) < len(one.parameters):
             return None
         parameters = tuple(given[p.name] if isinstance(p, Name) else p for p in each.parameters)
-        if not all(isinstance(p, Name | Constant | Ignored) for p in parameters):
+        if not all(isinstance(p, Name | Constant | Wildcard) for p in parameters):
             return None
         derived.append(replace(each, parameters=parameters))
     return derived

@@ -16,7 +16,7 @@ from functools import cache, lru_cache, partial
 from typing import Any, Final, TypeAlias
 
 from backends import slices
-from backends.automaton.hoa_writer import ALIVE
+from backends.automaton.hoa_writer import ALIVE, checksum
 from rvaft.backend import Observed
 from rvaft.core.classifier import Decided, PatternIndex
 from rvaft.core.times import timed
@@ -246,6 +246,7 @@ _HEADER: Final = re.compile(
     r'|(?P<end>--BODY--)|(?P<word>[^\s"]+)',
     re.DOTALL,
 )
+_TOOL: Final = re.compile(r'^tool: "rvaft" "([0-9a-f]+)"\n', re.MULTILINE)
 _EXPECTED: Final = {
     "event:": ((2, 3), "a number, a pattern in quotes, and the variable of the time in quotes where there is one"),
     "guard:": ((2,), "a number and a guard in quotes"),
@@ -280,8 +281,9 @@ class HoaProgram:
                 lines.append((token, []))
             elif token.lastgroup != "comment" and lines:
                 lines[-1][1].append(token.group())
-        self.binds_late = any(start.group() == "tool:" and values[:1] == ['"rvaft"'] for start, values in lines)
-        """Whether slices bind the events that their state reads; this suffices in texts of trees."""
+        tool = _TOOL.search(text)
+        self.binds_late = tool is not None and tool[1] == checksum(text[tool.end() :])
+        """Whether slices bind the events that their state reads; this suffices in unchanged texts of trees."""
         for start, values in lines:
             if start.group() in _EXPECTED:  # other header lines belong to the format or to other tools
                 try:

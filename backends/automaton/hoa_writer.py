@@ -15,6 +15,7 @@ which tools skip, define the propositions:
 
 import re
 from collections.abc import Iterator, Mapping
+from hashlib import sha256
 from itertools import count
 from typing import Final, NamedTuple
 
@@ -160,9 +161,6 @@ def write(
         body += [f"State: {len(order)} {{0}}", f"[!0] {len(order)}"]
     states = len(order) + (DETECTED in number)
     header = [
-        "HOA: v1",
-        f"name: {_quoted(name)}",
-        'tool: "rvaft"',
         f"States: {states}",
         "Start: 0",
         *_propositions(structure, numbers, relevance),
@@ -175,8 +173,14 @@ def write(
         alias = [*always, str(numbers[atom]), *words(excluded, "!")]
         header.append(f"Alias: @{numbers[atom]} {'&'.join(alias)}")
     text = "\n".join([*header, "--BODY--", *body, "--END--", ""])
+    text = f'HOA: v1\nname: {_quoted(name)}\ntool: "rvaft" "{checksum(text)}"\n{text}'
     symbols = sum(len(_TOKEN.findall(line)) for line in body)
     return text, Metrics(symbols, states=states, edges=sum(line.startswith("[") for line in body))
+
+
+def checksum(text: str) -> str:
+    """Return what the line `tool` says of the text after it, so that a reader sees whether it is unchanged."""
+    return sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:16]
 
 
 def _propositions(structure: Structure, numbers: Mapping[int, int], relevance: Relevance | None) -> Iterator[str]:

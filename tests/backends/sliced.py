@@ -218,7 +218,7 @@ class HoaText(Text):
         return {self.marked[one] for one in reached}
 
     def __str__(self) -> str:
-        lines = [f"HOA: v1\nStates: {len(self.targets)}\nStart: 0"]
+        lines = [f'HOA: v1\ntool: "rvaft" "0123456789abcdef"\nStates: {len(self.targets)}\nStart: 0']  # an edited text
         lines.append(f"AP: {len(self.atoms)} " + " ".join(f'"{atom.name}"' for atom in self.atoms))
         for number, atom in enumerate(self.atoms):
             guard = guards(atom)

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from hashlib import sha256
 from itertools import product
 from random import Random
 from typing import Any
@@ -19,10 +20,7 @@ from rvaft.model.patterns import ObjectPattern, Pattern, match
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import union
 
-HEADER = """HOA: v1
-name: "{name}"
-tool: "rvaft"
-States: {states}
+HEADER = """States: {states}
 Start: 0
 {propositions}
 acc-name: Buchi
@@ -61,8 +59,9 @@ def test_pinned(tree: str, semantics: str, aliases: str, states: str) -> None:
         marks = " {0}\n" if edges.startswith("{0}") else "\n"
         body += f"State: {number}{marks}" + "".join(f"{edge}\n" for edge in edges.removeprefix("{0}").split(", "))
     propositions = RELEVANT_AB if semantics == "projected" else AB
-    header = HEADER.format(name=f"r, {semantics}", states=top + 2, propositions=propositions)
-    assert specification.text == f"{header}{aliases}--BODY--\n{body}--END--\n"
+    rest = f"{HEADER.format(states=top + 2, propositions=propositions)}{aliases}--BODY--\n{body}--END--\n"
+    tool = f'tool: "rvaft" "{sha256(rest.encode()).hexdigest()[:16]}"'
+    assert specification.text == f'HOA: v1\nname: "r, {semantics}"\n{tool}\n{rest}'
     assert specification.metrics.states == top + 2
     assert specification.metrics.edges == body.count("[")
 

@@ -156,10 +156,10 @@ class JsonFile(LogFile):
         tree: dict[str, Any] = {}
         for place in (*read, *([time] if time else [])):
             inner: Any = tree
-            for name in place:
+            for depth, name in enumerate(place, 1):
                 if not isinstance(inner, dict):
                     raise Declined(f"the field {place[0]} is read as a whole, and inside")
-                inner = inner.setdefault(str(name), "JSON" if name is place[-1] else {})
+                inner = inner.setdefault(str(name), "JSON" if depth == len(place) else {})
         self.form = json.dumps(tree)
         if any(not _plain(str(name)) for place in (*read, *([time] if time else [])) for name in place):
             raise Declined("JSON spells the name of a field in several ways")

@@ -267,6 +267,22 @@ def test_a_table_without_the_key(tmp_path: Path) -> None:
     assert "there is no column host" in run("monitor", tree, log, "--key", "host", "--engine", "duckdb").stderr
 
 
+@pytest.mark.parametrize(
+    ("place", "cell", "end"),
+    [(1, "2", "\n"), (3, '"2"', "\r\n"), (2, '"2,""3"', "\n"), (3, "", "\n"), (100_000, "2", "\r\n")],
+)
+def test_a_line_with_a_separator_after_the_last_cell(place: int, cell: str, end: str, tmp_path: Path) -> None:
+    """It is malformed, but DuckDB accepts it. A line may end with an empty cell."""
+    tree, log = tmp_path / "tree.rvaft", tmp_path / "log.csv"
+    tree.write_text("semantics scattered; top sand x y;")
+    lines = ["event,user", "x,a", "w,", "y,a", *["w,some one"] * place]
+    log.write_text(end.join(lines))
+    assert differences(tree, log, []) == (True, True)
+    lines[place] = f"w,{cell},"
+    log.write_text(end.join(lines))
+    assert differences(tree, log, [])[0] is False
+
+
 def test_the_longest_of_several_matches(tmp_path: Path) -> None:
     """With all events since its begin, the monitors explain the branch that they explain without DuckDB."""
     tree, log = tmp_path / "tree.rvaft", tmp_path / "log.jsonl"

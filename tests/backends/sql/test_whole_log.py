@@ -269,7 +269,7 @@ def test_a_table_without_the_key(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("place", "cell", "end"),
-    [(1, "2", "\n"), (3, '"2"', "\r\n"), (2, '"2,""3"', "\n"), (3, "", "\n"), (100_000, "2", "\r\n")],
+    [(1, "2", "\n"), (3, '"2"', "\r\n"), (2, '"2,""3"', "\n"), (3, "", "\n"), (3, "2,", "\n"), (100_000, "2", "\r\n")],
 )
 def test_a_line_with_a_separator_after_the_last_cell(place: int, cell: str, end: str, tmp_path: Path) -> None:
     """It is malformed, but DuckDB accepts it. A line may end with an empty cell."""
@@ -281,6 +281,16 @@ def test_a_line_with_a_separator_after_the_last_cell(place: int, cell: str, end:
     lines[place] = f"w,{cell},"
     log.write_text(end.join(lines))
     assert differences(tree, log, [])[0] is False
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_an_empty_line_in_a_table_of_one_column(end: str, tmp_path: Path) -> None:
+    tree, log = tmp_path / "tree.rvaft", tmp_path / "log.csv"
+    tree.write_text("semantics scattered; top sand x y;")
+    log.write_text(end.join(["event", "x", "y", ""]))
+    assert differences(tree, log, []) == (True, True)
+    log.write_text(end.join(["event", "x", "", "y", ""]))
+    assert differences(tree, log, []) == (False, True)
 
 
 def test_the_longest_of_several_matches(tmp_path: Path) -> None:

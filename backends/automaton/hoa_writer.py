@@ -179,7 +179,7 @@ def write(
 
 
 def checksum(text: str) -> str:
-    """Return what the line `tool` says of the text after it, so that a reader sees whether it is unchanged."""
+    """Return the checksum in the line `tool` of the text after it, which shows whether this is unchanged."""
     return sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:16]
 
 

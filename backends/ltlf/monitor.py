@@ -10,7 +10,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import combinations
-from typing import Any, Final
+from typing import Any, Final, assert_never
 
 from backends.ltlf.formulas import Connective, Formulas
 from backends.ltlf.progression import Residuals
@@ -152,15 +152,17 @@ def binds_late(formulas: Formulas, root: int, atoms: Mapping[str, Atom]) -> bool
                 return False
             now, later = now | this, later | after
         match row.op:
-            case Connective.ATOM if sign:
-                now = frozenset([atoms[row.name]])
+            case Connective.ATOM:
+                now = frozenset([atoms[row.name]] if sign else ())
             case Connective.NEXT | Connective.EVENTUALLY | Connective.UNTIL:
                 again = frozenset[Atom]().union(*needed[row.operands[0], sign])  # at several positions of an until
                 if pairs and (not sign or (row.op is Connective.UNTIL and clash(again, now | later))):
                     return False
                 now, later = frozenset() if row.op is Connective.NEXT else now, now | later
-            case _:
+            case Connective.TRUE | Connective.FALSE | Connective.NOT | Connective.AND | Connective.OR:
                 pass
+            case other:
+                assert_never(other)
         needed[number, sign] = now, later
     return True
 

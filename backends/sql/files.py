@@ -156,10 +156,10 @@ class JsonFile(LogFile):
         tree: dict[str, Any] = {}
         for place in (*read, *([time] if time else [])):
             inner: Any = tree
-            for name in place:
+            for depth, name in enumerate(place, 1):
                 if not isinstance(inner, dict):
                     raise Declined(f"the field {place[0]} is read as a whole, and inside")
-                inner = inner.setdefault(str(name), "JSON" if name is place[-1] else {})
+                inner = inner.setdefault(str(name), "JSON" if depth == len(place) else {})
         self.form = json.dumps(tree)
         if any(not _plain(str(name)) for place in (*read, *([time] if time else [])) for name in place):
             raise Declined("JSON spells the name of a field in several ways")
@@ -311,14 +311,20 @@ class CsvFile(LogFile):
             self.time_number, self.time_text = _numeral(text), text
 
     def _scanned(self) -> int:
-        """Return the number of lines; raises `Declined` for quotes and blanks that are read in several ways."""
+        """Return the number of lines; raises `Declined` for lines that are read in several ways."""
         lines, ended, before, divider = 0, True, b"\n", re.escape(self.delimiter.encode())
-        unusual = re.compile(rb'\0|[\n%s] |" | "|[^\n\r"%s]"[^\n\r"%s]' % (divider, divider, divider))
+        unusual = re.compile(rb'\0|\n\r?\n|[\n%s] |" | "|[^\n\r"%s]"[^\n\r"%s]' % (divider, divider, divider))
+        cell = rb'(?:"(?:[^"]|"")*"|[^"\n%s]*)%s' % (divider, divider)
+        columns = self.head.count(self.delimiter.encode()) + 1
+        last = re.compile(rb"%s\r?$" % divider, re.MULTILINE)
+        longer = re.compile(rb"^(?:%s){%d,}\r?$" % (cell, columns), re.MULTILINE)
         with opened(self.path) as stream:
-            while data := stream.read(_CHUNK):
+            while data := stream.read(_CHUNK) + stream.readline():
                 text = before + data
+                if last.search(data) and longer.search(data):
+                    raise Declined("a line ends with a separator after the last column")
                 if unusual.search(text):
-                    raise Declined("the table has quotes inside cells, or blanks before cells")
+                    raise Declined("the table has empty lines, quotes inside cells, or blanks before cells")
                 self.quote = self.quote or '"' * (b'"' in data)
                 if b"\r" in text.replace(b"\r\n", b"").removesuffix(b"\r"):
                     raise Declined("a line has a control character")

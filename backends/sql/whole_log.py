@@ -295,7 +295,7 @@ class DuckDbAnswer(LogAnswer):
             yield from (number for (number,) in self._ask(f"{query} ORDER BY 1 LIMIT {SPELLINGS}"))
 
     def _matches(self) -> list[tuple[int, int, list[int]]] | None:
-        """Return each match: key, number of the last event, and those of all; None for too many."""
+        """Return each match in order: key, number of the last event, and those of all; None for too many."""
         timer = Timer(PATIENCE, self.connection.interrupt)
         timer.daemon = True
         timer.start()
@@ -309,7 +309,7 @@ class DuckDbAnswer(LogAnswer):
             timer.cancel()
         if len(found) > MATCHES:
             return None
-        return [(key, last, sorted(_positions(nodes))) for key, last, nodes in sorted(found)]
+        return sorted((key, last, sorted(_positions(nodes))) for key, last, nodes in found)
 
     def _selected(self) -> Iterable[int]:
         monitors, every = self.engine.plan.monitors, self.engine.every

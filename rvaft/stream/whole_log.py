@@ -119,7 +119,7 @@ def count(run: TraceRun, answer: LogAnswer) -> None:
     events = {number: event for number, _, event in answer.events(wanted, plan.reads)}
     keys = () if plan.key is None else [plan.key.of(events[number]) for number in firsts]
     if len({tuple(map(value_key, key)) for key in keys if key is not None}) < len(keys):
-        raise Declined("a key is written in several ways")
+        raise Declined("DuckDB reads a key in another way")
     for totals in (Totals(Statistics(types), DataWarnings(types)), run.totals):
         statistics, warnings = totals.statistics, totals.data_warnings
         looked_at = {number for group in answer.groups for number in group.first}

@@ -242,6 +242,7 @@ BY_KEY = {
     "a long number": (ONE, '{"event": "x", "u": "a", "k": 12345678901234567890}\n', False),
     "an object": (ONE, '{"event": "x", "u": "a", "k": {"id": 1}}\n', False),
     "a key inside a field": ("semantics scattered; top sand x y;", '{"event": "x", "event.u": 1}\n', False),
+    "two fields of one name": ("semantics scattered; top sand x y;", '{"event": "x", "k": {"k": 1}}\n', True),
 }
 
 
@@ -251,7 +252,7 @@ def test_keys(name: str, tmp_path: Path) -> None:
     tree, log = tmp_path / "tree.rvaft", tmp_path / "log.jsonl"
     tree.write_text(text)
     log.write_text(lines)
-    key = "event.u" if "inside" in name else "k"
+    key = {"a key inside a field": "event.u", "two fields of one name": "k.k"}.get(name, "k")
     for options in (["--repeat"], ["--format", "jsonl", "--repeat"], ["--max-keys", "1"]):
         found = differences(tree, log, ["--key", key, *options])
         assert found[0] == (answered and not ("beside" in name and "1" in options))
@@ -264,6 +265,44 @@ def test_a_table_without_the_key(tmp_path: Path) -> None:
     assert differences(tree, log, ["--key", "user"]) == (True, True)
     assert differences(tree, log, ["--key", "host"]) == (False, False)
     assert "there is no column host" in run("monitor", tree, log, "--key", "host", "--engine", "duckdb").stderr
+
+
+@pytest.mark.parametrize(
+    ("place", "cell", "end"),
+    [(1, "2", "\n"), (3, '"2"', "\r\n"), (2, '"2,""3"', "\n"), (3, "", "\n"), (3, "2,", "\n"), (100_000, "2", "\r\n")],
+)
+def test_a_line_with_a_separator_after_the_last_cell(place: int, cell: str, end: str, tmp_path: Path) -> None:
+    """It is malformed, but DuckDB accepts it. A line may end with an empty cell."""
+    tree, log = tmp_path / "tree.rvaft", tmp_path / "log.csv"
+    tree.write_text("semantics scattered; top sand x y;")
+    lines = ["event,user", "x,a", "w,", "y,a", *["w,some one"] * place]
+    log.write_text(end.join(lines))
+    assert differences(tree, log, []) == (True, True)
+    lines[place] = f"w,{cell},"
+    log.write_text(end.join(lines))
+    assert differences(tree, log, [])[0] is False
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_an_empty_line_in_a_table_of_one_column(end: str, tmp_path: Path) -> None:
+    tree, log = tmp_path / "tree.rvaft", tmp_path / "log.csv"
+    tree.write_text("semantics scattered; top sand x y;")
+    log.write_text(end.join(["event", "x", "y", ""]))
+    assert differences(tree, log, []) == (True, True)
+    log.write_text(end.join(["event", "x", "", "y", ""]))
+    assert differences(tree, log, []) == (False, True)
+
+
+def test_the_longest_of_several_matches(tmp_path: Path) -> None:
+    """With all events since its begin, the monitors explain the branch that they explain without DuckDB."""
+    tree, log = tmp_path / "tree.rvaft", tmp_path / "log.jsonl"
+    tree.write_text(
+        f"{TYPED} {CONSECUTIVE} top or p q; p sand x1 y1 z1; q sand a b; "
+        "x1 on x(_); y1 on y(_, _); z1 on z(_); a on y(_, _); b on z(_);"
+    )
+    log.write_text("".join(f'{{"event": "{name}", "u": "a", "n": 1, "v": true}}\n' for name in "xyz"))
+    for options in ([], ["--repeat"], ["--key", "u"]):
+        assert differences(tree, log, options) == (True, True)
 
 
 def test_a_field_that_is_read_as_a_whole_and_inside(tmp_path: Path) -> None:

@@ -62,7 +62,8 @@ def run(part: RVAFT, semantics: Semantics, files: Sequence[str], *, repeat: bool
     command = [str(language.program(text)), *chosen, "--", *files]
     explained = _Explained(part)
     output = sys.stdout.buffer
-    with ExitStack() as logs, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:  # noqa: S603
+    started = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)  # noqa: S603
+    with ExitStack() as logs, started as process:
 
         @lru_cache(maxsize=1)
         def log(file: str) -> BinaryIO:

@@ -4,6 +4,7 @@ It shares nothing with the readers of these texts. Events are flat, values few a
 """
 
 import operator
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, combinations
@@ -57,14 +58,14 @@ def after(atoms: tuple[Atom, ...], event: Event, before: Assignment) -> Iterator
             yield larger
 
 
-class Text:
+class Text(ABC):
     """A text: its atoms, and whether it accepts a word, for a word whose rest has some outcome."""
 
     atoms: tuple[Atom, ...]
 
+    @abstractmethod
     def outcomes(self, word: tuple[Letter, ...]) -> set[bool]:
         """Whether the text accepts a word and its extensions by any letters."""
-        raise NotImplementedError
 
     @staticmethod
     def letters_of(atoms: Iterable[Atom]) -> list[Letter]:

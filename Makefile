@@ -10,7 +10,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 PROGRAMS := tests/export tests/cli/test_processes.py tests/cli/test_show.py tests/cross_check/test_mona.py
 
-.PHONY: converters demo paper docs pictures playground proofs verified test bare check lint types layers slow bench clean
+.PHONY: converters demo paper docs pictures playground proofs verified test bare check lint types layers slow attack bench clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "rvaft needs Python 3.11 or newer; this is %d.%d (set PYTHON=...)" % sys.version_info[:2])'
@@ -102,6 +102,10 @@ check: lint types layers docs test bare
 
 slow: $(STAMP)
 	$(BIN)/python -m pytest -m slow
+
+# Attacks: hostile trees, logs, texts, files and clients; five minutes.
+attack: $(STAMP)
+	$(BIN)/python -m pytest -n auto --dist worksteal tests/attacks
 
 bench: $(STAMP)
 	$(BIN)/python -m pytest tests/benchmarks -s

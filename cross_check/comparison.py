@@ -20,6 +20,7 @@ from cross_check.letters import TIMES, VARIABLES
 from cross_check.participants import (
     ENGINE,
     MONA,
+    PATIENCE,
     REFERENCE,
     Absent,
     Answer,
@@ -62,8 +63,6 @@ MATCHED: Final = 8
 """Maximum number of traces per comparison of which all matches are compared."""
 TRIED: Final = 2_000
 """Maximum number of events tried to find the matches of a trace."""
-PATIENCE: Final = 60.0
-"""Seconds for all traces of one comparison."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +78,7 @@ class Roster:
     - `flink`: run `match-recognize-flink`.
     - `verified`: the program of the verified monitor (`verified`).
     - `patience`: seconds for an external program.
+    - `run_c`: whether texts in C of saved cases may run.
     - `limit`: the size of translations, in the unit of the backend.
     """
 
@@ -92,6 +92,7 @@ class Roster:
     verified: Path | None = None
     patience: float = PATIENCE
     limit: int | None = None
+    run_c: bool = False
 
     def candidates(self, tree: RVAFT, job: Job) -> Iterator[tuple[str, Enlist]]:
         """Yield a unique name and a factory for each participant; the reference first."""
@@ -138,19 +139,23 @@ def cross_check(
     kind: Kind | str | None = None,
     name: str = "tree",
     effort: Effort | None = None,
+    run_c: bool = False,
 ) -> list[Result]:
     """Compare the reference, the engine and backends on a tree under some semantics (default: all).
 
     `backends` restricts the backends (default: all faithful ones). `against` lists specifications
-    `[LANG:]FILE` to compare with the tree instead. `name` names the tree in results. Raises
-    `OptionError` and `LanguageError` for `against`, `TreeError` for an invalid tree or part.
+    `[LANG:]FILE` to compare with the tree instead; they run in a child process, those in C only with
+    `run_c`. `name` names the tree in results. Raises `OptionError`, `ToolFailed` and `LanguageError`
+    for `against`, `TreeError` for an invalid tree or part.
 
     >>> import rvaft
     >>> [result.text for result in cross_check(rvaft.loads("top and a b;"), "projected", backends=["ltlf"])]
     ['baseline', 'proved', 'proved']
     """
     narrowed(tree, branch, kind)
-    roster = Roster(None if backends is None else tuple(backends), tuple(map(handwritten, against)))
+    roster = Roster(
+        None if backends is None else tuple(backends), tuple(handwritten(one, run_c=run_c) for one in against)
+    )
     results: list[Result] = []
     for one in map(Semantics, semantics or Semantics):
         job = Job(name, one, branch, None if kind is None else Kind(kind))

@@ -326,7 +326,8 @@ def replay(case: Case, roster: Roster) -> Iterator[Replay]:
     """Yield the verdicts of participants of the roster and of the case on its trace."""
     known = all_backends()
     named = tuple(name for name in case.verdicts if name in known)
-    against = tuple(Handwritten(name, *text) for name, text in case.specifications.items() if name not in known)
+    others = {name: text for name, text in case.specifications.items() if name not in known}
+    against = tuple(Handwritten(name, *text, roster.patience, roster.run_c) for name, text in others.items())
     if roster.backends is None and (named or against):
         roster = replace(roster, backends=named)
     roster = replace(roster, against=(*roster.against, *against))

@@ -11,6 +11,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 
+from cross_check.confined import ConfinedText, require_permission
 from cross_check.letters import ties
 from cross_check.results import Status
 from rvaft.api import loads
@@ -35,10 +36,13 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor, FirstDetections, LeftOpen, Monitor
 from rvaft.semantics import Reference
+from rvaft.support.confinement import Limits
 
 REFERENCE: Final = "reference"
 ENGINE: Final = "engine"
 MONA: Final = "ltlf-mona"
+PATIENCE: Final = 60.0
+"""Seconds for an answer of an external program or of a text that a person wrote."""
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -305,7 +309,12 @@ class Handwritten:
     path: str
     language: str
     text: str
+    seconds: float = PATIENCE
+    """The time limit of an answer."""
+    run_c: bool = False
+    """Whether a text that is compiled may run."""
 
+    @absent_on_error
     def enlist(self, tree: RVAFT, semantics: Semantics) -> Participant | Absent:
         """Return the participant for this text.
 
@@ -319,10 +328,10 @@ class Handwritten:
         patterns = ((name, tree.pattern(name)) for name in tree.occurrences)
         atoms = _NodeEvents((name, pattern) for name, pattern in patterns if pattern is not None)
         atoms.path = self.path
-        first = reader.read(self.text, atoms=atoms)
-        observed = reader.observed(self.text, atoms=atoms)
-        asks = observed, None, False, reader.json_alone, *_of_whole_traces(first)
-        return Participant(self.path, first.fork, None, *asks, partial(reader.matches, self.text))
+        require_permission(reader, run_c=self.run_c)
+        text = ConfinedText(self.path, reader, self.text, Limits(seconds=self.seconds), atoms=atoms)
+        asks = text.observed, None, False, reader.json_alone, text.first_detections, text.left_open
+        return Participant(self.path, text.start, None, *asks, text.matches)
 
 
 class _NodeEvents(dict[str, Pattern]):
@@ -337,12 +346,13 @@ class _NodeEvents(dict[str, Pattern]):
         return self[name]
 
 
-def handwritten(named: str) -> Handwritten:
+def handwritten(named: str, *, seconds: float = PATIENCE, run_c: bool = False) -> Handwritten:
     """Return the specification `[LANG:]FILE`; by default the suffix gives LANG; `-` is standard
     input. A `.toml` file is a rule of Elastic.
 
+    It is read and run in a child process, `seconds` for each answer; a text in C only with `run_c`.
     Raises `OSError` for unreadable files, `OptionError` for an unknown language, `LanguageError`
-    for invalid texts.
+    for invalid texts, `ToolFailed` for a text that exceeds a limit.
     """
     language, path = _split(named)
     data = sys.stdin.buffer.read() if path == "-" else Path(path).read_bytes()
@@ -357,12 +367,13 @@ def handwritten(named: str) -> Handwritten:
     line = 0
     if language == RULE:
         language, text, line = _query(text, shown)
+    require_permission(reader := backend(language), run_c=run_c)
     try:
-        backend(language).read(text)  # report errors before the comparison
+        ConfinedText(shown, reader, text, Limits(seconds=seconds))  # report errors before the comparison
     except LanguageError as error:
         error.file, error.line = shown, max(1, error.line + line)
         raise
-    return Handwritten(shown, language, text)
+    return Handwritten(shown, language, text, seconds, run_c)
 
 
 def _query(text: str, file: str) -> tuple[str, str, int]:

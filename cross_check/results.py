@@ -12,7 +12,7 @@ from itertools import groupby
 from typing import Final
 from xml.etree import ElementTree as ET
 
-from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolMissing
+from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolMissing, ToolTimeout
 from rvaft.model.nodes import Kind
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
@@ -46,6 +46,8 @@ class Status(StrEnum):
                 return cls.TOO_LARGE
             case ToolMissing():
                 return cls.TOOL_MISSING
+            case ToolTimeout():
+                return cls.TIMEOUT
             case _:
                 return cls.COULD_NOT_RUN
 

@@ -175,6 +175,8 @@ class Backend(ABC):
     """The extra of this package that installs the program for running texts, if needed."""
     modules: ClassVar[tuple[str, ...]] = ()
     """The Python modules of that program; without them, comparisons skip the language."""
+    executes: ClassVar[bool] = False
+    """Whether `read` compiles a text and runs it as a program; others interpret the text."""
     tools: ClassVar[tuple[str, ...]] = ()
     """Published programs that `read_with` can use."""
     highlighting: ClassVar[Highlighting | None] = None
@@ -324,6 +326,17 @@ class Backend(ABC):
         `{"event": "p"}`. Languages whose texts define their events ignore it.
         """
         raise OptionError(f"{self.name} is only emitted: rvaft cannot run its texts")
+
+    def read_confined(
+        self, text: str, *, confine: Callable[[], object], atoms: Mapping[str, Pattern] | None = None
+    ) -> Monitor:
+        """Return a monitor as `read` does; `confine` ends the rights of this process.
+
+        It is called before the text is read, or, if the text is compiled, before it runs. Raises
+        what `read` raises.
+        """
+        confine()
+        return self.read(text, atoms=atoms)
 
     def diagram(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> str:  # noqa: ARG002
         """Return the graph of the specification in the DOT language.

@@ -173,6 +173,17 @@ class ToolFailed(RvaftError, RuntimeError):
         super().__init__(f"{tool} failed: {reason}")
 
 
+class ToolTimeout(ToolFailed):
+    """A program, or a process that reads a text, gave no answer within the time limit.
+
+    >>> print(ToolTimeout("rule.sql", seconds=2))
+    rule.sql failed: no answer within 2 s; --timeout sets the limit
+    """
+
+    def __init__(self, tool: str, *, seconds: float) -> None:
+        super().__init__(tool, reason=f"no answer within {seconds:g} s; --timeout sets the limit")
+
+
 class WrongType(RvaftError, TypeError):
     """An argument has the wrong type.
 

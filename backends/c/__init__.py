@@ -3,7 +3,7 @@
 The `limit` counts downward-closed sets of events of all scenarios. Only reading needs a C compiler.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from pathlib import Path
 from typing import ClassVar, Self
@@ -36,6 +36,7 @@ class CBackend(Backend):
     name: ClassVar[str] = "c"
     language: ClassVar[str] = "c"
     suffix: ClassVar[str] = ".c"
+    executes: ClassVar[bool] = True
     remark: ClassVar[str] = "/* {} */\n"
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
@@ -94,3 +95,13 @@ class CBackend(Backend):
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> CMonitor:  # noqa: ARG002
         """Return a monitor that runs the compiled text; raises `LanguageError` and `ToolMissing`."""
         return CMonitor(text)
+
+    def read_confined(
+        self,
+        text: str,
+        *,
+        confine: Callable[[], object],
+        atoms: Mapping[str, Pattern] | None = None,  # noqa: ARG002
+    ) -> CMonitor:
+        """Return a monitor that runs the compiled text; `confine` is called between compiling and running it."""
+        return CMonitor(text, confine)

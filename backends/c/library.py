@@ -67,7 +67,9 @@ def compile_c(text: str, to: Path, options: Sequence[str], *, command: Sequence[
     except (OSError, subprocess.TimeoutExpired) as error:
         raise ToolFailed("the C compiler", reason=str(error)) from None
     if done.returncode:
-        found = (line for line in done.stderr.decode(errors="replace").splitlines() if "error" in line)
+        lines = done.stderr.decode(errors="replace").splitlines()
+        # An error in another file may quote that file, which the text includes.
+        found = (line for line in lines if "error" in line and line.startswith(os.fspath(source)))
         raise ToolFailed("the C compiler", reason=next(found, f"exit status {done.returncode}"))
 
 
@@ -108,11 +110,16 @@ def _cached(about: Sequence[object], make: Callable[[Path], None]) -> Path:
 
 
 @lru_cache(maxsize=64)
-def _library(text: str) -> ctypes.CDLL:
-    with tempfile.TemporaryDirectory(prefix="rvaft-") as folder:
+def _library(text: str, confine: Callable[[], object] | None) -> ctypes.CDLL:
+    with tempfile.TemporaryDirectory(prefix="rvaft-", ignore_cleanup_errors=True) as folder:
         path = Path(folder) / "monitor.so"
         try:
             compile_c(text, path, ("-O0", "-shared", "-fPIC"), command=fast_compiler())
+            if confine is not None:  # a confined process cannot remove the folder
+                made = os.open(path, os.O_RDONLY)
+                shutil.rmtree(folder)
+                confine()
+                path = Path(f"/proc/self/fd/{made}")
             found = ctypes.CDLL(os.fspath(path))
             for name in _FUNCTIONS:
                 getattr(found, name)
@@ -129,16 +136,17 @@ def _library(text: str) -> ctypes.CDLL:
 class CMonitor(Monitor):
     """Runs the functions of a compiled text.
 
-    Raises `NoVerdict` where an array is full or a number has too many bits.
+    `confine` (on Linux) is called before the compiled text runs. Raises `NoVerdict` where an array is full or a
+    number has too many bits.
     """
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, confine: Callable[[], object] | None = None) -> None:
         super().__init__()
-        self._functions = _library(text)
+        self._functions = _library(text, confine)
         self._state = ctypes.create_string_buffer(self._functions.rvaft_size())
         self._reader = ctypes.create_string_buffer(self._functions.rvaft_reader_size())
         self._functions.rvaft_init(self._state, 1)
-        self.left_open = partial(_left_open, text)  # no cycle, which would keep the memory
+        self.left_open = partial(_left_open, text, confine)  # no cycle, which would keep the memory
 
     def fork(self) -> Self:
         """Return an independent monitor in the same state."""
@@ -182,9 +190,9 @@ class CMonitor(Monitor):
         return self._verdict, frozenset(records)
 
 
-def _left_open(text: str, trace: Sequence[Json]) -> str:
+def _left_open(text: str, confine: Callable[[], object] | None, trace: Sequence[Json]) -> str:
     try:
-        list(CMonitor(text).run(trace))
+        list(CMonitor(text, confine).run(trace))
     except NoVerdict as error:
         return error.reason
     return ""

@@ -15,10 +15,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from cross_check import results as reports
 from cross_check.campaign import MAX_NODES, Entry, Task, campaign, catalogue, parts_of_language, run
-from cross_check.comparison import PATIENCE, Roster
+from cross_check.comparison import Roster
 from cross_check.counterexamples import case_folders, replay, save, shrunk
 from cross_check.counterexamples import load as load_case
-from cross_check.participants import faithful_backends, handwritten, is_specification, missing_extras
+from cross_check.participants import PATIENCE, faithful_backends, handwritten, is_specification, missing_extras
 from cross_check.results import Job, Result, Status, exit_status
 from cross_check.traces import AGAINST, CATALOGUE, ONE_TREE, RANDOM
 from rvaft.api import narrowed, resolve_semantics
@@ -152,6 +152,7 @@ _PUBLISHED: Final = "Also run RML in the published monitor; DIR is a checkout of
 @click.command("cross-check")
 @click.argument("trees", nargs=-1, metavar="[TREE]...")
 @click.option("--against", multiple=True, metavar="[LANG:]FILE", help="Compare this specification with each TREE.")
+@click.option("--run-c", is_flag=True, help="Compile and run texts in C, of --against and saved cases, confined.")
 @click.option("--backends", metavar="A,B", help="Compare these backends instead of all faithful ones.")
 @click.option("--semantics", callback=options.some(Semantics), metavar="S,...|all", help=_SEMANTICS)
 @options.reading_options
@@ -213,16 +214,19 @@ def cross_check_command(
     options.require_writable(files.values(), trees)
     collected = Reports(files, every=bool(trees))
     failures = collected.failures
+    patience, run_c = timeout or PATIENCE, given["run_c"]
+    read = partial(handwritten, seconds=patience, run_c=run_c)
     roster = Roster(
         options.some_backends(given["backends"]),
-        tuple(failures.collect(handwritten, [*against, *texts])),
+        tuple(failures.collect(read, [*against, *texts])),
         rml_monitor=None if given["rml_monitor"] is None else Path(given["rml_monitor"]),
         mona=given["mona"],
         monpoly=None if given["monpoly"] is None else Path(given["monpoly"]),
         r2u2=None if given["r2u2"] is None else Path(given["r2u2"]),
         flink=given["flink"],
         verified=on_path() if given["verified"] is None else Path(given["verified"]),
-        patience=timeout or PATIENCE,
+        patience=patience,
+        run_c=run_c,
         limit=SMALL_TEXT if limit is None and random is not None else limit,
     )
     if roster.backends is None and not against:

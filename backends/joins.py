@@ -1,13 +1,13 @@
 """Scenarios as joins of events, for the languages that query tables."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
-from typing import TypeVar
+from itertools import combinations, islice
+from typing import TypeAlias, TypeVar
 
 from backends.tables import Path
-from rvaft.core.branches import number_of
+from rvaft.core.branches import branches, number_of
 from rvaft.core.patterns import compatible
 from rvaft.core.property import Event, One, Property
 from rvaft.core.scenarios import Kept, scenarios
@@ -19,6 +19,8 @@ from rvaft.model.patterns import Pattern, Variable, rigid_variables
 from rvaft.support.bits import bits
 
 S = TypeVar("S", bound="JoinedScenario")
+Choices: TypeAlias = Mapping[str, str]
+"""The child that each `or` gate of a scenario keeps."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ def joined_scenarios(kind: type[S], prop: Property, limit: int, *, most: int, mi
     """Return the feasible scenarios; raises `TooLarge` for more than `most` events in one, or
     `limit` in all.
     """
-    found, joined = list[S](), 0
+    found, joined = list[tuple[Choices, dict[Event, frozenset[Event]], tuple[Guard, ...]]](), 0
     for scenario in scenarios(prop, minimal=minimal, limit=limit):
         joined += max(len(scenario.events), 1)
         if joined > limit or len(scenario.events) > most:
@@ -86,17 +88,32 @@ def joined_scenarios(kind: type[S], prop: Property, limit: int, *, most: int, mi
         }
         order = {event: before[event] for event in sorted(before, key=lambda event: len(before[event]))}
         guards = tuple(condition.guard for condition in scenario.conditions)
-        found.append(kind(_branch(prop, scenario.kept), order, guards))
-    return tuple(found)
+        found.append((_choices(scenario.kept), order, guards))
+    numbers = _branch_numbers(prop, [choices for choices, _, _ in found])
+    return tuple(kind(number, order, guards) for number, (_, order, guards) in zip(numbers, found, strict=True))
 
 
-def _branch(prop: Property, kept: Kept) -> int:
-    if prop.branch is not None:
-        return prop.branch
+def _choices(kept: Kept) -> Choices:
     gates = [part for part in kept if isinstance(part, One) and part.source is not None]
     chosen = ((gate.source, kept[gate][0].source) for gate in gates)
-    choices = {gate.node: child.node for gate, child in chosen if gate is not None and child is not None}
-    return number_of(prop.tree, choices, kind=prop.kind) or 0
+    return {gate.node: child.node for gate, child in chosen if gate is not None and child is not None}
+
+
+def _branch_numbers(prop: Property, every: Sequence[Choices]) -> list[int]:
+    """Return the branch of each scenario.
+
+    Most branches have a scenario, so the first ones are listed once; others are counted one by one.
+    """
+    if prop.branch is not None:
+        return [prop.branch] * len(every)
+    first = islice(branches(prop.tree), 2 * len(every))
+    listed = {
+        frozenset(one.choices.items()): one.number for one in first if prop.kind is None or prop.kind in one.kinds
+    }
+    return [
+        listed.get(frozenset(choices.items())) or number_of(prop.tree, choices, kind=prop.kind) or 0
+        for choices in every
+    ]
 
 
 def variable_paths(pattern: Pattern) -> dict[str, Path]:

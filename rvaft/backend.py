@@ -21,7 +21,7 @@ from typing import Any, ClassVar, Final, TypeAlias, final
 from rvaft.capabilities import Capabilities, Capability, Feature, Ties, Value, check
 from rvaft.core.passes import Pass, decide_constants, property_of
 from rvaft.core.property import Event, Part, Property
-from rvaft.errors import NotExpressible, OptionError, RvaftError, ToolFailed, ToolMissing
+from rvaft.errors import NotExpressible, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
 from rvaft.model import guards, patterns
 from rvaft.model.expressions import assumptions_text
 from rvaft.model.guards import Guard, Operator
@@ -205,6 +205,12 @@ class Backend(ABC):
     """The number of lines before a remark."""
     reasons: ClassVar[Mapping[Capability, str]] = {}
     """Specific reasons for missing capabilities; `Semantics` stands for all missing semantics."""
+    most_nodes: ClassVar[int] = 20_000
+    """The number of nodes above which `translate` raises `TooLarge` before any work, unless the
+    limit is larger.
+
+    Most translations keep for each node the set of others, which takes a gigabyte at 50,000 nodes.
+    """
     default_limit: ClassVar[int]
     """The size, in the documented unit, above which `translate` raises `TooLarge`."""
 
@@ -236,6 +242,8 @@ class Backend(ABC):
     def translate(self, tree: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Specification:
         """Return the tree as a specification; raises `NotExpressible` and `TooLarge`."""
         start, semantics = perf_counter(), Semantics(semantics)
+        if len(tree.order) > (most := max(self.most_nodes, limit or 0)):
+            raise TooLarge("nodes of the tree", limit=most)
         prop = self.prepared(tree, semantics)
         with self._refusing(semantics):
             written = self.write(prop, semantics, self.default_limit if limit is None else limit)

@@ -46,6 +46,7 @@ class LtlfBackend(Backend):
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
     values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM, Value.SOME_VARIABLE}
     ties: ClassVar[Ties] = Ties.ANY
+    most_nodes: ClassVar[int] = 200_000
     default_limit: ClassVar[int] = 200_000
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:

@@ -380,9 +380,10 @@ def suggesting() -> Iterator[None]:
         raise OptionError(f"{error}{hint}") from error
     except TooLarge as error:
         given = click.get_current_context().params
-        has_limit = {"language", "limit"} <= given.keys()
-        if has_limit and error.limit == (given["limit"] or backend(given["language"]).default_limit):
-            error.add_note("raise it with --limit N")
+        if {"language", "limit"} <= given.keys():
+            language = backend(given["language"])
+            if error.limit in (given["limit"], language.default_limit, language.most_nodes):
+                error.add_note("raise it with --limit N")
         raise
 
 

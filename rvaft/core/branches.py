@@ -47,8 +47,7 @@ class Branch:
     @cached_property
     def nodes(self) -> tuple[str, ...]:
         """The nodes, parents before children."""
-        kept = set(reachable(self.tree.root, self.children))
-        return tuple(name for name in self.tree.order if name in kept)
+        return tuple(sorted(reachable(self.tree.root, self.children), key=self.tree.rank.__getitem__))
 
     @cached_property
     def kinds(self) -> frozenset[Kind]:

@@ -3,6 +3,7 @@
 Besides the language, the model and the reference, only this module reads gates and causality.
 """
 
+from functools import lru_cache
 from typing import assert_never
 
 from rvaft.core.property import (
@@ -24,6 +25,7 @@ from rvaft.model.nodes import Causality, Gate, Node
 from rvaft.model.tree import RVAFT
 
 
+@lru_cache(maxsize=16)
 def build(tree: RVAFT) -> Property:
     """Return the property of a whole tree, without simplification.
 

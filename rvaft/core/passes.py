@@ -105,15 +105,16 @@ def _singly(choices: Mapping[str, str]) -> dict[str, frozenset[str]]:
 def _allowing(prop: Property, allowed: Mapping[str, frozenset[str]], copy: int) -> Property:
     """Return the property with restricted choices and its time points numbered `copy`."""
 
+    def kept(part: Part) -> tuple[Part, ...]:
+        if not (isinstance(part, One) and part.source is not None and part.source.node in allowed):
+            return part.parts
+        chosen = allowed[part.source.node]
+        return tuple(one for one in part.parts if one.source is not None and one.source.node in chosen)
+
     def change(part: Part, parts: tuple[Part, ...]) -> Part:
         match part:
             case One(source=Source(node, _)) if node in allowed:
-                kept = [
-                    new
-                    for old, new in zip(part.parts, parts, strict=True)
-                    if old.source is not None and old.source.node in allowed[node]
-                ]
-                return One(part.source, tuple(kept))
+                return One(part.source, parts)
             case Condition(guard=guard) if copy:
                 points = [point for point in time_points(guard) if point.point != "at"]
                 copied = {point.name: TimePoint.of(point.point, point.node, copy) for point in points}
@@ -123,10 +124,13 @@ def _allowing(prop: Property, allowed: Mapping[str, frozenset[str]], copy: int) 
             case _:
                 return with_parts(part, parts)
 
-    made = prop.rewritten(change)
-    reached = set(parts_below(made.root))
-    kept = {source: whole for source, whole in made.wholes.items() if whole in reached}
-    return replace(made, wholes={source._replace(number=copy): whole for source, whole in kept.items()})
+    made: dict[Part, Part] = {}
+    wholes: dict[Source, Part] = {}
+    for part in parts_below(prop.root, kept):
+        made[part] = change(part, tuple(made[one] for one in kept(part)))
+        if part.source is not None and prop.wholes.get(whole := Source(part.source.node)) is part:
+            wholes[whole._replace(number=copy)] = made[part]
+    return replace(prop, root=made[prop.root], wholes=wholes)
 
 
 def _expand_times(prop: Property, _: int) -> Property:
@@ -330,7 +334,7 @@ def _windows_to_guards(prop: Property, limit: int) -> Property:
 def _with_guards(prop: Property, *, windows: bool = True) -> Property:
     """Return the property without `start` and `end`, with `windows` as guards; raises `_Open`."""
     below: dict[Part, tuple[Part, ...]] = {}
-    rank = {name: place for place, name in enumerate(prop.tree.order)}
+    rank = prop.tree.rank
 
     def point(time_point: TimePoint) -> Guard:
         if time_point.point == "at":

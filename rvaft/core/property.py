@@ -167,18 +167,22 @@ def fewest(part: Part) -> int:
             return len(part.parts)
 
 
-def parts_below(root: Part) -> tuple[Part, ...]:
+def _all_parts(part: Part) -> tuple[Part, ...]:
+    return part.parts
+
+
+def parts_below(root: Part, inner: Callable[[Part], tuple[Part, ...]] = _all_parts) -> tuple[Part, ...]:
     """Return the part and all parts below it, each once, inner parts first.
 
-    The reverse is the order of the tree.
+    `inner` returns the direct subparts to include. The reverse is the order of the tree.
     """
     seen: dict[Part, tuple[Part, ...]] = {}
     agenda = [root]
     while agenda:
         part = agenda.pop()
         if part not in seen:
-            seen[part] = part.parts
-            agenda.extend(reversed(part.parts))
+            seen[part] = inner(part)
+            agenda.extend(reversed(seen[part]))
     return tuple(sorted_topologically(seen))[::-1]
 
 
@@ -220,7 +224,7 @@ class Property:
     @cached_property
     def events(self) -> tuple[Event, ...]:
         """The events, in the order of the tree."""
-        rank = {name: place for place, name in enumerate(self.tree.order)}
+        rank = self.tree.rank
         found = (part for part in reversed(self.parts) if isinstance(part, Event))
         return tuple(sorted(found, key=lambda event: (rank[event.source.node], event.source.number)))
 

@@ -142,13 +142,17 @@ def _decided(form: NumberedParts, *, at_least: bool, work: Work) -> list[Numbere
     return done
 
 
+_LOOK: Final = 100
+"""Steps for each part to find a choice that cannot wait: about ten microseconds."""
+
+
 def _urgent(form: NumberedParts, work: Work) -> int | None:
     """Return the first choice with an alternative that reaches a part also reached otherwise."""
     kept = form.kept()
     references = Counter(child for number in kept for child in form.parts[number].parts)
     if all(count == 1 for count in references.values()):
         return None
-    work.step(len(kept))
+    work.step(_LOOK * len(kept))
     parents, inside, entered = dict.fromkeys(kept, 0), form.below(), dict[int, int]()
     for number in kept:
         for child in form.parts[number].parts:

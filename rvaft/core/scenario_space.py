@@ -360,7 +360,7 @@ class ScenarioSpace:
         self.tree = tree
         self.limit = limit
         self.prop = with_single_ends(build(tree))
-        rank = {name: place for place, name in enumerate(tree.order)}
+        rank = tree.rank
         outer_first = self.prop.parts[::-1]
         self.order = tuple(sorted(outer_first, key=lambda part: rank[node_of(part)]))
         """All parts, outer parts first, in the order of the nodes of the tree."""

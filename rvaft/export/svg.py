@@ -60,7 +60,7 @@ def svg_text(tree: RVAFT, look: Look | None = None, *, badges: bool = False) -> 
     boxes = {node.name: _box(node, look, badge=badges and node.has_event) for node in part.nodes}
     width, bottoms = _place(part, look, boxes)
     height = bottoms[-1] + _MARGIN
-    number = {name: place for place, name in enumerate(tree.order)}
+    number = tree.rank
     lines = "".join(line for node in part.nodes for line in _lines(node, part, boxes, bottoms, number))
     drawn = "".join("".join(_drawn(box, number[name], badge=badges)) for name, box in boxes.items())
     size = f'viewBox="0 0 {width:g} {height:g}" width="{width:g}" height="{height:g}"'

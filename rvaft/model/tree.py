@@ -134,6 +134,11 @@ class RVAFT:
         preorder = reachable(self.root, lambda name: self.nodes[name].children)
         return tuple(sorted_topologically({name: self.nodes[name].children for name in preorder}))
 
+    @cached_property
+    def rank(self) -> Mapping[str, int]:
+        """The place of each reachable node in `order`."""
+        return {name: place for place, name in enumerate(self.order)}
+
     def top_down(self) -> Iterator[Node]:
         """Iterate over the reachable nodes, parents before children."""
         return (self.nodes[name] for name in self.order)

@@ -95,7 +95,7 @@ class LogReport(Listener):
         self.most = most
         self.grows = grows
         self.unit = unit or ("log" if plan.key is None else "key")
-        self.number = {name: place for place, name in enumerate(tree.order)}
+        self.number = tree.rank
         self._nodes = nodes = dict[Letter, list[int]]()
         for one in tree.alphabet:
             nodes.setdefault(Letter(one.pattern, one.when), []).append(self.number[one.node])

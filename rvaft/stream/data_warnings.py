@@ -64,9 +64,10 @@ class DataWarning:
 
 
 class _Comparison(NamedTuple):
-    """An atomic condition of a guard; undefined if none of `deciding` can be decided."""
+    """An atomic condition of a guard; undefined if neither it nor the `whole` guard can be decided."""
 
-    deciding: tuple[Guard, ...]
+    condition: Guard
+    whole: Guard | None
     names: tuple[str, ...]
     text: str
 
@@ -223,8 +224,13 @@ class DataWarnings:
     ) -> None:
         values = checks.values(event)
         known, undefined = {**self._last, **values}, set[str]()
+        decided: dict[int, bool] = {}
         for part in checks.parts:
-            if part.text not in undefined and not any(_can_be_decided(guard, known) for guard in part.deciding):
+            if part.whole is not None and id(part.whole) not in decided:
+                decided[id(part.whole)] = _can_be_decided(part.whole, known)
+            if part.whole is not None and decided[id(part.whole)]:
+                continue
+            if part.text not in undefined and not _can_be_decided(part.condition, known):
                 undefined.add(part.text)
                 example = ", ".join(f"{name} is {described(known[name])}" for name in part.names if name in known)
                 self.note(Reason.GUARD, part.text, place, example)
@@ -260,7 +266,7 @@ def _checks(types: EventTypeIndex) -> Iterator[tuple[int, _LetterChecks]]:
         if kind == "ignored" and letter.when is not None:
             own = [*_parts(letter.when, "of an ignore")]
         if own or (kind == "entry" and tree.time is not None):
-            inside = (one for part in own for one in walk(part.deciding[0]))
+            inside = (one for part in own for one in walk(part.condition))
             by_value = any(isinstance(one, Operation) and one.operator in _BY_VALUE for one in inside)
             compared, plain = {name for part in own for name in part.names}, flat(letter.pattern)
             fields = None if plain is None else [field for field, name in plain.variables.items() if name in compared]
@@ -269,7 +275,7 @@ def _checks(types: EventTypeIndex) -> Iterator[tuple[int, _LetterChecks]]:
 
 def _parts(guard: Guard, whose: str) -> Iterator[_Comparison]:
     """Yield the conditions of a guard that can be undefined, except on time points."""
-    timed = bool(time_points(guard))
+    timed, text = bool(time_points(guard)), f"{guard_text(guard)} {whose}"
     agenda = [guard]
     while agenda:
         part = agenda.pop()
@@ -281,4 +287,4 @@ def _parts(guard: Guard, whose: str) -> Iterator[_Comparison]:
         equality = isinstance(part, Operation) and part.operator in (Operator.EQ, Operator.NE, Operator.IN)
         may_be_undefined = not equality or sum(isinstance(one, Operation) for one in walk(part)) > 1
         if may_be_undefined and 0 < len(names) <= 4 and not time_points(part):
-            yield _Comparison((part,) if timed else (part, guard), names, f"{guard_text(guard)} {whose}")
+            yield _Comparison(part, None if timed else guard, names, text)

@@ -16,7 +16,8 @@ from functools import cache, lru_cache
 from threading import Lock
 from typing import Any, Final
 
-from backends.sql.rows import COLUMN_TYPES, identifier
+from backends.sql.dialects import qualified
+from backends.sql.rows import COLUMN_TYPES
 from backends.tables import ROWID, TableHeader, declared_time
 from rvaft.backend import Match
 from rvaft.errors import LanguageError, ToolFailed, TraceError, installed
@@ -255,14 +256,14 @@ def _load_table(program: SqliteTable | DuckDb, table: TableHeader, rows: Sequenc
     """Load rows of trace, number of the event and cells; return the numbers by `rowid`, if it is
     the position.
     """
-    columns = {identifier(name): COLUMN_TYPES[type_] for name, type_, _ in table.columns}
+    columns = {qualified(name): COLUMN_TYPES[type_] for name, type_, _ in table.columns}
     if table.time:
-        columns[identifier(table.time)] = {"timestamp": "TIMESTAMP", "double": "DOUBLE"}.get(table.kind, "BIGINT")
+        columns[qualified(table.time)] = {"timestamp": "TIMESTAMP", "double": "DOUBLE"}.get(table.kind, "BIGINT")
     own = {table.trace: 0, table.position: 1}
     given = [place for name, place in own.items() if name not in ("", ROWID)]
-    columns = {**{identifier(name): "BIGINT" for name, place in own.items() if place in given}, **columns}
+    columns = {**{qualified(name): "BIGINT" for name, place in own.items() if place in given}, **columns}
     kept = [(*(row[place] for place in given), *row[2:]) for row in rows]
-    first = program.load_table(identifier(table.table), columns, kept)
+    first = program.load_table(qualified(table.table), columns, kept)
     return {first + place: row[1] for place, row in enumerate(rows)} if table.position == ROWID else {}
 
 

@@ -9,6 +9,7 @@ from array import array
 from base64 import b64encode
 from collections.abc import Iterable, Iterator
 from itertools import accumulate, pairwise
+from pathlib import Path
 from typing import Any, ClassVar, Final, TypeAlias
 
 from rvaft.errors import ToolMissing, installed
@@ -17,6 +18,7 @@ from rvaft.readers.json_lines import settled
 from rvaft.readers.log import Log, LogReader
 
 _ROWS: Final = 4_096
+_REMEDY: Final = "pip install '.[parquet]' in a checkout of rvaft"
 _Batch: TypeAlias = Any
 _Column: TypeAlias = Any
 
@@ -39,8 +41,7 @@ class ParquetReader(LogReader):
             import pyarrow  # noqa: PLC0415
             from pyarrow import parquet  # noqa: PLC0415
         except ImportError as error:
-            remedy = "pip install '.[parquet]' in a checkout of rvaft"
-            raise ToolMissing("pyarrow", remedy=remedy) from error
+            raise ToolMissing("pyarrow", remedy=_REMEDY) from error
         number = 0
         try:
             with parquet.ParquetFile(log.path, pre_buffer=False, page_checksum_verification=True) as file:
@@ -63,10 +64,17 @@ class ParquetReader(LogReader):
             raise log.error_at(f"not Parquet, or damaged: {reason}", number + 1 if number else None) from error
 
 
+def column_names(path: Path) -> list[str]:
+    """Return the names of the columns of a file; raises `ToolMissing` and errors of `pyarrow`."""
+    parquet = installed("pyarrow.parquet", "pyarrow", _REMEDY)
+    with parquet.ParquetFile(path, pre_buffer=False) as file:
+        names: list[str] = file.schema_arrow.names
+        return names
+
+
 def picked(log: Log, numbers: Iterable[int]) -> Iterator[tuple[int, dict[str, Json]]]:
     """Yield the events of rows with these increasing numbers; raises `TraceError`."""
-    remedy = "pip install '.[parquet]' in a checkout of rvaft"
-    pyarrow, parquet = (installed(name, "pyarrow", remedy) for name in ("pyarrow", "pyarrow.parquet"))
+    pyarrow, parquet = (installed(name, "pyarrow", _REMEDY) for name in ("pyarrow", "pyarrow.parquet"))
     wanted, first = iter(numbers), 1
     number = next(wanted, 0)
     with parquet.ParquetFile(log.path, pre_buffer=False, page_checksum_verification=True) as file:

@@ -6,7 +6,7 @@ Statements run in a thread of their own, so that signals and time limits interru
 
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from math import inf
 from pathlib import Path
@@ -25,7 +25,7 @@ MEMORY: Final = "1GiB"
 SPILLED: Final = "16GiB"
 """Maximum size of the temporary folder."""
 THREADS: Final = 4
-_SETTINGS: Final[Mapping[str, str]] = {
+SETTINGS: Final[dict[str, str]] = {
     "allow_community_extensions": "false",
     "autoinstall_known_extensions": "false",
     "autoload_known_extensions": "false",
@@ -66,7 +66,7 @@ class DuckDbConnection:
             own = {"threads": threads, "temp_directory": self._folder.name, "max_temp_directory_size": SPILLED}
         self._busy: Event | None = None
         """Set when the statement that was interrupted has ended."""
-        self._program = duckdb().connect(config={**_SETTINGS, **own})
+        self._program = duckdb().connect(config={**SETTINGS, **own})
         self._program.execute(f"SET allowed_paths = [{', '.join(map(literal, files))}]")
         self._program.execute("SET enable_external_access = false")
         self._program.execute("SET lock_configuration = true")

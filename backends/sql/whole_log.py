@@ -178,6 +178,7 @@ class DuckDbEngine(QueryEngine):
         name = "jsonl" if reader is None else reader.name
         fields = () if self.plan.key is None else self.plan.key.fields
         keys = [place for one in fields for place in dict.fromkeys([(one.text,), one.path])]
+        unreadable: tuple[type[Exception], ...] = (RvaftError, OSError, *damage())
         try:
             with ExitStack() as opened:
                 file = NamedFile(path)
@@ -192,7 +193,7 @@ class DuckDbEngine(QueryEngine):
             raise Declined(f"DuckDB: {_first_line(error)}") from error
         except Declined:
             raise
-        except (RvaftError, OSError, *damage()) as error:
+        except unreadable as error:
             raise Declined(_first_line(error)) from error
 
 

@@ -453,6 +453,7 @@ def transpiled(text: str, dialect: str) -> str:
     except sqlglot.errors.SqlglotError as error:
         reason = f"SQLGlot does not write it for {dialect}: {' '.join(str(error).split())}"
         raise NotExpressible(reason) from None
-    found = re.sub(rf"(?i)\b{name}\(([^()]*)\)", lambda call: TRANSPILED[dialect].format(call[1]), found)
+    column = r"""((?:"(?:[^"]|"")*"|`(?:[^`]|``)*`|[^()"`])*)"""
+    found = re.sub(rf"(?i)\b{name}\({column}\)", lambda call: TRANSPILED[dialect].format(call[1]), found)
     note = f"-- SQLGlot wrote this for {dialect} from the query for duckdb; rvaft does not run it.\n"
     return "".join([first.replace("duckdb", dialect), note, *header, found, "\n"])

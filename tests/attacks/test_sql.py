@@ -496,6 +496,17 @@ def test_the_suffix_decides_about_compression(suffix: str, packing: str, damage:
         assert "without DuckDB" not in asked.stderr
 
 
+@pytest.mark.parametrize("place", [0, 4, 60, 200, -40, -5, -1])
+def test_a_damaged_table_is_an_error(place: int, tmp_path: Path) -> None:
+    log = log_of(tmp_path / "log.parquet", FOUND)
+    data = bytearray(log.read_bytes())
+    data[place] ^= 0xFF
+    log.write_bytes(data)
+    answers(written(tmp_path / "tree.rvaft", TREE), log)
+    log.write_bytes(data[:place])
+    answers(tmp_path / "tree.rvaft", log)
+
+
 # Other files than regular ones, interrupts and limits.
 
 

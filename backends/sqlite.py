@@ -36,6 +36,7 @@ class SqliteConnection(sqlite3.Connection):
         self.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
         self.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LONGEST)
         self.setlimit(sqlite3.SQLITE_LIMIT_WORKER_THREADS, 0)
+        self.execute("SELECT 1 FROM json_each('[]'), json_tree('[]')")  # tables that exist from their first use on
         self.set_authorizer(self._authorized)
 
     def _authorized(self, action: int, name: str | None, other: str | None, *_: str | None) -> int:

@@ -152,7 +152,7 @@ class Query:
             raise LanguageError("rvaft runs queries whose position is a column of its own")
         errors = self._running().errors
         try:
-            self._running().check(self.body)
+            self._check()
             try:
                 self._ask(())
             except errors:
@@ -167,6 +167,13 @@ class Query:
 
     def _running(self) -> SqliteTable | DuckDb:
         return _running(self._program, os.getpid(), "JSON" if self.table is None else "columns")
+
+    def _check(self) -> None:
+        """Raise an error of the program unless the text is one SELECT, so that it ends where its subquery ends."""
+        with _ONE_AT_A_TIME:
+            if self.table is not None:
+                _load_table(self._running(), self.table, ())
+            self._running().check(self.body)
 
     def _ask(
         self, traces: Iterable[tuple[int, Sequence[Json]]], select: str = "", group: str = ""

@@ -360,7 +360,9 @@ def test_a_text_can_select_events_and_nothing_else(dialect: str, text: str, tmp_
     with pytest.raises(LanguageError):
         backend(name).read(f"-- rvaft sql {dialect}\n{text}\n")
     assert there(tmp_path) == []
-    backend(name).read("SELECT trace, pos AS detected FROM events WHERE event LIKE '%x%'")
+    tables = "events, json_each(event) AS a, json_tree(event) AS b"
+    monitor = backend(name).read(f"WITH c AS (SELECT trace, pos AS detected FROM {tables}) SELECT * FROM c")
+    assert [verdict.symbol for verdict in monitor.run([{"event": "x"}])] == ["⊤"]
 
 
 @pytest.mark.parametrize(

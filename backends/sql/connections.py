@@ -6,7 +6,7 @@ Statements run in a thread of their own, so that signals and time limits interru
 
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from math import inf
 from pathlib import Path
@@ -25,7 +25,7 @@ MEMORY: Final = "1GiB"
 SPILLED: Final = "16GiB"
 """Maximum size of the temporary folder."""
 THREADS: Final = 4
-SETTINGS: Final[dict[str, str]] = {
+SETTINGS: Final[Mapping[str, str]] = {
     "allow_community_extensions": "false",
     "autoinstall_known_extensions": "false",
     "autoload_known_extensions": "false",

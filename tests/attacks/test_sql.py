@@ -567,7 +567,7 @@ def test_a_packed_log_does_not_fill_the_memory(mebibytes: int, tmp_path: Path) -
 def test_without_memory_or_disk_the_log_is_read_without_duckdb(
     memory: str, spilled: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(connections.SETTINGS, "memory_limit", memory)
+    monkeypatch.setattr(connections, "SETTINGS", {**connections.SETTINGS, "memory_limit": memory})
     monkeypatch.setattr(connections, "SPILLED", spilled)
     values = [f"{number}{'a' * 4000}" for number in range(5_000)]
     log = log_of(tmp_path / "log.csv", [{"event": "xy"[number % 2], "u": one} for number, one in enumerate(values)])

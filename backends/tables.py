@@ -161,6 +161,9 @@ class TableHeader(NamedTuple):
             table, position, trace, time = (json.loads(one or '""') for one in first.groups()[:4])
         except (ValueError, TypeError):
             raise LanguageError("the comment has an invalid name, type or path of a column") from None
+        names = (table, position, trace, time, *(one.name for one in columns))
+        if any(not isinstance(one, str) or _NO_NAME.search(one) for one in names):
+            raise LanguageError("the comment has a name that is no name of a column or table")
         if first[5] and first[5] not in TIMES:
             raise LanguageError(f"the comment has an unknown type of times: {first[5]}")
         return cls(table, position, trace, time, first[5] or "", tuple(columns))

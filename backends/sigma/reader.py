@@ -6,11 +6,11 @@ differ only in type, case, or beyond 15 digits. It is also left open if times do
 
 import json
 import re
-import sqlite3
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, Final
 
+from backends.sqlite import SqliteConnection
 from rvaft.errors import LanguageError, TraceError, installed
 from rvaft.language.parser import parse_time
 from rvaft.model.event_time import EventTime
@@ -51,7 +51,7 @@ class _SigmaProgram:
             plan = _root(json.loads(backend.convert(rules, output_format="zircolite")))["correlation_plan"]
             self._fields = [one for fields in plan["required_fields"].values() for one in fields if one != _TIME]
             self._grouped = sorted({*self._fields} & {one for rule in rules.rules for one in _grouped(rule)})
-            self._table = sqlite3.connect(":memory:", check_same_thread=False, cached_statements=10_000)
+            self._table = SqliteConnection(cached_statements=10_000)
             self._table.create_function("REGEXP", 2, _is_found, deterministic=True)
             columns = "".join(f", `{name.replace('`', '``')}`" for name in self._fields)
             self._table.execute(f"CREATE TABLE logs ({_TIME}{columns})")
@@ -60,7 +60,7 @@ class _SigmaProgram:
             for name, select in ((one["name"], one["select"]) for one in plan["prepare"]):
                 self._table.execute(f"CREATE TEMP TABLE {name} AS {select}")
                 self._steps += [f"DELETE FROM {name}", f"INSERT INTO {name} {select}"]  # noqa: S608
-            self._table.execute(self._query)
+            self._table.ask(self._query)
         except yaml.MarkedYAMLError as error:
             line, column = (error.problem_mark.line, error.problem_mark.column) if error.problem_mark else (0, 0)
             message = f"not a Sigma correlation, because it is not YAML: {error.problem}"
@@ -115,9 +115,9 @@ class _SigmaProgram:
         self._table.executemany(self._insert, rows)
         for step in self._steps:
             self._table.execute(step)
-        cursor = self._table.execute(self._query)
-        column = [one[0] for one in cursor.description].index("occurrence_time")
-        end = min((row[column] for row in cursor), default=_LAST)
+        columns, found = self._table.ask(self._query)
+        column = columns.index("occurrence_time")
+        end = min((row[column] for row in found), default=_LAST)
         return next((number for number, time in enumerate(times, 1) if time >= end), None)
 
 

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
-from itertools import takewhile
+from itertools import count, takewhile
 from typing import Final, TypeAlias
 
 from rvaft.errors import NotExpressible, installed
@@ -18,6 +18,22 @@ from rvaft.errors import NotExpressible, installed
 Path = tuple[str | int, ...]
 Form: TypeAlias = Callable[..., str]
 
+_WORD: Final = re.compile("[A-Za-z_][A-Za-z0-9_]*")
+_RESERVED: Final = re.compile(
+    "v[0-9]+_(key|json)|"  # columns of the query for variables
+    "add|all|alter|analyse|analyze|and|anti|any|array|as|asc|asof|asymmetric|at|authorization|autoincrement|between|"
+    "binary|both|by|case|cast|check|collate|collation|column|commit|concurrently|constraint|create|cross|current|current_catalog|"
+    "current_date|current_role|current_schema|current_time|current_timestamp|current_user|default|deferrable|"
+    "delete|desc|describe|distinct|do|drop|else|end|escape|except|exclude|exists|false|fetch|following|for|foreign|"
+    "freeze|from|full|generated|glob|grant|group|having|if|ilike|in|index|initially|inner|insert|intersect|interval|"
+    "into|is|isnull|join|lambda|lateral|leading|left|like|limit|localtime|localtimestamp|map|match|natural|not|"
+    "nothing|notnull|null|of|offset|on|only|or|order|outer|over|overlaps|partition|pivot|pivot_longer|pivot_wider|"
+    "placing|positional|preceding|primary|qualify|raise|range|references|regexp|returning|right|row|rows|select|semi|"
+    "session_user|set|show|similar|some|struct|summarize|symmetric|system_user|table|tablesample|then|to|trailing|"
+    "transaction|trigger|true|try_cast|unbounded|union|unique|unpack|unpivot|update|user|using|values|variadic|verbose|"
+    "view|when|where|window|with",
+    re.IGNORECASE,
+)
 _PLAIN: Final = re.compile(r'[^"\\\x00-\x1f]*')
 _HALF: Final = re.compile("[\0\ud800-\udfff]")
 _CONTROL: Final = re.compile("([\x01-\x1f\x7f-\x9f\u2028\u2029])")
@@ -29,7 +45,7 @@ def _capitals() -> tuple[str, str]:
     return "".join(c for c, _ in every), "".join(small for _, small in every)
 
 
-def quoted(text: str, character: str = "chr") -> str:
+def literal(text: str, character: str = "chr") -> str:
     """Return a string literal on one line; raises `NotExpressible` for characters that SQL lacks."""
     if _HALF.search(text):
         reason = f"{text!a} has a character that SQL strings cannot hold"
@@ -38,6 +54,31 @@ def quoted(text: str, character: str = "chr") -> str:
     literals = [f"{character}({ord(part)})" if odd % 2 else "'" + part.replace("'", "''") + "'" for odd, part in parts]
     kept = [part for part in literals if part != "''"] or ["''"]
     return kept[0] if len(kept) == 1 else f"({' || '.join(kept)})"
+
+
+def identifier(name: str) -> str:
+    """Return the name of a column or table in SQL, quoted unless it is a plain word.
+
+    Raises `NotExpressible` for characters that SQL lacks.
+
+    >>> identifier("src_ip"), identifier("order"), identifier('a"b.c')
+    ('src_ip', '"order"', '"a""b.c"')
+    """
+    if _WORD.fullmatch(name) and not _RESERVED.fullmatch(name):
+        return name
+    if not name or _HALF.search(name):
+        reason = f"{name!a} is no name of a column or table in SQL"
+        raise NotExpressible(reason)
+    return '"' + name.replace('"', '""') + '"'
+
+
+def qualified(name: str) -> str:
+    """Return a name in SQL whose parts are separated by dots.
+
+    >>> qualified("main.auth log")
+    'main."auth log"'
+    """
+    return ".".join(map(identifier, name.split(".")))
 
 
 @dataclass(frozen=True)
@@ -102,7 +143,7 @@ class Dialect:
 
     def text(self, value: str) -> str:
         """Return a string literal."""
-        return quoted(value, self.character)
+        return literal(value, self.character)
 
     def value(self, what: str, event: str, path: Path) -> str:
         """Return a template of `values` for a value."""
@@ -174,15 +215,15 @@ def _sqlite_way(event: str, path: Path) -> tuple[str, str]:
     steps = "$"
     for place, step in enumerate(path):
         if isinstance(step, str) and not _PLAIN.fullmatch(step):
-            found = f"json_each({event}, {quoted(steps, 'char')}) WHERE key = {quoted(step, 'char')}"
+            found = f"json_each({event}, {literal(steps, 'char')}) WHERE key = {literal(step, 'char')}"
             return _sqlite_way(f"(SELECT {_EACH} FROM {found})", path[place + 1 :])
         word = isinstance(step, str) and re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", step)
         steps += f"[{step}]" if isinstance(step, int) else f".{step}" if word else f'."{step}"'
-    return event, quoted(steps, "char")
+    return event, literal(steps, "char")
 
 
 def _pointer(event: str, path: Path) -> tuple[str, str]:
-    return event, quoted("".join(f"/{str(step).replace('~', '~0').replace('/', '~1')}" for step in path))
+    return event, literal("".join(f"/{str(step).replace('~', '~0').replace('/', '~1')}" for step in path))
 
 
 Parts: TypeAlias = Sequence[Mapping[str, str]]
@@ -348,7 +389,7 @@ _DUCKDB: Final = Dialect(
 _POSTGRES: Final = replace(
     _DUCKDB,
     name="postgres",
-    way=lambda event, path: (f"{event}::json", ", ".join(quoted(str(step)) for step in path)),
+    way=lambda event, path: (f"{event}::json", ", ".join(literal(str(step)) for step in path)),
     values={
         "kind": "json_typeof(json_extract_path({0}, {1}))",
         "raw": "json_extract_path_text({0}, {1})",
@@ -400,14 +441,19 @@ def transpiled(text: str, dialect: str) -> str:
     header = [*takewhile(lambda line: line.startswith("--"), lines)]
     try:
         [query] = sqlglot.parse("".join(lines[len(header) :]), read="duckdb")
-        names = [call.name for call in query.find_all(sqlglot.exp.Anonymous) if call.name.lower() != "epoch_us"]
+        calls = [*query.find_all(sqlglot.exp.Anonymous)]
+        names = [call.name for call in calls if call.name.lower() != "epoch_us"]
         if names:
             what = "a calculation whose parts have names" if "struct_insert" in names else f"the function {names[0]}"
             raise NotExpressible(f"SQLGlot does not write {what} for {dialect}")
+        name = next(name for number in count() if (name := f"rvaft_us{number}") not in text)
+        for call in calls:
+            call.set("this", name)
         found = query.sql(dialect=dialect, pretty=True, unsupported_level=sqlglot.ErrorLevel.RAISE)
     except sqlglot.errors.SqlglotError as error:
         reason = f"SQLGlot does not write it for {dialect}: {' '.join(str(error).split())}"
         raise NotExpressible(reason) from None
-    found = re.sub(r"(?i)\bepoch_us\(([^()]*)\)", lambda call: TRANSPILED[dialect].format(call[1]), found)
+    column = r"""((?:"(?:[^"]|"")*"|`(?:[^`]|``)*`|[^()"`])*)"""
+    found = re.sub(rf"(?i)\b{name}\({column}\)", lambda call: TRANSPILED[dialect].format(call[1]), found)
     note = f"-- SQLGlot wrote this for {dialect} from the query for duckdb; rvaft does not run it.\n"
     return "".join([first.replace("duckdb", dialect), note, *header, found, "\n"])

@@ -4,6 +4,7 @@ DuckDB reads more leniently than rvaft. Rows that rvaft might read in another wa
 are read again by rvaft.
 """
 
+import csv
 import json
 import re
 from abc import ABC, abstractmethod
@@ -13,7 +14,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO, Final, cast
 
-from backends.sql.dialects import DIALECTS
+from backends.sql.connections import DuckDbConnection
+from backends.sql.dialects import identifier, literal
 from backends.tables import Path as Place
 from rvaft.core.classifier import Scope
 from rvaft.errors import TraceError
@@ -21,8 +23,8 @@ from rvaft.model.assumptions import EXACT
 from rvaft.model.nodes import ValueType
 from rvaft.readers.csv_table import CsvReader, delimiter
 from rvaft.readers.json_lines import BLANK, NonFiniteEvent, event_on
-from rvaft.readers.log import BOM, MAX_LINE, Log
-from rvaft.readers.parquet import ParquetReader, picked
+from rvaft.readers.log import BOM, MAX_LINE, Log, lines_of
+from rvaft.readers.parquet import ParquetReader, column_names, picked
 from rvaft.stream.keys import Field
 from rvaft.stream.whole_log import Declined
 from rvaft.stream.whole_log import Place as EventPlace
@@ -34,11 +36,6 @@ _DOUBTFUL: Final = (  # a trailing comma, other numbers than JSON, escapes of AS
 )
 _ISO: Final = r"\d{4}-\d\d-\d\d[Tt ]([01]\d|2[0-3]):[0-5]\d:[0-5]\d([.,]\d{1,9})?([Zz]|[+-]([01]\d|2[0-3]):?[0-5]\d)?"
 _NUMBER: Final = r"-?(0|[1-9][0-9]*)(\.[0-9]+)?([eE][-+]?[0-9]+)?"
-
-
-def quoted(text: str) -> str:
-    """Return a text in SQL."""
-    return DIALECTS["duckdb"].text(text)
 
 
 def _whole(number: str) -> str:
@@ -112,12 +109,23 @@ class LogFile(ABC):
 
     def __init__(self, path: Path, read: Sequence[Place], time: Place | None) -> None:
         self.path, self.read, self.time = path, read, time
-        if set(str(path)) & set("*?[{"):
-            raise Declined("the name of the file is a pattern in DuckDB")
 
     @abstractmethod
-    def rows(self, connection: Any) -> str:
-        """Return what stands after FROM."""
+    def rows(self, connection: DuckDbConnection, name: str) -> str:
+        """Return what stands after FROM; `name` is that of the file in DuckDB.
+
+        Its columns have names of our own, so that no name in the file is one in SQL.
+        """
+
+    def _scan(self, function: str, name: str, options: Mapping[str, str]) -> str:
+        """Return the call of a function that reads the file and nothing else."""
+        given = {**options, **dict.fromkeys(("filename", "hive_partitioning", "union_by_name"), "false")}
+        return f"{function}({', '.join([literal(name), *(f'{key} = {value}' for key, value in given.items())])})"
+
+    @property
+    def _compression(self) -> str:
+        """How the file is compressed; as everywhere, its suffix decides."""
+        return literal({".gz": "gzip", ".zst": "zstd"}.get(self.path.suffix.lower(), "uncompressed"))
 
     @abstractmethod
     def cell(self, place: Place, kind: ValueType) -> str:
@@ -131,7 +139,7 @@ class LogFile(ABC):
     def key(self, field: Field) -> tuple[str, str]:
         """Return the text of the value of a key, and whether other values may have this text.
 
-        The text is NULL if the event lacks the field; DuckDB refuses a table without the column.
+        The text is NULL if the event lacks the field; raises `Declined` for a table without the column.
         """
 
     doubtful: str = "false"
@@ -174,7 +182,7 @@ class JsonFile(LogFile):
             number = f"CASE WHEN left({raw}, 1) = '-' OR left({raw}, 1) BETWEEN '0' AND '9' THEN {raw} END"
             if len(time) == 1:  # DuckDB rounds the digits of long numbers
                 key = re.escape(json.dumps(str(time[0]), ensure_ascii=False))
-                field = quoted(rf"{key}\s*:\s*(-?[0-9.eE+-]+)")
+                field = literal(rf"{key}\s*:\s*(-?[0-9.eE+-]+)")
                 written = f"regexp_extract(json, {field}, 1)"
                 same = f"TRY_CAST({written} AS DOUBLE) = TRY_CAST({raw} AS DOUBLE)"
                 long = f"CASE WHEN {same} THEN {written} END"
@@ -184,30 +192,33 @@ class JsonFile(LogFile):
             self.time_number, self.time_text = f"coalesce({number}, {_numeral(text)})", text
         paths = (*read, *([time] if time else []))
         names = dict.fromkeys(re.sub("[%_]", r"\\\g<0>", f'"{name}"') for one in paths for name in one)
-        twice = " OR ".join(rf"json LIKE {quoted(f'%{name}%{name}%')} ESCAPE '\'" for name in names)
+        twice = " OR ".join(rf"json LIKE {literal(f'%{name}%{name}%')} ESCAPE '\'" for name in names)
         objects = dict.fromkeys(one[:size] for one in paths for size in range(len(one)))
         spelled = ("$" + "".join(f".{json.dumps(str(name))}" for name in one) for one in objects)
-        keys = [f"json_keys(json, {quoted(one)})" for one in spelled]
+        keys = [f"json_keys(json, {literal(one)})" for one in spelled]
         repeated = " OR ".join(f"len({one}) > len(list_distinct({one}))" for one in keys)
         deep = "length(json) - length(translate(json, '[{', '')) > 400"
         self.doubtful = (
-            f"CASE WHEN regexp_matches(json, {quoted(_DOUBTFUL)}) THEN true WHEN length(json) > 1000 AND {deep} "
+            f"CASE WHEN regexp_matches(json, {literal(_DOUBTFUL)}) THEN true WHEN length(json) > 1000 AND {deep} "
             f"THEN true WHEN {twice} THEN {repeated} ELSE false END"
         )
 
-    def rows(self, connection: Any) -> str:
+    def rows(self, connection: DuckDbConnection, name: str) -> str:  # noqa: ARG002
         """Return the table of the decoded lines."""
-        connection.execute("SET VARIABLE log = ?", [str(self.path.resolve())])
-        lines = (
-            f"read_ndjson_objects(getvariable('log'), format = 'newline_delimited', maximum_object_size = {MAX_LINE})"
-        )
-        form = quoted(self.form)
+        options = {
+            "format": "'newline_delimited'",
+            "maximum_object_size": str(MAX_LINE),
+            "compression": self._compression,
+            "ignore_errors": "false",
+        }
+        lines = self._scan("read_ndjson_objects", name, options)
+        form = literal(self.form)
         long = "regexp_matches(json, '[0-9.]{16}')" if self.time else "false"
         decoded = f"json_transform(json, {form}) AS f, json_type(json) <> 'OBJECT' AS other"
         return f"(SELECT json, {decoded}, {long} AS long FROM {lines})"
 
     def _value(self, place: Place) -> str:
-        return "f" + "".join(f"[{quoted(str(name))}]" for name in place)
+        return "f" + "".join(f"[{literal(str(name))}]" for name in place)
 
     def _raw(self, place: Place) -> str:
         return f"CAST({self._value(place)} AS VARCHAR)"
@@ -236,7 +247,7 @@ class JsonFile(LogFile):
         found, odd = list[str](), list[str]()
         for place in dict.fromkeys([(field.text,), field.path]):
             raw, path = self._raw(place), "$" + "".join(f".{json.dumps(name)}" for name in place)
-            null = f"CASE WHEN json_exists(json, {quoted(path)}) THEN 'null' END"
+            null = f"CASE WHEN json_exists(json, {literal(path)}) THEN 'null' END"
             text, beyond = _key(raw, f"CASE WHEN left({raw}, 1) NOT IN ('\"', 't', 'f') THEN {raw} END")
             found += [text, null]
             odd.append(f"left({raw}, 1) IN ('{{', '[') OR {beyond}")
@@ -260,8 +271,7 @@ class JsonFile(LogFile):
     def _lines(self) -> Iterator[tuple[int, bytes]]:
         """Yield the lines with an event."""
         with opened(self.path) as stream:
-            for number, line in enumerate(stream, 1):
-                text = line.removeprefix(BOM) if number == 1 else line
+            for number, text in lines_of(stream, str(self.path)):
                 if text.strip(BLANK):
                     yield number, text
 
@@ -297,15 +307,19 @@ class CsvFile(LogFile):
         super().__init__(path, read, time)
         with opened(path) as stream:
             self.head = stream.readline(_CHUNK)
-        head = self.head.removeprefix(BOM).decode(errors="replace")
-        self.delimiter = delimiter(head, path)
+        try:
+            head = self.head.removeprefix(BOM).decode()
+            self.delimiter = delimiter(head, path)
+            lines = csv.reader([head], delimiter=self.delimiter, skipinitialspace=True, strict=True)
+            self.names = [name.strip() for name in next(lines, [])]
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise Declined("the header cannot be read") from error
+        if not all(self.names) or len(set(self.names)) < len(self.names):
+            raise Declined("the header has an empty name, or a name twice")
+        if head.startswith(("{", "[", "<", "sep=")) or any('"' in name for name in self.names):
+            raise Declined("the header has quotes in a name, or is none")
         self.quote = ""
         self.rows_written = self._scanned() - 1
-        self.names = [name.strip().strip('"') for name in head.rstrip("\r\n").split(self.delimiter)]
-        if len({name.lower() for name in self.names}) < len(self.names) or not all(self.names):
-            raise Declined("the header has an empty name, or names that differ in case only")
-        if any('"' in name or name != name.strip() for name in self.names):
-            raise Declined("the header has quotes in a name")
         if time:
             text = self._cell(time)
             self.time_number, self.time_text = _numeral(text), text
@@ -314,12 +328,14 @@ class CsvFile(LogFile):
         """Return the number of lines; raises `Declined` for lines that are read in several ways."""
         lines, ended, before, divider = 0, True, b"\n", re.escape(self.delimiter.encode())
         unusual = re.compile(rb'\0|\n\r?\n|[\n%s] |" | "|[^\n\r"%s]"[^\n\r"%s]' % (divider, divider, divider))
-        cell = rb'(?:"(?:[^"]|"")*"|[^"\n%s]*)%s' % (divider, divider)
-        columns = self.head.count(self.delimiter.encode()) + 1
+        cell = rb'(?:"(?:[^"\n]|"")*"|[^"\n%s]*)%s' % (divider, divider)
+        columns = len(self.names)
         last = re.compile(rb"%s\r?$" % divider, re.MULTILINE)
         longer = re.compile(rb"^(?:%s){%d,}\r?$" % (cell, columns), re.MULTILINE)
         with opened(self.path) as stream:
-            while data := stream.read(_CHUNK) + stream.readline():
+            while data := stream.read(_CHUNK) + (rest := stream.readline(_CHUNK)):
+                if len(rest) == _CHUNK:
+                    raise Declined("a line is longer than 1 MiB")
                 text = before + data
                 if last.search(data) and longer.search(data):
                     raise Declined("a line ends with a separator after the last column")
@@ -331,18 +347,24 @@ class CsvFile(LogFile):
                 lines, ended, before = lines + data.count(b"\n"), data.endswith(b"\n"), text[-2:]
         return lines + (not ended)
 
-    def rows(self, connection: Any) -> str:
+    def rows(self, connection: DuckDbConnection, name: str) -> str:  # noqa: ARG002
         """Return the table of the cells."""
-        connection.execute("SET VARIABLE log = ?", [str(self.path.resolve())])
-        columns = ", ".join(f"{quoted(name)}: 'VARCHAR'" for name in self.names)
-        quote = f"quote = '{self.quote}', escape = '{self.quote}', nullstr = ''"
-        cells = f"columns = {{{columns}}}, delim = {quoted(self.delimiter)}, {quote}"
-        how = "header = false, skip = 1, auto_detect = false, null_padding = false, comment = '', strict_mode = true"
-        return f"(SELECT *, false AS other FROM read_csv(getvariable('log'), {cells}, {how}))"
+        columns = ", ".join(f"f{number}: 'VARCHAR'" for number in range(len(self.names)))
+        options = {
+            "columns": f"{{{columns}}}",
+            "delim": literal(self.delimiter),
+            **dict.fromkeys(("quote", "escape"), literal(self.quote)),
+            **dict.fromkeys(("nullstr", "comment"), "''"),
+            **dict.fromkeys(("header", "auto_detect", "null_padding", "ignore_errors"), "false"),
+            "skip": "1",
+            "strict_mode": "true",
+            "compression": self._compression,
+        }
+        return f"(SELECT *, false AS other FROM {self._scan('read_csv', name, options)})"
 
     def _cell(self, place: Place) -> str:
-        name = str(place[0])
-        return f"nullif(\"{name}\", '')" if len(place) == 1 and name in self.names else "CAST(NULL AS VARCHAR)"
+        known = len(place) == 1 and place[0] in self.names
+        return f"nullif(f{self.names.index(str(place[0]))}, '')" if known else "CAST(NULL AS VARCHAR)"
 
     def cell(self, place: Place, kind: ValueType) -> str:
         """Return a cell; one in the syntax of numbers is a number."""
@@ -365,7 +387,9 @@ class CsvFile(LogFile):
 
     def key(self, field: Field) -> tuple[str, str]:
         """Return the text of a cell."""
-        text = f"nullif(\"{field.text}\", '')"
+        if field.text not in self.names:
+            raise Declined(f"there is no column {field.text}")
+        text = self._cell((field.text,))
         return _key(text, _numeral(text))
 
     def check(self, rows: int, doubtful: Sequence[int], reads: Scope) -> None:  # noqa: ARG002
@@ -425,28 +449,19 @@ class ParquetFile(LogFile):
     def __init__(self, path: Path, read: Sequence[Place], time: Place | None) -> None:
         super().__init__(path, read, time)
         self.types: dict[str, str] = {}
+        self.columns: dict[str, str] = {}
+        """Our name of a column that is read."""
 
-    def rows(self, connection: Any) -> str:
+    def rows(self, connection: DuckDbConnection, name: str) -> str:
         """Return the table."""
-        connection.execute("SET VARIABLE log = ?", [str(self.path.resolve())])
-        table = "read_parquet(getvariable('log'), binary_as_string = false)"
-        self.types = {name: kind for name, kind, *_ in connection.execute(f"DESCRIBE SELECT * FROM {table}").fetchall()}
+        table = self._scan("read_parquet", name, {"binary_as_string": "false"})
+        self.types = {column: kind for column, kind, *_ in connection.ask(f"DESCRIBE SELECT * FROM {table}")[1]}
+        if [*self.types] != column_names(self.path):
+            raise Declined("DuckDB gives the columns other names")
         for place in (*self.read, *([self.time] if self.time else [])):
-            name = str(place[0])
-            near = [other for other in self.types if other.lower() == name.lower()]
-            if len(place) > 1 and near:
-                raise Declined(f"DuckDB is not asked for fields inside the column {name}")
-            if near and near != [name]:
-                raise Declined(f"columns differ from the field {name} in case only")
-            timed = self.types.get(name) in _INSTANTS and place == self.time and place not in self.read
-            if (
-                near
-                and not timed
-                and self.types[name] not in {*_INTEGERS, "VARCHAR", "FLOAT", "DOUBLE", "BOOLEAN", '"NULL"'}
-            ):
-                raise Declined(f"the column {name} is of the type {self.types[name]}")
+            self._admit(place)
         if self.time and (kind := self.types.get(str(self.time[0]), "")):
-            cell = f'"{self.time[0]}"'
+            cell = self.columns[str(self.time[0])]
             if kind in _INSTANTS:
                 self.time_text = f"CASE WHEN {cell} IS NOT NULL THEN 'time' END"
                 self.instant = _INSTANTS[kind].format(cell)
@@ -454,39 +469,60 @@ class ParquetFile(LogFile):
                 self.time_number, self.time_text = _numeral(cell), cell
             elif kind not in ("BOOLEAN", '"NULL"'):
                 self.time_number = f"CAST({cell if kind in _INTEGERS else f'CAST({cell} AS DOUBLE)'} AS VARCHAR)"
-        return f"(SELECT *, false AS other FROM {table})"
+        named = "".join(f"{identifier(column)} AS {own}, " for column, own in self.columns.items())
+        return f"(SELECT {named}false AS other FROM {table})"
+
+    def _admit(self, place: Place) -> None:
+        """Name the column of a place, if there is one; raises `Declined` for what DuckDB reads in another way."""
+        name = str(place[0])
+        near = [other for other in self.types if other.lower() == name.lower()]
+        if len(place) > 1 and near:
+            raise Declined(f"DuckDB is not asked for fields inside the column {name}")
+        if near and near != [name]:
+            raise Declined(f"columns differ from the field {name} in case only")
+        if not near:
+            return
+        timed = self.types[name] in _INSTANTS and place == self.time and place not in self.read
+        if not timed and self.types[name] not in {*_INTEGERS, "VARCHAR", "FLOAT", "DOUBLE", "BOOLEAN", '"NULL"'}:
+            raise Declined(f"the column {name} is of the type {self.types[name]}")
+        self.columns.setdefault(name, f"f{len(self.columns)}")
+
+    def _column(self, place: Place) -> tuple[str, str]:
+        """Return our name of a column and its type; empty without a column."""
+        name = str(place[0])
+        return (self.columns[name], self.types[name]) if len(place) == 1 and name in self.columns else ("", "")
 
     def cell(self, place: Place, kind: ValueType) -> str:
         """Return a cell of a column of this type."""
-        name = str(place[0])
-        known = self.types.get(name, "") if len(place) == 1 else ""
+        cell, known = self._column(place)
         match kind:
             case ValueType.TEXT:
-                return f'"{name}"' if known == "VARCHAR" else "CAST(NULL AS VARCHAR)"
+                return cell if known == "VARCHAR" else "CAST(NULL AS VARCHAR)"
             case ValueType.INTEGER if known in _INTEGERS:
-                return f'TRY_CAST("{name}" AS BIGINT)'
+                return f"TRY_CAST({cell} AS BIGINT)"
             case ValueType.INTEGER if known in ("FLOAT", "DOUBLE"):
-                return f'CASE WHEN "{name}" = floor("{name}") THEN TRY_CAST("{name}" AS BIGINT) END'
+                return f"CASE WHEN {cell} = floor({cell}) THEN TRY_CAST({cell} AS BIGINT) END"
             case ValueType.INTEGER:
                 return "CAST(NULL AS BIGINT)"
             case ValueType.NUMBER:
                 number = known in ("FLOAT", "DOUBLE", *_INTEGERS)
-                return f'CAST("{name}" AS DOUBLE)' if number else "CAST(NULL AS DOUBLE)"
+                return f"CAST({cell} AS DOUBLE)" if number else "CAST(NULL AS DOUBLE)"
             case _:
-                return f'"{name}"' if known == "BOOLEAN" else "CAST(NULL AS BOOLEAN)"
+                return cell if known == "BOOLEAN" else "CAST(NULL AS BOOLEAN)"
 
     def odd(self, place: Place, kind: ValueType) -> str:
         """Return whether a number is not finite, or has more bits than the column."""
-        name = str(place[0])
-        known = self.types.get(name, "") if len(place) == 1 else ""
+        cell, known = self._column(place)
         if known not in ("FLOAT", "DOUBLE", *_INTEGERS):
             return "false"
-        text = f'CAST("{name}" AS VARCHAR)'
-        return f'CASE WHEN "{name}" IS NULL THEN false ELSE {_beyond(text, kind)} END'
+        return f"CASE WHEN {cell} IS NULL THEN false ELSE {_beyond(f'CAST({cell} AS VARCHAR)', kind)} END"
 
     def key(self, field: Field) -> tuple[str, str]:
         """Return the text of a cell."""
-        cell, real = f'"{field.text}"', self.types.get(field.text) in ("FLOAT", "DOUBLE")
+        cell, known = self._column((field.text,))
+        if not cell:
+            raise Declined(f"there is no column {field.text}")
+        real = known in ("FLOAT", "DOUBLE")
         return f"CAST({cell}{' + 0.0' * real} AS VARCHAR)", f"NOT isfinite({cell})" if real else "false"
 
     def check(self, rows: int, doubtful: Sequence[int], reads: Scope) -> None:

@@ -16,10 +16,13 @@ from functools import cache, lru_cache
 from threading import Lock
 from typing import Any, Final
 
-from backends.sql.rows import COLUMN_TYPES, identifier
+from backends.sql.connections import DuckDbConnection, duckdb
+from backends.sql.dialects import qualified
+from backends.sql.rows import COLUMN_TYPES
+from backends.sqlite import SqliteConnection
 from backends.tables import ROWID, TableHeader, declared_time
 from rvaft.backend import Match
-from rvaft.errors import LanguageError, ToolFailed, TraceError, installed
+from rvaft.errors import LanguageError, ToolFailed, TraceError
 from rvaft.model.values import Json, has_larger
 from rvaft.support.budget import Expired
 
@@ -41,9 +44,8 @@ class SqliteTable:
 
     def __init__(self) -> None:
         self.errors: tuple[type[Exception], ...] = (sqlite3.Error, sqlite3.Warning)
-        self.connection = sqlite3.connect(":memory:", check_same_thread=False, isolation_level=None)
+        self.connection = SqliteConnection()
         self.connection.execute(_TABLE.format("TEXT", "INTEGER"))
-        self.connection.execute("PRAGMA temp_store = MEMORY")  # small temporary tables per query
         self.connection.set_progress_handler(lambda: 0, 100_000)  # check for timeouts
         self.made = ""
         """The typed table of the last query."""
@@ -64,11 +66,14 @@ class SqliteTable:
         self.connection.executemany(f"INSERT INTO {table} VALUES ({', '.join('?' * len(columns))})", rows)
         return 1
 
+    def check(self, query: str) -> None:
+        """Raise one of `errors` unless a text is one SELECT."""
+        self.connection.check(query)
+
     def ask(self, query: str) -> tuple[list[str], list[tuple[Any, ...]]]:
         """Return column names and rows of a query."""
         try:
-            found = self.connection.execute(query)
-            return [column[0] for column in found.description or ()], found.fetchall()
+            return self.connection.ask(query)
         except sqlite3.OperationalError as error:
             if str(error) != "interrupted":
                 raise
@@ -79,43 +84,37 @@ class DuckDb:
     """DuckDB in memory."""
 
     def __init__(self) -> None:
-        duckdb = self.installed()
-        self.errors: tuple[type[Exception], ...] = (duckdb.Error,)
-        self.connection = duckdb.connect(config={"enable_external_access": "false", "threads": "1"})
-        self.connection.execute(_TABLE.format("VARCHAR", "BIGINT"))
-
-    @staticmethod
-    def installed() -> Any:
-        """Return the package; raises `ToolMissing`."""
-        return installed("duckdb", "DuckDB", "pip install '.[duckdb]' in a checkout of rvaft")
+        self.errors: tuple[type[Exception], ...] = (duckdb().Error,)
+        self.connection = DuckDbConnection()
+        self.connection.ask(_TABLE.format("VARCHAR", "BIGINT"))
 
     def load(self, rows: Sequence[tuple[Any, ...]]) -> None:
         """Replace the rows of the table."""
-        self.connection.execute("DELETE FROM events")
+        self.connection.ask("DELETE FROM events")
         columns = [[row[place] for row in rows] for place in range(4)]
         types = ("BIGINT[]", "BIGINT[]", "VARCHAR[]", "BIGINT[]")
         unnested = ", ".join(f"unnest(CAST(? AS {one}))" for one in types)
-        self.connection.execute(f"INSERT INTO events SELECT {unnested}", columns)
+        self.connection.ask(f"INSERT INTO events SELECT {unnested}", columns)
 
     def load_table(self, table: str, columns: Mapping[str, str], rows: Sequence[tuple[Any, ...]]) -> int:
         """Replace a table with typed columns by these rows; return the first `rowid`."""
-        self.connection.execute(
+        self.connection.ask(
             f"CREATE OR REPLACE TABLE {table} ({', '.join(f'{name} {type_}' for name, type_ in columns.items())})"
         )
         if rows:
             values = [[row[place] for row in rows] for place in range(len(columns))]
             given = {"TIMESTAMP": "make_timestamp(unnest(CAST(? AS BIGINT[])))"}
             unnested = ", ".join(given.get(type_, f"unnest(CAST(? AS {type_}[]))") for type_ in columns.values())
-            self.connection.execute(f"INSERT INTO {table} SELECT {unnested}", values)
+            self.connection.ask(f"INSERT INTO {table} SELECT {unnested}", values)
         return 0
+
+    def check(self, query: str) -> None:
+        """Raise one of `errors` unless a text is one SELECT."""
+        self.connection.check(query)
 
     def ask(self, query: str) -> tuple[list[str], list[tuple[Any, ...]]]:
         """Return column names and rows of a query."""
-        if len(self.installed().extract_statements(query)) > 1:
-            message = "more than one statement"
-            raise self.errors[0](message)
-        found = self.connection.execute(query)
-        return [column[0] for column in found.description or ()], found.fetchall()
+        return self.connection.ask(query)
 
 
 PROGRAMS: Final[Mapping[str, Callable[[], SqliteTable | DuckDb]]] = {"sqlite": SqliteTable, "duckdb": DuckDb}
@@ -142,8 +141,8 @@ class Query:
         self._places: dict[int, int] = {}
         if not self.body:
             raise LanguageError("the text has no query")
-        if re.search("[\\ud800-\\udfff]", text):
-            raise LanguageError("the query contains half of a surrogate pair")
+        if re.search("[\\ud800-\\udfff\0]", text):
+            raise LanguageError("the query contains half of a surrogate pair, or the character NUL")
         if self.table is not None and "." in self.table.table:
             raise LanguageError("rvaft runs queries on tables without a schema")
         if self.table is not None and self.table.position in {
@@ -153,6 +152,7 @@ class Query:
             raise LanguageError("rvaft runs queries whose position is a column of its own")
         errors = self._running().errors
         try:
+            self._check()
             try:
                 self._ask(())
             except errors:
@@ -167,6 +167,13 @@ class Query:
 
     def _running(self) -> SqliteTable | DuckDb:
         return _running(self._program, os.getpid(), "JSON" if self.table is None else "columns")
+
+    def _check(self) -> None:
+        """Raise an error of the program unless the text is one SELECT, so that it ends where its subquery ends."""
+        with _ONE_AT_A_TIME:
+            if self.table is not None:
+                _load_table(self._running(), self.table, ())
+            self._running().check(self.body)
 
     def _ask(
         self, traces: Iterable[tuple[int, Sequence[Json]]], select: str = "", group: str = ""
@@ -255,14 +262,14 @@ def _load_table(program: SqliteTable | DuckDb, table: TableHeader, rows: Sequenc
     """Load rows of trace, number of the event and cells; return the numbers by `rowid`, if it is
     the position.
     """
-    columns = {identifier(name): COLUMN_TYPES[type_] for name, type_, _ in table.columns}
+    columns = {qualified(name): COLUMN_TYPES[type_] for name, type_, _ in table.columns}
     if table.time:
-        columns[identifier(table.time)] = {"timestamp": "TIMESTAMP", "double": "DOUBLE"}.get(table.kind, "BIGINT")
+        columns[qualified(table.time)] = {"timestamp": "TIMESTAMP", "double": "DOUBLE"}.get(table.kind, "BIGINT")
     own = {table.trace: 0, table.position: 1}
     given = [place for name, place in own.items() if name not in ("", ROWID)]
-    columns = {**{identifier(name): "BIGINT" for name, place in own.items() if place in given}, **columns}
+    columns = {**{qualified(name): "BIGINT" for name, place in own.items() if place in given}, **columns}
     kept = [(*(row[place] for place in given), *row[2:]) for row in rows]
-    first = program.load_table(identifier(table.table), columns, kept)
+    first = program.load_table(qualified(table.table), columns, kept)
     return {first + place: row[1] for place, row in enumerate(rows)} if table.position == ROWID else {}
 
 

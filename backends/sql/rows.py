@@ -1,11 +1,10 @@
 """What a query reads of an event: fields of a column with JSON, or typed columns of a table."""
 
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Final, TypeAlias
 
-from backends.sql.dialects import Dialect, Path
+from backends.sql.dialects import Dialect, Path, qualified
 from backends.sql.guards import FACETS, SqlTerm
 from backends.tables import FINEST, Table, TableHeader, column_types, variable_types
 from rvaft.core.property import Property
@@ -29,30 +28,6 @@ OWN: Final = frozenset(
     {"trace", "pos", "time", "place", "start", "shift", "late", "event", "detected", "branch", "nodes"}
 )
 """Names of columns of the query."""
-_RESERVED: Final = re.compile(
-    "all|analyse|analyze|and|any|array|as|asc|asymmetric|between|binary|both|by|case|cast|check|collate|"
-    "collation|column|constraint|create|cross|current|current_date|current_time|current_timestamp|"
-    "current_user|default|deferrable|delete|desc|describe|distinct|do|drop|else|end|except|exclude|exists|"
-    "false|fetch|following|for|foreign|freeze|from|full|grant|group|having|if|ilike|in|index|initially|inner|"
-    "insert|intersect|interval|into|is|isnull|join|lateral|leading|left|like|limit|localtime|natural|not|"
-    "notnull|null|of|offset|on|only|or|order|outer|over|overlaps|partition|pivot|placing|preceding|primary|"
-    "qualify|range|references|returning|right|row|rows|select|session_user|set|show|similar|some|summarize|"
-    "symmetric|table|tablesample|then|to|trailing|transaction|trigger|true|unbounded|union|unique|unpivot|"
-    "update|user|using|values|variadic|verbose|view|when|where|window|with",
-    re.IGNORECASE,
-)
-
-
-def identifier(name: str) -> str:
-    """Return a name in SQL, quoted where it is no plain word.
-
-    >>> identifier("src_ip"), identifier("order"), identifier("main.auth log")
-    ('src_ip', '"order"', 'main."auth log"')
-    """
-    return ".".join(
-        part if re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", part) and not _RESERVED.fullmatch(part) else f'"{part}"'
-        for part in name.split(".")
-    )
 
 
 def renamed(expression: str, name: str) -> str:
@@ -140,9 +115,9 @@ class TableRows:
         types = column_types(prop)
         kind = table.kind or ("" if prop.time is None else _kind(prop.time, dialect))
         header = TableHeader.of(table, prop, types, kind)
-        time = _nanoseconds(identifier(header.time), kind, dialect) if header.time else ""
-        expressions = {column.path: identifier(column.name) for column in header.columns}
-        source, trace, position = map(identifier, (table.name, table.trace or "_", table.position))
+        time = _nanoseconds(qualified(header.time), kind, dialect) if header.time else ""
+        expressions = {column.path: qualified(column.name) for column in header.columns}
+        source, trace, position = map(qualified, (table.name, table.trace or "_", table.position))
         trace = trace if table.trace else ""
         return cls(header, source, trace, position, time, types, expressions, variable_types(prop, types), dialect)
 
@@ -152,10 +127,11 @@ class TableRows:
 
     def numbered(self) -> "tuple[str, TableRows]":
         """Return the columns for a table of numbered events, and the rows of that table."""
-        inner = {
-            path: f"{name.strip(chr(34))}_" if name.strip('"').lower() in OWN else name
-            for path, name in self.names.items()
-        }
+        taken, inner = OWN | {name.lower() for name in self.names.values()}, dict[Path, str]()
+        for path, name in self.names.items():
+            inner[path] = name
+            while name.lower() in OWN and inner[path].lower() in taken:
+                inner[path] += "_"
         own = [renamed(self.trace, "trace"), renamed(self.position, "pos"), renamed(self.time, "time")]
         shown = [*filter(None, own), *(renamed(name, inner[path]) for path, name in self.names.items())]
         trace, time = ("trace" if self.trace else ""), ("time" if self.time else "")

@@ -165,7 +165,7 @@ class SqlQuery:
 
     def _named(self, text: str) -> str:
         """Return the text with the names of variables for their columns."""
-        literal_or_column = re.compile(r"'(?:[^']|'')*'|\bv(\d+)_(?:key|json)\b")
+        literal_or_column = re.compile(r"""'(?:[^']|'')*'|"(?:[^"]|"")*"|\bv(\d+)_(?:key|json)\b""")
         return literal_or_column.sub(
             lambda found: f'"{self._names[int(found[1]) - 1]}"' if found[1] else found[0], text
         )
@@ -196,6 +196,8 @@ class SqlQuery:
 
     def _table(self, query: str, letter: str) -> str:
         if query not in self.tables:
+            source = self.rows.table.table.lower() if isinstance(self.rows, TableRows) else "events"
+            letter += "_" * (source.rstrip("0123456789") == letter)  # not the name of the table of events
             known = sum(name.rstrip("0123456789") == letter for name in self.tables.values())
             self.tables[query] = f"{letter}{known + 1}"
         return self.tables[query]

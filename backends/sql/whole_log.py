@@ -8,23 +8,22 @@ or the log is declined.
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import gettempdir
-from threading import Timer
 from typing import Any, ClassVar, Final
 
 from backends.sql import SqlTableBackend
-from backends.sql.dialects import DIALECTS
-from backends.sql.files import FORMATS, LogFile, instant, nanoseconds, quoted
-from backends.sql.reader import DuckDb
+from backends.sql.connections import DuckDbConnection, NamedFile, failures
+from backends.sql.dialects import DIALECTS, literal
+from backends.sql.files import FORMATS, LogFile, instant, nanoseconds
 from backends.sql.translation import SqlQuery
 from backends.tables import Path as Place
 from backends.tables import Table, column_types
 from rvaft.backend import SpecificationText
 from rvaft.core.classifier import Scope, literals_of
 from rvaft.core.property import Property
-from rvaft.errors import NotExpressible, RvaftError
+from rvaft.errors import NotExpressible, RvaftError, ToolFailed
 from rvaft.model.assumptions import EXACT, AssumptionCheck, places, used_events
 from rvaft.model.event_time import UNITS, EventTime, TimeFormat
 from rvaft.model.guards import Guard, Operation, Operator, walk
@@ -36,6 +35,7 @@ from rvaft.readers.log import LogReader
 from rvaft.stream.plan import MonitoringPlan
 from rvaft.stream.whole_log import FIRST, Declined, EventCount, LogAnswer, QueryEngine
 from rvaft.stream.whole_log import Place as EventPlace
+from rvaft.support.files import damage
 
 MATCHES: Final = 20_000
 """Maximum number of matches of a query; a log with more is replayed in full."""
@@ -80,7 +80,7 @@ class DuckDbEngine(QueryEngine):
     formats: ClassVar[frozenset[str]] = frozenset(FORMATS)
 
     def __init__(self, plan: MonitoringPlan) -> None:
-        DuckDb.installed()
+        failures()
         self.plan, self.types = plan, plan.monitors.types
         try:
             self._translate(plan.monitors.columns[0].part, plan.monitors.semantics)
@@ -158,10 +158,10 @@ class DuckDbEngine(QueryEngine):
                 if not self.discriminating:
                     yield name
                     continue
-                spelled = dict.fromkeys(quoted(text.strip("/ ").casefold()) for text in texts)
+                spelled = dict.fromkeys(literal(text.strip("/ ").casefold()) for text in texts)
                 tests.append(f"lower(trim({name}, '/ ')) IN ({', '.join(spelled)})")
                 others = "[^ -~]" if not all(map(str.isascii, texts)) else f"[{_FOLDED}]"
-                tests.append(f"regexp_matches({name}, {quoted(others)})")
+                tests.append(f"regexp_matches({name}, {literal(others)})")
             yield f"CASE WHEN {' OR '.join(tests)} THEN {name} END"
 
     def texts(self, place: Place) -> Iterator[str]:
@@ -178,26 +178,35 @@ class DuckDbEngine(QueryEngine):
         name = "jsonl" if reader is None else reader.name
         fields = () if self.plan.key is None else self.plan.key.fields
         keys = [place for one in fields for place in dict.fromkeys([(one.text,), one.path])]
-        source = FORMATS[name](path, [*(one.place for one in self.columns), *keys], field)
-        duckdb = DuckDb.installed()
-        connection = duckdb.connect()
+        unreadable: tuple[type[Exception], ...] = (RvaftError, OSError, *damage())
         try:
-            return DuckDbAnswer(self, source, connection)
-        except duckdb.Error as error:
-            connection.close()
-            raise Declined(f"DuckDB: {str(error).strip().partition(chr(10))[0]}") from error
-        except BaseException:
-            connection.close()
+            with ExitStack() as opened:
+                file = NamedFile(path)
+                opened.callback(file.close)
+                source = FORMATS[name](path, [*(one.place for one in self.columns), *keys], field)
+                connection = opened.enter_context(DuckDbConnection([file.name], spills=True))
+                answer = DuckDbAnswer(self, source, connection, file.name)
+                opened.pop_all()
+                file.close()  # the rows are in a table
+                return answer
+        except failures() as error:
+            raise Declined(f"DuckDB: {_first_line(error)}") from error
+        except Declined:
             raise
+        except unreadable as error:
+            raise Declined(_first_line(error)) from error
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).strip().partition("\n")[0] or type(error).__name__
 
 
 class DuckDbAnswer(LogAnswer):
     """A table in DuckDB, and what was asked of it."""
 
-    def __init__(self, engine: DuckDbEngine, source: LogFile, connection: Any) -> None:
+    def __init__(self, engine: DuckDbEngine, source: LogFile, connection: DuckDbConnection, file: str) -> None:
         self.engine, self.source, self.connection = engine, source, connection
-        connection.execute(f"SET temp_directory = {quoted(gettempdir())}")
-        self._load()
+        self._load(file)
         self._check()
         keys = ", ".join(engine.keys()) or "1"
         groups = self._ask(f"SELECT count(*), min(pos, {FIRST}) FROM log GROUP BY {keys} LIMIT {CLASSES + 1}")
@@ -205,18 +214,18 @@ class DuckDbAnswer(LogAnswer):
             raise Declined(f"more than {CLASSES} kinds of events")
         self.groups = [EventCount(number, first) for number, first in groups]
         self.noted = [*self._noted()]
-        counts = self._ask("SELECT key, count(*), min(pos) FROM log GROUP BY key ORDER BY 3")
+        most = engine.plan.max_keys + 2  # with the events without a key, and one key too many
+        counts = self._ask(f"SELECT key, count(*), min(pos) FROM log GROUP BY key ORDER BY 3 LIMIT {most}")
         self.keys = [EventCount(number, [first]) for key, number, first in counts if key]
         self.keyless = next((EventCount(number, [first]) for key, number, first in counts if key is None), None)
         self.selected = self._selected()
 
-    def _ask(self, query: str) -> list[tuple[Any, ...]]:
-        found: list[tuple[Any, ...]] = self.connection.execute(query).fetchall()
-        return found
+    def _ask(self, query: str, *, seconds: float | None = None) -> list[tuple[Any, ...]]:
+        return self.connection.ask(query, seconds=seconds)[1]
 
-    def _load(self) -> None:
+    def _load(self, file: str) -> None:
         engine, source, tree = self.engine, self.source, self.engine.types.tree
-        rows = source.rows(self.connection)
+        rows = source.rows(self.connection, file)
         cells = [f"{source.cell(one.place, one.kind)} AS {one.name}" for one in engine.columns]
         match tree.time:
             case None:
@@ -233,7 +242,7 @@ class DuckDbAnswer(LogAnswer):
         cells += [f"{text} AS {name}" for name, (text, _) in zip(names, keys, strict=True)]
         present = " AND ".join(f"{name} IS NOT NULL" for name in names)
         key = f"CASE WHEN {present} THEN min(pos) OVER (PARTITION BY {', '.join(names)}) END" if keys else "0"
-        self.connection.execute(
+        self._ask(
             f"CREATE TABLE log AS SELECT pos, {''.join(f'{one.name}, ' for one in engine.columns)}"
             f"{time} AS time, time_number IS NULL AND time_text IS NOT NULL AS words, odd, doubtful, {key} AS key FROM "
             f"(SELECT row_number() OVER () AS pos, {''.join(f'{one}, ' for one in cells)}"
@@ -256,10 +265,7 @@ class DuckDbAnswer(LogAnswer):
         doubtful = [number for (number,) in self._ask(f"SELECT pos FROM log WHERE doubtful LIMIT {DOUBTS + 1}")]
         if len(doubtful) > DOUBTS:
             raise Declined(f"more than {DOUBTS} lines that DuckDB may read in another way")
-        try:
-            self.source.check(self.total, sorted(doubtful), engine.plan.reads)
-        except (RvaftError, OSError) as error:
-            raise error if isinstance(error, Declined) else Declined(str(error)) from error
+        self.source.check(self.total, sorted(doubtful), engine.plan.reads)
         for cause, number in zip(causes, found, strict=True):
             if number is not None:
                 raise Declined(f"event {number} {cause}")
@@ -279,7 +285,7 @@ class DuckDbAnswer(LogAnswer):
         for one in self.engine.columns:
             if one.kind is not ValueType.TEXT:
                 continue
-            for (text,) in self._ask(f"SELECT DISTINCT {one.name} FROM log WHERE {one.name} IS NOT NULL"):
+            for (text,) in self.connection.rows(f"SELECT DISTINCT {one.name} FROM log WHERE {one.name} IS NOT NULL"):
                 event: Any = text
                 for name in reversed(one.place):
                     event = {name: event}
@@ -290,23 +296,18 @@ class DuckDbAnswer(LogAnswer):
         engine = self.engine
         for field in engine.types.discriminators.fields:
             name = engine.name_of[field,]
-            known = ", ".join(map(quoted, engine.texts((field,))))
+            known = ", ".join(map(literal, engine.texts((field,))))
             query = f"SELECT min(pos) FROM log WHERE NOT {engine.entry} AND {name} NOT IN ({known}) GROUP BY {name}"
             yield from (number for (number,) in self._ask(f"{query} ORDER BY 1 LIMIT {SPELLINGS}"))
 
     def _matches(self) -> list[tuple[int, int, list[int]]] | None:
         """Return each match in order: key, number of the last event, and those of all; None for too many."""
-        timer = Timer(PATIENCE, self.connection.interrupt)
-        timer.daemon = True
-        timer.start()
+        key, where = ("0", "") if self.engine.plan.key is None else ("trace", " WHERE trace IS NOT NULL")
+        query = f"SELECT {key}, detected, nodes FROM (\n{self.engine.query}\n) AS found{where}"
         try:
-            key, where = ("0", "") if self.engine.plan.key is None else ("trace", " WHERE trace IS NOT NULL")
-            query = f"SELECT {key}, detected, nodes FROM (\n{self.engine.query}\n) AS found{where}"
-            found = self._ask(f"{query} LIMIT {MATCHES + 1}")
-        except DuckDb.installed().InterruptException:
+            found = self._ask(f"{query} LIMIT {MATCHES + 1}", seconds=PATIENCE)
+        except TimeoutError:
             return None
-        finally:
-            timer.cancel()
         if len(found) > MATCHES:
             return None
         return sorted((key, last, sorted(_positions(nodes))) for key, last, nodes in found)
@@ -346,9 +347,10 @@ class DuckDbAnswer(LogAnswer):
                 yield number
 
     def _places(self, condition: str) -> Iterator[tuple[int, int]]:
-        found = self.connection.cursor().execute(f"SELECT pos, key FROM log WHERE {condition} ORDER BY pos")
-        while rows := found.fetchmany(10_000):
-            yield from rows
+        try:
+            yield from self.connection.rows(f"SELECT pos, key FROM log WHERE {condition} ORDER BY pos")
+        except failures() as error:
+            raise ToolFailed("DuckDB", reason=_first_line(error)) from error
 
     def of_keys(self) -> Iterator[tuple[int, int]]:
         """Yield each event with a key, and the first event of that key."""

@@ -8,15 +8,18 @@ base64.
 from array import array
 from base64 import b64encode
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from itertools import accumulate, pairwise
+from pathlib import Path
 from typing import Any, ClassVar, Final, TypeAlias
 
-from rvaft.errors import ToolMissing, installed
+from rvaft.errors import ToolMissing, TraceError, installed
 from rvaft.model.values import Json, decimal
 from rvaft.readers.json_lines import settled
 from rvaft.readers.log import Log, LogReader
 
 _ROWS: Final = 4_096
+_REMEDY: Final = "pip install '.[parquet]' in a checkout of rvaft"
 _Batch: TypeAlias = Any
 _Column: TypeAlias = Any
 
@@ -37,13 +40,11 @@ class ParquetReader(LogReader):
         """Yield the events with their row numbers."""
         try:
             import pyarrow  # noqa: PLC0415
-            from pyarrow import parquet  # noqa: PLC0415
         except ImportError as error:
-            remedy = "pip install '.[parquet]' in a checkout of rvaft"
-            raise ToolMissing("pyarrow", remedy=remedy) from error
+            raise ToolMissing("pyarrow", remedy=_REMEDY) from error
         number = 0
         try:
-            with parquet.ParquetFile(log.path, pre_buffer=False, page_checksum_verification=True) as file:
+            with _opened(log.path) as file:
                 names = file.schema_arrow.names
                 for name in names:
                     if names.count(name) > 1:
@@ -59,17 +60,49 @@ class ParquetReader(LogReader):
                             yield row, event
                     number += batch.num_rows
         except (pyarrow.ArrowException, OSError) as error:
-            reason = str(error).strip().partition("\n")[0].removesuffix(".")
-            raise log.error_at(f"not Parquet, or damaged: {reason}", number + 1 if number else None) from error
+            raise log.error_at(_damage(error), number + 1 if number else None) from error
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open a local file; `pyarrow` itself would take `s3:/day.parquet` and `~/day.parquet` for other places."""
+    pyarrow, parquet = (installed(name, "pyarrow", _REMEDY) for name in ("pyarrow", "pyarrow.parquet"))
+    with (
+        pyarrow.OSFile(str(path)) as stream,
+        parquet.ParquetFile(stream, pre_buffer=False, page_checksum_verification=True) as file,
+    ):
+        yield file
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[Any]:
+    """Open a file; errors of `pyarrow` become `TraceError`."""
+    pyarrow = installed("pyarrow", "pyarrow", _REMEDY)
+    try:
+        with _opened(path) as file:
+            yield file
+    except (pyarrow.ArrowException, OSError) as error:
+        raise TraceError(_damage(error), file=str(path), line=None) from error
+
+
+def _damage(error: Exception) -> str:
+    reason = str(error).strip().partition("\n")[0].removesuffix(".")
+    return f"not Parquet, or damaged: {reason}"
+
+
+def column_names(path: Path) -> list[str]:
+    """Return the names of the columns of a file; raises `ToolMissing` and `TraceError`."""
+    with _readable(path) as file:
+        names: list[str] = file.schema_arrow.names
+        return names
 
 
 def picked(log: Log, numbers: Iterable[int]) -> Iterator[tuple[int, dict[str, Json]]]:
     """Yield the events of rows with these increasing numbers; raises `TraceError`."""
-    remedy = "pip install '.[parquet]' in a checkout of rvaft"
-    pyarrow, parquet = (installed(name, "pyarrow", remedy) for name in ("pyarrow", "pyarrow.parquet"))
+    pyarrow = installed("pyarrow", "pyarrow", _REMEDY)
     wanted, first = iter(numbers), 1
     number = next(wanted, 0)
-    with parquet.ParquetFile(log.path, pre_buffer=False, page_checksum_verification=True) as file:
+    with _readable(log.path) as file:
         for group in range(file.num_row_groups):
             after = first + file.metadata.row_group(group).num_rows
             rows: list[int] = []

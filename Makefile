@@ -10,7 +10,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 PROGRAMS := tests/export tests/cli/test_processes.py tests/cli/test_show.py tests/cross_check/test_mona.py
 
-.PHONY: converters demo paper docs pictures playground proofs verified test bare check lint types layers slow attack bench clean
+.PHONY: converters demo paper docs pictures playground proofs verified test bare check lint types layers slow attack lock bench clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "rvaft needs Python 3.11 or newer; this is %d.%d (set PYTHON=...)" % sys.version_info[:2])'
@@ -24,13 +24,26 @@ $(RUNTIME): pyproject.toml | $(BIN)/python
 
 $(STAMP): pyproject.toml | $(BIN)/python
 	@echo "Installing rvaft and the tools of its developers into $(VENV); once, one or two minutes"
+ifdef LOCKED
+	@for part in build dev; do \
+		$(BIN)/python .ci/locked.py $$part >$(VENV)/requirements.txt && \
+		$(BIN)/python -m pip install --quiet --no-compile --no-deps --no-build-isolation --require-hashes \
+			--requirement $(VENV)/requirements.txt || exit 1; \
+	done
+	@$(BIN)/python -m pip install --quiet --no-compile --no-deps --no-build-isolation --editable .
+else
 	@$(BIN)/python -m pip install --quiet --no-compile --editable '.[dev]'
+endif
 	@touch $@ $(RUNTIME)
 
 # pySigma's backends, which need an older pySigma than rvaft's; tests/backends/sigma/test_conversions.py runs them.
 $(CONVERTERS): tests/backends/sigma/requirements.txt
 	@$(PYTHON) -m venv .venv-sigma
+ifdef LOCKED
+	@.venv-sigma/bin/python -m pip install --quiet --no-compile --no-deps --require-hashes --requirement .ci/converters.txt
+else
 	@.venv-sigma/bin/python -m pip install --quiet --no-compile --requirement $<
+endif
 	@touch $@
 
 converters: $(CONVERTERS)
@@ -102,6 +115,13 @@ check: lint types layers docs test bare
 
 slow: $(STAMP)
 	$(BIN)/python -m pytest -m slow
+
+# The versions and hashes that continuous integration and the GitHub Action install; needs uv.
+lock:
+	uv pip compile pyproject.toml --all-extras --group build --universal --python-version 3.11 --generate-hashes \
+		--no-header --quiet --output-file .ci/requirements.txt
+	uv pip compile tests/backends/sigma/requirements.txt --universal --python-version 3.11 --generate-hashes \
+		--no-header --quiet --output-file .ci/converters.txt
 
 # Attacks: hostile trees, logs, texts, files and clients; five minutes.
 attack: $(STAMP)

@@ -34,6 +34,7 @@ COPIED: Final = {
     "README.md": "index.md",
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
+    "SECURITY.md": "security.md",
     **{f"trees/{case}/README.md": f"examples/{case}.md" for case in CASES},
 }
 """Files of the checkout that are pages of the site, with their names on the site."""

@@ -42,8 +42,8 @@ SUFFIXES: Final = (".svg", ".dot", ".gv", ".pdf", ".png", ".txt")
 _OFTEN: Final = 1_000
 """Minimum checkpoint interval, in events, for reading in blocks."""
 _CHUNK: Final = 1 << 20
-_ReportState: TypeAlias = tuple[int, tuple[int, str | None]]
-"""The state of reporter and reaction."""
+_ReportState: TypeAlias = tuple[int, tuple[int, str | None], bool]
+"""The state of reporter and reaction, and whether kept events are whole."""
 _SILENCE: Final = 2.0
 """Seconds before a terminal shows what an engine does."""
 
@@ -192,7 +192,8 @@ class _Run(Listener):
         reacts = bool(settings.hooks) or settings.drawing is not None
         self.listeners: list[Listener] = [self, *settings.others, self.reporter, *([self.reaction] if reacts else [])]
         self._log: Log | None = None
-        self.whole = not tried  # a checkpoint has whole events, so that it suits all listeners
+        self._has_whole = True
+        """Whether the events that are kept, for explanations and order, have all fields."""
 
     def change(self, change: VerdictChange) -> None:
         kept = self.settings.checkpoints
@@ -302,7 +303,7 @@ class _Run(Listener):
 
     def _state(self, run: TraceRun) -> tuple[StateBeside, _ReportState]:
         """Return the state of a run besides that of its monitored traces."""
-        return run.state_beside, (self.reporter.listed, self.reaction.state)
+        return run.state_beside, (self.reporter.listed, self.reaction.state, self._has_whole)
 
     def _resume(self, run: TraceRun, kept: CheckpointFile) -> tuple[int, int]:
         """Restore the run from its checkpoint, or write a first one; return offset and line."""
@@ -312,12 +313,16 @@ class _Run(Listener):
             return 0, 0
         about, traces, state = found
         try:
-            beside, (self.reporter.listed, self.reaction.state) = cast("tuple[StateBeside, _ReportState]", state)
+            beside, report = cast("tuple[StateBeside, _ReportState]", state)
+            self.reporter.listed, self.reaction.state, self._has_whole = report
             run.restore((traces, beside), about.events)
         except Exception as error:
             raise kept.unreadable(error) from error
         for listener in self.listeners:
             listener.reported_before = kept.noted
+        if any(one.whole for one in self.listeners) and not self._has_whole:
+            lacking = "the run that wrote it kept of each event only the fields that the tree reads"
+            self.sink.warn(f"{kept.path}: {lacking}: events up to event {about.events} may lack others")
         return about.offset, about.line
 
     def _read(self, run: TraceRun, trace: TraceSource) -> None:
@@ -360,6 +365,7 @@ class _Run(Listener):
             self._log = trace.log(stream or source, self.settings.plan, line + 1, live, sink if follow else None)
             seldom = not follow and (kept is None or kept.every >= _OFTEN)
             by_blocks = seldom if self._log is None else not (at_once or stream)
+            self._has_whole &= not by_blocks or any(one.whole for one in self.listeners)
             given, jobs = cast("Source", self._log or stream or source), self._readers(trace)
             log = None if trace.file is None else Path(trace.file)
             for going_on in bulk.read(

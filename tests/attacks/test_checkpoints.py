@@ -160,7 +160,7 @@ def test_events_held_back_by_an_order_are_whole_in_a_resumed_run(
     text = log.read_text()
     log.write_text("".join(json.dumps(event) + "\n" for event in made[:600]))
     keeping = [*options, "--checkpoint", "state"]
-    assert ran(tmp_path, *keeping).returncode == 1
+    assert ran(tmp_path, *keeping, "--exec", "true").returncode == 1
     log.write_text(text)
     resumed = ran(tmp_path, *keeping, *shown, "--checkpoint-every", "10")
     assert (resumed.returncode, resumed.stderr) == (whole.returncode, whole.stderr)
@@ -178,6 +178,17 @@ def test_events_held_back_by_an_order_are_whole_in_a_resumed_run(
         told = [line.replace(', "again": true', "") for line in found.read_text().splitlines()]
         assert told
         assert set(told) <= set(commands)
+
+
+def test_a_resumed_run_tells_that_earlier_events_lack_fields(tmp_path: Path) -> None:
+    (tmp_path / "tree.rvaft").write_text(TREE)
+    (tmp_path / "log.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events(Random(1), 100)))
+    for options, lacks in ((("--checkpoint-every", "10"), False), ((), True)):
+        (tmp_path / "state").unlink(missing_ok=True)
+        keeping = ("--repeat", "--checkpoint", "state", "--checkpoint-every", "2000")
+        assert ran(tmp_path, *keeping, *options).returncode in (0, 1)
+        said = ran(tmp_path, *keeping, "--exec", "true").stderr
+        assert ("events up to event 100 may lack others" in said) is lacks
 
 
 def test_saving_takes_no_longer_than_the_rest_also_with_many_keys(tmp_path: Path) -> None:

@@ -192,32 +192,28 @@ def test_a_resumed_run_tells_that_earlier_events_lack_fields(tmp_path: Path) -> 
 
 
 def test_saving_takes_no_longer_than_the_rest_also_with_many_keys(tmp_path: Path) -> None:
-    """A checkpoint after every tenth of the events, and tens of thousands of monitors in each."""
+    """A checkpoint after each 100 events, and up to 12,000 monitors in it."""
     (tmp_path / "tree.rvaft").write_text(TREE)
     with (tmp_path / "log.jsonl").open("w") as log:
-        for number in range(30_000):
+        for number in range(12_000):
             log.write(json.dumps({"kind": "go", "place": 1, "user": 1, "robot": number, "time": number}) + "\n")
     took = []
-    for options in ((), ("--checkpoint", "state", "--checkpoint-every", "1000")):
-        best = 1e9
-        for _ in range(2):
-            (tmp_path / "state").unlink(missing_ok=True)
-            begun = monotonic()
-            assert ran(tmp_path, "--key", "robot", *options).returncode == 0
-            best = min(best, monotonic() - begun)
-        took.append(best)
+    for options in ((), ("--checkpoint", "state", "--checkpoint-every", "100")):
+        begun = monotonic()
+        assert ran(tmp_path, "--key", "robot", *options).returncode == 0
+        took.append(monotonic() - begun)
     assert took[1] < 3 * took[0] + 2
 
 
 def test_a_first_large_checkpoint_is_put_off_as_well(tmp_path: Path) -> None:
-    """The only checkpoint before the end comes when tens of thousands of monitors are in it."""
+    """The only checkpoint before the end comes when 10,000 monitors are in it."""
     (tmp_path / "tree.rvaft").write_text(TREE)
     with (tmp_path / "log.jsonl").open("w") as log:
-        for number in range(30_000):
+        for number in range(12_000):
             log.write(json.dumps({"kind": "go", "place": 1, "user": 1, "robot": number, "time": number}) + "\n")
     begun = monotonic()
     assert ran(tmp_path, "--key", "robot").returncode == 0
     plain = monotonic() - begun
     begun = monotonic()
-    assert ran(tmp_path, "--key", "robot", "--checkpoint", "state", "--checkpoint-every", "25000").returncode == 0
+    assert ran(tmp_path, "--key", "robot", "--checkpoint", "state", "--checkpoint-every", "10000").returncode == 0
     assert monotonic() - begun < 3 * plain + 2

@@ -20,6 +20,7 @@ from typing import Any, Final, TypeVar
 import click
 
 from rvaft.errors import LanguageError, RvaftError, ToolFailed
+from rvaft.support import output
 from rvaft.support.terminal import cut, visible
 
 S = TypeVar("S")
@@ -300,6 +301,7 @@ class Commands(click.Group):
                 status = FAILED
             except BrokenPipeError:
                 status = BROKEN_PIPE
+        output.finish()
         if standalone_mode:
             sys.exit(status)
         return status

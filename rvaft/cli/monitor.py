@@ -36,6 +36,7 @@ from rvaft.stream.monitor_set import MonitorSet, Per, columns
 from rvaft.stream.order import DEFAULT_WINDOW
 from rvaft.stream.plan import MonitoringPlan
 from rvaft.stream.whole_log import QueryEngine, engine_class
+from rvaft.support import output
 
 TERMINAL: Final = "-"
 """The value of `--explain` without FILE: draw in the text."""
@@ -173,6 +174,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
             traces.require_growing(f"--{option}", "TRACE")
     wrong = given["jobs"] > 1 and traces.streams and given["word"] is None
     options.refuse(wrong, "--jobs is for files: standard input is read by one process")
+    if given["follow"] or traces.live:
+        output.unblock()
     checkpoints = None
     if given["checkpoint"] is not None and traces.sources and (file := traces.sources[0].file) is not None:
         reader = traces.sources[0].reader

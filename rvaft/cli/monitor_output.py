@@ -161,18 +161,19 @@ class Reporter(Listener):
         self.columns = settings.plan.monitors.columns
         self.sink = sink
         self.fields = detection.identifying_fields(settings.tree)
-        self._ends = 0
+        self.listed = 0
+        """The number of keys whose missing events were listed."""
         self.totals: Totals | None = None
 
     def ends(self, change: VerdictChange) -> dict[int, Ended]:
         """Return why columns can no longer detect, for up to `ENDS` keys."""
-        if self._ends >= ENDS:
+        if self.listed >= ENDS:
             return {}
         ended = {column: change.watch.monitors.ended(column) for column in change.columns}
         found = {column: end for column, end in ended.items() if end is not None}
         if change.watch.key is not None and found:
-            self._ends += 1
-            if self._ends == ENDS:
+            self.listed += 1
+            if self.listed == ENDS:
                 self.sink.warn(f"{ENDS} keys can no longer match: missing events are not listed for further keys")
         return found
 

@@ -9,7 +9,7 @@ from io import BytesIO, IOBase
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from threading import Timer
-from typing import BinaryIO, Final, NamedTuple, cast
+from typing import BinaryIO, Final, NamedTuple, TypeAlias, cast
 
 import click
 
@@ -23,13 +23,13 @@ from rvaft.monitors import LIVE
 from rvaft.readers.json_lines import LinesRead
 from rvaft.readers.log import Live, Log, LogReader, LogSource, open_log, source_of, suffix
 from rvaft.stream import bulk, whole_log
-from rvaft.stream.checkpoint import open_at
+from rvaft.stream.checkpoint import CheckpointFile, open_at
 from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.detection import detection
 from rvaft.stream.follow import FollowedFile, stopping
 from rvaft.stream.listeners import EventBuffer, Listener, VerdictChange
 from rvaft.stream.plan import MonitoringPlan, Totals
-from rvaft.stream.run import RunState, Source, TraceRun
+from rvaft.stream.run import Source, StateBeside, TraceRun
 from rvaft.stream.semantics_hint import SemanticsHint
 from rvaft.stream.statistics import Statistics
 from rvaft.stream.whole_log import Declined, LogAnswer
@@ -42,6 +42,8 @@ SUFFIXES: Final = (".svg", ".dot", ".gv", ".pdf", ".png", ".txt")
 _OFTEN: Final = 1_000
 """Minimum checkpoint interval, in events, for reading in blocks."""
 _CHUNK: Final = 1 << 20
+_ReportState: TypeAlias = tuple[int, tuple[int, str | None], bool]
+"""The state of reporter and reaction, and whether kept events are whole."""
 _SILENCE: Final = 2.0
 """Seconds before a terminal shows what an engine does."""
 
@@ -112,6 +114,17 @@ class _OnDetection(Listener):
         self._sink = sink
         self._deliver = deliver
 
+    @property
+    def state(self) -> tuple[int, str | None]:
+        """The number of detections, and the file to which one was drawn."""
+        return self.count, None if self.first is None else self._settings.drawing
+
+    @state.setter
+    def state(self, state: tuple[int, str | None]) -> None:
+        self.count, drawn = state
+        if drawn is not None and drawn == self._settings.drawing and Path(drawn).exists():
+            self.first = Path(drawn).read_bytes()
+
     def change(self, change: VerdictChange) -> None:
         settings, watch = self._settings, change.watch
         again = {"again": True} if change.number <= self.reported_before else {}
@@ -179,6 +192,8 @@ class _Run(Listener):
         reacts = bool(settings.hooks) or settings.drawing is not None
         self.listeners: list[Listener] = [self, *settings.others, self.reporter, *([self.reaction] if reacts else [])]
         self._log: Log | None = None
+        self._has_whole = True
+        """Whether the events that are kept, for explanations and order, have all fields."""
 
     def change(self, change: VerdictChange) -> None:
         kept = self.settings.checkpoints
@@ -286,13 +301,38 @@ class _Run(Listener):
         same = Path(trace.file) if trace.file is not None and trace.is_plain else None
         return stack.enter_context(native.trace(trace.name, same, cast("BinaryIO", source), run.buffer))
 
+    def _state(self, run: TraceRun) -> tuple[StateBeside, _ReportState]:
+        """Return the state of a run besides that of its monitored traces."""
+        return run.state_beside, (self.reporter.listed, self.reaction.state, self._has_whole)
+
+    def _resume(self, run: TraceRun, kept: CheckpointFile) -> tuple[int, int]:
+        """Restore the run from its checkpoint, or write a first one; return offset and line."""
+        found = kept.load()
+        if found is None:
+            kept.save(partial(self._state, run), 0, LinesRead(BytesIO()), traces=run.watches)
+            return 0, 0
+        about, traces, state = found
+        try:
+            beside, report = cast("tuple[StateBeside, _ReportState]", state)
+            self.reporter.listed, self.reaction.state, self._has_whole = report
+            run.restore((traces, beside), about.events)
+        except Exception as error:
+            raise kept.unreadable(error) from error
+        for listener in self.listeners:
+            listener.reported_before = kept.noted
+        if any(one.whole for one in self.listeners) and not self._has_whole:
+            lacking = "the run that wrote it kept of each event only the fields that the tree reads"
+            self.sink.warn(f"{kept.path}: {lacking}: events up to event {about.events} may lack others")
+        return about.offset, about.line
+
     def _read(self, run: TraceRun, trace: TraceSource) -> None:
         """Read all events since the last checkpoint; save and flush after each batch."""
         follow, kept, sink = self.settings.follow, self.settings.checkpoints, self.sink
         stream: LinesRead | FollowedFile | None = None
-        offset = line = flushed = 0
+        flushed = 0
+        offset, line = (0, 0) if kept is None else self._resume(run, kept)
 
-        def keep(*, ended: bool = False, idle: bool = False) -> None:
+        def keep(*, ended: bool = False) -> None:
             """Write a checkpoint if one is due, after flushing the output that precedes it.
 
             Events held back by `--order-by` are not saved: a resumed run reads them again.
@@ -301,42 +341,35 @@ class _Run(Listener):
             self.reporter.pause(run)
             if kept is None or stream is None:
                 return
-            if not run.ended and (ended or kept.is_due(run.number, idle=idle)):
+            if not run.ended and (ended or kept.is_due(run.number)):
                 sink.flush()
-                kept.save(run.state, run.number, stream, stream.file if isinstance(stream, FollowedFile) else None)
+                file = stream.file if isinstance(stream, FollowedFile) else None
+                kept.save(partial(self._state, run), run.number, stream, file, traces=run.watches, bounded=not ended)
             elif run.detected > flushed:
                 sink.flush()
             flushed = run.detected
 
-        if kept is not None and (found := kept.load()) is not None:
-            offset, line = found[0].offset, found[0].line
-            try:
-                run.restore(cast("RunState", found[1]), found[0].events)
-            except Exception as error:
-                raise kept.unreadable(error) from error
-            for listener in self.listeners:
-                listener.reported_before = kept.noted
-        elif kept is not None:
-            kept.save(run.state, 0, LinesRead(BytesIO()))
         run.begin()
         with ExitStack() as stack:
             source: Iterable[Json] | LogSource = ()
             if trace.file is not None and follow and not trace.live:
-                stop, idle = stack.enter_context(stopping()), partial(keep, idle=True)
-                stream = FollowedFile(trace.file, stop=stop, changed=sink.warn, idle=idle, offset=offset, line=line)
+                stop = stack.enter_context(stopping())
+                stream = FollowedFile(trace.file, stop=stop, changed=sink.warn, idle=keep, offset=offset, line=line)
                 stack.callback(stream.close)
             elif trace.file is not None and kept is not None:
                 stream = stack.enter_context(open_at(Path(trace.file), offset=offset, line=line))
             else:
                 source = self._source(stack, run, trace)
             at_once = self._arrives(trace)
-            live = stack.enter_context(_listening(trace, sink, partial(keep, idle=True)))
+            live = stack.enter_context(_listening(trace, sink, keep))
             self._log = trace.log(stream or source, self.settings.plan, line + 1, live, sink if follow else None)
             seldom = not follow and (kept is None or kept.every >= _OFTEN)
             by_blocks = seldom if self._log is None else not (at_once or stream)
+            self._has_whole &= not by_blocks or any(one.whole for one in self.listeners)
             given, jobs = cast("Source", self._log or stream or source), self._readers(trace)
+            log = None if trace.file is None else Path(trace.file)
             for going_on in bulk.read(
-                run, given, trace.name, line=line + 1, by_blocks=by_blocks, live=at_once, jobs=jobs
+                run, given, trace.name, line=line + 1, by_blocks=by_blocks, live=at_once, jobs=jobs, log=log
             ):
                 if at_once:
                     sink.flush()

@@ -5,6 +5,9 @@ is a cursor with which a browser reconnects; its data are the changes as JSON. R
 change anything, and answers never contain text of a request.
 """
 
+import errno
+import io
+import resource
 import socket
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -14,8 +17,8 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from queue import Empty, SimpleQueue
 from threading import BoundedSemaphore, Event, Thread
-from time import monotonic
-from typing import Any, Final, Literal
+from time import monotonic, sleep
+from typing import Any, Final, Literal, cast
 from urllib.parse import parse_qs, urlsplit
 
 from rvaft.reports.log_report import policy
@@ -24,7 +27,12 @@ from rvaft.support.network import LOCAL, own, unavailable
 PERIOD: Final = 0.25
 BROWSERS: Final = 32
 """Maximum number of concurrent requests; an open page needs one."""
+CONNECTIONS: Final = 2 * BROWSERS
+"""Maximum number of connections, also of those that have not sent a request."""
 _PATIENCE: Final = 10.0
+"""Seconds for a whole request, and for each write of an answer."""
+_RETRY: Final = 0.2
+"""Seconds between attempts to accept a connection without a free file descriptor."""
 _HEARTBEAT: Final = 5.0
 """Seconds between messages that detect closed connections."""
 _REFUSALS: Final = {
@@ -142,6 +150,10 @@ class PageServer(ThreadingHTTPServer):
         self.origins = origins
         self.closing = Event()
         self.room = BoundedSemaphore(BROWSERS)
+        files, _ = resource.getrlimit(resource.RLIMIT_NOFILE)  # half is for the log, and for the other files
+        few = CONNECTIONS if files == resource.RLIM_INFINITY else min(CONNECTIONS, max(files // 2, 1))
+        self._connections = BoundedSemaphore(few)
+        self._full = False
         shown = f"[{host}]" if ":" in host else host
         try:
             self.address_family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
@@ -155,6 +167,43 @@ class PageServer(ThreadingHTTPServer):
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         self.socket.bind(self.server_address)
         self.server_address = self.socket.getsockname()
+
+    def get_request(self) -> tuple[Any, Any]:
+        """Accept a connection; wait if there is no free file descriptor."""
+        try:
+            found = super().get_request()
+        except OSError as error:
+            if error.errno in (errno.EMFILE, errno.ENFILE):
+                if not self._full:
+                    print("rvaft: warning: too many open files: new connections wait", file=sys.stderr)
+                self._full = True
+                sleep(_RETRY)  # the connection still waits to be accepted
+            raise
+        self._full = False
+        return found
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer in a thread of its own, unless there are too many connections."""
+        if self._connections.acquire(blocking=False):
+            try:
+                super().process_request(request, client_address)
+            except RuntimeError:  # no thread can be started
+                self._connections.release()
+                self.shutdown_request(request)
+            return
+        text = refusal(HTTPStatus.SERVICE_UNAVAILABLE).encode()
+        head = b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: text/plain\r\nConnection: close\r\n"
+        with suppress(OSError):
+            request.setblocking(False)
+            request.send(b"%sContent-Length: %d\r\n\r\n%s" % (head, len(text), text))
+        self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer one connection."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._connections.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002
         """Ignore closed connections; report defects in one line."""
@@ -175,6 +224,27 @@ class PageServer(ThreadingHTTPServer):
             self.server_close()
 
 
+class _UntilDeadline(io.RawIOBase):
+    """The bytes of a connection; raises `TimeoutError` after a deadline for all of them."""
+
+    def __init__(self, connection: socket.socket, seconds: float) -> None:
+        self._connection = connection
+        self._until = monotonic() + seconds
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        left = self._until - monotonic()
+        if left <= 0:
+            raise TimeoutError
+        self._connection.settimeout(left)
+        try:
+            return self._connection.recv_into(buffer)
+        finally:
+            self._connection.settimeout(_PATIENCE)
+
+
 class _Answering(BaseHTTPRequestHandler):
     server: PageServer
     server_version, sys_version = "rvaft", ""
@@ -183,6 +253,12 @@ class _Answering(BaseHTTPRequestHandler):
     error_content_type = "text/plain; charset=utf-8"
     error_message_format = "%(code)d %(message)s\n"
     timeout = _PATIENCE
+
+    def setup(self) -> None:
+        """Read the request with a deadline for the whole of it."""
+        super().setup()
+        self.rfile.close()
+        self.rfile = io.BufferedReader(cast("Any", _UntilDeadline(self.connection, _PATIENCE)))
 
     def do_GET(self) -> None:
         """Send the page or the stream of updates."""

@@ -18,7 +18,7 @@ from rvaft.stream.detection import counted
 from rvaft.stream.follow import POLL, stopping
 from rvaft.stream.plan import Totals
 from rvaft.stream.run import TraceRun
-from rvaft.support import network
+from rvaft.support import network, output
 from rvaft.support.network import LOCAL, require_host
 from rvaft.support.terminal import visible
 
@@ -102,6 +102,7 @@ def view_command(
     origins = [f"http://{host}", *map(network.origin, origin)]
     request = PageRequest(tree, logs, branch, kind, follow=follow, given=given)
     questions, made = Questions(), list[PageReporter]()
+    output.unblock()
     with PageServer(questions.ask, live=follow, host=host, port=port, origins=origins) as server:
 
         def ready() -> None:

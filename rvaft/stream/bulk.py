@@ -12,6 +12,7 @@ from functools import lru_cache
 from io import BufferedIOBase, IOBase
 from itertools import chain, count, islice
 from operator import eq, gt, itemgetter, le, lt
+from pathlib import Path
 from sys import float_info
 from typing import Final, TypeAlias, TypeVar, cast
 
@@ -23,8 +24,8 @@ from rvaft.model.nodes import Assumption
 from rvaft.model.values import Json, JsonObject, exact
 from rvaft.readers import parallel_blocks
 from rvaft.readers.json_blocks import EventBlock, JsonBlockReader, exact_time, plain_fields
-from rvaft.readers.json_lines import LinesRead
-from rvaft.readers.log import ALL, Interest, Log
+from rvaft.readers.json_lines import LinesRead, event_on
+from rvaft.readers.log import ALL, Interest, Log, lines_of
 from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.detection import identifying_fields
 from rvaft.stream.listeners import MonitoredTrace, VerdictChange
@@ -33,6 +34,7 @@ from rvaft.stream.order import Ordering, Place
 from rvaft.stream.plan import TIME, MonitoringPlan
 from rvaft.stream.run import Source, TraceRun
 from rvaft.stream.statistics import EventKind, EventTypeIndex
+from rvaft.support.files import opened
 
 ENABLED: Final = True
 STRETCH: Final = parallel_blocks.STRETCH
@@ -66,11 +68,13 @@ def read(
     by_blocks: bool = True,
     live: bool = False,
     jobs: int = 1,
+    log: Path | None = None,
 ) -> Iterator[bool]:
     """Read all events of a source as `run.read` does, and pause after each block.
 
     Without `by_blocks`, and under assumptions, events are read one by one. A `live` source is read
-    as events arrive. `jobs` processes decode a regular file.
+    as events arrive. `jobs` processes decode a regular file. `log` is that of a restored run, in which
+    irrelevant events may be held back without their fields.
     """
     if not (live or run.plan.monitors.engines):
         return run.read(source, name, line=line, whole=True)
@@ -79,7 +83,29 @@ def read(
         blocks = reading.blocks(source, name, line, live=live, jobs=jobs)
         if blocks is not None:
             return reading.read(blocks)
+    if run.ordering is not None:
+        _complete(cast("Ordering[Turn]", run.ordering), log, run)
     return run.read(source, name, line=line)
+
+
+def _complete(ordering: Ordering[Turn], log: Path | None, run: TraceRun) -> None:
+    """Replace the stand-ins in an order by their events, which are read again by their lines."""
+    lines = {line for _, _, (line, event) in ordering.held if type(event) is tuple and line is not None}
+    if not lines or log is None:
+        return
+    found: dict[int | None, JsonObject] = {}
+    reads, strict = run.plan.reads, run.plan.strict_json
+    with opened(log) as stream:
+        for number, text in islice(lines_of(stream, run.trace, 1), max(lines)):
+            event = (
+                event_on(text.removesuffix(b"\n"), run.trace, number, reads, strict=strict) if number in lines else None
+            )
+            if event is not None:
+                found[number] = event
+    ordering.held = [
+        (place, number, (line, found[line] if type(event) is tuple else event))
+        for place, number, (line, event) in ordering.held
+    ]
 
 
 def _times_count(monitors: MonitorSet) -> bool:

@@ -7,23 +7,26 @@ it is reported, so that a repeated report is marked. The records are not synced:
 lose the latest.
 
 File format: a line with the file type, a line with the digest of the rest, a line of JSON, and a
-pickle. Unpickling admits only data classes, by name. Still, a checkpoint is only as trustworthy as
-everyone who can write to it. Only the owner can read the file. Until the next checkpoint, the file
-`.NAME.told` beside it has the number of the last event with a reported detection.
+pickle, in which the states of monitored traces are pickles of their own. Unpickling admits only
+data classes, by name. Still, a checkpoint is only as trustworthy as everyone who can write to it.
+Only the owner can read the file. Until the next checkpoint, the file `.NAME.told` beside it has the
+number of the last event with a reported detection.
 """
 
+import gc
 import hashlib
 import io
 import os
 import pickle
 import sys
 from collections import Counter, OrderedDict
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import KW_ONLY, dataclass, field
+from math import inf
 from pathlib import Path
 from time import monotonic
-from typing import Any, BinaryIO, Final
+from typing import Any, BinaryIO, Final, cast
 
 import msgspec
 
@@ -44,6 +47,7 @@ from rvaft.readers.log import failures_of, unreadable
 from rvaft.stream.data_warnings import DataWarning, DataWarnings, Reason
 from rvaft.stream.follow import FollowedFile
 from rvaft.stream.keys import Field
+from rvaft.stream.listeners import MonitoredTrace, TraceState
 from rvaft.stream.monitor_set import DetectionCount
 from rvaft.stream.order import Backwards, Ordering
 from rvaft.stream.statistics import NearMissCount, Statistics
@@ -51,11 +55,13 @@ from rvaft.support.files import SUFFIXES, error_context, opened, write_whole
 
 EVERY: Final = 10_000
 """Default number of events between two checkpoints."""
-_GRACE: Final = 1.0
-"""Seconds beyond which checkpoints become rarer than other work permits."""
+_GRACE: Final = 0.2
+"""Seconds that saving may take beyond the time of other work, which begins with imports."""
+_BATCH: Final = 500
+"""Number of traces that are packed together."""
 _EDGE: Final = 1 << 16
 """Bytes hashed at the start of a trace and before the offset."""
-_MAGIC: Final = b"rvaft checkpoint 6\n"
+_MAGIC: Final = b"rvaft checkpoint 7\n"
 _BLOCK: Final = 1 << 20
 _ANEW: Final = "remove it to begin anew"
 _BUILT_IN: Final = (dict, frozenset, list, set, Counter, OrderedDict)
@@ -86,10 +92,21 @@ any class that it names.
 """
 
 
+class _OutOfTime(Exception):
+    """Packing has reached its deadline."""
+
+
 class _DataPickler(pickle.Pickler):
-    """A pickler for what `_DataUnpickler` admits, so that an error occurs before the crash."""
+    """A pickler for what `_DataUnpickler` admits, so that an error occurs before the crash.
+
+    Raises `_OutOfTime` after the deadline.
+    """
+
+    deadline = inf
 
     def reducer_override(self, obj: object) -> Any:
+        if monotonic() > self.deadline:
+            raise _OutOfTime
         kind = obj if isinstance(obj, type) else type(obj)
         if _ADMITTED.get((kind.__module__, kind.__qualname__)) is not kind:
             raise pickle.PicklingError(f"{kind.__module__}.{kind.__qualname__} is not allowed in a checkpoint")
@@ -104,13 +121,15 @@ class _DataUnpickler(pickle.Unpickler):
         return found
 
 
-def packed(state: object) -> bytes:
+def packed(state: object, deadline: float = inf) -> bytes:
     """Pickle a state; raises `ValueError` for a class that is not admitted."""
     payload = io.BytesIO()
+    pickler = _DataPickler(payload, protocol=5)
+    pickler.deadline = deadline
     limit = sys.getrecursionlimit()
     sys.setrecursionlimit(limit + 4 * MAX_DEPTH)  # values are as deep as in a trace; `pickle` makes two calls per level
     try:
-        _DataPickler(payload, protocol=5).dump(state)
+        pickler.dump(state)
     except (pickle.PicklingError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"these monitors cannot be kept: {_one_line(error)}") from error
     finally:
@@ -121,6 +140,60 @@ def packed(state: object) -> bytes:
 def unpacked(data: bytes | memoryview) -> object:
     """Unpickle a state; damaged bytes raise any exception of `pickle` or of an admitted class."""
     return _DataUnpickler(io.BytesIO(data)).load()
+
+
+class _PackedTraces:
+    """The packed states of monitored traces, in batches.
+
+    Only traces with new events are packed again. The last state of a trace counts; once most states
+    are outdated, all are packed anew.
+    """
+
+    def __init__(self) -> None:
+        self.batches: list[bytes] = []
+        self._states = 0
+        self._events: list[int] = []
+        """By place of the trace, the number of events when it was packed, or -1."""
+
+    def pack(self, traces: Sequence[MonitoredTrace], deadline: float) -> None:
+        """Pack what has changed; after `_OutOfTime`, another call packs the rest."""
+        self._events += [-1] * (len(traces) - len(self._events))
+        changed = [place for place, one in enumerate(traces) if one.events != self._events[place]]
+        if self._states + len(changed) > 2 * len(traces) + _BATCH:
+            self.batches, self._states, changed = [], 0, list(range(len(traces)))
+            self._events = [-1] * len(traces)
+        for start in range(0, len(changed), _BATCH):
+            if monotonic() > deadline:
+                raise _OutOfTime
+            places = changed[start : start + _BATCH]
+            self.batches.append(packed([(place, traces[place].state) for place in places], deadline))
+            self._states += len(places)
+            for place in places:
+                self._events[place] = traces[place].events
+
+    def unpack(self, batches: list[bytes]) -> list[TraceState]:
+        """Return the states in batches, which need not be packed again."""
+        found: dict[int, TraceState] = {}
+        for batch in batches:
+            states = cast("list[tuple[int, TraceState]]", unpacked(batch))
+            found.update(states)
+            self._states += len(states)
+        self.batches = batches
+        self._events = [found[place][2] for place in range(len(found))]
+        return [found[place] for place in range(len(found))]
+
+
+@contextmanager
+def _without_collection() -> Iterator[None]:
+    """Suspend garbage collection: states are many objects that live briefly."""
+    if not gc.isenabled():
+        yield
+        return
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 @contextmanager
@@ -219,27 +292,53 @@ class CheckpointFile:
         self._saved = 0
         self._digest = ""
         self._begun = monotonic()
-        self._spent = 0.0
+        self._spent = self._expected = 0.0
+        self._traces = _PackedTraces()
         target = self.path.resolve()
         self._record = target.with_name(f".{target.name[:100]}.told")
+        self._notes: int | None = None
+        """The open record of reported detections."""
 
-    def is_due(self, events: int, *, idle: bool = False) -> bool:
-        """Whether a checkpoint is due; unless idle, saving takes at most half of the run time."""
-        if events // self.every == self._saved // self.every:
-            return False
-        return idle or 2 * self._spent <= monotonic() - self._begun + _GRACE
+    @property
+    def _left(self) -> float:
+        """Seconds that saving may take now, so that it takes at most half of the run time."""
+        return monotonic() - self._begun + _GRACE - 2 * self._spent
 
-    def save(self, state: object, events: int, place: LinesRead | FollowedFile, trace: BinaryIO | None = None) -> None:
+    def is_due(self, events: int) -> bool:
+        """Whether a checkpoint is due, and it and one at the end would leave half of the run time."""
+        return events // self.every != self._saved // self.every and 2 * self._expected <= self._left
+
+    def save(
+        self,
+        state: Callable[[], object],
+        events: int,
+        place: LinesRead | FollowedFile,
+        trace: BinaryIO | None = None,
+        *,
+        traces: Sequence[MonitoredTrace] = (),
+        bounded: bool = False,
+    ) -> None:
         """Replace the checkpoint atomically, once the new one is on the disk.
 
-        `trace` is the open file, as the path may name another by now. Raises `OSError` and
-        `CheckpointError`.
+        `trace` is the open file, as the path may name another by now. If `bounded`, saving is put off
+        if it would take more than half of the run time. Raises `OSError` and `CheckpointError`.
         """
         begun = monotonic()
+        deadline = begun + self._left / 2 if bounded else inf
         try:
-            payload = packed(state)
+            with _without_collection():
+                self._traces.pack(traces, deadline)
+                payload = packed((self._traces.batches, state()), deadline)
+            self._write(payload, events, place, trace)
+            self._expected = monotonic() - begun
         except ValueError as error:
             raise CheckpointError(self.path, str(error)) from error
+        except _OutOfTime:
+            self._expected = 2 * (monotonic() - begun)
+        finally:
+            self._spent += monotonic() - begun
+
+    def _write(self, payload: bytes, events: int, place: LinesRead | FollowedFile, trace: BinaryIO | None) -> None:
         noted = self.noted if self.noted > events else 0
         known = identity(trace or self.trace, place.offset)
         about = msgspec.structs.replace(
@@ -250,17 +349,21 @@ class CheckpointFile:
         with error_context("cannot write", self.path):
             write_whole(self.path, _MAGIC + self._digest.encode() + b"\n" + body, lasting=True)
             self._record.unlink(missing_ok=True)
+        if self._notes is not None:
+            os.close(self._notes)
+            self._notes = None
         self._saved = events
-        self._spent += monotonic() - begun
 
     def note(self, event: int) -> None:
         """Record that a detection is reported, until the next checkpoint."""
         self.noted = event
         with error_context("cannot write", self.path):
-            write_whole(self._record, f"{self._digest} {event}\n".encode())
+            if self._notes is None:  # the record of an earlier run is replaced by one write, not cut first
+                self._notes = os.open(self._record, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            os.pwrite(self._notes, f"{self._digest} {event:020}\n".encode(), 0)
 
-    def load(self) -> tuple[Checkpoint, object] | None:
-        """Return the checkpoint and the state, or None if the file does not exist.
+    def load(self) -> tuple[Checkpoint, list[TraceState], object] | None:
+        """Return the checkpoint and the states that were saved, or None if the file does not exist.
 
         Raises `CheckpointError` for a damaged file or a checkpoint of another run, `OSError`, and
         what `identity` raises.
@@ -288,7 +391,9 @@ class CheckpointFile:
             raise self.unreadable(error) from error
         self._require_same(found)
         try:
-            state = unpacked(body[end + 1 - start :])
+            with _without_collection():
+                batches, state = cast("tuple[list[bytes], object]", unpacked(body[end + 1 - start :]))
+                traces = self._traces.unpack(batches)
         except Exception as error:
             raise self.unreadable(error) from error
         self._saved = found.events
@@ -297,7 +402,7 @@ class CheckpointFile:
             digest, number = self._record.read_text(encoding="ascii").split()
             if digest == self._digest:
                 self.noted = int(number)
-        return found, state
+        return found, traces, state
 
     def _require_same(self, found: Checkpoint) -> None:
 

@@ -2,7 +2,8 @@
 
 A command is run as `sh -c COMMAND`, with the detection as one JSON object on standard input. Its
 standard output goes to the standard error of the monitor. The monitor waits for it, except for a
-command that ends with `&`. A failure is reported, and the monitor continues.
+command that ends with `&`. A failure is reported, and the monitor continues. A command that still
+runs a second after the monitor was told to stop is killed.
 """
 
 import json
@@ -13,6 +14,7 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
+from tempfile import TemporaryFile
 from typing import Final
 
 from rvaft.core.classifier import TreeReads
@@ -20,12 +22,13 @@ from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, finite, is_finite
 from rvaft.monitors import Explanation, Pending
+from rvaft.support.output import STOP, waits
 from rvaft.support.terminal import cut
 
 PLACES: Final = ("time", "topic")
 TIMEOUT: Final = 30.0
 """Maximum duration of a command in seconds."""
-_GRACE: Final = 1.0
+_GRACE: Final = 0.5
 """Seconds between SIGTERM and SIGKILL."""
 _SHELL_STATUS: Final = {126: " (cannot be executed)", 127: " (command not found)"}
 _FINITE: Final = frozenset({str, int, bool})
@@ -191,25 +194,33 @@ def _run(command: str, text: bytes) -> str | None:
     """Run a command in a process group to kill; return the failure, if any."""
     import subprocess  # noqa: PLC0415
 
+    def wait(seconds: float) -> None:
+        try:
+            running.wait(seconds)
+        except subprocess.TimeoutExpired as error:
+            raise TimeoutError from error
+
     output = subprocess.DEVNULL if sys.__stderr__ is None else sys.__stderr__.fileno()
     try:
-        running = subprocess.Popen(  # noqa: S603 (the user's own command)
-            ["/bin/sh", "-c", command], stdin=subprocess.PIPE, stdout=output, start_new_session=True
-        )
+        with TemporaryFile() as given:  # a command may ignore its input, so no pipe
+            given.write(text)
+            given.seek(0)
+            running = subprocess.Popen(  # noqa: S603 (the user's own command)
+                ["/bin/sh", "-c", command], stdin=given, stdout=output, start_new_session=True
+            )
     except (OSError, ValueError) as error:
         return f"cannot be run: {getattr(error, 'strerror', None) or error}"
     try:
-        running.communicate(text, timeout=TIMEOUT)  # a command may ignore its input
+        waits(wait, TIMEOUT)
     except BaseException as error:
         for number in (signal.SIGTERM, signal.SIGKILL):
             with suppress(ProcessLookupError):
                 os.killpg(running.pid, number)
             with suppress(subprocess.TimeoutExpired):
                 running.wait(_GRACE)
-        if running.stdin is not None:
-            with suppress(OSError):
-                running.stdin.close()
-        if isinstance(error, subprocess.TimeoutExpired):
+        if isinstance(error, TimeoutError):
+            if STOP.passed():
+                return "was killed, because it did not end when the monitor was told to stop"
             return f"did not end within {TIMEOUT:g} s and was killed"
         raise
     status = running.returncode

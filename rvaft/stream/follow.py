@@ -22,6 +22,7 @@ from typing import BinaryIO, Final, cast
 from rvaft.errors import OptionError
 from rvaft.readers.log import BOM
 from rvaft.support.files import SUFFIXES
+from rvaft.support.output import STOP
 
 POLL: Final = 0.2
 """Seconds between polls."""
@@ -170,23 +171,22 @@ class FollowedFile(io.IOBase):
 def stopping() -> Iterator[Callable[[], bool]]:
     """Catch Ctrl-C and SIGTERM; yield a function that returns whether a signal came.
 
-    The first signal restores the former handlers, so that a second Ctrl-C interrupts. Must run in
-    the main thread.
+    The first signal restores the former handlers, so that a second Ctrl-C interrupts. It also ends
+    commands and blocked output soon, through `STOP`. Must run in the main thread.
     """
-    requested = False
+    STOP.reset()
 
     def restore() -> None:
         for each, handler in before.items():
             signal.signal(each, handler)
 
     def request_stop(_number: int, _frame: FrameType | None) -> None:
-        nonlocal requested
-        requested = True
+        STOP.request()
         restore()
 
     before = {each: signal.signal(each, request_stop) for each in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield lambda: requested
+        yield STOP.passed
     finally:
         restore()
 

@@ -10,7 +10,7 @@ from importlib.metadata import entry_points
 from itertools import chain, islice, repeat
 from pathlib import Path
 from types import TracebackType
-from typing import Final, NamedTuple, Self
+from typing import Final, NamedTuple, Self, TypeAlias
 
 from rvaft.core.classifier import Scope
 from rvaft.errors import RvaftError, ToolFailed, ToolMissing
@@ -22,11 +22,13 @@ from rvaft.monitors import Explanation
 from rvaft.readers.json_lines import BLANK, decode
 from rvaft.readers.log import BOM, Log, LogReader, failures_of, source_of
 from rvaft.stream.detection import matched_events, unlike
-from rvaft.stream.monitor_set import DetectionCount, MonitorSet
+from rvaft.stream.monitor_set import DetectionCount, MonitorSet, Snapshots
 from rvaft.support.files import opened
 
 GROUP: Final = "rvaft.publishers"
 BOUND: Final = 10_000
+TraceState: TypeAlias = tuple[tuple[Json, ...] | None, Snapshots, int]
+"""The key, the state of the monitors, and the number of events."""
 
 
 class EventBuffer:
@@ -95,6 +97,11 @@ class MonitoredTrace:
     key: tuple[Json, ...] | None = None
     buffer: EventBuffer = field(default_factory=EventBuffer)
     events: int = 0
+
+    @property
+    def state(self) -> TraceState:
+        """The state for `TraceRun.restore`; it changes only together with `events`."""
+        return self.key, self.monitors.snapshot, self.events
 
 
 class VerdictChange:

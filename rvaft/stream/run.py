@@ -16,8 +16,7 @@ from rvaft.stream.data_warnings import DataWarnings, checked
 from rvaft.stream.detection import counted
 from rvaft.stream.follow import FollowedFile
 from rvaft.stream.keys import KeyedTraces
-from rvaft.stream.listeners import Audience, EventBuffer, Listener, MonitoredTrace, VerdictChange
-from rvaft.stream.monitor_set import Snapshots
+from rvaft.stream.listeners import Audience, EventBuffer, Listener, MonitoredTrace, TraceState, VerdictChange
 from rvaft.stream.order import Backwards, Ordering
 from rvaft.stream.plan import TIME, MonitoringPlan, Totals
 from rvaft.stream.statistics import EventKind, Statistics
@@ -27,15 +26,15 @@ WHOLE: Final = 1_000_000
 Source: TypeAlias = BinaryIO | Log | Iterable[Json]
 Lined: TypeAlias = tuple[int | None, JsonObject]
 """An event after its line."""
-RunState: TypeAlias = tuple[
-    list[tuple[tuple[Json, ...] | None, Snapshots, int]],
+StateBeside: TypeAlias = tuple[
     tuple[int, int],
     tuple[OrderedDict[int, JsonObject], dict[int, int | None]],
     Backwards | None,
     Ordering[Lined] | None,
     tuple[Statistics | None, DataWarnings],
 ]
-"""Monitors by key, events without a key, buffer with lines, clock, order, totals."""
+"""Events without a key, buffer with lines, clock, order, totals."""
+RunState: TypeAlias = tuple[list[TraceState], StateBeside]
 
 
 @dataclass(eq=False)
@@ -289,14 +288,19 @@ class TraceRun:
     @property
     def state(self) -> RunState:
         """The state for `restore`."""
-        watches = [(watch.key, watch.monitors.snapshot, watch.events) for watch in self.watches]
+        return [watch.state for watch in self.watches], self.state_beside
+
+    @property
+    def state_beside(self) -> StateBeside:
+        """The state besides that of the monitored traces."""
         lacking = (0, 0) if self.keys is None else (self.keys.lacking, self.keys.first_lacking)
         totals = (self.totals.statistics, self.totals.data_warnings)
-        return watches, lacking, (self.buffer.known, self.buffer.lines), self.clock, self.ordering, totals
+        return lacking, (self.buffer.known, self.buffer.lines), self.clock, self.ordering, totals
 
     def restore(self, state: RunState, number: int) -> None:
         """Continue from a state after the event of that number."""
-        watches, lacking, (known, lines), self.clock, self.ordering, (statistics, self.totals.data_warnings) = state
+        watches, beside = state
+        lacking, (known, lines), self.clock, self.ordering, (statistics, self.totals.data_warnings) = beside
         self.totals.data_warnings.attach(self.plan.monitors.types)
         self.number = number
         if statistics is not None:

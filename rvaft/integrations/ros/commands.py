@@ -18,6 +18,7 @@ from rvaft.integrations.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Ses
 from rvaft.integrations.ros.server import CONNECTIONS, PORT, Server
 from rvaft.model.nodes import Kind
 from rvaft.stream.monitor_set import Per
+from rvaft.support import output as standard
 from rvaft.support.files import place
 from rvaft.support.network import LOCAL, origin, require_host
 from rvaft.support.terminal import visible
@@ -136,6 +137,8 @@ def serve_command(
     words: Any = {name: how[name] for name in ("polarity", "vocabulary", "definitive", "strict_json")}
     speaking = Protocol(part, longest=how["max_message"] * _MEBIBYTE, **words)
     first = Session(part, how["semantics"], per=per, repeat=how["repeat"], cooldown=how["cooldown"])
+
+    standard.unblock()
 
     def say(line: str) -> None:
         if not quiet:

@@ -32,7 +32,7 @@ CONNECTIONS: Final = 1000
 _SPARE: Final = 64
 _MAX_REPORTED: Final = 10
 """Maximum number of refused messages reported per connection."""
-_OVERSIZE: Final = 16
+_OVERSIZE: Final = 2
 """A message up to so many times the maximum size gets an error reply; a longer one ends the
 connection.
 """
@@ -44,6 +44,10 @@ _HANDSHAKE: Final = 5.0
 """Seconds for the opening handshake."""
 _PATIENCE: Final = 1.0
 """Seconds for the closing handshake."""
+_UNREAD: Final = 10.0
+"""Seconds after which a client that does not read its replies is disconnected."""
+_QUEUE: Final = 1
+"""Messages of a client that wait while one is answered; further ones wait in the socket."""
 _LOG: Final = logging.getLogger("rvaft.ros")
 _LIBRARY: Final = logging.getLogger("rvaft.ros.websockets")
 _LIBRARY.addHandler(logging.NullHandler())
@@ -134,7 +138,7 @@ class Server:
                 for line in list(session.data_warnings.lines)[doubts:]:
                     self._tell(f"{name}: {line}")
                 read += session.events - events
-                await connection.send(json.dumps(reply))
+                await self._send(connection, name, json.dumps(reply))
         except _library("exceptions").ConnectionClosed:
             pass
         except Exception as error:
@@ -146,6 +150,15 @@ class Server:
             if self.page is not None:
                 self.page.closed(session)
             self._tell(f"{name} closed after {counted(read)}{doubtful}")
+
+    async def _send(self, connection: "ServerConnection", name: str, reply: str) -> None:
+        """Send a reply, or disconnect a client that does not read its replies."""
+        try:
+            async with asyncio.timeout(_UNREAD):
+                await connection.send(reply)
+        except TimeoutError:
+            connection.transport.abort()
+            self._tell(f"{name}: disconnected, because it has not read its replies for {_UNREAD:g} s")
 
     def failed(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """Report an exception of the event loop, as `asyncio` does.
@@ -190,6 +203,7 @@ class Server:
                 open_timeout=_HANDSHAKE,
                 close_timeout=_PATIENCE,
                 max_size=self.protocol.longest * _OVERSIZE,
+                max_queue=_QUEUE,
                 logger=_LIBRARY,
                 backlog=_ACCEPTED,
             )

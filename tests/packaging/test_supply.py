@@ -86,8 +86,8 @@ def test_a_package_declares_what_the_table_says(name: str) -> None:
     except installed.PackageNotFoundError:
         pytest.skip(f"{name} is not installed")
     kinds = [one.rpartition(" :: ")[2] for one in about.get_all("Classifier") or [] if one.startswith("License")]
-    first = about.get("License", "").strip().split("\n")[0][:60]
-    declared = about.get("License-Expression", "") or ", ".join(kinds) or first
+    first = next(iter(about.get_all("License") or [""])).strip().split("\n")[0][:60]
+    declared = "".join(about.get_all("License-Expression") or []) or ", ".join(kinds) or first
     assert declared == LICENCES[name][1]
 
 

@@ -35,6 +35,7 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor, FirstDetections, LeftOpen, Monitor
 from rvaft.semantics import Reference
+from rvaft.support.files import opened
 
 REFERENCE: Final = "reference"
 ENGINE: Final = "engine"
@@ -337,15 +338,19 @@ class _NodeEvents(dict[str, Pattern]):
         return self[name]
 
 
-def handwritten(named: str) -> Handwritten:
+def handwritten(named: str, *, confined: bool = False) -> Handwritten:
     """Return the specification `[LANG:]FILE`; by default the suffix gives LANG; `-` is standard
-    input. A `.toml` file is a rule of Elastic.
+    input. A `.toml` file is a rule of Elastic. A `confined` file is a regular one in its folder.
 
     Raises `OSError` for unreadable files, `OptionError` for an unknown language, `LanguageError`
     for invalid texts.
     """
     language, path = _split(named)
-    data = sys.stdin.buffer.read() if path == "-" else Path(path).read_bytes()
+    if path == "-":
+        data = sys.stdin.buffer.read()
+    else:
+        with opened(Path(path), Path(path).parent if confined else None) as stream:
+            data = stream.read()
     file = "<stdin>" if path == "-" else path
     try:
         text = data.decode("utf-8-sig")
@@ -353,7 +358,7 @@ def handwritten(named: str) -> Handwritten:
         raise LanguageError(f"not UTF-8 (byte {error.start + 1})", file=file) from None
     shown = file.encode(errors="surrogateescape").decode(errors="replace")
     if language == TREE:  # with its imports
-        return Handwritten(shown, language, dumps(loads(text, file)))
+        return Handwritten(shown, language, dumps(loads(text, file, confine_imports=confined)))
     line = 0
     if language == RULE:
         language, text, line = _query(text, shown)

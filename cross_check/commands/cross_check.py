@@ -215,7 +215,7 @@ def cross_check_command(
     failures = collected.failures
     roster = Roster(
         options.some_backends(given["backends"]),
-        tuple(failures.collect(handwritten, [*against, *texts])),
+        tuple(failures.collect(partial(handwritten, confined=options.is_confined()), [*against, *texts])),
         rml_monitor=None if given["rml_monitor"] is None else Path(given["rml_monitor"]),
         mona=given["mona"],
         monpoly=None if given["monpoly"] is None else Path(given["monpoly"]),

@@ -126,5 +126,7 @@ def traces_command(
     with error_context("cannot make the folder", folder):
         folder.mkdir(exist_ok=True)
     for place, text in enumerate(texts, 1):
-        write_whole(folder / f"{name}-{place}.{'json' if form is LogForm.STIX else 'jsonl'}", text.encode())
+        write_whole(
+            folder / f"{name}-{place}.{'json' if form is LogForm.STIX else 'jsonl'}", text.encode(), follow=False
+        )
     return 0

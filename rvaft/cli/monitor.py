@@ -36,6 +36,7 @@ from rvaft.stream.monitor_set import MonitorSet, Per, columns
 from rvaft.stream.order import DEFAULT_WINDOW
 from rvaft.stream.plan import MonitoringPlan
 from rvaft.stream.whole_log import QueryEngine, engine_class
+from rvaft.support.files import note_input
 
 TERMINAL: Final = "-"
 """The value of `--explain` without FILE: draw in the text."""
@@ -193,6 +194,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
             every=given["checkpoint_every"] or EVERY,
             settings={name: str(value) for name, value in settings_by_option.items() if value is not None},
         )
+    drawing = None if given["explain"] == TERMINAL else given["explain"]
+    options.require_writable(one for one in (drawing, given["checkpoint"]) if one is not None)
     settings = MonitorSettings(
         plan,
         whole,
@@ -202,7 +205,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         follow=given["follow"] or traces.live,
         several=traces.several,
         drawn=given["explain"] == TERMINAL,
-        drawing=None if given["explain"] == TERMINAL else given["explain"],
+        drawing=drawing,
         hooks=Hooks(given["execute"], {Kind.FAULT: given["exec_fault"], Kind.ATTACK: given["exec_attack"]}),
         checkpoints=checkpoints,
         engine=engine,
@@ -322,6 +325,9 @@ class TracesGiven:
         readers = log_format.readers(files, live=live)
         self.several = len(files) + len(names) - len(found) > 1
         self.sources = [source_of(*one) for one in zip(files, readers, strict=True)]
+        for one in self.sources:
+            if one.file is not None:
+                note_input(one.file)
 
     @property
     def live(self) -> bool:

@@ -6,6 +6,7 @@ Verdicts that are missing in the file of expectations are not checked.
 import json
 from collections import deque
 from collections.abc import Iterator
+from functools import partial
 from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
@@ -100,7 +101,7 @@ def test_command(*, trees: tuple[str, ...], update: bool, form: str) -> int:
 def _compared(name: str) -> Iterator[Expectation]:
     path, tree, traces = _opened(name)
     try:
-        expected = msgspec.json.decode(path.read_bytes(), type=ExpectedVerdicts)
+        expected = msgspec.json.decode(options.read_named(path, Path(name).parent), type=ExpectedVerdicts)
     except FileNotFoundError as error:
         raise OSError(
             error.errno, "the file of expected verdicts does not exist; --update writes it", str(path)
@@ -128,7 +129,7 @@ def _update(name: str) -> None:
     text = json.dumps(found, indent=1, ensure_ascii=False) + "\n"
     same = path.exists() and path.read_text(encoding="utf-8") == text
     if not same:
-        write_whole(path, text.encode())
+        write_whole(path, text.encode(), follow=False)
     click.echo(f"{path}: {'unchanged' if same else 'written from the engine'}, {len(traces)} traces", err=True)
 
 
@@ -139,7 +140,9 @@ def _opened(name: str) -> tuple[Path, RVAFT, dict[str, list[Json]]]:
     if not files:
         raise OptionError(f"{name}: no traces: put them into {folder}/ as NAME.jsonl")
     names = {file: file.stem if file.suffix == ".jsonl" else file.name for file in files}
-    traces = {names[file]: list(read_log(file, reads=TreeReads(tree), warn=warn)) for file in files}
+    within = Path(name).parent if options.is_confined() else None
+    read = partial(read_log, reads=TreeReads(tree), warn=warn, within=within)
+    traces = {names[file]: list(read(file)) for file in files}
     data_warnings = DataWarnings(EventTypeIndex(tree))
     for trace, events in traces.items():
         deque(data_warnings.over(enumerate(events, 1), f"{trace}: "), maxlen=0)

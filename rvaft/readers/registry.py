@@ -204,7 +204,7 @@ def live_events(url: str, *, warn: Callable[[str], object] = warnings.warn) -> A
     chosen, ended = reader(format_of(url)), False
     if not chosen.schemes:
         raise OptionError("live events need a URL; use rvaft.read_log for files")
-    events = _events(url, chosen.shown(url), chosen, None, Live(stop=lambda: ended, warn=warn))
+    events = _events(url, chosen.shown(url), chosen, None, Live(stop=lambda: ended, warn=warn), within=None)
 
     async def coming() -> AsyncIterator[dict[str, Json]]:
         nonlocal ended

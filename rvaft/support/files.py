@@ -60,7 +60,7 @@ def opened_within(folder: Path, path: Path) -> BinaryIO:
         stream = os.fdopen(os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=handle), "rb")
         if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
             stream.close()
-            raise OSError(errno.EINVAL, "it is no regular file", os.fspath(path))
+            raise OSError(errno.EINVAL, "it is not a regular file", os.fspath(path))
         return stream
 
 
@@ -161,7 +161,7 @@ def target_of(path: Path, *, follow: bool = True) -> Path:
     target = Path(os.path.realpath(path))
     if (kind := _kind(target)) is not None:
         where = f"; {path} links to it" if path.is_symlink() else ""
-        raise OSError(errno.EINVAL, f"{kind} is no regular file{where}")
+        raise OSError(errno.EINVAL, f"{kind} is not a regular file{where}")
     if _is_input(target):
         raise OSError(errno.EINVAL, "the command reads this file, which would be overwritten: name another file")
     return target
@@ -202,7 +202,7 @@ def _pass_on(path: Path, data: bytes) -> None:
     handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_NOCTTY)  # keep what standard output already holds
     with os.fdopen(handle, "wb", buffering=0) as stream:
         if stat.S_ISBLK(os.fstat(handle).st_mode):
-            raise OSError(errno.EINVAL, "a block device is no regular file")
+            raise OSError(errno.EINVAL, "a block device is not a regular file")
         rest = memoryview(data)
         while rest:
             rest = rest[stream.write(rest) or 0 :]

@@ -29,7 +29,7 @@ def build_command(*, tree: str, output: str, capacity: int, **chosen: Any) -> in
     options.refuse(output == "-", "a program is no text: name a file with -o (./- for a file of this name)")
     require_compiler()
     loaded = options.read_tree(tree)
-    require_target(Path(output), executable=True)
+    require_target(Path(output), regular=True)
     with options.suggesting():
         text = translate(loaded, "c", **chosen).text
     build_program(text, Path(output), capacity)

@@ -78,7 +78,7 @@ def build_program(text: str, to: Path, capacity: int, *, places: bool = False) -
     and `OSError`.
     """
     options = ("-DRVAFT_MAIN=1", f"-DRVAFT_CAPACITY={capacity}", f"-DRVAFT_PLACES={int(places)}")
-    require_target(to, executable=True)
+    require_target(to, regular=True)
     with tempfile.TemporaryDirectory(prefix="rvaft-") as folder:
         compile_monitor(text, made := Path(folder) / "monitor", options)
         write_whole(to, made.read_bytes(), executable=True)

@@ -36,7 +36,7 @@ from rvaft.stream.monitor_set import MonitorSet, Per, columns
 from rvaft.stream.order import DEFAULT_WINDOW
 from rvaft.stream.plan import MonitoringPlan
 from rvaft.stream.whole_log import QueryEngine, engine_class
-from rvaft.support.files import note_input
+from rvaft.support.files import note_input, require_target
 
 TERMINAL: Final = "-"
 """The value of `--explain` without FILE: draw in the text."""
@@ -195,6 +195,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
             settings={name: str(value) for name, value in settings_by_option.items() if value is not None},
         )
     drawing = None if given["explain"] == TERMINAL else given["explain"]
+    if given["checkpoint"] is not None:
+        require_target(Path(given["checkpoint"]), regular=True)
     options.require_writable(one for one in (drawing, given["checkpoint"]) if one is not None)
     settings = MonitorSettings(
         plan,

@@ -329,7 +329,7 @@ def require_writable(outputs: Iterable[str], trees: Iterable[str] = (), folder: 
         if place.is_file() or not place.exists():
             folders[file] = place.parent
     if folder is not None:
-        absolute = Path(folder).resolve()
+        absolute = Path(os.path.realpath(folder))
         folders[folder] = next(there for there in (absolute, *absolute.parents) if there.exists())
     for output, there in folders.items():
         if not there.is_dir():

@@ -220,7 +220,7 @@ class CheckpointFile:
         self._digest = ""
         self._begun = monotonic()
         self._spent = 0.0
-        target = self.path.resolve()
+        target = Path(os.path.realpath(self.path))
         self._record = target.with_name(f".{target.name[:100]}.told")
 
     def is_due(self, events: int, *, idle: bool = False) -> bool:

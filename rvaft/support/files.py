@@ -50,7 +50,7 @@ def opened_within(folder: Path, path: Path) -> BinaryIO:
     """
     home, real = os.path.realpath(folder), os.path.realpath(path)
     if not Path(real).is_relative_to(home):
-        raise OSError(errno.EACCES, f"it is outside the folder {home}", os.fspath(path))
+        raise OSError(errno.EACCES, f"it is outside the folder {os.fspath(folder)!r}", os.fspath(path))
     *inner, name = Path(real).relative_to(home).parts or (".",)
     with ExitStack() as stack:
         handle = None
@@ -208,10 +208,10 @@ def _pass_on(path: Path, data: bytes) -> None:
             rest = rest[stream.write(rest) or 0 :]
 
 
-def require_target(path: Path, *, executable: bool = False) -> None:
+def require_target(path: Path, *, regular: bool = False) -> None:
     """Raise the `OSError` that `write_whole` would raise for what the path names."""
     with error_context("cannot write", path):
-        if executable or not _passes(path):
+        if regular or not _passes(path):
             target_of(path)
 
 

@@ -20,7 +20,7 @@ from typing import Any, Final, TypeVar
 import click
 
 from rvaft.errors import LanguageError, RvaftError, ToolFailed
-from rvaft.support.terminal import cut, visible
+from rvaft.support.terminal import cut, inert, visible
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -113,7 +113,7 @@ def report(error: BaseException) -> None:
             sys.stdout.flush()
     except OSError:
         _discard_output()
-    click.echo("\n".join(described(error)), err=True)
+    click.echo(inert("\n".join(described(error))), err=True)
 
 
 class Failures:
@@ -142,7 +142,7 @@ class Failures:
 
 def warn(message: str) -> None:
     """Print a warning on standard error."""
-    click.echo(visible(f"rvaft: warning: {message}"), err=True)
+    click.echo(inert(visible(f"rvaft: warning: {message}")), err=True)
 
 
 def described(error: BaseException) -> list[str]:

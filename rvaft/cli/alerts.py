@@ -22,7 +22,7 @@ from rvaft.rules.rule import did_you_mean
 from rvaft.stream.detection import detection
 from rvaft.stream.keys import Field
 from rvaft.stream.listeners import VerdictChange
-from rvaft.support.terminal import visible
+from rvaft.support.terminal import readable_json, visible
 
 ECS: Final = "8.11.0"
 OCSF: Final = "1.4.0"
@@ -330,4 +330,4 @@ class Template:
 def _plain(value: Json) -> str:
     if isinstance(value, list):
         return ", ".join(map(_plain, value)) or "-"
-    return "-" if value is None else value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    return "-" if value is None else value if isinstance(value, str) else readable_json(value)

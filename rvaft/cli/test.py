@@ -3,7 +3,6 @@
 Verdicts that are missing in the file of expectations are not checked.
 """
 
-import json
 from collections import deque
 from collections.abc import Iterator
 from functools import partial
@@ -28,7 +27,7 @@ from rvaft.readers.registry import read_log, suffixes
 from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.statistics import EventTypeIndex
 from rvaft.support.files import write_whole
-from rvaft.support.terminal import visible
+from rvaft.support.terminal import inert, readable_json, visible
 
 TREE: Final = "tree"
 """The key for the whole tree."""
@@ -87,7 +86,7 @@ def test_command(*, trees: tuple[str, ...], update: bool, form: str) -> int:
     if form == "junit":
         click.echo(_junit(rows))
     elif not update:
-        click.echo("".join(f"{visible(complaint)}\n" for complaint in wrong), nl=False)
+        click.echo("".join(f"{inert(visible(complaint))}\n" for complaint in wrong), nl=False)
         outcome = (
             "nothing was compared" if not rows else f"{len(wrong):,} not as expected" if wrong else "all as expected"
         )
@@ -126,11 +125,12 @@ def _update(name: str) -> None:
         trace: {semantics: {part: _signs(tree, semantics, part, events) for part in parts} for semantics in Semantics}
         for trace, events in traces.items()
     }
-    text = json.dumps(found, indent=1, ensure_ascii=False) + "\n"
+    text = readable_json(found, indent=1) + "\n"
     same = path.exists() and path.read_text(encoding="utf-8") == text
     if not same:
         write_whole(path, text.encode(), follow=False)
-    click.echo(f"{path}: {'unchanged' if same else 'written from the engine'}, {len(traces)} traces", err=True)
+    what = "unchanged" if same else "written from the engine"
+    click.echo(inert(visible(f"{path}: {what}, {len(traces)} traces")), err=True)
 
 
 def _opened(name: str) -> tuple[Path, RVAFT, dict[str, list[Json]]]:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final, cast
 
 from rvaft.errors import ToolMissing, installed
+from rvaft.support.terminal import visible_lines
 
 # Compressed files: `.gz` by the standard library, `.zst` by the package `zstandard`.
 
@@ -148,7 +149,16 @@ def deliver(data: bytes, output: str | None) -> None:
         return
     from click import echo  # noqa: PLC0415 -- imported on use
 
-    echo(data, nl=False)
+    echo(_for_terminal(data) if sys.stdout.isatty() else data, nl=False)
+
+
+def _for_terminal(data: bytes) -> bytes:
+    """Return text with hidden characters escaped and a note, so that no text controls a terminal."""
+    text = data.decode("utf-8", "backslashreplace")
+    if (shown := visible_lines(text)) == text:
+        return data
+    sys.stderr.write("rvaft: warning: the terminal shows control characters escaped; -o FILE writes them as they are\n")
+    return shown.encode()
 
 
 def target_of(path: Path, *, follow: bool = True) -> Path:
@@ -203,7 +213,7 @@ def _pass_on(path: Path, data: bytes) -> None:
     with os.fdopen(handle, "wb", buffering=0) as stream:
         if stat.S_ISBLK(os.fstat(handle).st_mode):
             raise OSError(errno.EINVAL, "a block device is not a regular file")
-        rest = memoryview(data)
+        rest = memoryview(_for_terminal(data) if os.isatty(handle) else data)
         while rest:
             rest = rest[stream.write(rest) or 0 :]
 

@@ -192,7 +192,7 @@ class EqlConditions(FieldConditions):
             case str():
                 if has_surrogate(value):
                     raise self.lacks(Lack.SURROGATE)
-                inner = escaped(value.translate(_ESCAPES), lambda one: rf"\u{{{ord(one):x}}}")
+                inner = escaped(value.translate(_ESCAPES), lambda one: rf"\u{{{ord(one):04x}}}")
                 return f'"{inner}"'
             case _:
                 return repr(value)

@@ -79,7 +79,7 @@ class Reports:
                     for result in differing if every <= _SHOWN else ():
                         baseline = "the others" if result.difference is None else result.difference.baseline
                         where = f"{result.participant} differs from {baseline}: {_job(result)}"
-                        shown = [f"  {line}" for line in reports.difference_lines(result)]
+                        shown = [f"  {visible(line)}" for line in reports.difference_lines(result)]
                         click.echo(inert("\n".join([visible(where), *shown, ""])))
                     if bogus is not None:
                         for case in self.failures.collect(partial(shrunk, task), differing):

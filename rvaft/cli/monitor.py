@@ -23,6 +23,7 @@ from rvaft.model.expressions import on_text
 from rvaft.model.nodes import Kind
 from rvaft.model.patterns import match
 from rvaft.model.tree import RVAFT
+from rvaft.model.values import has_surrogate
 from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
 from rvaft.readers.json_lines import JsonLinesReader
@@ -158,8 +159,9 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     if given["native"]:
         other = next((one.reader.name for one in traces.sources if one.reader is not None), None)
         options.refuse(other, f"--native reads JSON Lines, not {other}: omit --native, or convert the log")
-        if native.works_alone(given) and all(one.is_plain for one in traces.sources):
-            files = [one.file for one in traces.sources if one.file is not None]
+        files = [one.file for one in traces.sources if one.file is not None]
+        readable = all(one.is_plain for one in traces.sources) and not has_surrogate("".join(files))  # UTF-8
+        if native.works_alone(given) and readable:
             status = native.run(part, semantics, files, repeat=given["repeat"], detections=given["detections"])
             return FAILED if traces.missing.met else status
     if engine is not None:

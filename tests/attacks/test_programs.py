@@ -11,9 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from backends.c.library import compiler
+from backends.c.library import compile_c, compiler
 from backends.c.log import _functions
-from tests.cli.runs import COMMAND, SAND, failed, run, written
+from rvaft import NotExpressible, Semantics, load, loads, translate
+from tests.cli.runs import COMMAND, SAND, TREES, UNBOUND, failed, run, written
+from tests.tables import sampled
 
 pytestmark = [
     pytest.mark.skipif(compiler() is None, reason="needs a C compiler"),
@@ -199,3 +201,37 @@ def test_a_build_that_fails_leaves_the_old_program(tmp_path: Path, monkeypatch: 
     failed(run("build", SAND, "-o", program), "the C compiler failed")
     assert program.read_text(encoding="utf-8") == "old"
     assert list(tmp_path.iterdir()) == [program]
+
+
+STRANGE = r"""event "e*/ int x; /*"(n, u) = { "k*/\"\\??/": n, "é\u202e": u };
+"top*/ \" \\ ??/ é \u001b" sand "a/*" "b??/";
+"a/*" on "e*/ int x; /*"("v*/ \" \\ ??/\n é\u0000 \u202e ??' trigraph", U) label "*/ la\"b??/\\el";
+"b??/" on "e*/ int x; /*"(V, U) when like(V, "*/ \"??/\\é*") or V != "x*/";"""
+WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-c")
+MACROS = ((), ("-DRVAFT_MAIN=1", "-DRVAFT_PLACES=1"), ("-DRVAFT_JSON=0",), ("-DRVAFT_PLACES=1",))
+SHIPPED = sorted(path for path in TREES.rglob("*.rvaft") if path != UNBOUND)
+
+
+@pytest.mark.parametrize("name", ["gcc", "clang"])
+@pytest.mark.parametrize("macros", MACROS)
+def test_strange_names_compile_without_warnings(name: str, macros: tuple[str, ...], tmp_path: Path) -> None:
+    if shutil.which(name) is None:
+        pytest.skip(f"needs {name}")
+    for semantics in (Semantics.SCATTERED, Semantics.STRICT):
+        text = translate(loads(STRANGE), "c", semantics=semantics).text
+        assert text.isascii()
+        compile_c(text, tmp_path / "monitor.o", (*WARNINGS, *macros), command=[name])
+
+
+@pytest.mark.parametrize("name", ["gcc", "clang"])
+@pytest.mark.parametrize("semantics", Semantics)
+@pytest.mark.parametrize("tree", sampled(((one,) for one in SHIPPED), 20))
+def test_shipped_trees_compile_without_warnings(tree: Path, semantics: Semantics, name: str, tmp_path: Path) -> None:
+    if shutil.which(name) is None:
+        pytest.skip(f"needs {name}")
+    try:
+        text = translate(load(tree), "c", semantics=semantics).text
+    except NotExpressible:
+        return
+    for macros in MACROS:
+        compile_c(text, tmp_path / "monitor.o", (*WARNINGS, *macros), command=[name])

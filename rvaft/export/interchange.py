@@ -23,6 +23,7 @@ from rvaft.support.terminal import readable_json
 def json_text(tree: RVAFT) -> str:
     """Return the tree as one JSON object.
 
+    >>> import json
     >>> import rvaft
     >>> [node["kind"] for node in json.loads(json_text(rvaft.loads("top or a b; a fault;")))["nodes"]]
     [None, 'fault', None]

@@ -165,7 +165,7 @@ def test_a_full_disk_stops_no_monitor(tmp_path: Path, monkeypatch: pytest.Monkey
     if not Path("/dev/full").exists():
         pytest.skip("there is no /dev/full")
     tree, path = rvaft.loads(TIMED), tmp_path / "run.mcap"
-    full = path.with_name(".run.mcap.new"), Path("/dev/full").open("wb", buffering=0)
+    full = path.with_name(".run.mcap.new"), Path("/dev/full").open("wb", buffering=0)  # noqa: SIM115 (the sink closes it)
     monkeypatch.setattr(foxglove, "temporary_beside", lambda _: full)
     said: list[str] = []
     sink = FoxgloveSink(tree, path, warn=said.append)

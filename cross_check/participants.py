@@ -37,6 +37,7 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor, FirstDetections, LeftOpen, Monitor
 from rvaft.semantics import Reference
 from rvaft.support.confinement import Limits
+from rvaft.support.files import opened
 
 REFERENCE: Final = "reference"
 ENGINE: Final = "engine"
@@ -346,16 +347,20 @@ class _NodeEvents(dict[str, Pattern]):
         return self[name]
 
 
-def handwritten(named: str, *, seconds: float = PATIENCE, run_c: bool = False) -> Handwritten:
+def handwritten(named: str, *, seconds: float = PATIENCE, run_c: bool = False, confined: bool = False) -> Handwritten:
     """Return the specification `[LANG:]FILE`; by default the suffix gives LANG; `-` is standard
-    input. A `.toml` file is a rule of Elastic.
+    input. A `.toml` file is a rule of Elastic. A `confined` file is a regular one in its folder.
 
     It is read and run in a child process, `seconds` for each answer; a text in C only with `run_c`.
     Raises `OSError` for unreadable files, `OptionError` for an unknown language, `LanguageError`
     for invalid texts, `ToolFailed` for a text that exceeds a limit.
     """
     language, path = _split(named)
-    data = sys.stdin.buffer.read() if path == "-" else Path(path).read_bytes()
+    if path == "-":
+        data = sys.stdin.buffer.read()
+    else:
+        with opened(Path(path), Path(path).parent if confined else None) as stream:
+            data = stream.read()
     file = "<stdin>" if path == "-" else path
     try:
         text = data.decode("utf-8-sig")
@@ -363,7 +368,7 @@ def handwritten(named: str, *, seconds: float = PATIENCE, run_c: bool = False) -
         raise LanguageError(f"not UTF-8 (byte {error.start + 1})", file=file) from None
     shown = file.encode(errors="surrogateescape").decode(errors="replace")
     if language == TREE:  # with its imports
-        return Handwritten(shown, language, dumps(loads(text, file)))
+        return Handwritten(shown, language, dumps(loads(text, file, confine_imports=confined)))
     line = 0
     if language == RULE:
         language, text, line = _query(text, shown)

@@ -30,6 +30,7 @@ from rvaft.model.expressions import guard_text, pattern_text, time_text
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, in_at_least, union
 from rvaft.support.budget import Work
+from rvaft.support.terminal import visible
 
 ALIVE: Final = "alive"
 RELEVANT: Final = "relevant"
@@ -173,7 +174,7 @@ def write(
         alias = [*always, str(numbers[atom]), *words(excluded, "!")]
         header.append(f"Alias: @{numbers[atom]} {'&'.join(alias)}")
     text = "\n".join([*header, "--BODY--", *body, "--END--", ""])
-    text = f'HOA: v1\nname: {_quoted(name)}\ntool: "rvaft" "{checksum(text)}"\n{text}'
+    text = f'HOA: v1\nname: {_quoted(visible(name))}\ntool: "rvaft" "{checksum(text)}"\n{text}'
     symbols = sum(len(_TOKEN.findall(line)) for line in body)
     return text, Metrics(symbols, states=states, edges=sum(line.startswith("[") for line in body))
 

@@ -4,12 +4,14 @@ The `limit` counts downward-closed sets of events of all scenarios. Only reading
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from copy import copy
 from pathlib import Path
 from typing import ClassVar, Self
 
+from backends.c.cache import cached_program
 from backends.c.events import OPERATORS
-from backends.c.library import CAPACITY, CMonitor, cached_program, require_compiler
+from backends.c.library import CAPACITY, CMonitor, require_compiler
 from backends.c.log import NativeLog
 from backends.c.questions import observed
 from backends.c.translation import KeyField, translation
@@ -74,19 +76,19 @@ class CBackend(Backend):
         """Return the tests of events that an unchanged text lists; None if it depends on times."""
         return observed(text)
 
-    def program(self, text: str) -> Path:
-        """Return a compiled program for JSON Lines, from a cache; its detections have the places of events.
+    def program(self, text: str, warn: Callable[[str], object]) -> AbstractContextManager[Path]:
+        """Yield a compiled program for JSON Lines, from a cache; its detections have the places of events.
 
         Raises `ToolMissing`, `ToolFailed` and `OSError`.
         """
-        return cached_program(text, CAPACITY)
+        return cached_program(text, CAPACITY, warn)
 
-    def native_log(self, text: str, *, keys: int, repeat: bool) -> NativeLog:
+    def native_log(self, text: str, *, keys: int, repeat: bool, warn: Callable[[str], object]) -> NativeLog:
         """Return a monitor of one log, compiled from a text, with room for some values of its key.
 
         Raises `ToolMissing`, `ToolFailed` and `OSError`.
         """
-        return NativeLog(text, keys=keys, repeat=repeat)
+        return NativeLog(text, keys=keys, repeat=repeat, warn=warn)
 
     def require(self) -> None:
         """Raise `ToolMissing` if there is no C compiler."""

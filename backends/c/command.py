@@ -1,6 +1,5 @@
 """`rvaft build`: a program that monitors JSON Lines for one tree."""
 
-import os
 from pathlib import Path
 from typing import Any, Final
 
@@ -9,7 +8,7 @@ import click
 from backends.c.library import CAPACITY, build_program, require_compiler
 from rvaft.api import translate
 from rvaft.cli import options
-from rvaft.support.files import error_context
+from rvaft.support.files import require_target
 
 MOST: Final = 1 << 22
 
@@ -27,11 +26,11 @@ def build_command(*, tree: str, output: str, capacity: int, **chosen: Any) -> in
     The program prints what `rvaft monitor --format jsonl --backend c` prints, and exits with 1 if a
     trace detects, 0 if none does, 2 on malformed input, and 3 if it has no verdict.
     """
+    options.refuse(output == "-", "a program is no text: name a file with -o (./- for a file of this name)")
     require_compiler()
+    loaded = options.read_tree(tree)
+    require_target(Path(output), regular=True)
     with options.suggesting():
-        text = translate(options.read_tree(tree), "c", **chosen).text
-    path = Path(output)
-    options.refuse(path.is_dir(), f"{os.fspath(path)} is a folder: name a file")
-    with error_context("cannot write", path):
-        build_program(text, path, capacity)
+        text = translate(loaded, "c", **chosen).text
+    build_program(text, Path(output), capacity)
     return 0

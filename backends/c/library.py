@@ -8,7 +8,6 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Hashable, Sequence
 from functools import lru_cache, partial
-from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
 from sys import executable
@@ -18,6 +17,7 @@ from rvaft.errors import LanguageError, NoVerdict, ToolFailed, ToolMissing
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
+from rvaft.support.files import require_target, write_whole
 
 CAPACITY: Final = 1 << 18
 """The default number of partial matches of a program."""
@@ -74,39 +74,21 @@ def compile_c(text: str, to: Path, options: Sequence[str], *, command: Sequence[
 
 
 def build_program(text: str, to: Path, capacity: int, *, places: bool = False) -> None:
-    """Compile a text to a program for JSON Lines, which replaces `to` at the end.
+    """Compile a text to a program for JSON Lines, which replaces the regular file `to` at the end.
 
     With `places` its detections have the places of their events. Raises `ToolMissing`, `ToolFailed`
     and `OSError`.
     """
-    _build(text, to, ("-DRVAFT_MAIN=1", f"-DRVAFT_CAPACITY={capacity}", f"-DRVAFT_PLACES={int(places)}"))
+    options = ("-DRVAFT_MAIN=1", f"-DRVAFT_CAPACITY={capacity}", f"-DRVAFT_PLACES={int(places)}")
+    require_target(to, regular=True)
+    with tempfile.TemporaryDirectory(prefix="rvaft-") as folder:
+        compile_monitor(text, made := Path(folder) / "monitor", options)
+        write_whole(to, made.read_bytes(), executable=True)
 
 
-def _build(text: str, to: Path, options: Sequence[str]) -> None:
-    with tempfile.TemporaryDirectory(prefix=".rvaft-", dir=to.resolve().parent) as folder:
-        made = Path(folder) / "monitor"
-        compile_c(text, made, ("-O3", *options))
-        made.replace(to)
-
-
-def cached_program(text: str, capacity: int) -> Path:
-    """Return a program with places from the cache of the user, compiled where it is not there."""
-    return _cached((text, capacity), lambda made: build_program(text, made, capacity, places=True))
-
-
-def cached_library(text: str, capacity: int, keys: int) -> Path:
-    """Return a library for `rvaft_log_read` from the cache of the user, compiled where it is not there."""
-    options = [f"-DRVAFT_CAPACITY={capacity}", f"-DRVAFT_KEYS={keys}", "-DRVAFT_PLACES=1", "-shared", "-fPIC"]
-    return _cached((text, *options), lambda made: _build(text, made, options))
-
-
-def _cached(about: Sequence[object], make: Callable[[Path], None]) -> Path:
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rvaft" / "native"
-    made = folder / sha256(repr((*about, compiler())).encode()).hexdigest()
-    if not made.exists():
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        make(made)
-    return made
+def compile_monitor(text: str, to: Path, options: Sequence[str]) -> None:
+    """Compile a text with optimisation; raises `ToolMissing` and `ToolFailed`."""
+    compile_c(text, to, ("-O3", *options))
 
 
 @lru_cache(maxsize=64)

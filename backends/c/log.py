@@ -3,14 +3,13 @@
 import ctypes
 import os
 import secrets
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import lru_cache
 from mmap import mmap
-from pathlib import Path
 from typing import Final, TypeAlias
 
-from backends.c.library import cached_library
+from backends.c.cache import cached_library
 from rvaft.errors import RvaftError, TooLarge, ToolFailed, TraceError
 
 CAPACITY: Final = 1 << 20
@@ -45,9 +44,10 @@ class _Head(ctypes.Structure):
 
 
 @lru_cache(maxsize=16)
-def _functions(file: Path) -> ctypes.CDLL:
+def _functions(text: str, capacity: int, keys: int, warn: Callable[[str], object]) -> ctypes.CDLL:
     try:
-        found = ctypes.CDLL(os.fspath(file))
+        with cached_library(text, capacity, keys, warn) as file:
+            found = ctypes.CDLL(os.fspath(file))
     except OSError as error:
         raise ToolFailed("the native monitor", reason=str(error)) from None
     found.rvaft_log_size.restype = found.rvaft_log_read.restype = ctypes.c_size_t
@@ -63,8 +63,8 @@ class NativeLog:
     `failure` is why there is no verdict from event `failed` on; a `TraceError` names the line only.
     """
 
-    def __init__(self, text: str, *, keys: int, repeat: bool) -> None:
-        self._functions = _functions(cached_library(text, CAPACITY, keys))
+    def __init__(self, text: str, *, keys: int, repeat: bool, warn: Callable[[str], object] = lambda _: None) -> None:
+        self._functions = _functions(text, CAPACITY, keys, warn)
         self._state = mmap(-1, self._functions.rvaft_log_size())  # zeros; what is not used takes no memory
         self._head = _Head.from_buffer(self._state)
         self._address = ctypes.addressof(self._head)

@@ -11,6 +11,8 @@ RVAFT_API size_t rvaft_size(void) { return sizeof(rvaft_monitor); }
 
 RVAFT_API size_t rvaft_reader_size(void) { return sizeof(rvaft_reader); }
 
+#if RVAFT_PLACES || RVAFT_MAIN
+
 static int is_blank(const char *text, size_t size) {
     size_t at;
     for (at = 0; at < size; at++) {
@@ -20,6 +22,8 @@ static int is_blank(const char *text, size_t size) {
     }
     return 1;
 }
+
+#endif
 
 #if RVAFT_PLACES
 
@@ -153,19 +157,41 @@ static int write_number(uint64_t n) {
     return write_bytes(digits + at, sizeof digits - at);
 }
 
-/* Write the name of a trace as a JSON string. */
+static int write_unit(uint32_t unit) {
+    char escape[8];
+    return snprintf(escape, sizeof escape, "\\u%04x", (unsigned int)unit) == 6 && write_text(escape);
+}
+
+/* Write the name of a trace as a JSON string in ASCII; bytes that are not UTF-8 become U+FFFD. */
 static int write_name(const char *name) {
     int good = write_text("{\"trace\": \"");
-    for (; good && *name != '\0'; name++) {
-        unsigned char c = (unsigned char)*name;
-        if (c == '"' || c == '\\') {
+    while (good && *name != '\0') {
+        unsigned char first = (unsigned char)*name++;
+        int more = first < 0xC2U || first > 0xF4U ? 0 : first < 0xE0U ? 1 : first < 0xF0U ? 2 : 3;
+        uint32_t code = first < 0x80U ? first : (first & (0x3FU >> more));
+        int wrong = first >= 0x80U && more == 0;
+        for (int i = 0; i < more && !wrong; i++) {
+            unsigned char next = (unsigned char)*name;
+            wrong = (next & 0xC0U) != 0x80U;
+            if (!wrong) {
+                code = code << 6 | (next & 0x3FU);
+                name++;
+            }
+        }
+        if (wrong || (more == 2 && (code < 0x800U || (code >= 0xD800U && code < 0xE000U))) ||
+            (more == 3 && (code < 0x10000U || code > 0x10FFFFU))) {
+            code = 0xFFFDU;
+        }
+        if (code == '"' || code == '\\') {
             good = write_text("\\");
         }
-        if (c < 0x20U) {
-            char escape[8];
-            good = good && snprintf(escape, sizeof escape, "\\u%04x", c) == 6 && write_text(escape);
+        if (code >= 0x10000U) {
+            good = write_unit(0xD7C0U + (code >> 10)) && write_unit(0xDC00U + (code & 0x3FFU));
+        } else if (code < 0x20U || code > 0x7EU) {
+            good = write_unit(code);
         } else {
-            good = good && write_bytes(name, 1);
+            char plain = (char)code;
+            good = good && write_bytes(&plain, 1);
         }
     }
     return good && write_text("\", ");

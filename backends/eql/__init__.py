@@ -5,7 +5,6 @@ A text has one query per order of the tree's events; a match of any query is a d
 `limit` counts the events of these queries. Only reading needs the package.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
@@ -22,6 +21,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor
+from rvaft.support.terminal import readable_json
 
 __all__ = ["EqlBackend"]
 
@@ -75,7 +75,7 @@ class EqlBackend(Backend):
 
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:
         """Return JSON Lines whose events have their time in `@timestamp`."""
-        return "".join(f"{json.dumps(event, ensure_ascii=False)}\n" for event in stamped(tree, trace, "@timestamp"))
+        return "".join(f"{readable_json(event)}\n" for event in stamped(tree, trace, "@timestamp"))
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> DetectionMonitor:  # noqa: ARG002
         """Return a monitor that runs queries in Elasticsearch syntax, separated by `;`, in the

@@ -22,6 +22,7 @@ from rvaft.model.expressions import time_text
 from rvaft.model.guards import Guard, Operator
 from rvaft.model.tree import reachable
 from rvaft.model.values import Json, has_surrogate
+from rvaft.support.terminal import escaped
 
 OPENING: Final = "// rvaft: any of these queries is a detection"
 _WORDS: Final = (
@@ -191,7 +192,8 @@ class EqlConditions(FieldConditions):
             case str():
                 if has_surrogate(value):
                     raise self.lacks(Lack.SURROGATE)
-                return f'"{value.translate(_ESCAPES)}"'
+                inner = escaped(value.translate(_ESCAPES), lambda one: rf"\u{{{ord(one):04x}}}")
+                return f'"{inner}"'
             case _:
                 return repr(value)
 

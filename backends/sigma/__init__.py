@@ -5,7 +5,6 @@ The `limit` counts rules. Reading needs pySigma and its SQLite backend, whose qu
 Python's sqlite3; translating needs PyYAML.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Final
 
@@ -22,6 +21,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
+from rvaft.support.terminal import readable_json
 
 __all__ = ["SigmaBackend"]
 
@@ -82,7 +82,7 @@ class SigmaBackend(Backend):
 
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:
         """Return JSON Lines whose events have their time in `timestamp`."""
-        return "".join(f"{json.dumps(event, ensure_ascii=False)}\n" for event in stamped(tree, trace, "timestamp"))
+        return "".join(f"{readable_json(event)}\n" for event in stamped(tree, trace, "timestamp"))
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """Return a monitor for any rules, compiled by pySigma."""

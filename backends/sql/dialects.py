@@ -10,10 +10,11 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
-from itertools import count, takewhile
+from itertools import count, groupby, takewhile
 from typing import Final, TypeAlias
 
 from rvaft.errors import NotExpressible, installed
+from rvaft.support.terminal import is_hidden
 
 Path = tuple[str | int, ...]
 Form: TypeAlias = Callable[..., str]
@@ -36,7 +37,6 @@ _RESERVED: Final = re.compile(
 )
 _PLAIN: Final = re.compile(r'[^"\\\x00-\x1f]*')
 _HALF: Final = re.compile("[\0\ud800-\udfff]")
-_CONTROL: Final = re.compile("([\x01-\x1f\x7f-\x9f\u2028\u2029])")
 
 
 @cache
@@ -50,9 +50,11 @@ def literal(text: str, character: str = "chr") -> str:
     if _HALF.search(text):
         reason = f"{text!a} has a character that SQL strings cannot hold"
         raise NotExpressible(reason)
-    parts = enumerate(_CONTROL.split(text))
-    literals = [f"{character}({ord(part)})" if odd % 2 else "'" + part.replace("'", "''") + "'" for odd, part in parts]
-    kept = [part for part in literals if part != "''"] or ["''"]
+    literals: list[str] = []
+    for hidden, some in groupby(text, is_hidden):
+        part = "".join(some)
+        literals += [f"{character}({ord(one)})" for one in part] if hidden else ["'" + part.replace("'", "''") + "'"]
+    kept = literals or ["''"]
     return kept[0] if len(kept) == 1 else f"({' || '.join(kept)})"
 
 

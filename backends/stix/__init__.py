@@ -4,7 +4,6 @@ An event is an object `x-rvaft` in an observation, with fields as properties; a 
 select other objects. The `limit` counts observation expressions. Only reading needs stix2-matcher.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -36,6 +35,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
+from rvaft.support.terminal import readable_json
 
 __all__ = ["StixBackend"]
 
@@ -106,7 +106,7 @@ class StixBackend(Backend):
         header = StixHeader.of(self.translate(tree, Semantics.SCATTERED).text)
         objects = [*chain.from_iterable(header.observations(trace))]
         bundle = {"type": "bundle", "id": f"bundle--{UUID(int=0)}", "objects": objects}
-        return f"{json.dumps(bundle, ensure_ascii=False, indent=1)}\n"
+        return f"{readable_json(bundle, indent=1)}\n"
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """Return a monitor for any pattern.

@@ -27,7 +27,7 @@ from rvaft.export.certificates import PROGRAM, on_path
 from rvaft.model.nodes import Kind
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.support.files import deliver
-from rvaft.support.terminal import columns, visible
+from rvaft.support.terminal import columns, inert, visible
 
 _FORMATS: Final[dict[str, Callable[[Iterable[Result], str], str]]] = {
     "json": reports.json_text,
@@ -79,23 +79,24 @@ class Reports:
                     for result in differing if every <= _SHOWN else ():
                         baseline = "the others" if result.difference is None else result.difference.baseline
                         where = f"{result.participant} differs from {baseline}: {_job(result)}"
-                        shown = [f"  {line}" for line in reports.difference_lines(result)]
-                        click.echo("\n".join([visible(where), *shown, ""]))
+                        shown = [f"  {visible(line)}" for line in reports.difference_lines(result)]
+                        click.echo(inert("\n".join([visible(where), *shown, ""])))
                     if bogus is not None:
                         for case in self.failures.collect(partial(shrunk, task), differing):
                             for folder in self.failures.collect(partial(save, folder=bogus), [case]):
-                                click.echo(f"saved {visible(str(folder))}")
+                                click.echo(inert(f"saved {visible(str(folder))}"))
                     if differing and stop:
                         break
             except KeyboardInterrupt:
                 note = f"interrupted after {done} of {count} comparisons"
         totals = reports.ComparisonTotals(self.results)
         if self.results:
-            click.echo("\n".join(reports.result_lines(self.results) if self.every else reports.summary_lines(totals)))
+            lines = reports.result_lines(self.results) if self.every else reports.summary_lines(totals)
+            click.echo(inert("\n".join(lines)))
         if not self.every:
             for lines in (reports.part_lines(self.results, self.parts), reports.unable_lines(totals.unable)):
                 if lines:
-                    click.echo("\n".join(["", *lines]))
+                    click.echo(inert("\n".join(["", *lines])))
             click.echo()
         click.echo("; ".join(filter(None, [totals.headline, note])))
         self.write(note)
@@ -105,12 +106,12 @@ class Reports:
     def replay(self, folder: str, roster: Roster) -> None:
         """Replay saved cases, with a table for each."""
         for case in self.failures.collect(load_case, case_folders(folder)):
-            click.echo(visible(f"{case.name}: {case.semantics}"))
+            click.echo(inert(visible(f"{case.name}: {case.semantics}")))
             rows = [("PARTICIPANT", "BEFORE", "NOW", "RESULT")]
             for one in replay(case, roster):
                 self.results.append(one.result)
                 rows.append((one.result.participant, _symbols(one.before), _symbols(one.now), one.result.text))
-            click.echo("\n".join(f"  {line}" for line in columns(rows)))
+            click.echo(inert("\n".join(f"  {line}" for line in columns(rows))))
         self.write("")
 
     def write(self, note: str) -> None:
@@ -215,7 +216,7 @@ def cross_check_command(
     collected = Reports(files, every=bool(trees))
     failures = collected.failures
     patience, run_c = timeout or PATIENCE, given["run_c"]
-    read = partial(handwritten, seconds=patience, run_c=run_c)
+    read = partial(handwritten, seconds=patience, run_c=run_c, confined=options.is_confined())
     roster = Roster(
         options.some_backends(given["backends"]),
         tuple(failures.collect(read, [*against, *texts])),
@@ -231,7 +232,7 @@ def cross_check_command(
     )
     if roster.backends is None and not against:
         for name, error in missing_extras().items():
-            click.echo(f"{name} takes no part: {error}", err=True)
+            click.echo(inert(visible(f"{name} takes no part: {error}")), err=True)
     if cases is not None:
         collected.replay(cases, roster)
         return FAILED if failures.met else exit_status(collected.results)

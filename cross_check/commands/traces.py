@@ -1,6 +1,5 @@
 """`rvaft traces`: example logs for a tree."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
@@ -19,6 +18,7 @@ from rvaft.cli import options
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.support.files import deliver, error_context, write_whole
+from rvaft.support.terminal import readable_json
 
 DEFAULT_NUMBER: Final = 5
 """Number of traces for a folder; standard output takes one."""
@@ -87,7 +87,7 @@ def traces_command(
 
     def log(events: Sequence[Json]) -> str:
         if form is LogForm.JSONL:
-            return "".join(f"{json.dumps(event, ensure_ascii=False)}\n" for event in events)
+            return "".join(f"{readable_json(event)}\n" for event in events)
         language = backend(form)
         return (language if mapping is None else language.mapped(mapping)).log(part, events)
 
@@ -126,5 +126,7 @@ def traces_command(
     with error_context("cannot make the folder", folder):
         folder.mkdir(exist_ok=True)
     for place, text in enumerate(texts, 1):
-        write_whole(folder / f"{name}-{place}.{'json' if form is LogForm.STIX else 'jsonl'}", text.encode())
+        write_whole(
+            folder / f"{name}-{place}.{'json' if form is LogForm.STIX else 'jsonl'}", text.encode(), follow=False
+        )
     return 0

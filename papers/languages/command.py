@@ -102,7 +102,7 @@ def compare_command(
         files = dict(drawing.plots(rows, chosen))
         for name, data in files.items():
             Path(plots).mkdir(parents=True, exist_ok=True)
-            Path(plots, name).write_bytes(data)
+            write_whole(Path(plots, name), data, follow=False)
         if not files:
             report(click.ClickException("no figures: no measurement has a size or a speed"))
             failures.met = True

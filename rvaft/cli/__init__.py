@@ -21,7 +21,7 @@ import click
 
 from rvaft.errors import LanguageError, RvaftError, ToolFailed
 from rvaft.support import output
-from rvaft.support.terminal import cut, visible
+from rvaft.support.terminal import cut, inert, visible
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -114,7 +114,7 @@ def report(error: BaseException) -> None:
             sys.stdout.flush()
     except OSError:
         _discard_output()
-    click.echo("\n".join(described(error)), err=True)
+    click.echo(inert("\n".join(described(error))), err=True)
 
 
 class Failures:
@@ -143,7 +143,7 @@ class Failures:
 
 def warn(message: str) -> None:
     """Print a warning on standard error."""
-    click.echo(visible(f"rvaft: warning: {message}"), err=True)
+    click.echo(inert(visible(f"rvaft: warning: {message}")), err=True)
 
 
 def described(error: BaseException) -> list[str]:

@@ -8,11 +8,11 @@ import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 from typing import Any, Final, NamedTuple, cast
 from uuid import NAMESPACE_URL, uuid5
 
 import rvaft
+from rvaft.cli import options
 from rvaft.cli.monitor_output import REPORTERS, MonitorSettings, Reporter, Sink
 from rvaft.errors import OptionError
 from rvaft.export.rule_metadata import rule_metadata
@@ -22,7 +22,7 @@ from rvaft.rules.rule import did_you_mean
 from rvaft.stream.detection import detection
 from rvaft.stream.keys import Field
 from rvaft.stream.listeners import VerdictChange
-from rvaft.support.terminal import visible
+from rvaft.support.terminal import readable_json, visible
 
 ECS: Final = "8.11.0"
 OCSF: Final = "1.4.0"
@@ -249,7 +249,7 @@ class Template:
     def __init__(self, text: str, settings: MonitorSettings) -> None:
         if text.startswith("@"):
             try:
-                text = Path(text[1:]).read_text(encoding="utf-8")
+                text = options.read_named(text[1:]).decode("utf-8").replace("\r\n", "\n")
             except UnicodeDecodeError as error:
                 raise OptionError(f"--template: {text[1:]} is not UTF-8") from error
         text = text.removesuffix("\n")
@@ -330,4 +330,4 @@ class Template:
 def _plain(value: Json) -> str:
     if isinstance(value, list):
         return ", ".join(map(_plain, value)) or "-"
-    return "-" if value is None else value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    return "-" if value is None else value if isinstance(value, str) else readable_json(value)

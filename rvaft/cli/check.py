@@ -2,7 +2,6 @@
 explain`.
 """
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import PurePath
 from typing import Final
@@ -18,7 +17,7 @@ from rvaft.model.nodes import Place
 from rvaft.rules import RULES, check, explain, meanings
 from rvaft.rules.registry import SYNTAX
 from rvaft.rules.rule import Finding, Severity
-from rvaft.support.terminal import columns, visible
+from rvaft.support.terminal import columns, inert, readable_json, visible
 
 _FORMATS: Final = "Output format; github prints workflow annotations, sarif prints SARIF 2.1.0."
 
@@ -56,7 +55,7 @@ def check_command(*, trees: tuple[str, ...], strict: bool, form: str) -> int:
         findings += found
         if form == "text":
             for finding in found:
-                click.echo(visible(str(finding)))
+                click.echo(inert(visible(str(finding))))
     if form != "text":
         click.echo(_FORMS[form](findings + unreadable), nl=form != "github")
     serious = any(finding.severity in {Severity.ERROR, *([Severity.WARNING] * strict)} for finding in findings)
@@ -68,7 +67,7 @@ def _json(findings: Sequence[Finding]) -> str:
         {**one.place._asdict(), "severity": one.severity.value, "code": one.code, "message": one.message}
         for one in findings
     ]
-    return json.dumps(records, indent=2)
+    return readable_json(records, indent=2)
 
 
 _IN_MESSAGES: Final = str.maketrans({"%": "%25", "\r": "%0D", "\n": "%0A"})
@@ -79,7 +78,7 @@ def _github(findings: Sequence[Finding]) -> str:
     lines = []
     for finding in findings:
         file, line, column = finding.place
-        where = f"file={file.translate(_IN_PROPERTIES)},line={line},col={column},title=rvaft {finding.code}"
+        where = f"file={visible(file).translate(_IN_PROPERTIES)},line={line},col={column},title=rvaft {finding.code}"
         message = f"{finding.message} [{finding.code}]".translate(_IN_MESSAGES)
         level = "notice" if finding.severity is Severity.INFORMATION else finding.severity
         lines.append(f"::{level} {where}::{visible(message)}\n")
@@ -100,7 +99,7 @@ def _sarif(findings: Sequence[Finding]) -> str:
     driver = {"name": "rvaft", "version": rvaft.__version__, "rules": rules}
     run = {"tool": {"driver": driver}, "columnKind": "unicodeCodePoints", "results": results}
     schema = "https://json.schemastore.org/sarif-2.1.0.json"
-    return json.dumps({"$schema": schema, "version": "2.1.0", "runs": [run]}, indent=2)
+    return readable_json({"$schema": schema, "version": "2.1.0", "runs": [run]}, indent=2)
 
 
 _FORMS: Final[dict[str, Callable[[Sequence[Finding]], str]]] = {"json": _json, "github": _github, "sarif": _sarif}

@@ -1,6 +1,5 @@
 """`rvaft fields` and `rvaft infer`: what a log has, and a tree to start from."""
 
-import json
 from contextlib import nullcontext
 from typing import Final, cast
 
@@ -14,7 +13,7 @@ from rvaft.readers.profile import profile
 from rvaft.reports.log_fields import LogFields, fields_json, fields_text, inferred_tree
 from rvaft.stream.keys import Field
 from rvaft.support.files import deliver
-from rvaft.support.terminal import ProgressBar, visible
+from rvaft.support.terminal import ProgressBar, readable_json, visible
 
 _BY: Final = "Field whose value is the kind of an event.  [default: chosen by the first 1,000 events]"
 _OFTEN: Final = 1_000
@@ -68,7 +67,7 @@ def fields_command(*, log: str, by: str | None, log_format: options.LogFormat, f
     """
     found = _read(log, by, log_format)
     if form == "json":
-        click.echo(json.dumps(fields_json(found), ensure_ascii=False, indent=2))
+        click.echo(readable_json(fields_json(found), indent=2))
     else:
         click.echo("\n".join(map(visible, fields_text(found))))
     return 0

@@ -1,7 +1,6 @@
 """`rvaft report`: an HTML page about the events and detections in logs."""
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any, Final
 
 import click
@@ -11,7 +10,6 @@ from rvaft.cli import FAILED, options, warn
 from rvaft.cli.monitor import TracesGiven, limit_option, plan_of, require_companions, stream_options
 from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow, held
 from rvaft.cli.monitor_run import run
-from rvaft.errors import OptionError
 from rvaft.model.nodes import Kind
 from rvaft.reports.log_report import PLACES, SHOWN, LogReport, Messages
 from rvaft.stream.detection import Hooks
@@ -108,11 +106,6 @@ class PageRequest:
             others=(self.report,),
         )
 
-    @property
-    def files(self) -> set[Path]:
-        """The resolved paths of the log files."""
-        return {Path(one.file).resolve() for one in self._traces.sources if one.file is not None}
-
     def run(self, make: Callable[[MonitorSettings, Sink], Reporter]) -> int:
         """Read the logs and return the exit status."""
         status = run(self.settings, self._traces.sources, report=make)
@@ -134,10 +127,8 @@ def report_command(
     """
     options.refuse(tree == "-", "TREE is a file: standard input is read as a log")
     require_companions(given)
-    options.require_writable([output or "-"], [tree])
     request = PageRequest(tree, logs, branch, kind, follow=False, given=given)
-    if output is not None and Path(output).resolve() in request.files:
-        raise OptionError(f"{output} is one of the logs and would be overwritten: name another file")
+    options.require_writable([output or "-"])
     made: list[PageReporter] = []
 
     def make(settings: MonitorSettings, sink: Sink) -> Reporter:

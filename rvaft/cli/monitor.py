@@ -23,6 +23,7 @@ from rvaft.model.expressions import on_text
 from rvaft.model.nodes import Kind
 from rvaft.model.patterns import match
 from rvaft.model.tree import RVAFT
+from rvaft.model.values import has_surrogate
 from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
 from rvaft.readers.json_lines import JsonLinesReader
@@ -37,6 +38,7 @@ from rvaft.stream.order import DEFAULT_WINDOW
 from rvaft.stream.plan import MonitoringPlan
 from rvaft.stream.whole_log import QueryEngine, engine_class
 from rvaft.support import output
+from rvaft.support.files import note_input, require_target
 
 TERMINAL: Final = "-"
 """The value of `--explain` without FILE: draw in the text."""
@@ -158,8 +160,9 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     if given["native"]:
         other = next((one.reader.name for one in traces.sources if one.reader is not None), None)
         options.refuse(other, f"--native reads JSON Lines, not {other}: omit --native, or convert the log")
-        if native.works_alone(given) and all(one.is_plain for one in traces.sources):
-            files = [one.file for one in traces.sources if one.file is not None]
+        files = [one.file for one in traces.sources if one.file is not None]
+        readable = all(one.is_plain for one in traces.sources) and not has_surrogate("".join(files))  # UTF-8
+        if native.works_alone(given) and readable:
             status = native.run(part, semantics, files, repeat=given["repeat"], detections=given["detections"])
             return FAILED if traces.missing.met else status
     if engine is not None:
@@ -176,26 +179,9 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     options.refuse(wrong, "--jobs is for files: standard input is read by one process")
     if given["follow"] or traces.live:
         output.unblock()
-    checkpoints = None
-    if given["checkpoint"] is not None and traces.sources and (file := traces.sources[0].file) is not None:
-        reader = traces.sources[0].reader
-        settings_by_option = {
-            "--semantics": semantics,
-            "--per": given["per"],
-            "--key": ", ".join(given["key"]) or None,
-            "--order-by": given["order_by"],
-            "--window": given["window"],
-            "--input": None if reader is None else f"{reader.name} {reader.options}",
-            "--repeat": "" if given["repeat"] else None,
-            "--cooldown": given["cooldown"] and duration_text(given["cooldown"]),
-        }
-        checkpoints = CheckpointFile(
-            Path(given["checkpoint"]),
-            tree=part,
-            trace=Path(file),
-            every=given["checkpoint_every"] or EVERY,
-            settings={name: str(value) for name, value in settings_by_option.items() if value is not None},
-        )
+    checkpoints = _checkpoints(given, traces.sources, part, semantics)
+    drawing = None if given["explain"] == TERMINAL else given["explain"]
+    options.require_writable(one for one in (drawing, given["checkpoint"]) if one is not None)
     settings = MonitorSettings(
         plan,
         whole,
@@ -205,7 +191,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         follow=given["follow"] or traces.live,
         several=traces.several,
         drawn=given["explain"] == TERMINAL,
-        drawing=None if given["explain"] == TERMINAL else given["explain"],
+        drawing=drawing,
         hooks=Hooks(given["execute"], {Kind.FAULT: given["exec_fault"], Kind.ATTACK: given["exec_attack"]}),
         checkpoints=checkpoints,
         engine=engine,
@@ -220,6 +206,35 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     else:
         status = run(settings, traces.sources, given["jobs"])
     return FAILED if traces.missing.met else status
+
+
+def _checkpoints(
+    given: dict[str, Any], sources: Sequence[TraceSource], part: RVAFT, semantics: Semantics
+) -> CheckpointFile | None:
+    """Return the checkpoint file of a run, if one is asked for and there is a log."""
+    if given["checkpoint"] is None:
+        return None
+    require_target(Path(given["checkpoint"]), regular=True)
+    if not sources or (file := sources[0].file) is None:
+        return None
+    reader = sources[0].reader
+    settings_by_option = {
+        "--semantics": semantics,
+        "--per": given["per"],
+        "--key": ", ".join(given["key"]) or None,
+        "--order-by": given["order_by"],
+        "--window": given["window"],
+        "--input": None if reader is None else f"{reader.name} {reader.options}",
+        "--repeat": "" if given["repeat"] else None,
+        "--cooldown": given["cooldown"] and duration_text(given["cooldown"]),
+    }
+    return CheckpointFile(
+        Path(given["checkpoint"]),
+        tree=part,
+        trace=Path(file),
+        every=given["checkpoint_every"] or EVERY,
+        settings={name: str(value) for name, value in settings_by_option.items() if value is not None},
+    )
 
 
 def _with_foxglove(
@@ -325,6 +340,9 @@ class TracesGiven:
         readers = log_format.readers(files, live=live)
         self.several = len(files) + len(names) - len(found) > 1
         self.sources = [source_of(*one) for one in zip(files, readers, strict=True)]
+        for one in self.sources:
+            if one.file is not None:
+                note_input(one.file)
 
     @property
     def live(self) -> bool:

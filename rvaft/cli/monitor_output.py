@@ -25,7 +25,7 @@ from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun
 from rvaft.stream.statistics import OTHERS, Statistics
 from rvaft.stream.whole_log import QueryEngine
-from rvaft.support.terminal import ProgressBar, columns, cut, visible
+from rvaft.support.terminal import ProgressBar, columns, cut, readable_json, visible
 
 ENDS: Final = 1_000
 """Maximum number of keys whose missing events are listed, which takes time."""
@@ -457,7 +457,7 @@ def _ended(own: SummaryRow | MonitorSet, column: int, *, repeat: bool) -> tuple[
     return (str(count.notified), str(count.last or "-"), since) if repeat else (str(own.verdicts[column]), since)
 
 
-_encode: Final = json.JSONEncoder(ensure_ascii=False).encode
+_encode: Final = readable_json
 
 
 def _json(value: Json) -> str:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import IO, Any, BinaryIO, Final
 
 from rvaft.api import translate
-from rvaft.cli import options
+from rvaft.cli import options, warn
 from rvaft.cli.native_run import BACKEND, MatchedLine, MatchExplainer, compiling, refused
 from rvaft.errors import ToolFailed, TraceError
 from rvaft.model.tree import RVAFT
@@ -59,10 +59,11 @@ def run(part: RVAFT, semantics: Semantics, files: Sequence[str], *, repeat: bool
     with options.suggesting():
         text = translate(part, BACKEND, semantics=semantics).text
     chosen = [*(["--repeat"] if repeat else []), *(["--detections"] if detections else [])]
-    command = [str(language.program(text)), *chosen, "--", *files]
     explained = _Explained(part)
     output = sys.stdout.buffer
-    started = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)  # noqa: S603
+    with language.program(text, warn) as program:
+        command = [str(program), *chosen, "--", *files]
+        started = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)  # noqa: S603
     with ExitStack() as logs, started as process:
 
         @lru_cache(maxsize=1)

@@ -6,7 +6,7 @@ before the block is read, and `NativeEngine` detects at the events that the comp
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import replace
 from io import BufferedIOBase
 from itertools import islice
@@ -18,6 +18,7 @@ import msgspec
 
 from rvaft.api import monitor
 from rvaft.backend import Specification, backend
+from rvaft.cli import warn
 from rvaft.core.classifier import TreeReads
 from rvaft.engine.compiled_tree import NOTHING, EventClass, Inert, Reading
 from rvaft.engine.monitor import Engine
@@ -72,10 +73,10 @@ class Compiling(Protocol):
     def translate(self, tree: RVAFT, semantics: Semantics) -> Specification:
         """Return the tree as a text."""
 
-    def program(self, text: str) -> Path:
-        """Return a compiled program."""
+    def program(self, text: str, warn: Callable[[str], object]) -> AbstractContextManager[Path]:
+        """Yield a compiled program, which may be removed once it runs."""
 
-    def native_log(self, text: str, *, keys: int, repeat: bool) -> CompiledLog:
+    def native_log(self, text: str, *, keys: int, repeat: bool, warn: Callable[[str], object]) -> CompiledLog:
         """Return a new monitor of one log."""
 
 
@@ -179,7 +180,7 @@ class NativeRun:
 
         Matched events are read from the file, or from a temporary copy of the stream, into the buffer.
         """
-        self._log = self._backend.native_log(self._text, keys=self._keys, repeat=self._repeat)
+        self._log = self._backend.native_log(self._text, keys=self._keys, repeat=self._repeat, warn=warn)
         self._found.clear()
         self._name, self._buffer = name, buffer
         with ExitStack() as stack:

@@ -30,6 +30,7 @@ from rvaft.readers.log import FieldType, InputOptions, LogReader
 from rvaft.readers.profile import SHIPPED
 from rvaft.readers.registry import format_of, profile_reader, reader, reader_class
 from rvaft.rules.rule import did_you_mean, listing
+from rvaft.support.files import note_input, opened_within, require_target
 
 F = TypeVar("F", bound=Callable[..., Any])
 Word = TypeVar("Word", bound=StrEnum)
@@ -69,7 +70,7 @@ flag: Final = partial(click.option, is_flag=True, default=None)
 """A Boolean option with a negative form, by default None."""
 _READING: Final = {
     "strict_galileo": "Refuse dynamic gates of Galileo; by default they are read as observed failures.",
-    "confine_imports": "Refuse imports of files outside the folder of the tree.",
+    "confine_imports": "Refuse files outside the folder of the tree, also by links.",
 }
 
 
@@ -89,7 +90,10 @@ def reading_options(function: F) -> F:
     """Add `--year`, `--strict-galileo` and `--confine-imports` as the last options of the help."""
     for name, text in reversed(_READING.items()):
         option = f"--{name.replace('_', '-')}"
-        function = click.option(option, name, is_flag=True, expose_value=False, callback=_remember, help=text)(function)
+        flag = click.option(
+            option, name, is_flag=True, is_eager=True, expose_value=False, callback=_remember, help=text
+        )
+        function = flag(function)
     function = year_option(function)
     params: list[click.Parameter] = vars(function)["__click_params__"]  # click lists the last one first
     added = len(_READING) + 1
@@ -122,6 +126,8 @@ class LogFormat:
         if (name := self.options.profile) is not None:
             others = self.form is not None or len(self.options.given) > 1
             refuse(others, "--profile states the format: omit --input, --records, --types and --pattern")
+            if name.endswith(".toml"):
+                read_named(name)  # is one that may be read
             return [profile_reader(name, self.options.year) for _ in files]
         found: list[LogReader] = []
         unused = self.options.given
@@ -207,7 +213,7 @@ def part_options(function: F) -> F:
 def _mapping(_context: object, _parameter: object, path: str | None) -> dict[str, Any] | None:
     if path is None:
         return None
-    data = Path(path).read_bytes()
+    data = read_named(path)
     try:
         text = data.decode("utf-8-sig")
         found = json.loads(text) if path.endswith(".json") else tomllib.loads(text)
@@ -305,24 +311,25 @@ def exclusive(**options: object) -> None:
 
 
 def require_writable(outputs: Iterable[str], trees: Iterable[str] = (), folder: str | None = None) -> None:
-    """Refuse outputs that cannot be written or would overwrite an input.
+    """Refuse outputs that cannot be written or would overwrite an input, such as these trees.
 
     Raises `OSError` and `OptionError`.
     """
+    for tree in trees:
+        note_input(tree)
     given = list(outputs)
-    places = {file: Path(file).resolve() for file in given if file != "-"}
+    places = {file: Path(os.path.realpath(file)) for file in given if file != "-"}
     if len({*places.values()}) + ("-" in given) < len(given):
         raise OptionError("two outputs name the same file")
     folders: dict[str, Path] = {}
     for file, place in places.items():
-        if place in {Path(tree).resolve() for tree in trees}:
-            raise OptionError(f"{file} is one of the trees and would be overwritten: name another file")
         if place.is_dir():
             raise IsADirectoryError(EISDIR, "cannot write to a folder: name a file", file)
+        require_target(Path(file))
         if place.is_file() or not place.exists():
             folders[file] = place.parent
     if folder is not None:
-        absolute = Path(folder).resolve()
+        absolute = Path(os.path.realpath(folder))
         folders[folder] = next(there for there in (absolute, *absolute.parents) if there.exists())
     for output, there in folders.items():
         if not there.is_dir():
@@ -343,6 +350,23 @@ def _standard_text() -> str:
         return decoded(stream.read(), "<stdin>")
     except OSError as error:
         raise OSError(error.errno, f"cannot read the file: {error.strerror}", "<stdin>") from error
+
+
+def is_confined() -> bool:
+    """Whether `--confine-imports` is given."""
+    return bool(click.get_current_context().meta.get("confine_imports"))
+
+
+def read_named(path: str | Path, folder: Path | None = None) -> bytes:
+    """Return the bytes of a file beside a tree; with `--confine-imports` a regular file in the folder.
+
+    The default folder is that of the path. Raises `OSError`.
+    """
+    note_input(path)
+    if not is_confined():
+        return Path(path).read_bytes()
+    with opened_within(Path(path).parent if folder is None else folder, Path(path)) as stream:
+        return stream.read()
 
 
 def load_tree(path: str) -> RVAFT:

@@ -3,9 +3,9 @@
 Verdicts that are missing in the file of expectations are not checked.
 """
 
-import json
 from collections import deque
 from collections.abc import Iterator
+from functools import partial
 from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
@@ -27,7 +27,7 @@ from rvaft.readers.registry import read_log, suffixes
 from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.statistics import EventTypeIndex
 from rvaft.support.files import write_whole
-from rvaft.support.terminal import visible
+from rvaft.support.terminal import inert, readable_json, visible
 
 TREE: Final = "tree"
 """The key for the whole tree."""
@@ -86,7 +86,7 @@ def test_command(*, trees: tuple[str, ...], update: bool, form: str) -> int:
     if form == "junit":
         click.echo(_junit(rows))
     elif not update:
-        click.echo("".join(f"{visible(complaint)}\n" for complaint in wrong), nl=False)
+        click.echo("".join(f"{inert(visible(complaint))}\n" for complaint in wrong), nl=False)
         outcome = (
             "nothing was compared" if not rows else f"{len(wrong):,} not as expected" if wrong else "all as expected"
         )
@@ -100,7 +100,7 @@ def test_command(*, trees: tuple[str, ...], update: bool, form: str) -> int:
 def _compared(name: str) -> Iterator[Expectation]:
     path, tree, traces = _opened(name)
     try:
-        expected = msgspec.json.decode(path.read_bytes(), type=ExpectedVerdicts)
+        expected = msgspec.json.decode(options.read_named(path, Path(name).parent), type=ExpectedVerdicts)
     except FileNotFoundError as error:
         raise OSError(
             error.errno, "the file of expected verdicts does not exist; --update writes it", str(path)
@@ -125,11 +125,12 @@ def _update(name: str) -> None:
         trace: {semantics: {part: _signs(tree, semantics, part, events) for part in parts} for semantics in Semantics}
         for trace, events in traces.items()
     }
-    text = json.dumps(found, indent=1, ensure_ascii=False) + "\n"
+    text = readable_json(found, indent=1) + "\n"
     same = path.exists() and path.read_text(encoding="utf-8") == text
     if not same:
-        write_whole(path, text.encode())
-    click.echo(f"{path}: {'unchanged' if same else 'written from the engine'}, {len(traces)} traces", err=True)
+        write_whole(path, text.encode(), follow=False)
+    what = "unchanged" if same else "written from the engine"
+    click.echo(inert(visible(f"{path}: {what}, {len(traces)} traces")), err=True)
 
 
 def _opened(name: str) -> tuple[Path, RVAFT, dict[str, list[Json]]]:
@@ -139,7 +140,9 @@ def _opened(name: str) -> tuple[Path, RVAFT, dict[str, list[Json]]]:
     if not files:
         raise OptionError(f"{name}: no traces: put them into {folder}/ as NAME.jsonl")
     names = {file: file.stem if file.suffix == ".jsonl" else file.name for file in files}
-    traces = {names[file]: list(read_log(file, reads=TreeReads(tree), warn=warn)) for file in files}
+    within = Path(name).parent if options.is_confined() else None
+    read = partial(read_log, reads=TreeReads(tree), warn=warn, within=within)
+    traces = {names[file]: list(read(file)) for file in files}
     data_warnings = DataWarnings(EventTypeIndex(tree))
     for trace, events in traces.items():
         deque(data_warnings.over(enumerate(events, 1), f"{trace}: "), maxlen=0)

@@ -4,7 +4,6 @@
 equivalent over single events. `losses` lists what else the Galileo text lacks.
 """
 
-import json
 import sys
 from collections.abc import Iterator, Mapping
 from typing import Any, Final, assert_never
@@ -18,11 +17,13 @@ from rvaft.model.nodes import Causality, Gate, Node
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
+from rvaft.support.terminal import readable_json
 
 
 def json_text(tree: RVAFT) -> str:
     """Return the tree as one JSON object.
 
+    >>> import json
     >>> import rvaft
     >>> [node["kind"] for node in json.loads(json_text(rvaft.loads("top or a b; a fault;")))["nodes"]]
     [None, 'fault', None]
@@ -47,7 +48,7 @@ def json_text(tree: RVAFT) -> str:
     if any(isinstance(one, Operation) and one.operator is Operator.LOWER for guard in guards for one in walk(guard)):
         characters = map(chr, range(sys.maxunicode + 1))
         value["lowercase"] = {one: one.lower() for one in characters if one.lower() != one}
-    return json.dumps(value, indent=2, ensure_ascii=False) + "\n"
+    return readable_json(value, indent=2) + "\n"
 
 
 def _record(thing: object, names: str) -> dict[str, Any]:

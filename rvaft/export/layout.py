@@ -23,7 +23,7 @@ from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json
 from rvaft.monitors import Explanation
 from rvaft.rules.rule import did_you_mean
-from rvaft.support.terminal import cut, visible
+from rvaft.support.terminal import cut, readable_json, visible
 
 LONGEST: Final = 120
 WIDTH: Final = 14
@@ -238,7 +238,7 @@ def rows(node: Node, look: Look) -> Iterator[tuple[Role, list[str]]]:
     if node.label:
         yield Role.PLAIN, wrapped(node.label, width)
     if look.events and node.has_event:
-        event = on_text(node.on) if node.on else f"event: {json.dumps(node.name, ensure_ascii=False)}"
+        event = on_text(node.on) if node.on else f"event: {readable_json(node.name)}"
         yield Role.EVENT, wrapped_code(f"{event} {_number(node)}".rstrip(), code_width)
     elif node.times > 1:
         yield Role.EVENT, [_number(node)]
@@ -266,7 +266,7 @@ def node_line(node: Node, *, events: bool = True) -> str:
         f"[{node.kind.value}]" if node.kind else "",
         f"on {on_text(node.on)} {_number(node)}".rstrip() if node.on and events else _number(node),
         f"when {guard_text(node.when)}" if node.when is not None and events else "",
-        json.dumps(node.label, ensure_ascii=False) if node.label else "",
+        readable_json(node.label) if node.label else "",
     ]
     return visible("  ".join(filter(None, parts)))
 

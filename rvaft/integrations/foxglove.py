@@ -9,7 +9,7 @@ import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, BinaryIO, Final, TypeVar, Unpack
+from typing import Any, Final, TypeVar, Unpack
 
 import rvaft
 from rvaft.asynchronous import MonitorOptions
@@ -20,7 +20,7 @@ from rvaft.model.verdict import Verdict
 from rvaft.monitors import Explanation
 from rvaft.stream.detection import detection, matched_events
 from rvaft.stream.listeners import EventBuffer, MonitoredTrace, Publisher, VerdictChange
-from rvaft.support.files import error_context
+from rvaft.support.files import error_context, target_of, temporary_beside
 
 Given = TypeVar("Given")
 DETECTIONS: Final = "/rvaft/detections"
@@ -185,11 +185,9 @@ class _File:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.failure: OSError | None = None
-        self._new = path.with_name(f".{path.name[:100]}.new")
         with error_context("cannot write", path):
-            if path.is_dir():
-                raise IsADirectoryError(None, "the path is a folder; name a file")
-            self._stream: BinaryIO = self._new.open("wb")
+            self._target = target_of(path)
+            self._new, self._stream = temporary_beside(self._target)
 
     @property
     def closed(self) -> bool:
@@ -222,7 +220,7 @@ class _File:
                     self._stream.close()
                 if self.failure is not None:
                     raise self.failure
-                self._new.replace(self.path)
+                self._new.replace(self._target)
             except OSError:
                 self._new.unlink(missing_ok=True)
                 raise

@@ -23,7 +23,10 @@ from rvaft.language.galileo import read_dynamic_gates
 from rvaft.model.event_time import EventTime, TextFormat
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import Pattern
+from rvaft.support.files import note_input, opened_within
 
+SUFFIXES: Final = (".rvaft", ".dft")
+"""The suffixes of trees; errors quote other files only after a statement."""
 MAX_FILE: Final = 16 * 1024 * 1024
 """The maximum size of a file in bytes; ten thousand nodes need less than 1 MiB."""
 _NO_TEXT: Final = re.compile("[\0\ud800-\udfff]")
@@ -128,8 +131,8 @@ class TreeOptions(TypedDict, total=False):
 def parse(text: str, file: str = "<text>", **reading: Unpack[TreeOptions]) -> Draft:
     """Return the draft of a text and its imports, whose paths are relative to the folder of `file`.
 
-    With `confine_imports`, files outside that folder are not read; without it, no error quotes
-    them.
+    With `confine_imports`, only regular files in that folder are read; without it, no error quotes
+    files outside of it.
 
     Raises `LanguageError` for a syntax error, also in an import, and `NoTree` without a node. Other
     errors (a cycle, a duplicate setting, …) stay in the draft. Galileo's dynamic gates are
@@ -138,10 +141,16 @@ def parse(text: str, file: str = "<text>", **reading: Unpack[TreeOptions]) -> Dr
     >>> sorted(parse("top or a b; a fault;").nodes)
     ['a', 'top']
     """
+    return _draft(text, file, shown=True, **reading)
+
+
+def _draft(text: str, file: str, *, shown: bool, **reading: Unpack[TreeOptions]) -> Draft:
+    """Return the draft of a text; errors quote the text if it is to be `shown`."""
     if unknown := reading.keys() - TreeOptions.__optional_keys__:
         raise TypeError(f"unknown option {min(unknown)}")
     draft = Draft(file, year=reading.get("year"))
-    _read_all(_Source(file, draft, [], os.path.realpath(file), text), confined=reading.get("confine_imports", False))
+    main = _Source(file, draft, [], os.path.realpath(file), text, shown)
+    _read_all(main, confined=reading.get("confine_imports", False))
     if not draft.nodes:
         raise NoTree(draft)
     draft.carry_out_prunes()
@@ -150,14 +159,20 @@ def parse(text: str, file: str = "<text>", **reading: Unpack[TreeOptions]) -> Dr
 
 
 def parse_file(path: os.PathLike[str] | str, **reading: Unpack[TreeOptions]) -> Draft:
-    """Return the draft of a file and its imports; raises `OSError` and the errors of `parse`."""
+    """Return the draft of a file and its imports; raises `OSError` and the errors of `parse`.
+
+    With `confine_imports` the file, too, is a regular one in its folder, and no link out of it. Errors
+    quote a file of another suffix than `.rvaft` or `.dft` only after its first statement.
+    """
     name = os.fspath(path)
-    return parse(_text_of(name), name, **reading)
+    folder = Path(name).parent if reading.get("confine_imports", False) else None
+    return _draft(_text_of(name, folder), name, shown=False, **reading)
 
 
-def _text_of(name: str) -> str:
+def _text_of(name: str, within: Path | None = None) -> str:
+    note_input(name)
     try:
-        with Path(name).open("rb") as stream:
+        with Path(name).open("rb") if within is None else opened_within(within, Path(name)) as stream:
             data = stream.read(MAX_FILE + 1)  # a device has no end
     except OSError as error:
         raise OSError(error.errno, f"cannot read the file: {error.strerror}", name) from error
@@ -183,6 +198,8 @@ class _Source(Page):
 
     identity: str
     text: str
+    shown: bool = False
+    """Whether any error may quote the text."""
     statements: Iterator[Statement | ImportStatement] = field(default_factory=lambda: iter(()))
     imported: list[str] = field(default_factory=list)
 
@@ -199,7 +216,7 @@ def _read_all(main: _Source, *, confined: bool) -> None:
     """
     toplevels: dict[str, list[Located[str]]] = {}
     folder = Path(os.path.realpath(os.path.dirname(main.file)))  # noqa: PTH120 - of a text, the current folder
-    open_files = [main.begin()]
+    open_files = [_begun(main, main, folder)]
     while open_files:
         source = open_files[-1]
         for statement in source.statements:
@@ -209,7 +226,7 @@ def _read_all(main: _Source, *, confined: bool) -> None:
             inner = _imported(source, statement.path, open_files, folder, confined=confined)
             source.imported.append(inner.identity)
             if inner.identity not in toplevels:
-                open_files.append(_begun(inner, folder))
+                open_files.append(_begun(inner, main, folder))
                 break
         else:
             inherited = (toplevel for identity in source.imported for toplevel in toplevels[identity])
@@ -222,15 +239,31 @@ def _is_outside(identity: str, folder: Path) -> bool:
     return not Path(identity).is_relative_to(folder)
 
 
-def _begun(source: _Source, folder: Path) -> _Source:
-    """Parse an imported file; errors do not quote a file outside the folder of the tree."""
+def _begun(source: _Source, main: _Source, folder: Path) -> _Source:
+    """Parse a file; errors quote no file outside the folder of the tree, and none that begins as no tree does."""
     try:
         return source.begin()
     except LanguageError as error:
-        if not _is_outside(source.identity, folder):
+        if source.shown:
             raise
-        what = "this is not in the language of trees (the text of a file outside the folder of the tree is not shown)"
+        if source is not main and _is_outside(source.identity, folder):
+            why = "the text of a file outside the folder of the tree is not shown"
+        elif Path(source.identity).suffix.lower() not in SUFFIXES and not _begins_as_tree(source.text, error):
+            why = "the text of a file that begins as no tree does is not shown"
+        else:
+            raise
+        what = f"this is not in the language of trees ({why})"
         raise LanguageError(what, file=error.file, line=error.line, column=error.column) from None
+
+
+def _begins_as_tree(text: str, error: LanguageError) -> bool:
+    """Whether a whole statement stands before the place of an error."""
+    lines = text.removeprefix("\ufeff").splitlines(keepends=True)[: error.line]
+    before = "".join([*lines[:-1], lines[-1][: error.column - 1]]) if lines else ""
+    try:
+        return bool(_parse(before[: before.rfind(";") + 1], error.file, "tree"))
+    except LanguageError:
+        return False
 
 
 def _imported(source: _Source, path: Token, open_files: list[_Source], folder: Path, *, confined: bool) -> _Source:
@@ -248,7 +281,7 @@ def _imported(source: _Source, path: Token, open_files: list[_Source], folder: P
             "move it there, or read the tree without --confine-imports"
         )
     try:
-        text = _text_of(name)
+        text = _text_of(name, folder if confined else None)
     except LanguageError as inner:
         if isinstance(inner.__cause__, UnicodeDecodeError):
             raise

@@ -4,7 +4,6 @@ An assumption does not change the meaning of a tree. Translations rely on it, an
 the events that break it.
 """
 
-import json
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
@@ -16,6 +15,7 @@ from rvaft.model.nodes import Assumption, On, ValueType
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, equal, is_number
+from rvaft.support.terminal import readable_json
 
 Path: TypeAlias = tuple[str | int, ...]
 """The keys and indexes that lead to a value in an event."""
@@ -353,7 +353,7 @@ def _written(path: Path) -> str:
 
 def quoted(text: str) -> str:
     """Return a text of an event for a message, cut to 40 characters."""
-    return json.dumps(text if len(text) <= 40 else f"{text[:39]}…", ensure_ascii=False)
+    return readable_json(text if len(text) <= 40 else f"{text[:39]}…")
 
 
 def described(found: Json) -> str:

@@ -19,6 +19,7 @@ from zoneinfo import ZoneInfo
 from rvaft.errors import OptionError
 from rvaft.model.nodes import Place
 from rvaft.model.values import NUMBER, Json, at
+from rvaft.support.terminal import readable_json
 
 
 class _TimeKey(str):
@@ -101,7 +102,7 @@ class TextFormat:
     def __str__(self) -> str:
         year = "" if self.year is None else f" year {self.year}"
         zone = "" if self.zone is None else f" zone {json.dumps(self.zone)}"
-        return f"{json.dumps(self.pattern, ensure_ascii=False)}{year}{zone}"
+        return f"{readable_json(self.pattern)}{year}{zone}"
 
     def read(self, value: Json) -> int | None:
         """Return the time of a value in nanoseconds, or None if undefined."""

@@ -22,6 +22,7 @@ from rvaft.model.guards import (
 from rvaft.model.nodes import Argument, Assumption, Gate, Node, On
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.values import Scalar, has_surrogate
+from rvaft.support.terminal import readable_json
 
 STATEMENTS: Final = ("toplevel", "event", "ignore", "import", "prune", "causality", "param")
 TOPIC: Final = "topic"
@@ -54,7 +55,7 @@ def quoted(text: str) -> str:
     """Return a text as a JSON string; raises `LanguageError` for an unpaired surrogate."""
     if has_surrogate(text):
         raise LanguageError("an unpaired surrogate cannot be written")
-    return json.dumps(text, ensure_ascii=False)
+    return readable_json(text)
 
 
 def name_text(name: str) -> str:

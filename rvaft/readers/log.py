@@ -408,7 +408,7 @@ BAG_METADATA: Final = "metadata.yaml"
 """Marks a rosbag2 folder."""
 
 
-def open_log(name: str, usual: str = ".jsonl") -> AbstractContextManager[BinaryIO]:
+def open_log(name: str, usual: str = ".jsonl", within: Path | None = None) -> AbstractContextManager[BinaryIO]:
     """Open a log, decompressed; raises `OSError` and `ToolMissing`.
 
     The error for a folder suggests a pattern for the logs in it, or for the `usual` suffix.
@@ -418,14 +418,15 @@ def open_log(name: str, usual: str = ".jsonl") -> AbstractContextManager[BinaryI
         usual = suffixes.most_common(1)[0][0] if suffixes and usual == ".jsonl" not in suffixes else usual
         hint = f"'{os.path.join(name, f'*{usual}')}'"  # noqa: PTH118
         raise IsADirectoryError(errno.EISDIR, f"Is a directory; name the logs in it, for example {hint}", name)
-    return opened(Path(name))
+    return opened(Path(name), within)
 
 
 @contextmanager
-def source_of(reader: LogReader, name: str) -> Iterator[LogSource]:
+def source_of(reader: LogReader, name: str, within: Path | None = None) -> Iterator[LogSource]:
     """Open the input of a reader: a stream, a temporary or given file, or a URL.
 
-    Raises `OSError`, `ToolMissing`, and `TraceError` for a damaged compressed file.
+    With `within`, only a regular file inside that folder. Raises `OSError`, `ToolMissing`, and
+    `TraceError` for a damaged compressed file.
     """
     path = Path(name)
     if reader.schemes:
@@ -433,16 +434,17 @@ def source_of(reader: LogReader, name: str) -> Iterator[LogSource]:
             raise OptionError(f"{name}: {reader.name} is read from a URL that begins with {reader.schemes[0]}://")
         yield name
         return
-    if reader.needs_file and path.suffix.lower() not in SUFFIXES and not _is_folder(path):
+    given_file = path.suffix.lower() not in SUFFIXES and within is None
+    if reader.needs_file and given_file and not _is_folder(path):
         if not path.exists():
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), name)
         yield path
         return
-    with open_log(name, next(iter(reader.suffixes), "")) as stream:
+    with open_log(name, next(iter(reader.suffixes), ""), within) as stream:
         if not reader.needs_file:
             yield stream
             return
-        with NamedTemporaryFile(prefix="rvaft-", suffix=Path(path.stem).suffix) as whole:
+        with NamedTemporaryFile(prefix="rvaft-", suffix=suffix(path)) as whole:
             try:
                 shutil.copyfileobj(stream, whole)
                 whole.flush()

@@ -127,13 +127,15 @@ def read_log(
     year: int | None = None,
     reads: Scope | None = None,
     warn: Callable[[str], object] = warnings.warn,
+    within: str | os.PathLike[str] | None = None,
 ) -> Iterator[dict[str, Json]]:
     """Yield the events of a log: a file, perhaps compressed, a binary stream, or a URL (without
     end).
 
     A stream is JSON Lines unless `form` names a format; the other options are as for
     `rvaft monitor`. Rejected records are reported after the last event: by `warn` for formats with
-    unrelated text, else as `TraceError`. For URLs in asynchronous code use `live_events`. Raises
+    unrelated text, else as `TraceError`. With `within`, only a regular file inside that folder is
+    read, also where a link leads out of it. For URLs in asynchronous code use `live_events`. Raises
     `TraceError`, `UnknownFormat`, `OptionError`, `ToolMissing` and `OSError`.
 
     >>> import rvaft
@@ -161,7 +163,8 @@ def read_log(
         required_stream(chosen, source)
     else:
         raise WrongType("the source of a log", source, "a path or a binary stream")
-    return _events(source, name or chosen.shown(file), chosen, reads, Live(warn=warn))
+    folder = None if within is None else Path(within)
+    return _events(source, name or chosen.shown(file), chosen, reads, Live(warn=warn), within=folder)
 
 
 def profile_reader(name: str, year: int | None = None) -> LogReader:
@@ -201,7 +204,7 @@ def live_events(url: str, *, warn: Callable[[str], object] = warnings.warn) -> A
     chosen, ended = reader(format_of(url)), False
     if not chosen.schemes:
         raise OptionError("live events need a URL; use rvaft.read_log for files")
-    events = _events(url, chosen.shown(url), chosen, None, Live(stop=lambda: ended, warn=warn))
+    events = _events(url, chosen.shown(url), chosen, None, Live(stop=lambda: ended, warn=warn), within=None)
 
     async def coming() -> AsyncIterator[dict[str, Json]]:
         nonlocal ended
@@ -217,10 +220,10 @@ def live_events(url: str, *, warn: Callable[[str], object] = warnings.warn) -> A
 
 
 def _events(
-    source: Source, name: str, chosen: LogReader, reads: Scope | None, live: Live
+    source: Source, name: str, chosen: LogReader, reads: Scope | None, live: Live, *, within: Path | None
 ) -> Generator[dict[str, Json], None, None]:
     with (
-        source_of(chosen, os.fspath(source))
+        source_of(chosen, os.fspath(source), within)
         if isinstance(source, (str, os.PathLike))
         else nullcontext(source) as opened
     ):

@@ -294,7 +294,7 @@ class CheckpointFile:
         self._begun = monotonic()
         self._spent = self._expected = 0.0
         self._traces = _PackedTraces()
-        target = self.path.resolve()
+        target = Path(os.path.realpath(self.path))
         self._record = target.with_name(f".{target.name[:100]}.told")
         self._notes: int | None = None
         """The open record of reported detections."""

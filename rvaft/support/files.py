@@ -6,6 +6,7 @@ import io
 import os
 import shutil
 import stat
+import sys
 import tempfile
 import zlib
 from collections.abc import Iterator, Mapping
@@ -13,23 +14,68 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO, Final, cast
 
-import click
-
 from rvaft.errors import ToolMissing, installed
+from rvaft.support.terminal import visible_lines
 
 # Compressed files: `.gz` by the standard library, `.zst` by the package `zstandard`.
 
 SUFFIXES: Final = (".gz", ".zst")
 _CHUNK: Final = 1 << 16
+_INPUTS: Final = "rvaft.inputs"
+
+
+def note_input(path: str | os.PathLike[str]) -> None:
+    """Record a file that the running command reads, so that `target_of` refuses to overwrite it."""
+    context = _command()
+    if context is not None:
+        with suppress(OSError, ValueError):  # whoever reads the file reports why it cannot be read
+            context.meta.setdefault(_INPUTS, {})[os.path.realpath(path)] = None
+
+
+def _command() -> Any:
+    """Return the context of the running command, or None: it needs click, which is not imported for this."""
+    click = sys.modules.get("click")
+    return None if click is None else click.get_current_context(silent=True)
+
+
+def _is_input(path: Path) -> bool:
+    context = _command()
+    return context is not None and os.fspath(path) in context.meta.get(_INPUTS, ())
+
+
+def opened_within(folder: Path, path: Path) -> BinaryIO:
+    """Open a regular file inside a folder; links may lead to places inside it.
+
+    Each folder on the way is opened from the one above, and links are resolved before, so that no
+    change meanwhile leads outside. Raises `OSError`.
+    """
+    home, real = os.path.realpath(folder), os.path.realpath(path)
+    if not Path(real).is_relative_to(home):
+        raise OSError(errno.EACCES, f"it is outside the folder {os.fspath(folder)!r}", os.fspath(path))
+    *inner, name = Path(real).relative_to(home).parts or (".",)
+    with ExitStack() as stack:
+        handle = None
+        for part in (home, *inner):
+            handle = os.open(part, _ON_THE_WAY | (0 if handle is None else os.O_NOFOLLOW), dir_fd=handle)
+            stack.callback(os.close, handle)
+        stream = os.fdopen(os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=handle), "rb")
+        if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+            stream.close()
+            raise OSError(errno.EINVAL, "it is not a regular file", os.fspath(path))
+        return stream
+
+
+_ON_THE_WAY: Final = getattr(os, "O_PATH", os.O_RDONLY) | os.O_DIRECTORY
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[BinaryIO]:
-    """Open the bytes of a file, decompressed by its suffix.
+def opened(path: Path, within: Path | None = None) -> Iterator[BinaryIO]:
+    """Open the bytes of a file, decompressed by its suffix; `within` as `opened_within` does.
 
     Raises `OSError` and `ToolMissing`; `damage` lists the exceptions for damaged data.
     """
-    with path.open("rb") as stream:
+    note_input(path)
+    with path.open("rb") if within is None else opened_within(within, path) as stream:
         match path.suffix.lower():
             case ".gz":
                 with gzip.GzipFile(fileobj=stream) as inner:
@@ -100,52 +146,110 @@ def deliver(data: bytes, output: str | None) -> None:
     """Write to a file, or to standard output for None and `-`."""
     if output is not None and output != "-":
         write_whole(Path(output), data)
-    else:
-        click.echo(data, nl=False)
+        return
+    from click import echo  # noqa: PLC0415 -- imported on use
+
+    echo(_for_terminal(data) if sys.stdout.isatty() else data, nl=False)
 
 
-def write_whole(path: Path, data: bytes, *, lasting: bool = False) -> None:
+def _for_terminal(data: bytes) -> bytes:
+    """Return text with hidden characters escaped and a note, so that no text controls a terminal."""
+    text = data.decode("utf-8", "backslashreplace")
+    if (shown := visible_lines(text)) == text:
+        return data
+    sys.stderr.write("rvaft: warning: the terminal shows control characters escaped; -o FILE writes them as they are\n")
+    return shown.encode()
+
+
+def target_of(path: Path, *, follow: bool = True) -> Path:
+    """Return the path of the regular file to write: that of a link's target with `follow`.
+
+    Raises `OSError` if the path names another kind of file, or a file that the command reads.
+    """
+    if not follow and path.is_symlink():
+        raise OSError(errno.EINVAL, "a link has this name; move it away")
+    target = Path(os.path.realpath(path))
+    if (kind := _kind(target)) is not None:
+        where = f"; {path} links to it" if path.is_symlink() else ""
+        raise OSError(errno.EINVAL, f"{kind} is not a regular file{where}")
+    if _is_input(target):
+        raise OSError(errno.EINVAL, "the command reads this file, which would be overwritten: name another file")
+    return target
+
+
+_KINDS: Final = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISBLK, "a block device"),
+    (stat.S_ISCHR, "a character device"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+)
+
+
+def _kind(path: Path) -> str | None:
+    """Return what the path names if it exists and is not a regular file."""
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return None
+    return None if stat.S_ISREG(mode) else next((name for is_kind, name in _KINDS if is_kind(mode)), "a special file")
+
+
+_PASSING: Final = (("dev",), ("proc",))
+"""Folders with links to the streams of a process: `/dev/stdout` may resolve to `pipe:[123]`, which cannot be opened."""
+
+
+def _passes(path: Path) -> bool:
+    """Whether the path names a pipe, or a stream or character device in /dev or /proc."""
+    in_passing = path.absolute().parts[1:2] in _PASSING
+    if in_passing and path.is_symlink():
+        return True
+    kind = _kind(path)
+    return kind == "a pipe" or (kind == "a character device" and in_passing)
+
+
+def _pass_on(path: Path, data: bytes) -> None:
+    handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_NOCTTY)  # keep what standard output already holds
+    with os.fdopen(handle, "wb", buffering=0) as stream:
+        if stat.S_ISBLK(os.fstat(handle).st_mode):
+            raise OSError(errno.EINVAL, "a block device is not a regular file")
+        rest = memoryview(_for_terminal(data) if os.isatty(handle) else data)
+        while rest:
+            rest = rest[stream.write(rest) or 0 :]
+
+
+def require_target(path: Path, *, regular: bool = False) -> None:
+    """Raise the `OSError` that `write_whole` would raise for what the path names."""
+    with error_context("cannot write", path):
+        if regular or not _passes(path):
+            target_of(path)
+
+
+def write_whole(
+    path: Path, data: bytes, *, lasting: bool = False, executable: bool = False, follow: bool = True
+) -> None:
     """Write a file atomically, by renaming a temporary file in the same folder.
 
-    Devices and pipes are written directly, and so are links below /dev and /proc: `/dev/stdout` may
-    resolve to `pipe:[123]`, which cannot be opened. Raises `OSError` with the path.
+    A link names its target, unless not `follow`. Pipes, and streams and character devices in /dev, are
+    written directly; a `lasting` or `executable` file must be regular. Raises `OSError` with the
+    path for anything else, and for a file that the command reads.
 
-    A `lasting` file is a regular file with mode 0600, synced to disk before the rename. Its
-    temporary name is fixed, so that the next write replaces the remains of a crash.
+    A `lasting` file has mode 0600 and is synced to disk before the rename. Its temporary name is
+    fixed, so that the next write replaces the remains of a crash.
     """
     with error_context("cannot write", path):
-        odd = path.exists() and not stat.S_ISREG(path.stat().st_mode)
-        if odd and lasting:
-            raise OSError(errno.EINVAL, "not a regular file")
-        if odd or (path.absolute().parts[1:2] in (("dev",), ("proc",)) and path.is_symlink()):
-            with path.open("ab") as stream:  # keep what standard output already holds
-                stream.write(data)
+        if not lasting and not executable and follow and _passes(path):
+            _pass_on(path, data)
             return
-        target = path.resolve()
-        prefix = f".{target.name[:100]}."
-        if lasting:
-            new = target.with_name(f"{prefix}new")
-            new.unlink(missing_ok=True)
-            handle = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-        else:
-            handle, name = tempfile.mkstemp(prefix=prefix, dir=target.parent)
-            new = Path(name)
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                stream.write(data)
-                if lasting:
-                    stream.flush()
-                    os.fsync(handle)
-            if not lasting and target.exists():
-                shutil.copymode(target, new)
-            elif not lasting:
-                mask = os.umask(0)
-                os.umask(mask)
-                new.chmod(0o666 & ~mask)
-            new.replace(target)
-        except BaseException:
-            new.unlink(missing_ok=True)
-            raise
+        target = target_of(path, follow=follow)
+        with replacement(target, fixed_name=lasting) as stream:
+            stream.write(data)
+            handle = stream.fileno()
+            if lasting:
+                stream.flush()
+                os.fsync(handle)
+            else:
+                os.fchmod(handle, _mode_of(target, executable=executable))
         if lasting:
             with suppress(OSError):  # some file systems cannot sync folders
                 folder = os.open(target.parent, os.O_RDONLY)
@@ -153,6 +257,41 @@ def write_whole(path: Path, data: bytes, *, lasting: bool = False) -> None:
                     os.fsync(folder)
                 finally:
                     os.close(folder)
+
+
+def _mode_of(target: Path, *, executable: bool) -> int:
+    """Return the permissions of the file that is replaced, or of a new file."""
+    try:
+        mode = target.stat().st_mode & 0o777
+    except FileNotFoundError:
+        mask = os.umask(0)
+        os.umask(mask)
+        mode = 0o666 & ~mask
+    return mode | (mode & 0o444) >> 2 if executable else mode
+
+
+def temporary_beside(target: Path) -> tuple[Path, BinaryIO]:
+    """Create the temporary file of fixed name for a target, with mode 0600, after removing an old one."""
+    new = target.with_name(f".{target.name[:100]}.new")
+    new.unlink(missing_ok=True)
+    return new, os.fdopen(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb")
+
+
+@contextmanager
+def replacement(target: Path, *, fixed_name: bool = False) -> Iterator[BinaryIO]:
+    """Open a temporary file beside the target, which it replaces at the end of the block."""
+    if fixed_name:
+        new, stream = temporary_beside(target)
+    else:
+        handle, name = tempfile.mkstemp(prefix=f".{target.name[:100]}.", dir=target.parent)
+        new, stream = Path(name), os.fdopen(handle, "wb")
+    try:
+        with stream:
+            yield stream
+        new.replace(target)
+    except BaseException:
+        new.unlink(missing_ok=True)
+        raise
 
 
 def place(folder: Path, files: Mapping[str, str | None], *, force: bool = False) -> None:
@@ -210,6 +349,8 @@ def _made(folder: Path) -> bool:
 def _differs(path: Path, content: bytes | None, *, force: bool) -> bool:
     if not path.exists() and not path.is_symlink():
         return content is not None
+    if _is_input(Path(os.path.realpath(path))):
+        raise OSError(errno.EINVAL, "the command reads this file; name another folder", str(path))
     if not path.is_file():
         raise OSError(errno.EEXIST, "the path exists and is not a regular file; move it away", str(path))
     if content is not None and path.read_bytes() == content:

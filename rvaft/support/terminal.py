@@ -1,10 +1,12 @@
 """Output to a terminal: escaped text, aligned columns, a progress bar."""
 
 import io
+import json
+import re
 import sys
 import time
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Final
@@ -19,15 +21,63 @@ _WIDEST: Final = 1_000_000
 """The width of an unlimited terminal."""
 
 
+def is_hidden(character: str) -> bool:
+    """Whether a character is a control, invisible or bidirectional one, which no output has raw."""
+    return not (character.isprintable() or character in _JOINERS or unicodedata.category(character) == "Zs")
+
+
+def escaped(text: str, escape: Callable[[str], str], *, but: str = "") -> str:
+    """Return the text with hidden characters replaced by their escapes, except those in `but`."""
+    if text.isprintable() or not (found := {one for one in set(text).difference(but) if is_hidden(one)}):
+        return text
+    return text.translate({ord(one): escape(one) for one in found})
+
+
 def visible(text: str) -> str:
     """Return the text with control, invisible and bidirectional characters escaped."""
+    if text.isprintable():
+        return text
+    found = escaped(text, lambda one: one.encode("unicode_escape").decode("ascii"))
+    return found.translate({ord(one): " " for one in set(found) if unicodedata.category(one) == "Zs"})
 
-    def shown(character: str) -> str:
-        if character.isprintable() or character in _JOINERS:
-            return character
-        return " " if unicodedata.category(character) == "Zs" else character.encode("unicode_escape").decode("ascii")
 
-    return text if text.isprintable() else "".join(map(shown, text))
+def visible_lines(text: str) -> str:
+    """Return several lines as `visible` does, with their line ends and tabs."""
+    return escaped(text, lambda one: one.encode("unicode_escape").decode("ascii"), but="\n\t")
+
+
+def escaped_json(text: str) -> str:
+    """Return JSON text with hidden characters in strings escaped; other characters stay as they are."""
+    found = escaped(text, _json_escape, but="\n")
+    return found.replace("##[", r"#\u0023[") if "##[" in found else found
+
+
+def _json_escape(character: str) -> str:
+    units = character.encode("utf-16-be", "surrogatepass").hex()
+    return "".join(f"\\u{units[at : at + 4]}" for at in range(0, len(units), 4))
+
+
+def readable_json(value: object, *, indent: int | None = None) -> str:
+    r"""Return a value as JSON in which letters stay readable and hidden characters are escaped.
+
+    >>> print(readable_json({"é": "\x1b\x9b\u202e"}))
+    {"é": "\u001b\u009b\u202e"}
+    """
+    return escaped_json(json.dumps(value, ensure_ascii=False, indent=indent))
+
+
+def inert(text: str) -> str:
+    r"""Return lines none of which GitHub Actions takes for a command, whatever names they quote.
+
+    >>> print(inert("::add-mask::x: fine"))
+    \x3a:add-mask::x: fine
+    """
+    if "##[" in text:
+        text = text.replace("##[", r"#\x23[")
+    return _COMMAND.sub(r"\1\\x3a:", text) if "::" in text else text
+
+
+_COMMAND: Final = re.compile(r"^(\s*)::", re.MULTILINE)
 
 
 def cut(text: str, most: int = 40) -> str:

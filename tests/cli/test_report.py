@@ -138,8 +138,8 @@ def test_what_cannot_be_read_or_written(tmp_path: Path) -> None:
     assert run("report", SAND, bad, good, "-o", output).exit_code == 2
     assert any("bad.jsonl:2: not JSON" in line for line in page(output)["told"]["said"])
     for where, said in (
-        (good, "one of the logs"),
-        (SAND, "one of the trees"),
+        (good, "the command reads this file"),
+        (SAND, "the command reads this file"),
         (tmp_path / "no" / "x", "is not a folder"),
     ):
         done = run("report", SAND, good, "-o", where)

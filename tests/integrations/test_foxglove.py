@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 import rvaft
+from rvaft.integrations import foxglove
 from rvaft.integrations.foxglove import FoxgloveSink
 from tests.cli.runs import SAND, failed, jsonl, lines, run, soon, started, written
 from tests.docs.examples import ROOT
@@ -138,7 +139,7 @@ WRONG = [
     ("99999", "neither a port"),
     ("8765", "--foxglove PORT needs live events"),
     ("none/run.mcap", "none/run.mcap: cannot write: No such file"),
-    ("folder.mcap", "folder.mcap: cannot write: the path is a folder"),
+    ("folder.mcap", "folder.mcap: cannot write: a folder is not a regular file"),
     ("run.mcap --jobs 2", "--foxglove needs a single process"),
 ]
 
@@ -164,7 +165,8 @@ def test_a_full_disk_stops_no_monitor(tmp_path: Path, monkeypatch: pytest.Monkey
     if not Path("/dev/full").exists():
         pytest.skip("there is no /dev/full")
     tree, path = rvaft.loads(TIMED), tmp_path / "run.mcap"
-    (tmp_path / ".run.mcap.new").symlink_to("/dev/full")
+    full = path.with_name(".run.mcap.new"), Path("/dev/full").open("wb", buffering=0)  # noqa: SIM115 (the sink closes it)
+    monkeypatch.setattr(foxglove, "temporary_beside", lambda _: full)
     said: list[str] = []
     sink = FoxgloveSink(tree, path, warn=said.append)
     step = sink.on_detection(repeat=True)

@@ -14,6 +14,7 @@ from rvaft.errors import NotExpressible, TooLarge
 from rvaft.model.guards import Guard
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits
+from rvaft.support.terminal import visible
 
 SMALL: Final = 120
 """A tree with a VOT is determinised if it has at most so many scenarios and alternatives.
@@ -43,7 +44,7 @@ def translate(prop: Property, semantics: Semantics, *, limit: int) -> tuple[str,
     main, made = _property(letters, semantics, limit)
     main = around(main, ">>", _relevant(letters)) if semantics.projects else main
     body = "\n".join(f"{name} = {term};" for name, term in [("Main", main), *made])
-    header = f"// The attack-fault tree {' '.join(prop.tree.root.split())} under the semantics {semantics}."
+    header = f"// The attack-fault tree {visible(' '.join(prop.tree.root.split()))} under the semantics {semantics}."
     size = symbols(body)
     if size + sum(map(symbols, types.lines)) > SYMBOLS * limit:
         raise TooLarge(f"symbols of the RML text, {SYMBOLS} allowed for each alternative", limit=limit)

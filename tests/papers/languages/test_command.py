@@ -173,8 +173,8 @@ WRONG = [  # the words, with T for a folder that has a tree `t.rvaft`, an empty 
     ("T/t.rvaft --latex T", "cannot write to a folder"),
     ("T/t.rvaft --csv T", "cannot write to a folder"),
     ("T/t.rvaft --plots T/file", "file: cannot write: "),
-    ("T/t.rvaft --csv T/../t/t.rvaft", "is one of the trees"),
-    ("T/t.rvaft --latex T/t.rvaft", "is one of the trees"),
+    ("T/t.rvaft --csv T/../t/t.rvaft", "which would be overwritten"),
+    ("T/t.rvaft --latex T/t.rvaft", "which would be overwritten"),
     ("T/t.rvaft --csv T/line", "line:1:1: not a comparison of languages"),
     ("T/t.rvaft --csv T/json --resume", "json:1:1: not a comparison of languages"),
 ]

@@ -11,7 +11,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 
-from cross_check.confined import ConfinedText, require_permission
+from cross_check.confined_text import ConfinedText, require_permission
 from cross_check.letters import ties
 from cross_check.results import Status
 from rvaft.api import loads

@@ -23,8 +23,8 @@ _WORD: Final = re.compile("[A-Za-z_][A-Za-z0-9_]*")
 _RESERVED: Final = re.compile(
     "v[0-9]+_(key|json)|"  # columns of the query for variables
     "add|all|alter|analyse|analyze|and|anti|any|array|as|asc|asof|asymmetric|at|authorization|autoincrement|between|"
-    "binary|both|by|case|cast|check|collate|collation|column|commit|concurrently|constraint|create|cross|current|current_catalog|"
-    "current_date|current_role|current_schema|current_time|current_timestamp|current_user|default|deferrable|"
+    "binary|both|by|case|cast|check|collate|collation|column|commit|concurrently|constraint|create|cross|current|"
+    "current_catalog|current_date|current_role|current_schema|current_time|current_timestamp|current_user|default|deferrable|"
     "delete|desc|describe|distinct|do|drop|else|end|escape|except|exclude|exists|false|fetch|following|for|foreign|"
     "freeze|from|full|generated|glob|grant|group|having|if|ilike|in|index|initially|inner|insert|intersect|interval|"
     "into|is|isnull|join|lambda|lateral|leading|left|like|limit|localtime|localtimestamp|map|match|natural|not|"

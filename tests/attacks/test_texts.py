@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from cross_check.confined import ConfinedText
+from cross_check.confined_text import ConfinedText
 from rvaft import ToolFailed, ToolTimeout, loads
 from rvaft.backend import all_backends, backend
 from rvaft.model.verdict import Semantics

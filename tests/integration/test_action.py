@@ -28,6 +28,13 @@ def steps() -> dict[str, dict[str, Any]]:
     return {step["name"]: step for step in ACTION["runs"]["steps"] if "run" in step}
 
 
+def reports(folder: Path) -> Path:
+    """Where the reports go: beside the checkout."""
+    temporary = folder.with_name(f"{folder.name}-temp")
+    temporary.mkdir(exist_ok=True)
+    return temporary / "rvaft-reports"
+
+
 def run_step(name: str, folder: Path, **inputs: str) -> subprocess.CompletedProcess[str]:
     """Run a step as a runner does: the inputs come by its environment, and the shell stops at the first error."""
     step = steps()[name]
@@ -41,7 +48,13 @@ def run_step(name: str, folder: Path, **inputs: str) -> subprocess.CompletedProc
     return subprocess.run(
         ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", step["run"]],
         cwd=folder,
-        env={**os.environ, **environment, "PATH": path, "GITHUB_STEP_SUMMARY": str(folder / "summary")},
+        env={
+            **{key: text for key, text in os.environ.items() if key != "PYTHONPATH"},
+            **environment,
+            "PATH": path,
+            "RUNNER_TEMP": str(reports(folder).parent),
+            "GITHUB_STEP_SUMMARY": str(folder / "summary"),
+        },
         capture_output=True,
         text=True,
         timeout=300,
@@ -70,13 +83,13 @@ def test_good_trees_pass_and_leave_reports(repository: Path) -> None:
     assert (checked.returncode, checked.stdout) == (0, ""), checked.stderr
     compared = run_step("Cross-check the trees", repository, semantics="strict,scattered")
     assert compared.returncode == 0, compared.stdout + compared.stderr
-    junit = ET.parse(repository / "rvaft-reports" / "junit.xml").getroot()
+    junit = ET.parse(reports(repository) / "junit.xml").getroot()
     trees = ("models/deep/good tree.rvaft", "top.rvaft")
     assert {suite.get("name") for suite in junit} == {
         f"{one} ({how})" for one in trees for how in ("strict", "scattered")
     }
     assert "no disagreement" in (repository / "summary").read_text()
-    assert (repository / "rvaft-reports" / "results.csv").read_text().count("proved") >= 4
+    assert (reports(repository) / "results.csv").read_text().count("proved") >= 4
 
 
 @pytest.mark.ci
@@ -87,10 +100,10 @@ def test_what_is_found_is_an_annotation_and_a_report(repository: Path) -> None:
     done = run_step("Check the trees", repository)
     assert (done.returncode, "[cycle]" in done.stdout) == (1, True)
     assert done.stdout.startswith("::error file=bad.rvaft,line=1,col=")
-    report = json.loads((repository / "rvaft-reports" / "check.sarif").read_text())
+    report = json.loads((reports(repository) / "check.sarif").read_text())
     assert report["runs"][0]["results"][0]["ruleId"] == "cycle"
     assert run_step("Cross-check the trees", repository, semantics="strict", trees="*.rvaft").returncode == 2
-    assert "top.rvaft" in (repository / "rvaft-reports" / "results.csv").read_text()
+    assert "top.rvaft" in (reports(repository) / "results.csv").read_text()
 
 
 def test_the_traces_of_the_trees_are_run(repository: Path) -> None:
@@ -101,6 +114,41 @@ def test_the_traces_of_the_trees_are_run(repository: Path) -> None:
     done = run_step("Test the trees", repository)
     assert done.returncode == 1
     assert "expected ⊤, got ?" in done.stdout
+
+
+@pytest.mark.parametrize(
+    "name", ["Check the trees", "Test the trees", pytest.param("Cross-check the trees", marks=pytest.mark.ci)]
+)
+def test_a_hostile_repository(name: str, repository: Path) -> None:
+    """Names are no options and no commands, and nothing of the checkout runs."""
+    mark, elsewhere = repository / "mark", repository.with_name(f"{repository.name}-elsewhere")
+    elsewhere.mkdir()
+    for module in ("secrets.py", "pip.py", "rvaft.py", "click.py", "site.py"):
+        (repository / module).write_text(f"open({str(mark)!r}, 'w')")
+    (repository / "rvaft-reports").symlink_to(elsewhere)
+    for tree in (
+        "--help.rvaft",
+        "--semantics=strict.rvaft",
+        "::add-mask::e.rvaft",
+        "##[add-mask]e.rvaft",
+        "%0A::x.rvaft",
+    ):
+        (repository / tree).write_text(GOOD)
+        (repository / f"{tree.removesuffix('.rvaft')}.verdicts.json").write_text("{}", encoding="utf-8")
+        (repository / f"::error::{tree.strip('-:#')}").write_text(BAD)
+    done = run_step(name, repository, semantics="strict", timeout="20")
+    assert done.returncode in (1, 2), done.stderr
+    assert not mark.exists()
+    assert not [*elsewhere.iterdir()]
+    commands = [
+        line for line in (done.stdout + done.stderr).splitlines() if line.lstrip().startswith("::") or "##[" in line
+    ]
+    if name == "Check the trees":
+        assert commands
+        assert all(re.match("::(error|warning|notice) file=", line) for line in commands), commands
+    else:
+        start, end = commands
+        assert start == f"::stop-commands::{end.strip(':')}"
 
 
 def test_no_tree_at_all_is_an_error(tmp_path: Path) -> None:

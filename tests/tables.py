@@ -15,9 +15,14 @@ def rows(test: str, name: str) -> list[Any]:
     return [json.loads(line) for line in lines if line and not line.startswith("#")]
 
 
-def sampled(cases: Iterable[tuple[Any, ...]], one_in: int) -> list[ParameterSet]:
-    """All cases as parameters; `make test` runs one in so many, and `.ci/run` the others too."""
-    others = [pytest.mark.ci]
+def sampled(
+    cases: Iterable[tuple[Any, ...]], one_in: int, mark: pytest.MarkDecorator = pytest.mark.ci
+) -> list[ParameterSet]:
+    """All cases as parameters; `make test` runs one in so many, and `.ci/run` the others too.
+
+    With the mark `slow`, the others run by hand only.
+    """
+    others = [mark]
     return [pytest.param(*case, marks=others if number % one_in else []) for number, case in enumerate(cases)]
 
 

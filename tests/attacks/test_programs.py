@@ -224,7 +224,7 @@ def test_strange_names_compile_without_warnings(name: str, macros: tuple[str, ..
 
 @pytest.mark.parametrize("name", ["gcc", "clang"])
 @pytest.mark.parametrize("semantics", Semantics)
-@pytest.mark.parametrize("tree", sampled(((one,) for one in SHIPPED), 20))
+@pytest.mark.parametrize("tree", sampled(((one,) for one in SHIPPED), 20, pytest.mark.slow))
 def test_shipped_trees_compile_without_warnings(tree: Path, semantics: Semantics, name: str, tmp_path: Path) -> None:
     if shutil.which(name) is None:
         pytest.skip(f"needs {name}")

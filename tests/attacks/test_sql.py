@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from rvaft import Semantics, loads
 from rvaft.backend import backend
 from rvaft.errors import LanguageError, NotExpressible, RvaftError
 from tests.cli.runs import COMMAND, lines, run, soon, started, written
+from tests.tables import sampled
 
 duckdb = pytest.importorskip("duckdb", reason="DuckDB is not installed")
 
@@ -80,7 +82,7 @@ NAMES = (
 
 
 def names(of: Sequence[str] = NAMES) -> pytest.MarkDecorator:
-    return pytest.mark.parametrize("name", of, ids=range(len(of)))
+    return pytest.mark.parametrize("name", sampled([(name,) for name in of], 4, pytest.mark.slow), ids=range(len(of)))
 
 
 def field_tree(name: str) -> str:
@@ -470,9 +472,18 @@ def test_without_names_of_descriptors_a_private_link_names_the_file(
     assert there(tmp_path / "tmp*") == []
 
 
-@pytest.mark.parametrize("suffix", [".jsonl", ".csv"])
-@pytest.mark.parametrize("packing", [".gz", ".zst", ".GZ", "", ".bz2"])
-@pytest.mark.parametrize("damage", ["none", "plain", "gz", "zst", "twice", "truncated", "checksum", "rest"])
+@pytest.mark.parametrize(
+    ("damage", "packing", "suffix"),
+    sampled(
+        product(
+            ["none", "plain", "gz", "zst", "twice", "truncated", "checksum", "rest"],
+            [".gz", ".zst", ".GZ", "", ".bz2"],
+            [".jsonl", ".csv"],
+        ),
+        7,
+        pytest.mark.slow,
+    ),
+)
 def test_the_suffix_decides_about_compression(suffix: str, packing: str, damage: str, tmp_path: Path) -> None:
     zstandard = pytest.importorskip("zstandard", reason="zstandard is not installed")
     pack: Callable[[bytes], bytes] = {".gz": gzip.compress, ".zst": zstandard.compress}.get(packing.lower(), bytes)

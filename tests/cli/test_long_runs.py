@@ -209,7 +209,7 @@ def test_of_several_detections_the_first_is_drawn(jobs: int, tmp_path: Path) -> 
     assert target.read_text() == alone.read_text()
     result = run("monitor", PRUNED, logs, "--jobs", jobs, "--explain", tmp_path / "no" / "fired.dot")
     failed(result, "cannot write")
-    assert result.stdout == run("monitor", PRUNED, logs).stdout
+    assert result.stdout == ""  # the log is not read in vain
     target.unlink()
     result = run("monitor", PRUNED, LOGS / "table3_row1.jsonl", "--explain", target, "--jobs", jobs)
     assert (result.exit_code, target.exists()) == (0, False)

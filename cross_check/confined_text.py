@@ -4,14 +4,14 @@ import json
 import pickle
 from base64 import b64decode, b64encode
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
-from functools import partial
 from io import BytesIO
 from typing import Any, Final
 
 from rvaft import errors
 from rvaft.backend import Backend, Match, Observed
 from rvaft.errors import OptionError, RvaftError, ToolFailed, ToolMissing
-from rvaft.model.patterns import Pattern
+from rvaft.model.guards import Duration, Operation, Operator, TimePoint
+from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import DetectionMonitor, FirstDetections, LeftOpen, Monitor
@@ -26,7 +26,7 @@ def require_permission(language: Backend, *, run_c: bool) -> None:
     if language.executes and not run_c:
         raise OptionError(RUN_C)
     if language.executes and not can_confine():
-        raise ToolMissing("seccomp, which confines programs,", remedy="use Linux on x86-64")
+        raise ToolMissing("seccomp with Landlock, which confine programs,", remedy="use Linux 5.13 or newer on x86-64")
 
 
 class ConfinedText:
@@ -40,8 +40,8 @@ class ConfinedText:
     ) -> None:
         self._child = Child(name, lambda: _Server(language, text, atoms), limits, prepared=language.executes)
         self._freed: list[tuple[int, int]] = []
-        # Before a program runs: its process could answer anything.
-        found = self._ask("observed")
+        # A program can depend on anything, whatever its text says of it.
+        found = None if language.executes else self._ask("observed")
         self.observed: tuple[Observed, ...] | None = None if found is None else _unpickled(b64decode(found))
         about = self._ask("about")
         self._detects, self._leaves_open = bool(about["detections"]), bool(about["left_open"])
@@ -196,19 +196,26 @@ class _Server:
 
     def _monitor(self, number: int) -> Monitor:
         if not self._monitors:
-            language, text, atoms = self._language, self._text, self._atoms
-            executed = language.executes
-            read = partial(language.read_confined, confine=confine) if executed else language.read
-            self._monitors[0] = read(text, atoms=atoms)
+            rights = confine if self._language.executes else _confined_already
+            self._monitors[0] = self._language.read_confined(self._text, confine=rights, atoms=self._atoms)
         return self._monitors[number]
+
+
+def _confined_already() -> None:
+    """Do nothing: a child that starts no program is confined before it answers."""
+
+
+_PATTERNS: Final = (Observed, Literal, Variable, Anything, ObjectPattern, ListPattern, SomeItem)
+_GUARDS: Final = (Operation, Operator, TimePoint, Duration)
+_ADMITTED: Final = {(one.__module__, one.__qualname__): one for one in (*_PATTERNS, *_GUARDS)}
 
 
 class _ModelUnpickler(pickle.Unpickler):
     """Admits the classes of patterns and guards."""
 
-    def find_class(self, module: str, name: str) -> Any:
-        found = super().find_class(module, name) if module.startswith(("rvaft.model.", "rvaft.backend")) else None
-        if not isinstance(found, type):
+    def find_class(self, module: str, name: str) -> type:
+        found = _ADMITTED.get((module, name))
+        if found is None:
             raise pickle.UnpicklingError(f"{module}.{name} is no part of a pattern")
         return found
 

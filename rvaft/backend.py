@@ -338,10 +338,10 @@ class Backend(ABC):
     def read_confined(
         self, text: str, *, confine: Callable[[], object], atoms: Mapping[str, Pattern] | None = None
     ) -> Monitor:
-        """Return a monitor as `read` does; `confine` ends the rights of this process.
+        """Return a monitor of a text that a stranger wrote, and believe nothing that it says of itself.
 
-        It is called before the text is read, or, if the text is compiled, before it runs. Raises
-        what `read` raises.
+        `confine` ends the rights of this process. It is called before the text is read, or, if the
+        text is compiled, before it runs. Raises what `read` raises.
         """
         confine()
         return self.read(text, atoms=atoms)

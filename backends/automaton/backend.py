@@ -1,6 +1,6 @@
 """The backend of HOA automata."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, ClassVar
 
@@ -80,6 +80,13 @@ class AutomatonBackend(Backend):
         without it, the text is an automaton over finite words.
         """
         return HoaMonitor(program(text, atoms))
+
+    def read_confined(
+        self, text: str, *, confine: Callable[[], object], atoms: Mapping[str, Pattern] | None = None
+    ) -> Monitor:
+        """Return a monitor as `read` does, which follows all slices whatever checksum the text has."""
+        confine()
+        return HoaMonitor(program(text, atoms, believed=False))
 
     def formal(self, text: str) -> dict[str, Any]:
         """Return the abstract syntax of an automaton."""

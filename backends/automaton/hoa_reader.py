@@ -389,11 +389,16 @@ def _program(text: str) -> HoaProgram:
     return HoaProgram(text, {})
 
 
-def program(text: str, atoms: Mapping[str, Pattern] | None) -> HoaProgram:
-    """Return the cached program of a text; raises `LanguageError`, `ToolMissing`, `TooLarge`."""
-    return (
-        _program(text) if atoms is None else HoaProgram(text, atoms)
-    )  # `atoms` may reject a name by raising, so it is not cached
+def program(text: str, atoms: Mapping[str, Pattern] | None, *, believed: bool = True) -> HoaProgram:
+    """Return the cached program of a text, whose checksum is `believed`.
+
+    Raises `LanguageError`, `ToolMissing`, `TooLarge`.
+    """
+    if atoms is None and believed:
+        return _program(text)
+    found = HoaProgram(text, atoms or {})  # `atoms` may reject a name by raising, so it is not cached
+    found.binds_late = found.binds_late and believed
+    return found
 
 
 def formal(text: str) -> dict[str, Any]:

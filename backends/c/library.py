@@ -57,6 +57,20 @@ def fast_compiler() -> list[str]:
     return require_compiler() if named is None or os.environ.get("CC") else [named]
 
 
+def strict_compiler() -> list[str]:
+    """Return the command of a compiler for texts of strangers; raises `ToolMissing`.
+
+    A text can give options to TinyCC, such as a file to write, or to run what it compiles.
+    """
+    named = os.environ.get("CC", "").split()
+    if named and Path(named[0]).name.startswith(("gcc", "clang")) and shutil.which(named[0]):
+        return named
+    found = next((name for name in ("clang", "gcc") if shutil.which(name)), None)
+    if found is None:
+        raise ToolMissing("gcc or clang, which compile texts of strangers,", remedy="install one of them")
+    return [found]
+
+
 def compile_c(text: str, to: Path, options: Sequence[str], *, command: Sequence[str] = ()) -> None:
     """Compile a text to a program or a library; raises `ToolMissing` and `ToolFailed`."""
     source = to.with_suffix(".c")
@@ -96,7 +110,8 @@ def _library(text: str, confine: Callable[[], object] | None) -> ctypes.CDLL:
     with tempfile.TemporaryDirectory(prefix="rvaft-", ignore_cleanup_errors=True) as folder:
         path = Path(folder) / "monitor.so"
         try:
-            compile_c(text, path, ("-O0", "-shared", "-fPIC"), command=fast_compiler())
+            command = fast_compiler() if confine is None else strict_compiler()
+            compile_c(text, path, ("-O0", "-shared", "-fPIC"), command=command)
             if confine is not None:  # a confined process cannot remove the folder
                 made = os.open(path, os.O_RDONLY)
                 shutil.rmtree(folder)

@@ -1,8 +1,9 @@
 """Work on texts of strangers, in a child process with limits.
 
 The child has a limit of memory, its answers have limits of time and size, and on Linux (x86-64)
-seccomp admits listed system calls only: no network, no other program, no writing of files. Hostile
-code in the child can answer nothing but bytes, which the caller decodes as data.
+seccomp admits listed system calls only: no network, no other program, no writing of files. While a
+child prepares, with other programs such as a compiler, Landlock lets it write below a private folder
+only. Hostile code in the child can answer nothing but bytes, which the caller decodes as data.
 """
 
 import ctypes
@@ -179,9 +180,10 @@ def _be_child(
         os.closerange(3, low[0])
         os.closerange(low[0] + 1, low[1])
         os.closerange(low[1] + 1, 1 << 16)
+        _limit(limits)
         if folder:
             os.environ["TMPDIR"] = tempfile.tempdir = folder
-        _limit(limits)
+            _write_below(folder)
         if confined:
             with suppress(ToolMissing):  # what interprets a text is trusted to start nothing
                 confine()
@@ -246,12 +248,48 @@ _DESCRIPTOR_COMMANDS: Final = (0, 1, 2, 3, 1030)
 """F_DUPFD, F_GETFD, F_SETFD, F_GETFL, F_DUPFD_CLOEXEC."""
 _LOAD, _EQUAL, _AT_LEAST, _ANY_BIT, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x06
 _ALLOW, _KILL, _EPERM, _ENOSYS = 0x7FFF0000, 0x80000000, 0x00050001, 0x00050026
+_CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446
+_WRITE_FILE, _CHANGE_FOLDERS, _REFER, _TRUNCATE = 1 << 1, 0b1_1111_1111 << 4, 1 << 13, 1 << 14
 _Instruction: TypeAlias = tuple[int, int, int, int]
 
 
-def can_confine() -> bool:
-    """Whether this machine can admit listed system calls only."""
+def _can_filter() -> bool:
     return _LIBC is not None and machine() == "x86_64" and sys.maxsize > 1 << 32
+
+
+def can_confine() -> bool:
+    """Whether this machine can confine programs: by listed system calls, and before by Landlock."""
+    return _can_filter() and _landlock() > 0
+
+
+def _landlock() -> int:
+    """Return the version of Landlock, or -1."""
+    return -1 if _LIBC is None else int(_LIBC.syscall(_CREATE_RULESET, None, 0, 1))
+
+
+def _write_below(folder: str) -> None:
+    """Let this process, and all that it starts, write, make and remove files below a folder only.
+
+    It cannot be undone. Raises `ToolMissing`.
+    """
+    absent = ToolMissing("Landlock, which confines compilers,", remedy="use Linux 5.13 or newer on x86-64")
+    version = _landlock()
+    if version < 1 or _LIBC is None:
+        raise absent
+    writing = _WRITE_FILE | _CHANGE_FOLDERS | (version > 1) * _REFER | (version > 2) * _TRUNCATE
+    network = 3 if version > 3 else 0  # to bind and to connect
+    rules = ctypes.create_string_buffer(struct.pack("=QQ", writing, network)[: 16 if version > 3 else 8])
+    ruleset = _LIBC.syscall(_CREATE_RULESET, rules, len(rules.raw) - 1, 0)
+    if ruleset < 0:
+        raise absent
+    for name, rights in ((folder, writing), (os.devnull, writing & (_WRITE_FILE | _TRUNCATE))):
+        place = os.open(name, os.O_PATH)
+        if _LIBC.syscall(_ADD_RULE, ruleset, 1, ctypes.c_char_p(struct.pack("=Qi", rights, place)), 0):
+            raise absent
+        os.close(place)
+    if _LIBC.prctl(_NO_NEW_PRIVILEGES, 1, 0, 0, 0) or _LIBC.syscall(_RESTRICT_SELF, ruleset, 0):
+        raise absent
+    os.close(ruleset)
 
 
 def confine() -> None:
@@ -260,7 +298,7 @@ def confine() -> None:
     It cannot be undone. Raises `ToolMissing` where the system has no such filter.
     """
     absent = ToolMissing("seccomp, which confines programs,", remedy="use Linux on x86-64")
-    if not can_confine() or _LIBC is None:
+    if not _can_filter() or _LIBC is None:
         raise absent
     program = b"".join(struct.pack("=HBBI", *one) for one in _filter())
     code = ctypes.create_string_buffer(program)

@@ -24,8 +24,8 @@ from tests.cli.runs import children, failed, process, run, soon, started, writte
 from tests.tables import sampled
 
 TREE = "top sand a b; a; b;"
-NEEDS_CC = pytest.mark.skipif(not any(map(shutil.which, ("tcc", "clang", "cc"))), reason="needs a C compiler")
-CONFINED = pytest.mark.skipif(not can_confine(), reason="needs seccomp on Linux (x86-64)")
+NEEDS_CC = pytest.mark.skipif(not any(map(shutil.which, ("clang", "gcc"))), reason="needs gcc or clang")
+CONFINED = pytest.mark.skipif(not can_confine(), reason="needs seccomp and Landlock on Linux (x86-64)")
 
 
 @pytest.fixture
@@ -72,7 +72,7 @@ def test_a_text_in_c_does_not_run_unless_asked(how: str, tree: Path, tmp_path: P
 
 @NEEDS_CC
 @CONFINED
-@pytest.mark.parametrize("compiler", ["tcc", "gcc", "clang"])
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_a_text_in_c_runs_confined(compiler: str, tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if shutil.which(compiler) is None:
         pytest.skip(f"needs {compiler}")
@@ -106,6 +106,53 @@ def test_a_text_in_c_that_does_not_answer(line: str, reason: str, tree: Path, tm
     result = run("cross-check", tree, "--against", written(tmp_path / "x.c", text), "--run-c", "--timeout", 2)
     assert monotonic() - begun < 30
     failed(result, "x.c failed", reason)
+
+
+@NEEDS_CC
+@CONFINED
+@pytest.mark.parametrize("options", ["-o {}", "-MD -MF {}", "-run"])
+@pytest.mark.parametrize("compiler", ["tcc", ""])
+def test_a_text_gives_no_options_to_its_compiler(
+    options: str, compiler: str, tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", compiler)
+    mark, kept = tmp_path / "mark", written(tmp_path / "kept", "")
+    text = f'#pragma comment(option, "{options.format(mark)}")\n{hostile(mark, kept)}int main(void) {{ attack(); }}\n'
+    result = run(
+        "cross-check", tree, "--against", written(tmp_path / "x.c", text), "--run-c", "--traces", 5, "--jobs", 1
+    )
+    assert result.exit_code in (0, 2), result.output
+    assert kept.exists()
+    assert not mark.exists()
+
+
+@NEEDS_CC
+@CONFINED
+def test_a_program_is_never_proved(tree: Path, tmp_path: Path) -> None:
+    """What its comment says of the events that it tests could be a lie with the right digest."""
+    text = written(tmp_path / "x.c", backend("c").translate(loads(TREE), Semantics.SCATTERED).text)
+    result = run("cross-check", tree, "--against", text, "--run-c", "--semantics", "scattered", "--traces", 20)
+    assert result.exit_code == 0, result.output
+    assert "0 proofs" in result.output
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"cposix\nsystem\n(S'touch mark'\ntR.",
+        b"crvaft.backend\nEntryPoint\n.",
+        b"crvaft.model.values\nExact.fromhex\n.",
+        b"\x80\x04\x8c\x0crvaft.backend\x8c\x03sys\x93.",
+    ],
+)
+def test_an_answer_is_data(data: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A child that was taken over cannot make its parent run anything."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("cross_check.confined_text.b64decode", lambda _: data)
+    text = backend("ltlf").translate(loads(TREE), Semantics.SCATTERED).text
+    with pytest.raises(ToolFailed, match="its patterns cannot be read"):
+        ConfinedText("text", backend("ltlf"), text, Limits())
+    assert not [*tmp_path.iterdir()]
 
 
 @NEEDS_CC
@@ -297,6 +344,6 @@ def test_all_languages_are_read_as_in_this_process(tmp_path: Path) -> None:
             assert [*confined.start().run(trace)] == [*own.fork().run(trace)], name
             stepped = confined.start()
             assert [stepped.step(event) for event in trace] == [*own.fork().run(trace)], name
-        assert confined.observed == language.observed(text), name
+        assert confined.observed == (None if language.executes else language.observed(text)), name
         seen += 1
     assert seen > 3

@@ -18,13 +18,12 @@ from rvaft.monitors import DetectionMonitor, FirstDetections, LeftOpen, Monitor
 from rvaft.support.confinement import Child, Limits, can_confine, confine
 
 Traces = Sequence[Sequence[Json]]
-RUN_C: Final = "a text in C is compiled and run: if you trust whoever wrote it, name --run-c"
 
 
-def require_permission(language: Backend, *, run_c: bool) -> None:
+def require_permission(language: Backend, *, file: str, run_c: bool) -> None:
     """Raise `OptionError` unless texts of this language may be run."""
     if language.executes and not run_c:
-        raise OptionError(RUN_C)
+        raise OptionError(f"{file}: a text in C is a program; --run-c compiles and runs it, confined")
     if language.executes and not can_confine():
         raise ToolMissing("seccomp with Landlock, which confine programs,", remedy="use Linux 5.13 or newer on x86-64")
 

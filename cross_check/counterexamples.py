@@ -43,6 +43,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.readers.json_lines import read
+from rvaft.support.files import opened_within
 from rvaft.support.terminal import visible
 
 StrPath: TypeAlias = str | os.PathLike[str]
@@ -54,6 +55,7 @@ CASE: Final = "case.json"
 _WHAT: Final = f"a case is a folder with {TREE}, {TRACE} and {CASE}"
 _LONGEST_NAME: Final = 60
 _LONGEST_MESSAGE: Final = 200
+_LONGEST_FILE: Final = 64 << 20
 
 
 class CaseError(RvaftError, ValueError):
@@ -199,7 +201,7 @@ def _settled(temporary: Path, wanted: Path, files: Mapping[str, bytes]) -> Path:
 
 
 def load(path: StrPath) -> Case:
-    """Return the case in a folder, named after the folder.
+    """Return the case in a folder, named after the folder; its files are regular ones in there.
 
     Raises `CaseError` for other folders, and the errors of its tree and trace.
     """
@@ -210,10 +212,11 @@ def load(path: StrPath) -> Case:
     try:
         record = _record(_text(file), str(file))
         file = folder / TREE
-        _text(file)  # the tree file is required; its imports may be elsewhere
-        tree = load_tree(file)
+        _text(file)  # the tree file is required
+        tree = load_tree(file, confine_imports=True)
         file = folder / TRACE
-        trace = tuple(read(file))
+        with opened_within(folder, file) as stream:
+            trace = tuple(read(stream, name=str(file)))
         texts = {name: (one.language, _text(file := folder / one.file)) for name, one in record.specifications.items()}
     except OSError as error:
         raise CaseError(f"cannot be read: {_reason(error)}", file=str(file)) from error
@@ -225,8 +228,12 @@ def load(path: StrPath) -> Case:
 
 
 def _text(file: Path) -> str:
+    with opened_within(file.parent, file) as stream:
+        data = stream.read(_LONGEST_FILE + 1)
+    if len(data) > _LONGEST_FILE:
+        raise CaseError(f"longer than {_LONGEST_FILE >> 20} MiB", file=str(file))
     try:
-        return file.read_bytes().decode("utf-8-sig" if file.name == CASE else "utf-8")
+        return data.decode("utf-8-sig" if file.name == CASE else "utf-8")
     except UnicodeDecodeError as error:
         raise CaseError(f"not UTF-8 (byte {error.start + 1})", file=str(file)) from None
 

@@ -329,7 +329,7 @@ class Handwritten:
         patterns = ((name, tree.pattern(name)) for name in tree.occurrences)
         atoms = _NodeEvents((name, pattern) for name, pattern in patterns if pattern is not None)
         atoms.path = self.path
-        require_permission(reader, run_c=self.run_c)
+        require_permission(reader, file=self.path, run_c=self.run_c)
         text = ConfinedText(self.path, reader, self.text, Limits(seconds=self.seconds), atoms=atoms)
         asks = text.observed, None, False, reader.json_alone, text.first_detections, text.left_open
         return Participant(self.path, text.start, None, *asks, text.matches)
@@ -372,7 +372,7 @@ def handwritten(named: str, *, seconds: float = PATIENCE, run_c: bool = False, c
     line = 0
     if language == RULE:
         language, text, line = _query(text, shown)
-    require_permission(reader := backend(language), run_c=run_c)
+    require_permission(reader := backend(language), file=shown, run_c=run_c)
     try:
         ConfinedText(shown, reader, text, Limits(seconds=seconds))  # report errors before the comparison
     except LanguageError as error:

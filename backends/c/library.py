@@ -3,6 +3,7 @@
 import ctypes
 import json
 import os
+import re
 import shutil
 import subprocess
 import tempfile
@@ -71,6 +72,14 @@ def strict_compiler() -> list[str]:
     return [found]
 
 
+class CompilerError(ToolFailed):
+    """An error that the compiler reports at a line of the text."""
+
+    def __init__(self, message: str, *, line: int) -> None:
+        self.line = line
+        super().__init__("the C compiler", reason=f"line {line}: {message}")
+
+
 def compile_c(text: str, to: Path, options: Sequence[str], *, command: Sequence[str] = ()) -> None:
     """Compile a text to a program or a library; raises `ToolMissing` and `ToolFailed`."""
     source = to.with_suffix(".c")
@@ -83,8 +92,14 @@ def compile_c(text: str, to: Path, options: Sequence[str], *, command: Sequence[
     if done.returncode:
         lines = done.stderr.decode(errors="replace").splitlines()
         # An error in another file may quote that file, which the text includes.
-        found = (line for line in lines if "error" in line and line.startswith(os.fspath(source)))
-        raise ToolFailed("the C compiler", reason=next(found, f"exit status {done.returncode}"))
+        own = (
+            re.fullmatch(rf"{re.escape(os.fspath(source))}:([0-9]+):(?:[0-9]+:)? (.*error.*)", line) for line in lines
+        )
+        found = next(filter(None, own), None)
+        if found is None:
+            reason = f"exit status {done.returncode}; it reports no error in the text itself"
+            raise ToolFailed("the C compiler", reason=reason)
+        raise CompilerError(found[2], line=int(found[1]))
 
 
 def build_program(text: str, to: Path, capacity: int, *, places: bool = False) -> None:
@@ -120,7 +135,11 @@ def _library(text: str, confine: Callable[[], object] | None) -> ctypes.CDLL:
             found = ctypes.CDLL(os.fspath(path))
             for name in _FUNCTIONS:
                 getattr(found, name)
-        except (ToolFailed, OSError, AttributeError) as error:
+        except CompilerError as error:
+            raise LanguageError(f"not a monitor in C: {error}", line=error.line) from None
+        except AttributeError as error:
+            raise LanguageError(f"not a monitor in C: {str(error).rpartition(': ')[2]}") from None
+        except (ToolFailed, OSError) as error:
             raise LanguageError(f"not a monitor in C: {error}") from None
     found.rvaft_size.restype = found.rvaft_reader_size.restype = found.rvaft_state.restype = ctypes.c_size_t
     found.rvaft_init.restype = found.rvaft_again.restype = None

@@ -131,22 +131,22 @@ class Child:
         return bytes(found[_LENGTH.size :])
 
     def _cause(self) -> str:
-        """Return why the child ended by itself."""
-        _, status = os.waitpid(self._pid, 0)
-        if not os.WIFSIGNALED(status):
-            return f"its process ended with status {os.waitstatus_to_exitcode(status)}"
-        number = os.WTERMSIG(status)
-        name = signal.Signals(number).name if number in [*map(int, signal.Signals)] else str(number)
+        """Return why the child ended by itself; `close` still finds it, so that no other process has its number."""
+        found = os.waitid(os.P_PID, self._pid, os.WEXITED | os.WNOWAIT)
+        if found is None or found.si_code == os.CLD_EXITED:
+            return f"its process ended with status {found and found.si_status}"
+        known = {int(one): one.name for one in signal.Signals}
+        name = known.get(found.si_status, str(found.si_status))
         return f"its process was ended by {name}; it has at most {self._limits.memory >> 20} MB of memory"
 
 
 def _ended(parent: int, pid: int, to: int, from_: int, folder: str) -> None:
-    """Kill a child of this process; a fork of the parent only forgets it."""
+    """Kill a child of this process, which nobody has waited for; a fork of the parent leaves it alone."""
+    if os.getpid() != parent:
+        return
     for pipe in (to, from_):
         with suppress(OSError):
             os.close(pipe)
-    if os.getpid() != parent:
-        return
     for kill in (os.killpg, os.kill):  # the group exists once the child has made it
         with suppress(OSError):
             kill(pid, signal.SIGKILL)

@@ -347,3 +347,21 @@ def test_all_languages_are_read_as_in_this_process(tmp_path: Path) -> None:
         assert confined.observed == (None if language.executes else language.observed(text)), name
         seen += 1
     assert seen > 3
+
+
+def test_the_number_of_a_dead_child_is_not_that_of_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody waits for a child before it is killed: a number that is free could be that of a bystander."""
+    killed: list[bool] = []
+    kill = os.killpg
+
+    def noted(number: int, how: int) -> None:
+        killed.append(Path(f"/proc/{number}").exists())
+        kill(number, how)
+
+    if not Path("/proc/self").exists():
+        pytest.skip("needs /proc")
+    monkeypatch.setattr(os, "killpg", noted)
+    child = Child("a child", lambda: lambda _: os._exit(3), Limits(seconds=10))
+    with pytest.raises(ToolFailed, match="status 3"):
+        child.ask(b"")
+    assert killed == [True]

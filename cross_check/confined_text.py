@@ -4,12 +4,23 @@ import json
 import pickle
 from base64 import b64decode, b64encode
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from io import BytesIO
 from typing import Any, Final
 
-from rvaft import errors
+import msgspec
+
 from rvaft.backend import Backend, Match, Observed
-from rvaft.errors import OptionError, RvaftError, ToolFailed, ToolMissing
+from rvaft.errors import (
+    LanguageError,
+    NoVerdict,
+    OptionError,
+    RvaftError,
+    TooLarge,
+    ToolFailed,
+    ToolMissing,
+    TraceError,
+)
 from rvaft.model.guards import Duration, Operation, Operator, TimePoint
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.values import Json
@@ -40,10 +51,10 @@ class ConfinedText:
         self._child = Child(name, lambda: _Server(language, text, atoms), limits, prepared=language.executes)
         self._freed: list[tuple[int, int]] = []
         # A program can depend on anything, whatever its text says of it.
-        found = None if language.executes else self._ask("observed")
+        found = None if language.executes else self._ask("observed", str | None)
         self.observed: tuple[Observed, ...] | None = None if found is None else _unpickled(b64decode(found))
-        about = self._ask("about")
-        self._detects, self._leaves_open = bool(about["detections"]), bool(about["left_open"])
+        about = self._ask("about", dict[str, bool])
+        self._detects, self._leaves_open = about.get("detections", False), about.get("left_open", False)
 
     @property
     def first_detections(self) -> FirstDetections | None:
@@ -61,48 +72,57 @@ class ConfinedText:
 
     def matches(self, traces: Traces) -> Sequence[frozenset[Match]] | None:
         """Return all matches in each trace, or None if the language does not report them."""
-        found = self._ask("matches", traces)
-        return found and [
-            frozenset(frozenset((str(node), int(at)) for node, at in one) for one in some) for some in found
-        ]
+        found = self._ask("matches", list[list[list[tuple[str, int]]]] | None, traces)
+        return None if found is None else [frozenset(map(frozenset, some)) for some in found]
 
     def advance(self, held: "_Held | None", events: Sequence[Json]) -> tuple["_Held", list[Verdict]]:
         """Return a monitor after further events, and the verdict after each."""
-        number, *verdicts = self._ask("advance", self._number(held), events)
+        number, verdicts = self._ask("advance", tuple[int, list[Verdict]], self._number(held), events)
         if len(verdicts) != len(events):
             raise ToolFailed("the reader", reason=f"{len(verdicts)} verdicts for {len(events)} events")
-        return _Held(self._child.number, int(number), self._freed), [*map(Verdict, verdicts)]
+        return _Held(self._child.number, number, self._freed), verdicts
 
     def state(self, held: "_Held | None") -> int:
         """Return a number that stands for the state of a monitor."""
-        return int(self._ask("state", self._number(held)))
+        found: int = self._ask("state", int, self._number(held))
+        return found
 
     def _first_detections(self, traces: Traces) -> list[int | None]:
-        found = [None if one is None else int(one) for one in self._ask("first_detections", traces)]
+        found: list[int | None] = self._ask("first_detections", list[int | None], traces)
         if len(found) != len(traces):
             raise ToolFailed("the reader", reason=f"{len(found)} answers to {len(traces)} traces")
         return found
 
     def _left_open(self, trace: Sequence[Json]) -> str:
-        return str(self._ask("left_open", trace))
+        found: str = self._ask("left_open", str, trace)
+        return found
 
     def _number(self, held: "_Held | None") -> int:
         if held is not None and held.process != self._child.number:
             raise ToolFailed("the reader", reason="its process has ended")
         return 0 if held is None else held.number
 
-    def _ask(self, what: str, *given: Any) -> Any:
-        freed = [number for process, number in self._freed if process == self._child.number]
-        self._freed.clear()
-        reply = self._child.ask(pickle.dumps((freed, what, given)))
+    def _ask(self, what: str, kind: Any, *given: Any) -> Any:
+        """Return the answer of the child, which is of this type; the child may say anything."""
+        freed, self._freed[:] = [*self._freed], []
+        numbers = [number for process, number in freed if process == self._child.number]
+        reply = self._child.ask(pickle.dumps((numbers, what, given)))
         try:
-            found = json.loads(reply)
-            error = found.get("error")
-        except (ValueError, AttributeError, RecursionError):
-            raise ToolFailed("the reader", reason="its process sent no answer") from None
-        if error is not None:
-            raise _error(error, found)
-        return found["value"]
+            found = msgspec.convert(json.loads(reply), _Reply)
+            if not found.error:
+                return msgspec.convert(found.value, kind)
+        except (ValueError, msgspec.MsgspecError, RecursionError):
+            raise ToolFailed("the reader", reason="its process sent no proper answer") from None
+        raise _error(found)
+
+
+class _Reply(msgspec.Struct, forbid_unknown_fields=True):
+    """The answer of a child: a value, or the class of an error of rvaft with its attributes."""
+
+    value: Any = None
+    error: str = ""
+    kind: str = ""
+    fields: dict[str, str | int | None] = {}
 
 
 class _Held:
@@ -176,7 +196,7 @@ class _Server:
                 verdicts = [*twin.run(events)]
                 self._made += 1
                 self._monitors[self._made] = twin
-                return [self._made, *verdicts]
+                return [self._made, verdicts]
             case "state":
                 state = self._monitor(*given).state
                 return self._states.setdefault(state, len(self._states))
@@ -195,7 +215,7 @@ class _Server:
 
     def _monitor(self, number: int) -> Monitor:
         if not self._monitors:
-            rights = confine if self._language.executes else _confined_already
+            rights = partial(confine, threads=False) if self._language.executes else _confined_already
             self._monitors[0] = self._language.read_confined(self._text, confine=rights, atoms=self._atoms)
         return self._monitors[number]
 
@@ -230,20 +250,34 @@ def _unpickled(data: bytes) -> tuple[Observed, ...]:
 # Errors as JSON.
 
 
+_ATTRIBUTES: Final[Mapping[type[RvaftError], Mapping[str, Any]]] = {
+    LanguageError: {"message": str, "file": str, "line": int, "column": int, "source": str},
+    NoVerdict: {"reason": str},
+    OptionError: {},
+    ToolFailed: {"tool": str, "reason": str},
+    ToolMissing: {"tool": str, "remedy": str},
+    TooLarge: {"what": str, "limit": int},
+    TraceError: {"message": str, "file": str, "line": int | None},
+}
+"""The errors that a child may report, with the types of their attributes."""
+
+
 def _described(error: Exception) -> dict[str, Any]:
-    if isinstance(error, RvaftError):
-        fields = {name: value for name, value in vars(error).items() if name != "__notes__"}
-        return {"error": str(error.args[0]), "kind": type(error).__name__, "fields": fields}
+    for kind, names in _ATTRIBUTES.items():
+        if type(error) is kind:
+            fields = {name: getattr(error, name) for name in names}
+            return {"error": str(error.args[0]) or kind.__name__, "kind": kind.__name__, "fields": fields}
     if isinstance(error, MemoryError):
-        return {"error": "it needs more memory than it has", "kind": "", "fields": {}}
-    return {"error": " ".join(f"{type(error).__name__}: {error}".split()), "kind": "", "fields": {}}
+        return {"error": "it needs more memory than it has"}
+    return {"error": " ".join(f"{type(error).__name__}: {error}".split())}
 
 
-def _error(text: object, found: Mapping[str, Any]) -> RvaftError:
-    """Return the error of a reader."""
-    kind = getattr(errors, str(found.get("kind", "")), None)
-    if not (isinstance(kind, type) and issubclass(kind, RvaftError)):
-        return ToolFailed("the reader", reason=str(text))
-    made = kind.__new__(kind, text)
-    vars(made).update(found.get("fields", {}))
-    return made
+def _error(found: _Reply) -> RvaftError:
+    """Return the error that a child reports."""
+    for kind, names in _ATTRIBUTES.items():
+        fields = {name: found.fields.get(name) for name in names}
+        if kind.__name__ == found.kind and all(isinstance(fields[name], of) for name, of in names.items()):
+            made = kind.__new__(kind, found.error)
+            vars(made).update(fields)
+            return made
+    return ToolFailed("the reader", reason=found.error)

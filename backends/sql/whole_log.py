@@ -244,7 +244,9 @@ class DuckDbAnswer(LogAnswer):
         key = f"CASE WHEN {present} THEN min(pos) OVER (PARTITION BY {', '.join(names)}) END" if keys else "0"
         self._ask(
             f"CREATE TABLE log AS SELECT pos, {''.join(f'{one.name}, ' for one in engine.columns)}"
-            f"{time} AS time, time_number IS NULL AND time_text IS NOT NULL AS words, odd, doubtful, {key} AS key FROM "
+            f"{time} AS time, time_number IS NULL AND time_text IS NOT NULL AS words, "
+            "coalesce(time_number, time_text) IS NOT NULL OR instant IS NOT NULL AS timed, odd, doubtful, "
+            f"{key} AS key FROM "
             f"(SELECT row_number() OVER () AS pos, {''.join(f'{one}, ' for one in cells)}"
             f"CAST({source.time_number} AS VARCHAR) AS time_number, CAST({source.time_text} AS VARCHAR) AS time_text, "
             f"{source.instant} AS instant, "
@@ -254,11 +256,14 @@ class DuckDbAnswer(LogAnswer):
     def _check(self) -> None:
         """Raise `Declined` for a log with a warning, or with values that columns do not hold."""
         engine, tree = self.engine, self.engine.types.tree
-        timed, entry = tree.time is not None, engine.entry
+        entry, late = engine.entry, None if tree.time is None else tree.time.late
+        unread = f"{entry} AND {'words' if tree.time is None else 'time IS NULL'}"
+        if late is not None:  # the greatest time is that of any event, not only of those that the tree matches
+            unread = f"{unread} OR key IS NOT NULL AND time IS NULL AND timed"
         causes = {
             "has a value that a column cannot hold exactly": "odd",
             "breaks an assumption of the tree": engine.broken(),
-            "has a time that cannot be read": f"{entry} AND time IS NULL" if timed else f"{entry} AND words",
+            "has a time that cannot be read": unread,
         }
         counts = ", ".join(f"min(pos) FILTER (WHERE {cause})" for cause in causes.values())
         [(self.total, *found)] = self._ask(f"SELECT count(*), {counts} FROM log")
@@ -269,7 +274,6 @@ class DuckDbAnswer(LogAnswer):
         for cause, number in zip(causes, found, strict=True):
             if number is not None:
                 raise Declined(f"event {number} {cause}")
-        late = None if tree.time is None else tree.time.late
         back, rows = "lag(time) OVER (ORDER BY pos) > time", f"{entry} AND time IS NOT NULL"
         if late is not None:
             back = f"max(time) OVER (PARTITION BY key ORDER BY pos ROWS UNBOUNDED PRECEDING) - time > {late}"

@@ -4,13 +4,15 @@ The package that implements a command registers it, as a third-party package doe
 registers `cross-check`, `rvaft.integrations` registers `serve`.
 
 Exit status: 0 nothing found; 1 found (a detection, a finding of severity error, a disagreement); 2
-an error, which wins over 1; 130 interrupted; 141 closed pipe. An error is one line on standard
-error with the problem, its place and a remedy.
+an error, which wins over 1; 130 interrupted; 141 closed pipe; 143 terminated. An error is one line
+on standard error with the problem, its place and a remedy.
 """
 
 import io
 import os
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -30,6 +32,7 @@ FOUND: Final = 1
 FAILED: Final = 2
 INTERRUPTED: Final = 130
 BROKEN_PIPE: Final = 141
+TERMINATED: Final = 143
 
 _WIDTH: Final = 100
 """Columns of a source line shown around the caret."""
@@ -282,6 +285,9 @@ class Commands(click.Group):
     def main(self, *args: Any, standalone_mode: bool = True, **extra: Any) -> Any:
         """Run and exit; without `standalone_mode` return the exit status."""
         extra["prog_name"] = extra.get("prog_name") or "rvaft"
+        before = None
+        if standalone_mode and threading.current_thread() is threading.main_thread():
+            before = signal.signal(signal.SIGTERM, _terminate)
         main: Any = super().main
         try:
             if isinstance(sys.stdout, io.TextIOWrapper):
@@ -302,9 +308,17 @@ class Commands(click.Group):
             except BrokenPipeError:
                 status = BROKEN_PIPE
         output.finish()
+        if before is not None:
+            signal.signal(signal.SIGTERM, before)
         if standalone_mode:
             sys.exit(status)
         return status
+
+
+def _terminate(_signal: int, _frame: object) -> None:
+    """End this process with what it has started: other processes and temporary folders."""
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    raise SystemExit(TERMINATED)
 
 
 def _version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:

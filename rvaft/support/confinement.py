@@ -26,12 +26,13 @@ from time import monotonic
 from typing import Final, NoReturn, TypeAlias
 
 from rvaft.errors import ToolFailed, ToolMissing, ToolTimeout
+from rvaft.support.processes import end_with_parent
 
 Handler: TypeAlias = Callable[[bytes], bytes]
 """Answers a request with bytes; it handles its own errors."""
 
 MEMORY: Final = 2 << 30
-REPLY: Final = 64 << 20
+REPLY: Final = 4 << 20
 FILE: Final = 256 << 20
 _LENGTH: Final = struct.Struct("<Q")
 _BLOCK: Final = 1 << 20
@@ -163,8 +164,7 @@ def _be_child(
     try:
         parent = os.getppid()
         os.setsid()
-        if _LIBC is not None:
-            _LIBC.prctl(_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+        end_with_parent()
         if os.getppid() != parent:
             os._exit(1)
         signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -223,7 +223,6 @@ def _limit(limits: Limits) -> None:
 
 # System calls of Linux on x86-64, and what seccomp admits.
 
-_PDEATHSIG: Final = 1
 _NO_NEW_PRIVILEGES: Final = 38
 _SECCOMP: Final = 22
 _X86_64: Final = 0xC000003E
@@ -292,7 +291,7 @@ def _write_below(folder: str) -> None:
     os.close(ruleset)
 
 
-def confine() -> None:
+def confine(*, threads: bool = True) -> None:
     """Admit listed system calls only, from now on and in all threads that this process starts.
 
     It cannot be undone. Raises `ToolMissing` where the system has no such filter.
@@ -300,14 +299,14 @@ def confine() -> None:
     absent = ToolMissing("seccomp, which confines programs,", remedy="use Linux on x86-64")
     if not _can_filter() or _LIBC is None:
         raise absent
-    program = b"".join(struct.pack("=HBBI", *one) for one in _filter())
+    program = b"".join(struct.pack("=HBBI", *one) for one in _filter(threads=threads))
     code = ctypes.create_string_buffer(program)
     given = struct.pack("HxxxxxxP", len(program) // 8, ctypes.addressof(code))
     if _LIBC.prctl(_NO_NEW_PRIVILEGES, 1, 0, 0, 0) or _LIBC.prctl(_SECCOMP, 2, ctypes.c_char_p(given), 0, 0):
         raise absent
 
 
-def _filter() -> list[_Instruction]:
+def _filter(*, threads: bool) -> list[_Instruction]:
     """Return the program of the filter; what it does not list is not permitted."""
 
     def word(argument: int, *, high: bool = False) -> _Instruction:
@@ -330,7 +329,7 @@ def _filter() -> list[_Instruction]:
         *(one for number in admitted for one in call(number, allow)),
         *call(_OPEN, word(1), (_ANY_BIT, 0, 1, _WRITING), refuse, allow),
         *call(_OPENAT, word(2), (_ANY_BIT, 0, 1, _WRITING), refuse, allow),
-        *call(_CLONE, word(0), (_ANY_BIT, 1, 0, _THREAD), refuse, allow),
+        *call(_CLONE, word(0), (_ANY_BIT, 1, 0, _THREAD if threads else 0), refuse, allow),
         *call(_CLONE3, (_RETURN, 0, 0, _ENOSYS)),  # its flags cannot be seen; callers then use clone
         *call(_FCNTL, word(1), *commands, refuse, allow),
         *call(_TGKILL, word(0), (_EQUAL, 1, 0, os.getpid()), refuse, allow),  # as `abort` does

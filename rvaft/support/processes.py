@@ -1,6 +1,8 @@
 """Parallel work in several processes, with results in the order of the items."""
 
+import ctypes
 import signal
+import sys
 from collections import deque
 from collections.abc import Callable, Generator, Iterable
 from itertools import islice
@@ -62,12 +64,24 @@ def in_processes(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
+_DEATH_SIGNAL: Final = 1
+_LIBC: Final = ctypes.CDLL(None, use_errno=True) if sys.platform == "linux" else None
+
+
+def end_with_parent() -> None:
+    """Have this process killed when its parent ends, where the system can (Linux)."""
+    if _LIBC is not None:
+        _LIBC.prctl(_DEATH_SIGNAL, signal.SIGKILL, 0, 0, 0)
+
+
 _work: list[Callable[[Any], Any]] = []
 """The function of a process, inherited by the fork because it cannot be pickled."""
 
 
 def _prepare(work: Callable[[Any], Any]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles interrupts
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    end_with_parent()
     _work[:] = [work]
 
 

@@ -620,3 +620,29 @@ def test_a_statement_ends_at_its_time_limit_and_the_next_one_runs() -> None:
 def test_as_many_keys_as_events_are_not_kept(tmp_path: Path) -> None:
     log = log_of(tmp_path / "log.jsonl", [{"event": "x", "u": str(number)} for number in range(3_000)])
     assert not answers(written(tmp_path / "tree.rvaft", TREE), log, "--key", "u", "--max-keys", "100")
+
+
+@pytest.mark.parametrize(
+    ("form", "times"),
+    [
+        ("iso8601", ['"2024-01-01T00:00Z"', '"2023-01-01T00:00:00Z"', '"2023-01-01T00:00:01Z"']),
+        ("iso8601", ['"2024-01-01T00:00:00.1234567891Z"', '"2023-01-01T00:00:00Z"', '"2023-01-01T00:00:01Z"']),
+        ("s", ["1000000000000", "5", "6"]),
+        ("s", ["100.0000000001", "5", "6"]),
+        ("ns", [str(2**63), "5", "6"]),
+    ],
+)
+def test_a_time_that_only_one_reads_makes_no_event_late_for_one_alone(
+    form: str, times: list[str], tmp_path: Path
+) -> None:
+    tree = written(
+        tmp_path / "tree.rvaft",
+        f'assume types, present, exact; time "t" as {form} late 1 s; event ev(x: text) = {{ "event": x }};'
+        'top sand a b within 10 s; a on ev("a"); b on ev("b"); semantics scattered;',
+    )
+    log = written(
+        tmp_path / "log.jsonl",
+        "".join(f'{{"event": "{name}", "t": {time}}}\n' for name, time in zip("xab", times, strict=True)),
+    )
+    plain, asked = run("monitor", tree, log), run("monitor", tree, log, "--engine", "duckdb")
+    assert (asked.stdout, asked.exit_code) == (plain.stdout, plain.exit_code)

@@ -365,3 +365,44 @@ def test_the_number_of_a_dead_child_is_not_that_of_another(monkeypatch: pytest.M
     with pytest.raises(ToolFailed, match="status 3"):
         child.ask(b"")
     assert killed == [True]
+
+
+@NEEDS_CC
+@CONFINED
+@pytest.mark.parametrize(
+    "reply",
+    [
+        '{"value": 5}',
+        '{"value": [1, ["true", "maybe"]]}',
+        "{}",
+        '{"value": ' + "[" * 2_000 + "]" * 2_000 + "}",
+        "not JSON",
+        '{"error": "x", "kind": "LanguageError", "fields": {"line": "abc"}}',
+        '{"error": "x", "kind": "NotExpressible"}',
+        '{"error": "x", "kind": "KeyboardInterrupt", "fields": []}',
+    ],
+)
+def test_a_forged_answer_is_an_error_of_its_text(reply: str, tree: Path, tmp_path: Path) -> None:
+    quoted = json.dumps(reply)
+    attack = f"""__attribute__((constructor)) static void forge(void) {{
+        static const char text[] = {quoted};
+        uint64_t size = sizeof text - 1;
+        for (int fd = 3; fd < 32; fd++) if (write(fd, &size, 8) == 8 && write(fd, text, sizeof text - 1) < 0) break;
+    }}"""
+    text = written(tmp_path / "x.c", c_text(attack))
+    result = run("cross-check", tree, "--against", text, "--run-c", "--jobs", 1, "--semantics", "scattered")
+    assert result.exit_code == 2, result.output
+    assert "defect" not in result.output
+    assert result.exception is None or isinstance(result.exception, SystemExit)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_workers_end_with_their_parent(number: signal.Signals) -> None:
+    if not Path("/proc/self/task").exists():
+        pytest.skip("needs /proc")
+    with started("cross-check", "--random", 3_000, "--jobs", 2) as running:
+        assert soon(lambda: len(children(running)) >= 2)
+        workers = children(running)
+        running.send_signal(number)
+        running.wait(timeout=20)
+        assert soon(lambda: not any(map(_command, workers)))

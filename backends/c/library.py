@@ -4,6 +4,7 @@ import ctypes
 import json
 import os
 import re
+import resource
 import shutil
 import subprocess
 import tempfile
@@ -19,11 +20,14 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
 from rvaft.support.files import require_target, write_whole
+from rvaft.support.processes import end_with_parent
 
 CAPACITY: Final = 1 << 18
 """The default number of partial matches of a program."""
 STANDARD: Final = ("-std=c99",)
 _SECONDS: Final = 300
+_STRANGERS: Final = 60
+"""Seconds of processor time for the compiler of a stranger's text."""
 _FUNCTIONS: Final = ("rvaft_init", "rvaft_line", "rvaft_size", "rvaft_reader_size", "rvaft_state", "rvaft_again")
 _VERDICTS: Final = {0: Verdict.UNKNOWN, 1: Verdict.TRUE, 2: Verdict.FALSE}
 _ERRORS: Final = {
@@ -80,13 +84,29 @@ class CompilerError(ToolFailed):
         super().__init__("the C compiler", reason=f"line {line}: {message}")
 
 
-def compile_c(text: str, to: Path, options: Sequence[str], *, command: Sequence[str] = ()) -> None:
-    """Compile a text to a program or a library; raises `ToolMissing` and `ToolFailed`."""
+def _limit_compiler() -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (_STRANGERS, _STRANGERS))
+    end_with_parent()
+
+
+def compile_c(
+    text: str, to: Path, options: Sequence[str], *, command: Sequence[str] = (), limited: bool = False
+) -> None:
+    """Compile a text to a program or a library; raises `ToolMissing` and `ToolFailed`.
+
+    A `limited` compiler has a minute of processor time, and ends with this process.
+    """
     source = to.with_suffix(".c")
     source.write_text(text, encoding="utf-8")
     every = [*(command or require_compiler()), *STANDARD, *options, os.fspath(source), "-o", os.fspath(to)]
     try:
-        done = subprocess.run(every, capture_output=True, timeout=_SECONDS, check=False)  # noqa: S603
+        done = subprocess.run(  # noqa: S603
+            every,
+            capture_output=True,
+            timeout=_SECONDS,
+            check=False,
+            preexec_fn=_limit_compiler if limited else None,
+        )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise ToolFailed("the C compiler", reason=str(error)) from None
     if done.returncode:
@@ -126,7 +146,7 @@ def _library(text: str, confine: Callable[[], object] | None) -> ctypes.CDLL:
         path = Path(folder) / "monitor.so"
         try:
             command = fast_compiler() if confine is None else strict_compiler()
-            compile_c(text, path, ("-O0", "-shared", "-fPIC"), command=command)
+            compile_c(text, path, ("-O0", "-shared", "-fPIC"), command=command, limited=confine is not None)
             if confine is not None:  # a confined process cannot remove the folder
                 made = os.open(path, os.O_RDONLY)
                 shutil.rmtree(folder)

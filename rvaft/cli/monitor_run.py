@@ -1,6 +1,7 @@
 """Runs `rvaft monitor` over its traces, in one or several processes."""
 
 import gc
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
@@ -281,9 +282,14 @@ class _Run(Listener):
         return self.jobs
 
     def _answer(self, run: TraceRun, trace: TraceSource) -> LogAnswer | None:
-        """Return the answer of the engine for a trace; without one, warn and return None."""
+        """Return the answer of the engine for a trace; without one, warn and return None.
+
+        There is no warning if the file cannot be opened, which the reader reports.
+        """
         engine, answer = self.settings.engine, None
         if engine is None or trace.file is None:
+            return None
+        if not os.access(trace.file, os.R_OK) or Path(trace.file).is_dir():
             return None
         try:
             with _shown(f"{engine.name} is reading {trace.name}"):

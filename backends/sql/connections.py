@@ -167,6 +167,11 @@ class NamedFile:
                     raise OSError(message)
                 Path(self.name).symlink_to(path.absolute())
             self._opened = opened.pop_all()
+        self._path = path
+
+    def by_path(self, message: str) -> str:
+        """Return a message of DuckDB with the path in place of the name."""
+        return re.sub(rf"{re.escape(self.name)}(?![\w/])", lambda _: str(self._path), message)
 
     def close(self) -> None:
         """Close the file."""

@@ -183,14 +183,15 @@ class DuckDbEngine(QueryEngine):
             with ExitStack() as opened:
                 file = NamedFile(path)
                 opened.callback(file.close)
-                source = FORMATS[name](path, [*(one.place for one in self.columns), *keys], field)
-                connection = opened.enter_context(DuckDbConnection([file.name], spills=True))
-                answer = DuckDbAnswer(self, source, connection, file.name)
+                try:
+                    source = FORMATS[name](path, [*(one.place for one in self.columns), *keys], field)
+                    connection = opened.enter_context(DuckDbConnection([file.name], spills=True))
+                    answer = DuckDbAnswer(self, source, connection, file.name)
+                except failures() as error:
+                    raise Declined(f"DuckDB: {file.by_path(_first_line(error))}") from error
                 opened.pop_all()
                 file.close()  # the rows are in a table
                 return answer
-        except failures() as error:
-            raise Declined(f"DuckDB: {_first_line(error)}") from error
         except Declined:
             raise
         except unreadable as error:

@@ -214,6 +214,7 @@ def _checkpoints(
     """Return the checkpoint file of a run, if one is asked for and there is a log."""
     if given["checkpoint"] is None:
         return None
+    options.refuse(given["checkpoint"] == "-", "--checkpoint needs a file, not standard output")
     require_target(Path(given["checkpoint"]), regular=True)
     if not sources or (file := sources[0].file) is None:
         return None

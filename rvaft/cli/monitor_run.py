@@ -1,6 +1,7 @@
 """Runs `rvaft monitor` over its traces, in one or several processes."""
 
 import gc
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
@@ -25,7 +26,7 @@ from rvaft.readers.log import Live, Log, LogReader, LogSource, open_log, source_
 from rvaft.stream import bulk, whole_log
 from rvaft.stream.checkpoint import CheckpointFile, open_at
 from rvaft.stream.data_warnings import DataWarnings
-from rvaft.stream.detection import detection
+from rvaft.stream.detection import UNSTARTED, counted, detection
 from rvaft.stream.follow import FollowedFile, stopping
 from rvaft.stream.listeners import EventBuffer, Listener, VerdictChange
 from rvaft.stream.plan import MonitoringPlan, Totals
@@ -35,6 +36,7 @@ from rvaft.stream.statistics import Statistics
 from rvaft.stream.whole_log import Declined, LogAnswer
 from rvaft.support.files import SUFFIXES as COMPRESSED
 from rvaft.support.files import deliver
+from rvaft.support.output import STOP
 from rvaft.support.processes import Killed, in_processes
 from rvaft.support.terminal import ProgressBar
 
@@ -108,6 +110,8 @@ class _OnDetection(Listener):
     def __init__(self, settings: MonitorSettings, sink: Sink, *, deliver: bool) -> None:
         self.whole = bool(settings.hooks)
         self.count = 0
+        self.unstarted = 0
+        """The number of commands that were not started after a stop was requested."""
         self.first: bytes | None = None
         self.failed = False
         self._settings = settings
@@ -138,7 +142,10 @@ class _OnDetection(Listener):
                 counted = {} if count is None else count.fields
                 record = detection({**about, **counted}, explanation, change.events, settings.tree, change.lines)
                 for failure in settings.hooks.run(record, kinds):
-                    self._sink.warn(str(failure))
+                    if failure == UNSTARTED:
+                        self.unstarted += 1
+                    else:
+                        self._sink.warn(failure)
             if settings.drawing is None or explanation is None or self.first is not None or self.failed:
                 continue
             form = PurePath(settings.drawing).suffix.lower().removeprefix(".")
@@ -275,9 +282,14 @@ class _Run(Listener):
         return self.jobs
 
     def _answer(self, run: TraceRun, trace: TraceSource) -> LogAnswer | None:
-        """Return the answer of the engine for a trace; without one, warn and return None."""
+        """Return the answer of the engine for a trace; without one, warn and return None.
+
+        There is no warning if the file cannot be opened, which the reader reports.
+        """
         engine, answer = self.settings.engine, None
         if engine is None or trace.file is None:
+            return None
+        if not os.access(trace.file, os.R_OK) or Path(trace.file).is_dir():
             return None
         try:
             with _shown(f"{engine.name} is reading {trace.name}"):
@@ -335,13 +347,14 @@ class _Run(Listener):
         def keep(*, ended: bool = False) -> None:
             """Write a checkpoint if one is due, after flushing the output that precedes it.
 
-            Events held back by `--order-by` are not saved: a resumed run reads them again.
+            Events held back by `--order-by` are not saved: a resumed run reads them again. So it does
+            those whose commands were not started.
             """
             nonlocal flushed
             self.reporter.pause(run)
             if kept is None or stream is None:
                 return
-            if not run.ended and (ended or kept.is_due(run.number)):
+            if not run.ended and not self.reaction.unstarted and (ended or kept.is_due(run.number)):
                 sink.flush()
                 file = stream.file if isinstance(stream, FollowedFile) else None
                 kept.save(partial(self._state, run), run.number, stream, file, traces=run.watches, bounded=not ended)
@@ -378,6 +391,10 @@ class _Run(Listener):
                     self.progress.reach(source)
             if isinstance(stream, FollowedFile) and stream.unfinished:
                 sink.warn(f"{trace.name}: the last line is incomplete and was not read ({stream.unfinished} bytes)")
+            if isinstance(stream, FollowedFile) and stream.goes_on:
+                sink.warn(f"{trace.name}: what follows line {stream.line} was not read: the monitor was told to stop")
+            if self.reaction.unstarted:
+                sink.warn(f"{counted(self.reaction.unstarted, 'command')} not started: the monitor was told to stop")
             if self.progress is not None:
                 self.progress.finish(trace.size)
 
@@ -423,6 +440,7 @@ def run(
     report: Callable[[MonitorSettings, Sink], Reporter] | None = None,
 ) -> int:
     """Run all traces and return the exit status; `report` replaces the reporter."""
+    STOP.reset()
     gc.freeze()  # decoding triggers garbage collection often
     try:
         sizes = sum(trace.size for trace in traces)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
-from errno import EACCES, EISDIR, ENOTDIR
+from errno import EISDIR
 from functools import partial, reduce, wraps
 from pathlib import Path
 from typing import Any, BinaryIO, Final, TypeVar, cast
@@ -30,7 +30,7 @@ from rvaft.readers.log import FieldType, InputOptions, LogReader
 from rvaft.readers.profile import SHIPPED
 from rvaft.readers.registry import format_of, profile_reader, reader, reader_class
 from rvaft.rules.rule import did_you_mean, listing
-from rvaft.support.files import note_input, opened_within, require_target
+from rvaft.support.files import error_context, note_input, opened_within, require_folder, require_target
 
 F = TypeVar("F", bound=Callable[..., Any])
 Word = TypeVar("Word", bound=StrEnum)
@@ -321,21 +321,14 @@ def require_writable(outputs: Iterable[str], trees: Iterable[str] = (), folder: 
     places = {file: Path(os.path.realpath(file)) for file in given if file != "-"}
     if len({*places.values()}) + ("-" in given) < len(given):
         raise OptionError("two outputs name the same file")
-    folders: dict[str, Path] = {}
     for file, place in places.items():
         if place.is_dir():
             raise IsADirectoryError(EISDIR, "cannot write to a folder: name a file", file)
         require_target(Path(file))
-        if place.is_file() or not place.exists():
-            folders[file] = place.parent
     if folder is not None:
         absolute = Path(os.path.realpath(folder))
-        folders[folder] = next(there for there in (absolute, *absolute.parents) if there.exists())
-    for output, there in folders.items():
-        if not there.is_dir():
-            raise NotADirectoryError(ENOTDIR, f"cannot write: {there} is not a folder", output)
-        if not os.access(there, os.W_OK | os.X_OK):
-            raise PermissionError(EACCES, f"cannot write: no permission for {there}", output)
+        with error_context("cannot write", Path(folder)):
+            require_folder(next(there for there in (absolute, *absolute.parents) if there.exists()))
 
 
 def standard_input(argument: str) -> BinaryIO:

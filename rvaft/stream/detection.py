@@ -28,6 +28,7 @@ from rvaft.support.terminal import cut
 PLACES: Final = ("time", "topic")
 TIMEOUT: Final = 30.0
 """Maximum duration of a command in seconds."""
+UNSTARTED: Final = "the command was not started, because the monitor was told to stop"
 _GRACE: Final = 0.5
 """Seconds between SIGTERM and SIGKILL."""
 _SHELL_STATUS: Final = {126: " (cannot be executed)", 127: " (command not found)"}
@@ -179,15 +180,18 @@ class Hooks:
     def run(self, detected: Mapping[str, Json], also: Collection[Kind] = ()) -> list[str]:
         """Run the commands in turn (always, faults, attacks); return the failures as messages.
 
-        `also` has further detected kinds: a branch of a kind may match without a node of that kind.
+        After a stop was requested no command is started: it is `UNSTARTED`. `also` has further
+        detected kinds: a branch of a kind may match without a node of that kind.
         """
         text = f"{json.dumps(detected)}\n".encode()
         wanted = (self.always, *(self.on.get(k) for k in Kind if k in also or k.value in detected["kinds"]))
-        return [
-            f"the command {cut(' '.join(command.split()), 80)!r} {reason}"
-            for command in wanted
-            if command is not None and (reason := _run(command, text))
-        ]
+        failures = list[str]()
+        for command in wanted:
+            if command is not None and STOP.passed():
+                failures.append(UNSTARTED)
+            elif command is not None and (reason := _run(command, text)):
+                failures.append(f"the command {cut(' '.join(command.split()), 80)!r} {reason}")
+        return failures
 
 
 def _run(command: str, text: bytes) -> str | None:

@@ -35,8 +35,8 @@ class FollowedFile(io.IOBase):
     """The lines of a file as it grows; an input stream for `rvaft.readers.json_lines.read`.
 
     `changed` is called with a message when another file begins, `idle` while no data comes. Reading
-    ends once `stop` returns true, without an unfinished line. It starts at `offset`, the start of a
-    line, after `line` lines. The attributes `offset` and `line` count what was returned of the
+    ends once `stop` returns true, also before lines that are in the buffer. It starts at `offset`,
+    the start of a line, after `line` lines. The attributes `offset` and `line` count what was returned of the
     current `file`.
 
     Raises `OSError` for a file that cannot be opened, also later for its replacement. Raises
@@ -86,8 +86,13 @@ class FollowedFile(io.IOBase):
 
     @property
     def unfinished(self) -> int:
-        """The number of buffered bytes of an incomplete line."""
-        return len(self._ready)
+        """The number of buffered bytes of an incomplete line; 0 if whole lines come first."""
+        return 0 if b"\n" in self._ready else len(self._ready)
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether the file has whole lines, or bytes not looked at, after the line returned last."""
+        return b"\n" in self._ready or os.fstat(self.file.fileno()).st_size > self._position
 
     def close(self) -> None:
         """Close the file."""
@@ -99,7 +104,7 @@ class FollowedFile(io.IOBase):
     def readline(self, size: int | None = -1) -> bytes:
         """Return the next line, or the first `size` bytes of it; b"" after the stop."""
         most = sys.maxsize if size is None or size < 0 else size
-        while True:
+        while not self._stop():
             end = self._ready.find(b"\n", self._searched) + 1
             if end or most <= len(self._ready):
                 given = bytes(self._ready[: min(end or most, most)])
@@ -111,27 +116,24 @@ class FollowedFile(io.IOBase):
                     self._replace()
                 return given
             self._searched = len(self._ready)
-            if not self._more():
-                return b""
+            self._look()
+        return b""
 
-    def _more(self) -> bool:
-        """Wait until more bytes are buffered; return False after the stop."""
-        while not self._stop():
-            if self._fill():
-                return True
-            if self._next is None:
-                with suppress(FileNotFoundError):  # wait for a file at the path
-                    if not os.path.samestat(self.path.stat(), os.fstat(self.file.fileno())):
-                        self._next = _opened(self.path)
-                self._idle()
-                time.sleep(POLL)  # the old file may still grow
-            elif self._ready:
-                self._ready += b"\n"
-                self._ending = True
-                return True
-            else:
-                self._replace()
-        return False
+    def _look(self) -> None:
+        """Look for more bytes, and wait if there are none."""
+        if self._fill():
+            return
+        if self._next is None:
+            with suppress(FileNotFoundError):  # wait for a file at the path
+                if not os.path.samestat(self.path.stat(), os.fstat(self.file.fileno())):
+                    self._next = _opened(self.path)
+            self._idle()
+            time.sleep(POLL)  # the old file may still grow
+        elif self._ready:
+            self._ready += b"\n"
+            self._ending = True
+        else:
+            self._replace()
 
     def _fill(self) -> bool:
         """Read on, and re-read preceding bytes to detect a rewrite; return whether there was

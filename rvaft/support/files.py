@@ -164,17 +164,27 @@ def _for_terminal(data: bytes) -> bytes:
 def target_of(path: Path, *, follow: bool = True) -> Path:
     """Return the path of the regular file to write: that of a link's target with `follow`.
 
-    Raises `OSError` if the path names another kind of file, or a file that the command reads.
+    Raises `OSError` if the path names another kind of file, or a file that the command reads, or if
+    its folder cannot have a file.
     """
     if not follow and path.is_symlink():
         raise OSError(errno.EINVAL, "a link has this name; move it away")
     target = Path(os.path.realpath(path))
-    if (kind := _kind(target)) is not None:
+    if (kind := _kind(path)) is not None:  # a stream in /proc has no other path
         where = f"; {path} links to it" if path.is_symlink() else ""
         raise OSError(errno.EINVAL, f"{kind} is not a regular file{where}")
     if _is_input(target):
         raise OSError(errno.EINVAL, "the command reads this file, which would be overwritten: name another file")
+    require_folder(target.parent)
     return target
+
+
+def require_folder(folder: Path) -> None:
+    """Raise `OSError` unless files can be made in the folder."""
+    if not folder.is_dir():
+        raise OSError(errno.ENOTDIR, f"{folder} is not a folder")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise OSError(errno.EACCES, f"no permission for {folder}")
 
 
 _KINDS: Final = (
@@ -190,7 +200,7 @@ def _kind(path: Path) -> str | None:
     """Return what the path names if it exists and is not a regular file."""
     try:
         mode = path.stat().st_mode
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return None
     return None if stat.S_ISREG(mode) else next((name for is_kind, name in _KINDS if is_kind(mode)), "a special file")
 

@@ -2,7 +2,10 @@
 
 import json
 import os
+import shutil
 import stat
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -192,6 +195,17 @@ def test_outputs_are_regular_files_and_no_inputs(writer: str, folder: Path) -> N
     assert {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} == before
     assert not [path for path in folder.iterdir() if path.name.startswith(".")]
     assert (folder / f"null{suffix}").is_symlink()
+
+
+@pytest.mark.parametrize("writer", ["build t.rvaft -o", "monitor t.rvaft log.jsonl --checkpoint"])
+def test_what_needs_a_regular_file_says_so_of_a_pipe(writer: str, folder: Path) -> None:
+    if "build" in writer and not (shutil.which("gcc") or shutil.which("clang")):
+        pytest.skip("needs a C compiler")
+    written(folder / "t.rvaft", TREE)
+    words = [sys.executable, "-m", "rvaft", *writer.split(), "/dev/stdout"]
+    done = subprocess.run(words, capture_output=True, stdin=subprocess.DEVNULL, check=False, text=True)
+    said = "rvaft: error: /dev/stdout: cannot write: a pipe is not a regular file; /dev/stdout links to it\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", said)
 
 
 @pytest.mark.parametrize("options", [(), ("--near-miss",)])

@@ -218,6 +218,28 @@ def test_one_signal_ends_a_run_whose_commands_never_end(sign: signal.Signals, co
     assert took < 15
 
 
+@pytest.mark.parametrize("more", [(), ("--order-by", "t", "--window", "50"), ("--input", "regex")])
+def test_after_one_signal_no_event_is_read_and_no_command_started(more: tuple[str, ...], tmp_path: Path) -> None:
+    tree, state = written(tmp_path / "tree.rvaft", TREE), tmp_path / "state"
+    line = "{} {}\n" if "regex" in more else '{{"event": "{}", "t": {}}}\n'
+    log = written(tmp_path / "log.jsonl", "".join(line.format("ab"[number % 2], number) for number in range(8_000)))
+    more += ("--pattern", r"(?P<event>\w) (?P<t>\d+)") if "regex" in more else ()
+    words = ("monitor", tree, log, *more, "--repeat", "--format", "jsonl", "--detections", "--checkpoint", state)
+    with started(*words, "--follow", "--exec", f"echo >> {tmp_path}/begun; sleep 60") as running:
+        assert soon((tmp_path / "begun").exists)
+        _, took = ends(running, signal.SIGTERM)
+        said, warned = (stream.read().decode() for stream in (running.stdout, running.stderr) if stream is not None)
+    assert took < 10
+    assert len((tmp_path / "begun").read_text()) < 4
+    assert "was not read: the monitor was told to stop" in warned
+    with started(*words) as running:
+        rest, failed = (text.decode() for text in running.communicate(timeout=4 * LONG))
+    assert (running.returncode, failed) == (1, "")
+    reported = [record for text in (said, rest) for record in map(json.loads, text.splitlines())]
+    found = [record["event"] for record in reported if "again" not in record]
+    assert found == list(range(2, 8_001, 2))
+
+
 def test_a_command_that_reads_slowly_or_nothing_gets_a_large_detection(tmp_path: Path) -> None:
     tree = written(tmp_path / "tree.rvaft", TREE)
     log = written(tmp_path / "log.jsonl", json.dumps({"event": "a", "x": "y" * 2_000_000}) + '\n{"event": "b"}\n')

@@ -536,6 +536,26 @@ def test_a_pipe_is_read_without_duckdb(suffix: str, tmp_path: Path) -> None:
     writer.join(5)
 
 
+@pytest.mark.parametrize("name", ["absent.jsonl", "absent.csv", "absent.parquet", "folder.jsonl", "below/log.jsonl"])
+def test_a_log_that_cannot_be_opened_has_the_ordinary_error_alone(name: str, tmp_path: Path) -> None:
+    tree, log = written(tmp_path / "tree.rvaft", TREE), tmp_path / name
+    written(tmp_path / "below", "")
+    if name == "folder.jsonl":
+        log.mkdir()
+    asked = run("monitor", tree, log, "--engine", "duckdb")
+    assert (asked.exit_code, asked.stderr) == (2, run("monitor", tree, log).stderr)
+    assert len(asked.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", ["log.jsonl", r"a \1 [log].jsonl", "log.parquet"])
+def test_errors_of_duckdb_have_the_name_of_the_log(name: str, tmp_path: Path) -> None:
+    log = written(tmp_path / name, '{"event": "a"}\n{"event": "b" "x"}\n')
+    told = run("monitor", written(tmp_path / "tree.rvaft", TREE), log, "--engine", "duckdb").stderr
+    assert f"{log} is read without DuckDB: DuckDB: " in told
+    assert str(log) in told.partition("DuckDB: DuckDB: ")[2].splitlines()[0]
+    assert "/proc/" not in told
+
+
 @pytest.mark.parametrize("name", ["/dev/null", "/dev/zero", "absent.jsonl", "."])
 def test_a_device_is_not_opened(name: str) -> None:
     with pytest.raises(OSError, match="not a regular file"):

@@ -138,7 +138,7 @@ WRONG = [
     ("x.txt", "'x.txt' is neither a port (8765 or HOST:8765) nor a file named .mcap"),
     ("99999", "neither a port"),
     ("8765", "--foxglove PORT needs live events"),
-    ("none/run.mcap", "none/run.mcap: cannot write: No such file"),
+    ("none/run.mcap", "none is not a folder"),
     ("folder.mcap", "folder.mcap: cannot write: a folder is not a regular file"),
     ("run.mcap --jobs 2", "--foxglove needs a single process"),
 ]

@@ -66,17 +66,20 @@ class Log:
         """Follow the log while these things happen to it one after the other, then the end; and
         what is told of changes.
         """
-        left, asked, told = list(steps), 0, list[str]()
+        left, asked, told, place = list(steps), 0, list[str](), -1
 
         def stop() -> bool:
-            nonlocal asked
+            nonlocal asked, place
+            if place != stream.offset:  # a line was read
+                asked, place = 0, stream.offset
             asked += 1
             if asked % LOOKS == 0 and left:
                 self.happen(left.pop(0))
                 return False
             return asked % LOOKS == 0
 
-        return following(self.path, stop=stop, changed=told.append, **more), told
+        stream = following(self.path, stop=stop, changed=told.append, **more)
+        return stream, told
 
 
 def following(path: Path, **more: Any) -> FollowedFile:
@@ -230,3 +233,13 @@ def test_a_signal_asks_for_the_end(asked: signal.Signals) -> None:
     with stopping() as stop:
         assert not stop()
     assert signal.getsignal(asked) is before
+
+
+def test_no_line_is_read_after_the_stop(log: Log) -> None:
+    log.happen(b"1\n2\n3")
+    asked = False
+    with following(log.path, stop=lambda: asked) as stream:
+        assert stream.readline() == b"1\n"
+        asked = True
+        assert stream.readline() == b""
+        assert (stream.offset, stream.line, stream.goes_on, stream.unfinished) == (2, 1, True, 0)

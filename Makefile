@@ -118,9 +118,9 @@ slow: $(STAMP)
 
 # The versions and hashes that continuous integration and the GitHub Action install; needs uv.
 lock:
-	uv pip compile pyproject.toml --all-extras --group build --universal --python-version 3.11 --generate-hashes \
+	uv pip compile pyproject.toml --extra dev --extra native --group build --universal --python-version 3.11 --upgrade --generate-hashes \
 		--no-header --quiet --output-file .ci/requirements.txt
-	uv pip compile tests/backends/sigma/requirements.txt --universal --python-version 3.11 --generate-hashes \
+	uv pip compile tests/backends/sigma/requirements.txt --universal --python-version 3.11 --upgrade --generate-hashes \
 		--no-header --quiet --output-file .ci/converters.txt
 
 # Attacks: hostile trees, logs, texts, files and clients; five minutes.

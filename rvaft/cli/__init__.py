@@ -33,6 +33,8 @@ FAILED: Final = 2
 INTERRUPTED: Final = 130
 BROKEN_PIPE: Final = 141
 TERMINATED: Final = 143
+_PATIENCE: Final = 2.0
+"""Seconds to end after SIGTERM."""
 
 _WIDTH: Final = 100
 """Columns of a source line shown around the caret."""
@@ -316,8 +318,14 @@ class Commands(click.Group):
 
 
 def _terminate(_signal: int, _frame: object) -> None:
-    """End this process with what it has started: other processes and temporary folders."""
+    """End this process with what it has started: other processes and temporary folders.
+
+    Python drops an exception in some callbacks, so that the process is ended a little later all the same.
+    """
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    later = threading.Timer(_PATIENCE, os.kill, (os.getpid(), signal.SIGTERM))
+    later.daemon = True
+    later.start()
     raise SystemExit(TERMINATED)
 
 

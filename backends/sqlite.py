@@ -3,8 +3,6 @@
 import sqlite3
 from typing import Any, Final
 
-MEMORY: Final = 1 << 30
-"""Bytes for all connections of a process."""
 _LONGEST: Final = 1 << 28
 """Bytes of a value or statement."""
 _READING: Final = frozenset(
@@ -32,7 +30,6 @@ class SqliteConnection(sqlite3.Connection):
         super().__init__(":memory:", check_same_thread=False, isolation_level=None, cached_statements=cached_statements)
         self._asking = False
         self.execute("PRAGMA temp_store = MEMORY")
-        self.execute(f"PRAGMA hard_heap_limit = {MEMORY}")
         self.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
         self.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LONGEST)
         self.setlimit(sqlite3.SQLITE_LIMIT_WORKER_THREADS, 0)
@@ -55,7 +52,7 @@ class SqliteConnection(sqlite3.Connection):
             found = self.execute(query)
             return [column[0] for column in found.description or ()], found.fetchall()
         except MemoryError:
-            message = f"more than {MEMORY >> 20} MiB of memory"
+            message = "it needs more memory than there is"
             raise sqlite3.OperationalError(message) from None
         finally:
             self._asking = False

@@ -91,7 +91,7 @@ verified:
 TESTS ?= not slow and not ci
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -n auto --dist worksteal -m "$(TESTS)" --ignore tests/benchmarks
+	$(BIN)/python -m pytest -n auto -m "$(TESTS)" --ignore tests/benchmarks
 
 # The tests that start programs, on a PATH with no program but Python, a shell, `sleep` and make.
 bare: $(STAMP)
@@ -125,7 +125,7 @@ lock:
 
 # Attacks: hostile trees, logs, texts, files and clients; five minutes.
 attack: $(STAMP)
-	$(BIN)/python -m pytest -n auto --dist worksteal tests/attacks
+	$(BIN)/python -m pytest -n auto tests/attacks
 
 bench: $(STAMP)
 	$(BIN)/python -m pytest tests/benchmarks -s

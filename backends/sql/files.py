@@ -61,16 +61,35 @@ def _beyond(number: str, kind: ValueType) -> str:
 
 
 def nanoseconds(number: str, unit: int) -> str:
-    """Return the nanoseconds of a text of a number; NULL unless they are exact."""
-    exact = f"TRY_CAST({number} AS DECIMAL(38, 9)) * {unit}"
-    plain = rf"regexp_full_match({number}, '-?[0-9]{{1,11}}(\.[0-9]{{1,9}})?|-?[0-9]{{1,18}}')"
-    found = f"CASE WHEN {plain} AND {exact} = floor({exact}) THEN TRY_CAST({exact} AS BIGINT) END"
+    """Return the nanoseconds of a text of a number, rounded half to even; NULL beyond 63 bits.
+
+    `unit` is a power of ten. An exponent is written out, if 38 digits suffice.
+    """
+    places = len(str(unit)) - 1
+    cases = {
+        f"'-?[0-9]{{1,{18 - places + (unit == 1)}}}'": f"TRY_CAST({number} AS BIGINT) * {unit}",
+        rf"'-?[0-9]{{1,{19 - places}}}[.][0-9]+'": _rounded(number, places),
+        "'-?[0-9.]{1,17}[eE](-0?[0-9]|[+]?0?[0-9]|[+]?1[01])'": _rounded(
+            f"CAST(TRY_CAST({number} AS DECIMAL(38, 25)) AS VARCHAR)", places
+        ),
+    }
+    found = " ".join(f"WHEN regexp_full_match({number}, {shape}) THEN {value}" for shape, value in cases.items())
     if unit == 10**9:  # microseconds are exact in short decimals, and faster
         double = f"TRY_CAST({number} AS DOUBLE)"
         micro = f"round({double} * 1000000)"
         short = f"length({number}) < 16 AND {micro} / 1000000 = {double} AND abs({double}) < 4294967296"
-        found = f"CASE WHEN {short} THEN CAST({micro} AS BIGINT) * 1000 ELSE {found} END"
-    return found
+        found = f"WHEN {short} THEN CAST({micro} AS BIGINT) * 1000 {found}"
+    return f"CASE {found} END"
+
+
+def _rounded(number: str, places: int) -> str:
+    """Return a decimal with a point as an integer of units in the last of some places, rounded half to even."""
+    point = f"strpos({number}, '.')"
+    base = f"TRY_CAST(left(replace({number} || '{'0' * places}', '.', ''), {point} - 1 + {places}) AS BIGINT)"
+    rest = f"rtrim(substr({number}, {point} + {places + 1}), '0')"
+    up = f"{rest} > '5' OR ({rest} = '5' AND {base} % 2 <> 0)"
+    away = f"CASE WHEN left({number}, 1) = '-' THEN -1 ELSE 1 END"
+    return f"CASE WHEN abs({base}) < 9000000000000000000 THEN {base} + CASE WHEN {up} THEN {away} ELSE 0 END END"
 
 
 def instant(text: str) -> str:
@@ -180,14 +199,13 @@ class JsonFile(LogFile):
             raw = self._raw(time)
             text = f"CASE WHEN left({raw}, 1) = '\"' THEN {self._value(time)} ->> '$' END"
             number = f"CASE WHEN left({raw}, 1) = '-' OR left({raw}, 1) BETWEEN '0' AND '9' THEN {raw} END"
-            if len(time) == 1:  # DuckDB rounds the digits of long numbers
-                key = re.escape(json.dumps(str(time[0]), ensure_ascii=False))
-                field = literal(rf"{key}\s*:\s*(-?[0-9.eE+-]+)")
-                written = f"regexp_extract(json, {field}, 1)"
-                same = f"TRY_CAST({written} AS DOUBLE) = TRY_CAST({raw} AS DOUBLE)"
-                long = f"CASE WHEN {same} THEN {written} END"
-            else:
-                long = "NULL"
+            # DuckDB rounds the digits of long numbers.
+            name = json.dumps(str(time[-1]), ensure_ascii=False)
+            field = literal(rf"{re.escape(name)}\s*:\s*(-?[0-9.eE+-]+)")
+            written = f"regexp_extract(json, {field}, 1)"
+            once = f"strpos(substr(json, strpos(json, {literal(name)}) + 1), {literal(name)}) = 0"
+            same = f"TRY_CAST({written} AS DOUBLE) = TRY_CAST({raw} AS DOUBLE)"
+            long = f"CASE WHEN {once} AND {same} THEN {written} END"
             number = f"CASE WHEN long THEN CASE WHEN {number} IS NOT NULL THEN {long} END ELSE {number} END"
             self.time_number, self.time_text = f"coalesce({number}, {_numeral(text)})", text
         paths = (*read, *([time] if time else []))

@@ -308,6 +308,7 @@ class TreeReads:
             *(tree.instantiate(ignore.on) for ignore in tree.ignores),
         )
         self.discriminators = Discriminators(self.patterns)
+        self.time = tree.time
         self._always: list[Pattern] = [ObjectPattern(((name, Anything()),)) for name in self.discriminators.fields]
         for path in dict.fromkeys((*also, *([tree.time.field] if tree.time else []), *fields_read(tree))):
             at: Pattern = Variable("_")

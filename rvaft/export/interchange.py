@@ -17,6 +17,7 @@ from rvaft.model.nodes import Causality, Gate, Node
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics
 from rvaft.support.terminal import readable_json
 
 
@@ -141,11 +142,12 @@ def losses(tree: RVAFT) -> Iterator[str]:
         (tree.ignores, "ignore declarations"),
         (tree.topics, "topic declarations"),
         (tree.causality is Causality.BOTTOM_UP, "causality bottom_up"),
-        (tree.semantics, f"semantics {tree.semantics}"),
         (tree.time, "the time of events"),
     ):
         if declared:
             yield f"{what} left out"
+    if tree.semantics != Semantics.SCATTERED:
+        yield f"semantics {tree.semantics or 'projected'} left out; the file is read as scattered: failures persist"
     if unrated:
         yield f"{unrated} basic event{'s' * (unrated != 1)} without a rate or probability, which most tools require"
 

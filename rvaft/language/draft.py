@@ -199,6 +199,8 @@ class Draft:
     prunes: list[Located[str]] = field(default_factory=list)
     broken_prunes: list[BrokenPrune] = field(default_factory=list)
     dynamic_gates: list[DynamicGate] = field(default_factory=list)
+    persistent: bool = False
+    """Whether a file is a fault tree, whose failures persist: `scattered` where no semantics is stated."""
     year: int | None = None
 
     def undeclared(self) -> list[Located[str]]:
@@ -251,7 +253,7 @@ class Draft:
             topics=topics.values(),
             causality=_first(self.causalities) or Causality.TOP_DOWN,
             time=self.time,
-            semantics=_first(self.semantics),
+            semantics=_first(self.semantics) or (Semantics.SCATTERED if self.persistent else None),
             assumes=[said.value for said in self.assumes],
             shows=[shown.value for shown in self.shows],
         )

@@ -15,7 +15,7 @@ from rvaft.model.nodes import Place
 from rvaft.model.tree import find_cycle
 
 SUFFIXES: Final = (".dft", ".galileo")
-"""Extensions of Galileo files, in which `pand` is a dynamic gate, too."""
+"""Extensions of Galileo files, in which `pand` is a dynamic gate, too, and failures persist (`scattered`)."""
 _WHY: Final = {
     "pand": "the parts below it end from left to right",
     "seq": "its parts fail from left to right",
@@ -37,9 +37,7 @@ def read_dynamic_gates(draft: Draft, *, strict: bool = False) -> None:
     Raises `LanguageError` for unsupported gates, and with `strict` for all.
     """
     uses = [(node, located) for node in draft.nodes.values() for located in node.gates if located.value.dynamic]
-    uses = [
-        (n, located) for n, located in uses if located.value.dynamic != "pand" or located.place.file.endswith(SUFFIXES)
-    ]
+    uses = [(n, located) for n, located in uses if located.value.dynamic != "pand" or is_galileo(located.place.file)]
     if strict and uses:
         node, (use, place) = min(uses, key=lambda found: found[1].place)
         raise _error(f"the dynamic gate `{use.dynamic}` of `{node.name}` is refused by strict Galileo", place)
@@ -53,6 +51,11 @@ def read_dynamic_gates(draft: Draft, *, strict: bool = False) -> None:
             draft.dynamic_gates.append(_static(draft, node, Located(use, place), "; " + _IDLE if idle else ""))
     if dependencies:
         _read_dependencies(draft, dependencies)
+
+
+def is_galileo(file: str) -> bool:
+    """Whether a file is in the format of Galileo, by its name."""
+    return file.lower().endswith(SUFFIXES)
 
 
 def _error(message: str, place: Place) -> LanguageError:

@@ -19,13 +19,14 @@ from rvaft.errors import LanguageError
 from rvaft.language.builder import Build, ImportStatement, Page, Slip, Statement
 from rvaft.language.diagnostics import diagnose, error_at, shown
 from rvaft.language.draft import Draft, Located, no_collections
-from rvaft.language.galileo import read_dynamic_gates
+from rvaft.language.galileo import SUFFIXES as GALILEO
+from rvaft.language.galileo import is_galileo, read_dynamic_gates
 from rvaft.model.event_time import EventTime, TextFormat
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import Pattern
 from rvaft.support.files import note_input, opened_within
 
-SUFFIXES: Final = (".rvaft", ".dft")
+SUFFIXES: Final = (".rvaft", *GALILEO)
 """The suffixes of trees; errors quote other files only after a statement."""
 MAX_FILE: Final = 16 * 1024 * 1024
 """The maximum size of a file in bytes; ten thousand nodes need less than 1 MiB."""
@@ -162,7 +163,7 @@ def parse_file(path: os.PathLike[str] | str, **reading: Unpack[TreeOptions]) -> 
     """Return the draft of a file and its imports; raises `OSError` and the errors of `parse`.
 
     With `confine_imports` the file, too, is a regular one in its folder, and no link out of it. Errors
-    quote a file of another suffix than `.rvaft` or `.dft` only after its first statement.
+    quote a file of another suffix than those of trees only after its first statement.
     """
     name = os.fspath(path)
     folder = Path(name).parent if reading.get("confine_imports", False) else None
@@ -204,6 +205,7 @@ class _Source(Page):
     imported: list[str] = field(default_factory=list)
 
     def begin(self) -> "_Source":
+        self.draft.persistent |= is_galileo(self.file)
         self.statements = iter(_parse(self.text, self.file, "tree"))
         return self
 

@@ -13,7 +13,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Final, cast
 
+from rvaft.core.classifier import TreeReads
 from rvaft.errors import OptionError, ToolMissing, TraceError
+from rvaft.model.event_time import TimeFormat, require_format
 from rvaft.model.values import Json
 from rvaft.readers.json_lines import settled
 from rvaft.readers.log import BAG_METADATA, InputOptions, Log, LogReader, suffix
@@ -54,6 +56,8 @@ class BagReader(LogReader):
             from rosbags import rosbag1, rosbag2  # noqa: PLC0415
         except ImportError as error:
             raise ToolMissing("rosbags", remedy="pip install '.[bags]' in a checkout of rvaft") from error
+        if isinstance(log.reads, TreeReads):
+            require_format(log.reads.time, TIME, TimeFormat.NANOSECONDS, "a recording")
         number, ros2 = 0, log.path.suffix != ".bag"
         try:
             with rosbag2.Reader(log.path) if ros2 else rosbag1.Reader(log.path) as bag:

@@ -62,6 +62,7 @@ TREE_RULES: Final = (
     Rule("type-mismatch", Severity.WARNING, types.type_mismatch),
     Rule("unused-type", Severity.WARNING, types.unused_type),
     Rule("too-many-events", Severity.WARNING, times.too_many_events),
+    Rule("ros-time", Severity.INFORMATION, times.ros_time),
     Rule("unstated-semantics", Severity.WARNING, times.unstated_semantics),
     Rule("undeclared", Severity.WARNING, structure.undeclared),
     Rule("unreachable", Severity.WARNING, structure.unreachable),

@@ -9,7 +9,7 @@ from rvaft.core.property import Event, Times
 from rvaft.core.scenario_space import Edge, ScenarioSpace, borne_surely, fewest_events, node_of
 from rvaft.core.scenarios import Kept
 from rvaft.core.times import point_bounds
-from rvaft.model.event_time import TextFormat
+from rvaft.model.event_time import TextFormat, TimeFormat
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import POINTS, TimePoint, conjuncts, time_points
 from rvaft.model.nodes import Node
@@ -183,6 +183,15 @@ def too_many_events(space: ScenarioSpace) -> Iterator[RuleReport]:
                 f"{node.name} counts {node.times:,} events, but monitors support at most {MOST:,}; count fewer events"
             )
             yield RuleReport(node.place("times"), message, (node.name,))
+
+
+def ros_time(space: ScenarioSpace) -> Iterator[RuleReport]:
+    """What the field `time` of messages has depends on who writes it."""
+    time = space.tree.time
+    if space.tree.topics and time is not None and time.field == ("time",) and time.format is not TimeFormat.SECONDS:
+        so = "as recordings of ROS have it" if time.format is TimeFormat.NANOSECONDS else "and recordings have it as ns"
+        what = f"the tree reads `time` as {time.format}, {so}, but ROSMonitoring writes seconds"
+        yield RuleReport(time.place, f"{what}: give `--time seconds` to `rvaft serve`")
 
 
 def unstated_semantics(space: ScenarioSpace) -> Iterator[RuleReport]:

@@ -12,7 +12,7 @@ from random import Random
 import pytest
 
 from cross_check.generate.trees import PLAIN, random_tree
-from rvaft import RVAFT, Gate, LanguageError, RvaftError, Severity, dumps, load, loads, monitor
+from rvaft import RVAFT, Gate, LanguageError, RvaftError, Semantics, Severity, dumps, load, loads, monitor
 from rvaft.export import Format, draw, losses
 from rvaft.language.parser import parse
 from rvaft.rules import check
@@ -65,6 +65,24 @@ def test_every_command_can_be_strict_and_tells_of_pand_in_files_of_galileo(tmp_p
         assert run(*command, "--strict-galileo", files[1]).exit_code == 0
     assert run("monitor", "--strict-galileo", files[0], files[2]).exit_code == 2
     assert run("monitor", files[0], files[2]).exit_code != 2
+
+
+@pytest.mark.parametrize("suffix", [".dft", ".galileo", ".DFT"])
+def test_failures_persist(tmp_path: Path, suffix: str) -> None:
+    """A component that has failed stays so, whatever fails between it and the last of its branch."""
+    tree, outer, log = tmp_path / f"tree{suffix}", tmp_path / "outer.rvaft", tmp_path / "log.jsonl"
+    text = 'toplevel "T"; "T" or "L" "R"; "L" and "A" "B"; "R" and "C" "D"; "A" lambda=1; "B" lambda=1;'
+    tree.write_text(text)
+    outer.write_text(f'import "{tree.name}"; "A" fault;')
+    log.write_text("".join(f'{{"event": "{name}"}}\n' for name in "ACB"))
+    assert [load(file).semantics for file in (tree, outer)] == ["scattered", "scattered"]
+    assert [run("monitor", file, log).exit_code for file in (tree, outer)] == [1, 1]
+    assert run("monitor", tree, log, "--semantics", "projected").exit_code == 0
+    outer.write_text(f'import "{tree.name}"; semantics projected;')
+    assert run("monitor", outer, log).exit_code == 0
+    assert loads(text).semantics is None
+    assert not [lost for lost in losses(load(tree)) if "semantics" in lost]
+    assert [lost for lost in losses(loads(text)) if "semantics projected left out" in lost]
 
 
 @needs_corpus
@@ -142,8 +160,8 @@ def test_what_is_written_as_galileo_and_loses_nothing_means_the_same_when_it_is_
     random = Random(f"galileo {seed}")
     grown = random_tree(random, replace(PLAIN, sharing=0.3, max_nodes=8))
     nodes = [replace(n, attributes=() if n.children else (("lambda", "0.1"),)) for n in grown.nodes.values()]
-    tree = RVAFT(grown.root, nodes)
-    again = loads(draw(tree, Format.GALILEO).decode())
+    tree = RVAFT(grown.root, nodes, semantics=Semantics.SCATTERED)
+    again = loads(draw(tree, Format.GALILEO).decode(), "again.dft")
     check_written(tree)
     if not list(losses(tree)):
         assert meaning(again) == meaning(tree)

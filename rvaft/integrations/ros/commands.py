@@ -28,6 +28,7 @@ COMMANDS: Final = "run.txt"
 _ACTION: Final = "Log or filter all topics; default: filter topics with publishers, if there is one monitor."
 _POLARITY: Final = "The meaning of true: the tree can no longer be detected (property), or is detected."
 _DEFINITIVE: Final = "Send a final true when no detection is possible any more; this ends monitors that only log."
+_TIME: Final = "What the field time of a message has: seconds, as ROSMonitoring writes, or what the tree declares."
 _ORACLE: Final = "The oracle of the monitors: rvaft serve, or the RML oracle of ROSMonitoring."
 
 
@@ -73,6 +74,12 @@ def rosmonitoring_command(*, tree: str, output: str, force: bool, **how: Any) ->
         passing = folder == Path("/dev") or Path("/proc") in (folder, *folder.parents)
         if passing or not Path(tree).is_file():  # the tree comes from a stream
             raise OptionError(f"{tree}: the oracles read the tree again when they start: give it as a file")
+    if ros.needs_conversion(loaded):
+        options.refuse(
+            wanted.oracle is ros.Oracle.RML,
+            "ROSMonitoring writes `time` in seconds, and its RML oracle converts nothing: write `time time as s;`",
+        )
+        ros.in_seconds(loaded)
     monitors = ros.planned(loaded, wanted)
     files: dict[str, str | None] = {CONFIGURATION: ros.configuration_text(monitors, wanted)}
     left_out: list[str] = []
@@ -105,6 +112,7 @@ _MEBIBYTE: Final = 1024 * 1024
 @options.number("--port", least=0, most=65535, default=PORT, metavar="INTEGER RANGE", text="0 is any free port.")
 @click.option("--origin", multiple=True, metavar="URL", help="Accept web pages from this origin; repeatable.")
 @click.option("--shared", is_flag=True, help="One monitor for all connections instead of one for each.")
+@options.choice("--time", words=ros.MessageTime, text=_TIME)
 @options.repeat_options
 @options.semantics_option
 @options.part_options
@@ -124,7 +132,15 @@ _MEBIBYTE: Final = 1024 * 1024
     "--max-message", most=64, default=MAX_MESSAGE // _MEBIBYTE, metavar="MIB", text="Maximum size of a message in MiB."
 )
 def serve_command(
-    *, tree: str, branch: int | None, kind: Kind | None, per: Per, shared: bool, quiet: bool, **how: Any
+    *,
+    tree: str,
+    branch: int | None,
+    kind: Kind | None,
+    time: ros.MessageTime | None,
+    per: Per,
+    shared: bool,
+    quiet: bool,
+    **how: Any,
 ) -> int:
     """Answer ROSMonitoring monitors over WebSocket: each message is an event, each reply adds a
     verdict.
@@ -133,7 +149,13 @@ def serve_command(
     """
     require_host(how["host"])
     origins = tuple(map(origin, how["origin"]))
-    part = narrowed(options.load_tree(tree), branch, kind)
+    loaded = options.load_tree(tree)
+    options.refuse(
+        time is None and ros.needs_conversion(loaded),
+        f"the tree reads `time` as {loaded.time and loaded.time.format}, and ROSMonitoring writes seconds: give --time "
+        "seconds to convert them, or --time declared if other clients send what the tree declares",
+    )
+    part = narrowed(ros.in_seconds(loaded) if time is ros.MessageTime.SECONDS else loaded, branch, kind)
     words: Any = {name: how[name] for name in ("polarity", "vocabulary", "definitive", "strict_json")}
     speaking = Protocol(part, longest=how["max_message"] * _MEBIBYTE, **words)
     first = Session(part, how["semantics"], per=per, repeat=how["repeat"], cooldown=how["cooldown"])

@@ -11,14 +11,18 @@ from typing import Final
 
 from rvaft.api import narrowed, translate
 from rvaft.core.branches import alternatives
+from rvaft.core.classifier import TreeReads
 from rvaft.core.scenario_space import ScenarioSpace
 from rvaft.errors import OptionError, RvaftError, installed
 from rvaft.integrations.ros.server import PORT, REMEDY
+from rvaft.model.assumptions import fields_read
+from rvaft.model.event_time import TimeFormat
 from rvaft.model.nodes import Kind, Node, Topic, absolute, topic_of, wrong_name
-from rvaft.model.patterns import Literal
+from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
+from rvaft.readers.bag import TIME
 from rvaft.rules.rule import listing
 from rvaft.stream.monitor_set import Per, columns
 from rvaft.support.budget import Budget, Undecided
@@ -28,6 +32,7 @@ SUFFIXES: Final = {"rml": ".rml", "rml-prolog": ".pl"}
 """The backends for the RML oracle of ROSMonitoring, with the suffixes of their files."""
 _BEGINNINGS: Final = {"rml": b"// The attack-fault tree ", "rml-prolog": b":- module(spec, "}
 _HEADER: Final = "# Written by rvaft rosmonitoring: change the tree and write it again.\n"
+_GENERATOR: Final = "# For the generator of ROSMonitoring's branch master; others require more of each node.\n"
 _FINAL_ONLY: Final = 2
 """The value of `warning` that reports `false`, but not `currently_false`."""
 _LAST_PORT: Final = 65_535
@@ -45,6 +50,13 @@ class Action(StrEnum):
 
     LOG = "log"
     FILTER = "filter"
+
+
+class MessageTime(StrEnum):
+    """What the field `time` of a message has: seconds, as ROSMonitoring writes, or what the tree declares."""
+
+    SECONDS = "seconds"
+    DECLARED = "declared"
 
 
 class Oracle(StrEnum):
@@ -123,6 +135,22 @@ def planned(tree: RVAFT, options: RosOptions) -> tuple[Planned, ...]:
         topics = tuple((one, _action(one, options, alone=alone)) for one in _topics(part, options.semantics))
         made.append(Planned(id_, part, port, topics))
     return tuple(made)
+
+
+def needs_conversion(tree: RVAFT) -> bool:
+    """Whether a tree reads the field `time`, in which ROSMonitoring writes seconds, in another format."""
+    return tree.time is not None and tree.time.field == (TIME,) and tree.time.format is not TimeFormat.SECONDS
+
+
+def in_seconds(tree: RVAFT) -> RVAFT:
+    """Return a tree that reads `time` in seconds; raises `OptionError` if an event of it binds or compares `time`."""
+    if tree.time is None or not needs_conversion(tree):
+        return tree
+    patterns = [one for one in TreeReads(tree).patterns if isinstance(one, ObjectPattern)]
+    if TIME in {name for one in patterns for name, _ in one.fields} | {path[0] for path in fields_read(tree)}:
+        why = f"an event or assumption of the tree uses `{TIME}`, whose values would be in {tree.time.format}"
+        raise OptionError(f"{why}: write `time {TIME} as s;` and its values in seconds")
+    return tree.changed(time=replace(tree.time, format=TimeFormat.SECONDS))
 
 
 def monitor_id(name: str) -> str:
@@ -267,7 +295,8 @@ def configuration_text(monitors: Sequence[Planned], options: RosOptions) -> str:
         entries.append({"monitor": entry})
     nodes: list[Json] = [{"node": {"name": name}} for name in publishers]
     value = {"ros_version": options.ros_version.value, "nodes": nodes, "monitors": entries}
-    return f"{_HEADER}{installed('yaml', 'PyYAML', REMEDY).safe_dump(value, sort_keys=False, allow_unicode=True)}"
+    text = installed("yaml", "PyYAML", REMEDY).safe_dump(value, sort_keys=False, allow_unicode=True)
+    return f"{_HEADER}{_GENERATOR}{text}"
 
 
 def leftover(folder: Path, text: str) -> Iterator[str]:
@@ -303,6 +332,8 @@ def commands_text(monitors: Sequence[Planned], options: RosOptions, *, tree: str
                 words += ["--origin", f"http://{options.host}:{monitor.port}"]
         if options.semantics is not (monitor.tree.semantics or Semantics.PROJECTED):
             words += ["--semantics", options.semantics.value]
+        if needs_conversion(monitor.tree):
+            words += ["--time", "seconds"]
         if options.repeat:
             words.append("--repeat")
         whole = monitor.tree.part_of

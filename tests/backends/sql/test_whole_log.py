@@ -6,6 +6,7 @@ import random
 import re
 from collections import Counter
 from collections.abc import Sequence
+from decimal import Decimal
 from pathlib import Path
 from typing import Any, Literal
 
@@ -87,9 +88,9 @@ def event(draw: random.Random, time: float, odd: float) -> dict[str, Any]:
 
 
 def events(draw: random.Random, odd: float) -> list[dict[str, Any]]:
-    made, time = list[dict[str, Any]](), draw.choice([0.0, 1_700_000_000.0])
+    made, time, digits = list[dict[str, Any]](), draw.choice([0.0, 1_700_000_000.0]), draw.choice([6, 30])
     for _ in range(draw.choice([3, 20, 100])):
-        time = round(time + draw.choice([0, 0.1, 0.25, 1]), 6)
+        time = round(time + draw.choice([0, 0.1, 0.25, 1]), digits)
         made.append(event(draw, time, odd))
     return made
 
@@ -126,6 +127,33 @@ def test_json_lines(first: int, tmp_path: Path) -> None:
     assert seen["answered"] > 30
     assert seen["found"] > 10
     assert seen["declined"] > 3
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale", "nested"), [("s", 9, False), ("s", 9, True), ("ms", 6, False), ("ns", 0, True)]
+)
+def test_times_are_rounded_as_the_definition_does(unit: str, scale: int, nested: bool, tmp_path: Path) -> None:
+    """Pairs of events around the end of a window, written with more digits than nanoseconds have."""
+    draw = random.Random(f"{unit} {nested}")
+    tree, log = tmp_path / "tree.rvaft", tmp_path / "log.jsonl"
+    field = "time.of" if nested else "time"
+    tree.write_text(f"{TYPED} {SCATTERED} time {field} as {unit}; top sand a b within 1 s; a on x(_); b on y(_, _);")
+    lines = []
+    for pair in range(200):
+        start = Decimal(draw.randrange(10**9)).scaleb(-9) + 10 * pair - 500
+        end = start + 1 + Decimal(draw.choice([0, -4, 4, -5, 5, -6, 6, 51, -51])).scaleb(-10)
+        for name, time in (("x", start + Decimal(draw.choice([0, 5, 3])).scaleb(-10)), ("y", end)):
+            number = time.scaleb(9 - scale)
+            text = draw.choice([f"{number:f}", f"{number:f}" + "0" * (scale == 9), str(number)])
+            moment = f'"time": {{"of": {text}}}' if nested else f'"time": {text}'
+            lines.append((pair, f'{{"event": "{name}", "u": "{pair}", "n": 1, {moment}}}'))
+    for some in (lines[:4], lines):
+        log.write_text("".join(f"{line}\n" for _, line in some))
+        plain = run("monitor", tree, log, "--key", "u")
+        asked = run("monitor", tree, log, "--key", "u", "--engine", "duckdb")
+        assert (asked.stdout, asked.exit_code) == (plain.stdout, plain.exit_code)
+    assert 20 < plain.stdout.count(": true") < 180
+    assert "without DuckDB" not in asked.stderr
 
 
 @pytest.mark.parametrize("first", [0, *(pytest.param(first, marks=pytest.mark.ci) for first in range(40, 400, 40))])

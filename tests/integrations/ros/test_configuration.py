@@ -153,6 +153,19 @@ def test_the_topics_are_those_that_the_verdict_depends_on(
             assert whole.verdict is seen.verdict
 
 
+def test_the_oracle_converts_the_seconds_of_rosmonitoring_or_is_refused(tmp_path: Path) -> None:
+    text = 'time time as {}; bad sand a b within 1 s; event m(t) = {{ topic: t }}; a on m("/a"); b on m("/b");'
+    text += 'topic "/a" type "std_msgs.msg.Empty"; topic "/b" type "std_msgs.msg.Empty";'
+    for form, option in (("ns", ["--time", "seconds"]), ("ros", ["--time", "seconds"]), ("s", [])):
+        tree = written(tmp_path / f"{form}.rvaft", text.format(form))
+        configured(tree, tmp_path / form)
+        assert commands(tmp_path / form)[0][5:] == option
+        assert ("[ros-time]" in run("check", tree).stdout) is bool(option)
+        refused = run("rosmonitoring", tree, "-o", tmp_path / "rml", "--oracle", "rml")
+        assert refused.exit_code == 2
+        assert ("writes `time` in seconds" in refused.stderr) is bool(option)
+
+
 def test_names_are_spelled_as_the_patterns_spell_them(tmp_path: Path) -> None:
     """The generated monitor sends the name as it stands here, and the RML oracle compares it as it comes."""
     text = 'event e(t) = { topic: t };\ntopic "/c" type "a.msg.T" from n, "/ns/m";\ntop or x;\nx fault on e("c");\n'

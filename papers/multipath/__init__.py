@@ -1,0 +1,1 @@
+"""Multi-path properties of verdicts: observational determinism, and its text in HyperLTL."""

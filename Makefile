@@ -106,7 +106,7 @@ lint: $(STAMP)
 	$(BIN)/python -m pytest -q tests/house
 
 types: $(STAMP)
-	$(BIN)/mypy rvaft backends cross_check papers/languages tests
+	$(BIN)/mypy rvaft backends cross_check papers/languages papers/multipath tests
 
 layers: $(STAMP)
 	$(BIN)/lint-imports

@@ -127,12 +127,13 @@ def _minimal(full: Machine) -> Machine:
 def difference(of: Machine, hidden: Collection[str]) -> list[tuple[Letter | None, Letter | None]] | None:
     """Return the steps of a shortest pair of traces that look equal and have different verdicts, if any.
 
-    In a step, both traces have one letter that is seen, or each has a hidden one or idles (None).
+    In a step, both traces have one letter that is seen, or one has a hidden letter and the other idles
+    (None): two hidden letters are two steps.
     """
     unseen = [number for number, letter in enumerate(of.letters) if of.is_hidden(letter, hidden)]
     seen = [number for number in range(len(of.letters)) if number not in unseen]
     moves: list[tuple[int | None, int | None]] = [(number, number) for number in seen]
-    moves += [(one, other) for one in (*unseen, None) for other in (*unseen, None)]
+    moves += [move for number in unseen for move in ((number, None), (None, number))]
     before: dict[tuple[int, int], tuple[tuple[int, int], tuple[int | None, int | None]] | None] = {(0, 0): None}
     for pair in (todo := [(0, 0)]):
         if of.verdicts[pair[0]] is not of.verdicts[pair[1]]:

@@ -158,9 +158,10 @@ def gate(name: str) -> RVAFT:
 
 @pytest.mark.published
 @pytest.mark.skipif(not MCHYPER, reason="MCHYPER names no script")
-@pytest.mark.parametrize("name", ["and", "or", "sand", "vot"])
-def test_mchyper_decides_alike(name: str, tmp_path: Path) -> None:
-    of = machine(gate(name), Semantics.SCATTERED)
+@pytest.mark.parametrize("semantics", [Semantics.PROJECTED, Semantics.SCATTERED])
+@pytest.mark.parametrize("text", TEXTS)
+def test_mchyper_decides_alike(text: str, semantics: Semantics, tmp_path: Path) -> None:
+    of = machine(loads(text), semantics)
     for hidden in sets(of):
         (tmp_path / "tree.aag").write_text(aiger(of, hidden))
         words = [MCHYPER, "-f", hyperltl(of, hidden)["mchyper"], str(tmp_path / "tree.aag"), "-pdr", "-cex"]

@@ -77,6 +77,7 @@ _VALUES: Final = {
     "--max-message": "4",
     "--max-nodes": "8",
     "--memory": "2048",
+    "--message-time": "seconds",
     "--monpoly": "./monpoly",
     "--oracle": "rml",
     "--order-by": "time",

@@ -392,9 +392,9 @@ class _Run(Listener):
             if isinstance(stream, FollowedFile) and stream.unfinished:
                 sink.warn(f"{trace.name}: the last line is incomplete and was not read ({stream.unfinished} bytes)")
             if isinstance(stream, FollowedFile) and stream.goes_on:
-                sink.warn(f"{trace.name}: what follows line {stream.line} was not read: the monitor was told to stop")
+                sink.warn(f"{trace.name}: what follows line {stream.line} was not read: the monitor was stopped")
             if self.reaction.unstarted:
-                sink.warn(f"{counted(self.reaction.unstarted, 'command')} not started: the monitor was told to stop")
+                sink.warn(f"{counted(self.reaction.unstarted, 'command')} not started: the monitor was stopped")
             if self.progress is not None:
                 self.progress.finish(trace.size)
 

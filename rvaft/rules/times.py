@@ -191,7 +191,7 @@ def ros_time(space: ScenarioSpace) -> Iterator[RuleReport]:
     if space.tree.topics and time is not None and time.field == ("time",) and time.format is not TimeFormat.SECONDS:
         so = "as recordings of ROS have it" if time.format is TimeFormat.NANOSECONDS else "and recordings have it as ns"
         what = f"the tree reads `time` as {time.format}, {so}, but ROSMonitoring writes seconds"
-        yield RuleReport(time.place, f"{what}: give `--time seconds` to `rvaft serve`")
+        yield RuleReport(time.place, f"{what}: give `--message-time seconds` to `rvaft serve`")
 
 
 def unstated_semantics(space: ScenarioSpace) -> Iterator[RuleReport]:

@@ -3,7 +3,7 @@
 A command is run as `sh -c COMMAND`, with the detection as one JSON object on standard input. Its
 standard output goes to the standard error of the monitor. The monitor waits for it, except for a
 command that ends with `&`. A failure is reported, and the monitor continues. A command that still
-runs a second after the monitor was told to stop is killed.
+runs a second after the monitor was stopped is killed.
 """
 
 import json
@@ -28,7 +28,7 @@ from rvaft.support.terminal import cut
 PLACES: Final = ("time", "topic")
 TIMEOUT: Final = 30.0
 """Maximum duration of a command in seconds."""
-UNSTARTED: Final = "the command was not started, because the monitor was told to stop"
+UNSTARTED: Final = "the command was not started, because the monitor was stopped"
 _GRACE: Final = 0.5
 """Seconds between SIGTERM and SIGKILL."""
 _SHELL_STATUS: Final = {126: " (cannot be executed)", 127: " (command not found)"}
@@ -224,7 +224,7 @@ def _run(command: str, text: bytes) -> str | None:
                 running.wait(_GRACE)
         if isinstance(error, TimeoutError):
             if STOP.passed():
-                return "was killed, because it did not end when the monitor was told to stop"
+                return "was killed, because it did not end when the monitor was stopped"
             return f"did not end within {TIMEOUT:g} s and was killed"
         raise
     status = running.returncode

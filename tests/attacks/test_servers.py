@@ -231,7 +231,7 @@ def test_after_one_signal_no_event_is_read_and_no_command_started(more: tuple[st
         said, warned = (stream.read().decode() for stream in (running.stdout, running.stderr) if stream is not None)
     assert took < 10
     assert len((tmp_path / "begun").read_text()) < 4
-    assert "was not read: the monitor was told to stop" in warned
+    assert "was not read: the monitor was stopped" in warned
     with started(*words) as running:
         rest, failed = (text.decode() for text in running.communicate(timeout=4 * LONG))
     assert (running.returncode, failed) == (1, "")

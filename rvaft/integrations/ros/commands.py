@@ -112,7 +112,7 @@ _MEBIBYTE: Final = 1024 * 1024
 @options.number("--port", least=0, most=65535, default=PORT, metavar="INTEGER RANGE", text="0 is any free port.")
 @click.option("--origin", multiple=True, metavar="URL", help="Accept web pages from this origin; repeatable.")
 @click.option("--shared", is_flag=True, help="One monitor for all connections instead of one for each.")
-@options.choice("--time", words=ros.MessageTime, text=_TIME)
+@options.choice("--message-time", "time", words=ros.MessageTime, text=_TIME)
 @options.repeat_options
 @options.semantics_option
 @options.part_options
@@ -152,8 +152,8 @@ def serve_command(
     loaded = options.load_tree(tree)
     options.refuse(
         time is None and ros.needs_conversion(loaded),
-        f"the tree reads `time` as {loaded.time and loaded.time.format}, and ROSMonitoring writes seconds: give --time "
-        "seconds to convert them, or --time declared if other clients send what the tree declares",
+        f"the tree reads `time` as {loaded.time and loaded.time.format}, and ROSMonitoring writes seconds: give "
+        "--message-time seconds to convert them, or --message-time declared if clients send what the tree declares",
     )
     part = narrowed(ros.in_seconds(loaded) if time is ros.MessageTime.SECONDS else loaded, branch, kind)
     words: Any = {name: how[name] for name in ("polarity", "vocabulary", "definitive", "strict_json")}

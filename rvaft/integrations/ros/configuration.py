@@ -333,7 +333,7 @@ def commands_text(monitors: Sequence[Planned], options: RosOptions, *, tree: str
         if options.semantics is not (monitor.tree.semantics or Semantics.PROJECTED):
             words += ["--semantics", options.semantics.value]
         if needs_conversion(monitor.tree):
-            words += ["--time", "seconds"]
+            words += ["--message-time", "seconds"]
         if options.repeat:
             words.append("--repeat")
         whole = monitor.tree.part_of

@@ -156,7 +156,7 @@ def test_the_topics_are_those_that_the_verdict_depends_on(
 def test_the_oracle_converts_the_seconds_of_rosmonitoring_or_is_refused(tmp_path: Path) -> None:
     text = 'time time as {}; bad sand a b within 1 s; event m(t) = {{ topic: t }}; a on m("/a"); b on m("/b");'
     text += 'topic "/a" type "std_msgs.msg.Empty"; topic "/b" type "std_msgs.msg.Empty";'
-    for form, option in (("ns", ["--time", "seconds"]), ("ros", ["--time", "seconds"]), ("s", [])):
+    for form, option in (("ns", ["--message-time", "seconds"]), ("ros", ["--message-time", "seconds"]), ("s", [])):
         tree = written(tmp_path / f"{form}.rvaft", text.format(form))
         configured(tree, tmp_path / form)
         assert commands(tmp_path / form)[0][5:] == option

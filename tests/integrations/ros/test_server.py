@@ -311,14 +311,14 @@ async def test_rosmonitoring_writes_seconds_whatever_the_tree_reads(tmp_path: Pa
     """A tree for recordings has nanoseconds: 100.0 and 9000.0 are then no second apart."""
     tree = written(tmp_path / "tree.rvaft", "time time as ns; bad sand a b within 1 s; a; b;")
     for option, expected in (("seconds", "currently_true"), ("declared", False)):
-        with serving(tree, "--time", option) as (_, url):
+        with serving(tree, "--message-time", option) as (_, url):
             async with connected(url) as connection:
                 replies = await asked(connection, {"event": "a", "time": 100.0}, {"event": "b", "time": 9000.0})
         assert [reply["verdict"] for reply in replies] == ["currently_true", expected]
         assert replies[1]["time"] == 9000.0
-    failed(run("serve", tree), "reads `time` as ns", "--time seconds", "--time declared")
+    failed(run("serve", tree), "reads `time` as ns", "--message-time seconds", "--message-time declared")
     tree.write_text("time time as ns; event e(t) = { time: t }; bad sand a b within 1 s; a on e(1); b;")
-    failed(run("serve", tree, "--time", "seconds"), "uses `time`, whose values would be in ns")
+    failed(run("serve", tree, "--message-time", "seconds"), "uses `time`, whose values would be in ns")
 
 
 @live

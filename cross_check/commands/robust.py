@@ -1,6 +1,5 @@
 """`rvaft robust`: what one lost, doubled or swapped event does to the verdicts of a tree."""
 
-import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -211,10 +210,10 @@ def robust_command(
     read = {file: events for file in files for events in failures.collect(_reading(part, log_format), [file])}
     answers, sums = list[Answer](), dict[Semantics, Sums]()
     for meaning in semantics or [resolve_semantics(whole)]:
-        generated = {} if logs else dict(_generated(part, meaning, given["wanted"] or DEFAULT_NUMBER, given["seed"] or 0))
+        number, seed = given["wanted"] or DEFAULT_NUMBER, given["seed"] or 0
+        found = read if logs else dict(_generated(part, meaning, number, seed))
         trials = Trials(part, meaning, limit=given["max_configurations"] or DEFAULT_LIMIT, steps=given["steps"])
         sums[meaning] = Sums()
-        found = read if logs else generated
         with progress(sum(map(len, found.values())), "trying edits") as advance:
             for name, events in found.items():
                 with failures.reported():
@@ -283,13 +282,17 @@ def _text(answers: Sequence[Answer], sums: dict[Semantics, Sums]) -> Iterator[st
             hidden, detected = count["hidden"], count["detected"]
             share = f" ({100 * hidden / detected:.0f} %)" if detected else ""
             others = f"{count['forged']} of {count['tried'] - detected} forge one"
-            yield f"  {edit}: {hidden} of {detected} hide a detection{share}, {others}, {count['ended']} end it for good"
+            ended = f"{count['ended']} end detection for good"
+            yield f"  {edit}: {hidden} of {detected} hide a detection{share}, {others}, {ended}"
 
 
 def _json_text(answers: Sequence[Answer], sums: dict[Semantics, Sums]) -> str:
     logs = [
         {
-            **{"log": one.log, "semantics": one.semantics, "verdict": one.verdict.symbol, "events": one.events},
+            "log": one.log,
+            "semantics": one.semantics,
+            "verdict": one.verdict.symbol,
+            "events": one.events,
             "decided": one.decided,
             **one.verdicts,
             "untried": one.untried,
@@ -307,4 +310,5 @@ def _json_text(answers: Sequence[Answer], sums: dict[Semantics, Sums]) -> str:
         for semantics, own in sums.items()
         for edit, count in own.all.items()
     ]
-    return readable_json({"format": "rvaft-robust", "version": 1, "logs": logs, "nodes": nodes, "totals": totals}, indent=1)
+    found = {"format": "rvaft-robust", "version": 1, "logs": logs, "nodes": nodes, "totals": totals}
+    return readable_json(found, indent=1)

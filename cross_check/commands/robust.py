@@ -183,7 +183,7 @@ def _after(monitor: Engine, events: list[Json]) -> Verdict:
 @options.part_options
 @options.number("-n", "wanted", text=f"Without LOG: N detecting logs and N near misses.  [default: {DEFAULT_NUMBER}]")
 @click.option("--seed", type=int, metavar="S", help="Without LOG: seed of the random generator.  [default: 0]")
-@options.number("--steps", default=STEPS, text="Maximum number of events that monitors read for one log.")
+@options.number("--steps", default=STEPS, text="Maximum number of events that monitors read for one log and semantics.")
 @limit_option
 @options.log_format
 @options.output_format("text", "json")
@@ -203,6 +203,8 @@ def robust_command(
     generated as by `rvaft traces`. The exit status is 1 if an edit does one of the three.
     """
     options.refuse(logs and (given["wanted"] or given["seed"] is not None), "-n and --seed are for generated logs")
+    of_logs = log_format.form is not None or log_format.options.given - {"year"}
+    options.refuse(not logs and of_logs, "name a LOG for --input and the options of formats")
     whole = options.load_tree(tree)
     part, failures = narrowed(whole, given["branch"], given["kind"]), Failures()
     files = [file for some in failures.collect(expanded, logs) for file in some]
@@ -238,7 +240,8 @@ def _reading(part: RVAFT, log_format: options.LogFormat) -> Callable[[str], list
 
     def read(file: str) -> list[Json]:
         source: Any = options.standard_input("LOG") if file == "-" else file
-        events = read_log(source, log_format.form, name="<stdin>", reads=reads, warn=warn, **named)
+        name = "<stdin>" if file == "-" else click.format_filename(file)
+        events = read_log(source, log_format.form, name=name, reads=reads, warn=warn, **named)
         found: list[Json] = list(islice(events, WHOLE + 1))
         if len(found) > WHOLE:
             raise TooLarge(f"events of {click.format_filename(file)}", limit=WHOLE, remedy="name a part of the log")

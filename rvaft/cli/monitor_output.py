@@ -192,7 +192,7 @@ class Reporter(Listener):
             meant = [f"note: {semantics_hint.line}"] if semantics_hint is not None and semantics_hint.line else []
             summed = _summary(self.settings, rows) if self.settings.summed else ()
             afresh = (f"note: {line}" for line in read_afresh(rows))
-            lines = *held(totals.statistics), *meant, *summed, *afresh, *(f"warning: {line}" for line in doubts)
+            lines = *held(totals.statistics), *meant, *afresh, *summed, *(f"warning: {line}" for line in doubts)
             self.sink.line(*lines)
         else:
             for line in (*read_afresh(rows), *doubts):

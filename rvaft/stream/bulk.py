@@ -400,7 +400,7 @@ class BulkOrdering:
                 return None
         due = known[:turns]
         if ordering.came <= ordering.window:
-            ordering.count_steps(places)
+            ordering.count_steps(places[: ordering.window + 1 - ordering.came])
         ordering.came += len(events)
         ordering.held = known[turns:]
         if places:

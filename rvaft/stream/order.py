@@ -1,8 +1,9 @@
 """Time order: `Ordering` sorts events within a window, `Backwards` counts times that go back."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from heapq import heappush, heappushpop
-from itertools import chain, groupby
+from itertools import chain
 from math import inf
 from operator import itemgetter, le
 from typing import Final, Generic, TypeAlias, TypeVar
@@ -76,8 +77,10 @@ class Ordering(OrderedField, Generic[E]):
         self.before: Place = -inf
         self.latest: Place = -inf
         """The greatest place of an event returned."""
-        self.rises = self.falls = self.reversed = 0
-        """Steps up and down in the first window, and the events with equal places in reverse order."""
+        self.rises = self.falls = 0
+        """Steps up and down in the first window."""
+        self.equal = 0
+        """The number of events with equal places, of a trace that the window holds."""
 
     def add(self, event: E) -> E | None:
         """Add the next event; return the event that is due, or None while the window is not
@@ -118,27 +121,31 @@ class Ordering(OrderedField, Generic[E]):
     def rest(self) -> Iterator[E]:
         """Return the held events in order, at the end of the trace."""
         rest, self.held = sorted(self.held, key=itemgetter(0, 1)), []
-        if self.falls and not self.rises and self.came <= self.window:
-            # an event before the first place has no later one
-            rest.sort(key=lambda one: (inf if one[0] == -inf else one[0], -one[1]))
-            groups = [len([*equal]) for _, equal in groupby(rest, key=itemgetter(0))]
-            self.reversed = sum(size for size in groups if size > 1)
+        if self.came <= self.window:
+            self.equal = sum(size for size in Counter(place for place, _, _ in rest).values() if size > 1)
+            if self._newest_first:  # the events before the first place are the last ones
+                rest.sort(key=lambda one: (inf if one[0] == -inf else one[0], -one[1]))
         yield from (event for _, _, event in rest)
+
+    @property
+    def _newest_first(self) -> bool:
+        return self.falls > 0 and not self.rises and self.came <= self.window
 
     @property
     def warnings(self) -> Iterator[str]:
         """The warnings about late events and events without a place."""
         name = self.field.text
-        newest_first = "the log seems to be newest first: reverse it, as with tac FILE"
+        cure = "the log seems to be newest first: reverse it, as with tac LOG"
+        seems = self.falls > 2 * (self.rises + 1)
         if self.late:
             more = f"too late for a window of {self.window}: not reordered"
-            cure = f"; {newest_first}" if self.falls > self.rises else ""
-            yield f"{counted(self.late)} by the field {name} {more} (first: event {self.first_late} as read){cure}"
-        elif self.falls > self.rises > 0:
-            yield f"events with equal values of {name} keep the order of the log, but {newest_first}"
-        if self.reversed:
-            equal = f"{counted(self.reversed)} with equal values of {name}"
+            first = f"(first: event {self.first_late} as read){f'; {cure}' if seems else ''}"
+            yield f"{counted(self.late)} by the field {name} {more} {first}"
+        equal = f"{counted(self.equal)} with equal values of {name}"
+        if self.equal and self._newest_first:
             yield f"the log is newest first: {equal} read from last to first"
+        elif self.equal and seems:
+            yield f"{equal} read in the order of the log, but {cure}"
         if self.without:
             what = "a number or a time of ISO 8601"
             remedy = f"; declare other formats in the tree with `time {name} as FORMAT;`"

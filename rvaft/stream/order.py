@@ -54,8 +54,9 @@ class OrderedField:
 class Ordering(OrderedField, Generic[E]):
     """A buffer that returns the event with the smallest place once it holds `window` events.
 
-    Events with equal places keep their order. Where the window holds a whole trace in which places
-    never rise, the last event occurred first, and equal places take the reverse order. Sorting is
+    Events with equal places keep their order. Where the window holds a whole trace in which each event
+    has a place and places never rise, the last event occurred first: equal places take the reverse
+    order. Sorting is
     exact if no event is more than `window` places behind its own. A later event is returned at once
     and counted as `late`. An event without a place follows the event before it, and is counted in
     `without`. Can be pickled.
@@ -123,13 +124,13 @@ class Ordering(OrderedField, Generic[E]):
         rest, self.held = sorted(self.held, key=itemgetter(0, 1)), []
         if self.came <= self.window:
             self.equal = sum(size for size in Counter(place for place, _, _ in rest).values() if size > 1)
-            if self._newest_first:  # the events before the first place are the last ones
-                rest.sort(key=lambda one: (inf if one[0] == -inf else one[0], -one[1]))
+            if self._newest_first:
+                rest.sort(key=lambda one: (one[0], -one[1]))
         yield from (event for _, _, event in rest)
 
     @property
     def _newest_first(self) -> bool:
-        return self.falls > 0 and not self.rises and self.came <= self.window
+        return self.falls > 0 and not self.rises and not self.without and self.came <= self.window
 
     @property
     def warnings(self) -> Iterator[str]:

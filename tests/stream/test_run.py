@@ -93,12 +93,8 @@ def by_hand(times: Sequence[Any], window: int) -> tuple[list[int], list[int]]:
             waiting.remove(first)
             said = max(said, first[0])
             order.append(first[1])
-    known = [time for time in times if time is not None]
-    if len(times) <= window and known != sorted(known) and known == sorted(known, reverse=True):  # newest first
-        last = [number for place, number in waiting if place == float("-inf")]
-        return [number for place, number in sorted(waiting, key=lambda one: (one[0], -one[1]))][len(last) :] + last[
-            ::-1
-        ], late
+    if len(times) <= window and None not in times and times == sorted(times, reverse=True) != sorted(times):
+        return [number for _, number in sorted(waiting, key=lambda one: (one[0], -one[1]))], late  # newest first
     return order + [number for _, number in sorted(waiting)], late
 
 
@@ -135,8 +131,8 @@ def test_an_event_without_a_number_stays_behind_the_one_before() -> None:
 def test_times_of_iso_8601_are_an_order_too_and_no_numbers() -> None:
     early, later, last = "2024-01-01T00:00:00.5Z", "2024-01-01T02:00:01+02:00", "2024-01-01 00:00:02"
     order, met = in_order([last, later, 7, "soon", early], window=9)
-    assert (order, met.without, met.first_without) == ([5, 4, 3, 2, 1], 2, 3)  # newest first
-    assert in_order([1, early, 3], window=9)[0] == [1, 2, 3]
+    assert (order, met.without, met.first_without) == ([5, 2, 3, 4, 1], 2, 3)
+    assert in_order([3, early, 1], window=9)[0] == [3, 1, 2]
 
 
 NEWEST: Final = [("c", 9), ("b", 5), ("a", 5)]

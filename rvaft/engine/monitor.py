@@ -155,10 +155,10 @@ class Engine(Monitor):
         self._position, self.jumps = earlier._position, earlier.jumps
         self.pass_time(earlier._latest)
 
-    def is_late(self, event: Json, number: int) -> bool:
-        """Whether the event of that number is late (semantics, section 1.1); call it once per event, in order.
+    def is_late(self, event: Json, number: int = 0) -> bool:
+        """Whether an event is late (semantics, section 1.1); call it once per event, in order.
 
-        A caller of `take` passes late events to `skip` instead.
+        A caller of `take` passes late events to `skip` instead. `jumps` have the numbers of events.
         """
         late, latest = self.tree.time.is_late(event, self._latest) if self.tree.time else (False, None)
         if latest != self._latest:

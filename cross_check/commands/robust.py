@@ -218,8 +218,13 @@ def robust_command(
         sums[meaning] = Sums()
         with progress(sum(map(len, found.values())), "trying edits") as advance:
             for name, events in found.items():
+                shown = click.format_filename(name)
                 with failures.reported():
-                    answers.append(trials.answer(click.format_filename(name), events, advance))
+                    try:
+                        answers.append(trials.answer(shown, events, advance))
+                    except TooLarge as error:
+                        error.add_note(f"in {shown} or an edit of it; --max-configurations allows more")
+                        raise
                     sums[meaning].add(answers[-1])
     lines = [_json_text(answers, sums)] if given["form"] == "json" else list(_text(answers, sums))
     click.echo(inert("\n".join(lines)))

@@ -113,6 +113,13 @@ def test_refusals(tmp_path: Path) -> None:
     assert "no file matches the pattern" in none
     assert f"{broken}:2: not JSON" in malformed
     assert "good.jsonl: ? of 1" in result.stdout
+    joined = written(
+        tmp_path / "t",
+        "event e(x) = { n: x }; event f(x, y) = { m: x, k: y }; semantics scattered; "
+        "top sand a b c; a on e(X); b on f(X, Y); c on e(Y);",
+    )
+    many = written(tmp_path / "many.jsonl", lines([{"n": n} for n in range(9)]))
+    failed(run("robust", joined, many, "--max-configurations", 2), "in ", "--max-configurations allows more")
 
 
 # -- agreement with a monitor of each edited log ----------------------------------------------------------------------

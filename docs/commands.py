@@ -18,6 +18,7 @@ CALLS: Final = {
     "report": "tree.rvaft log.jsonl -o report.html",
     "view": "tree.rvaft log.jsonl",
     "coverage": "tree.rvaft log.jsonl",
+    "robust": "tree.rvaft log.jsonl",
     "traces": "tree.rvaft",
     "serve": "tree.rvaft",
     "rosmonitoring": "tree.rvaft -o config",
@@ -46,6 +47,7 @@ _VALUES: Final = {
     "--csv": "results.csv",
     "--depth": "2",
     "--dialect": "duckdb",
+    "--distinct": "id",
     "--engine": "duckdb",
     "--exec": "./alert.sh",
     "--exec-attack": "./page.sh",
@@ -72,6 +74,7 @@ _VALUES: Final = {
     "--max-arity": "4",
     "--max-configurations": "1000",
     "--max-connections": "10",
+    "--max-distinct": "1000",
     "--max-events": "5000",
     "--max-keys": "1000",
     "--max-message": "4",
@@ -101,6 +104,7 @@ _VALUES: Final = {
     "--semantics": "scattered",
     "--signature": "tree.sig",
     "--states": "1000",
+    "--steps": "100000",
     "--table": "auth",
     "--template": "'{title}: {event}'",
     "--time": "ts",
@@ -133,6 +137,7 @@ _OWN: Final = {
     ("infer", "--output"): "-o tree.rvaft",
     ("monitor", "--format"): "--format jsonl",
     ("report", "--output"): "-o report.html",
+    ("robust", "--format"): "--format json",
     ("rosmonitoring", "--output"): "-o config",
     ("show", "--format"): "--format dot",
     ("show", "--output"): "-o tree.svg",
@@ -167,7 +172,7 @@ def example(name: str, option: click.Option) -> str:
     long = max(option.opts, key=len)
     given = _OWN.get((name, long)) or (long if option.is_flag else f"{long} {_VALUES[long]}")
     call = CALLS[name]
-    if long in _WITHOUT_LOG:
+    if long in _WITHOUT_LOG or (name == "robust" and long in ("-n", "--seed")):
         call = call.removesuffix(" log.jsonl")
     if long in _WITHOUT_TREE and name in ("cross-check", "compare"):
         call = ""

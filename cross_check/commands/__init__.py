@@ -1,1 +1,1 @@
-"""The commands `rvaft cross-check` and `rvaft traces`."""
+"""The commands `rvaft cross-check`, `rvaft traces` and `rvaft robust`."""

@@ -41,9 +41,9 @@ SMALL_TEXT: Final = 5_000
 
 
 @contextmanager
-def progress(total: int) -> Iterator[Callable[[], None]]:
+def progress(total: int, work: str = "comparing") -> Iterator[Callable[[], None]]:
     """Show a progress bar on terminals; the yielded function advances it."""
-    shown = (TextColumn("comparing"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    shown = (TextColumn(work), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*shown, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("", total=total)
         yield lambda: bar.advance(task)

@@ -57,6 +57,7 @@ _GROUPS: Final[dict[str, dict[str, str]]] = {
         "view": "Serve that page to browsers, also while a log grows.",
         "coverage": "Report which branches logs exercise.",
         "traces": "Write example logs for a tree.",
+        "robust": "Report what a lost, doubled or swapped event does.",
         "serve": "Serve verdicts to ROSMonitoring over WebSocket.",
         "rosmonitoring": "Write a ROSMonitoring configuration for a tree.",
     },

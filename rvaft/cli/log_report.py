@@ -8,7 +8,7 @@ import click
 from rvaft.api import narrowed
 from rvaft.cli import FAILED, options, warn
 from rvaft.cli.monitor import TracesGiven, limit_option, plan_of, require_companions, stream_options
-from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow, held
+from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow, held, read_afresh
 from rvaft.cli.monitor_run import run
 from rvaft.model.nodes import Kind
 from rvaft.reports.log_report import PLACES, SHOWN, LogReport, Messages
@@ -50,7 +50,7 @@ class PageReporter(Reporter):
 
     def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:  # noqa: ARG002
         """Make the page."""
-        for line in self.report.left_out:
+        for line in (*self.report.left_out, *read_afresh(rows)):
             self.sink.warn(line)
         self.page = self.report.page(self.settings.name, self.collected_messages())
 

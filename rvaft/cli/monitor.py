@@ -12,7 +12,7 @@ import click
 from rvaft.api import monitor, narrowed, resolve_semantics, translate
 from rvaft.cli import FAILED, Failures, native, options, warn
 from rvaft.cli.alerts import FORMS, Template
-from rvaft.cli.monitor_output import REPORTERS, MonitorSettings
+from rvaft.cli.monitor_output import AFRESH, REPORTERS, MonitorSettings
 from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
 from rvaft.cli.native_run import NativeEngine, NativeRun
 from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
@@ -31,7 +31,7 @@ from rvaft.readers.log import InputOptions, LogReader, expanded, required_stream
 from rvaft.rules.rule import listing
 from rvaft.stream.checkpoint import EVERY, CheckpointFile
 from rvaft.stream.detection import Hooks
-from rvaft.stream.keys import MAX_KEYS, Field, Key
+from rvaft.stream.keys import MAX_DISTINCT, MAX_KEYS, Field, Key
 from rvaft.stream.listeners import publisher_class
 from rvaft.stream.monitor_set import MonitorSet, Per, columns
 from rvaft.stream.order import DEFAULT_WINDOW
@@ -73,20 +73,24 @@ _UNQUERIED: Final = {
     "follow": "a query reads a whole file",
     "checkpoint": "a query reads a whole file",
     "order_by": "a query reads the events in the order of the file",
+    "distinct": "a query reads every event",
     "foxglove": "it follows the events one by one",
     "strict_json": "DuckDB reads the words NaN and Infinity",
 }
 """Options that an engine cannot honour, each with the reason."""
 _KEY: Final = "Monitor each value of this field separately; repeat for a key of several fields."
+_DISTINCT: Final = "Skip an event whose id in this field came before; repeat for an id of several fields."
 _ORDER: Final = "Sort events by this field, a number or an ISO 8601 time."
 _MOST: Final = f"Maximum number of partial matches per monitor.  [default: {DEFAULT_LIMIT}]"
 
 
 def stream_options(function: options.F) -> options.F:
-    """Add `--key`, `--max-keys`, `--order-by` and `--window`."""
+    """Add `--key`, `--max-keys`, `--distinct`, `--max-distinct`, `--order-by` and `--window`."""
     for option in (
         options.number("--window", text=f"Number of events that --order-by holds back.  [default: {DEFAULT_WINDOW}]"),
         click.option("--order-by", metavar="FIELD", help=_ORDER),
+        options.number("--max-distinct", text=f"Number of ids that are remembered.  [default: {MAX_DISTINCT}]"),
+        click.option("--distinct", multiple=True, metavar="FIELD", help=_DISTINCT),
         options.number("--max-keys", text=f"Maximum number of values of --key.  [default: {MAX_KEYS}]"),
         click.option("--key", multiple=True, metavar="FIELD", help=_KEY),
     ):
@@ -164,6 +168,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         readable = all(one.is_plain for one in traces.sources) and not has_surrogate("".join(files))  # UTF-8
         if native.works_alone(given) and readable:
             status = native.run(part, semantics, files, repeat=given["repeat"], detections=given["detections"])
+            if len(files) > 1 and status == 0:
+                warn(AFRESH.format(what="nothing was detected"))
             return FAILED if traces.missing.met else status
     if engine is not None:
         traces.require_whole(engine)
@@ -223,6 +229,7 @@ def _checkpoints(
         "--semantics": semantics,
         "--per": given["per"],
         "--key": ", ".join(given["key"]) or None,
+        "--distinct": ", ".join(given["distinct"]) or None,
         "--order-by": given["order_by"],
         "--window": given["window"],
         "--input": None if reader is None else f"{reader.name} {reader.options}",
@@ -293,6 +300,8 @@ def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any], native_run: Nat
         given["order_by"],
         given["window"] or DEFAULT_WINDOW,
         given["strict_json"],
+        distinct=Key.parse(given["distinct"]) if given["distinct"] else None,
+        max_distinct=given["max_distinct"] or MAX_DISTINCT,
     )
 
 
@@ -326,7 +335,13 @@ def _check(given: dict[str, Any]) -> None:
 
 def require_companions(given: Mapping[str, Any]) -> None:
     """Refuse an option without the option that it requires."""
-    for name, needed in (("max_keys", "key"), ("window", "order_by"), ("checkpoint_every", "checkpoint")):
+    pairs = (
+        ("max_keys", "key"),
+        ("max_distinct", "distinct"),
+        ("window", "order_by"),
+        ("checkpoint_every", "checkpoint"),
+    )
+    for name, needed in pairs:
         wrong = given.get(name) is not None and given[needed] in (None, ())
         options.refuse(wrong, f"--{name.replace('_', '-')} needs --{needed.replace('_', '-')}")
 

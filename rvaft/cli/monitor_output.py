@@ -39,6 +39,11 @@ TYPES: Final = 20
 WAITING: Final = 10
 """Maximum number of branches with listed missing events."""
 LISTED: Final = 20
+AFRESH: Final = (
+    "each log is monitored afresh, so a match that begins in one and ends in another is not found ({what}); to "
+    "monitor them as one, join them in the order of time, as with cat LOG... | rvaft monitor TREE"
+)
+"""The note on several logs that may be parts of one."""
 
 
 class Sink:
@@ -186,10 +191,11 @@ class Reporter(Listener):
         if self.sums and totals.statistics is not None:
             meant = [f"note: {semantics_hint.line}"] if semantics_hint is not None and semantics_hint.line else []
             summed = _summary(self.settings, rows) if self.settings.summed else ()
-            for line in (*held(totals.statistics), *meant, *summed, *(f"warning: {line}" for line in doubts)):
-                self.sink.line(line)
+            afresh = (f"note: {line}" for line in read_afresh(rows))
+            lines = *held(totals.statistics), *meant, *afresh, *summed, *(f"warning: {line}" for line in doubts)
+            self.sink.line(*lines)
         else:
-            for line in doubts:
+            for line in (*read_afresh(rows), *doubts):
                 self.sink.warn(line)
 
 
@@ -374,6 +380,14 @@ class _Table(_Text):
 
 
 REPORTERS: Final = {"text": _Text, "table": _Table, "jsonl": _JsonLines}
+
+
+def read_afresh(rows: Sequence[SummaryRow]) -> Iterator[str]:
+    """Yield that no match spans two traces, if there are several and one of them may be continued."""
+    traces = {row.trace for row in rows if not row.failed}
+    unknown = {row.trace for row in rows if row.verdicts[0] is Verdict.UNKNOWN and not row.failed}
+    if len(traces) > 1 and unknown:
+        yield AFRESH.format(what=f"{len(unknown)} of {len(traces)} end unknown")
 
 
 def held(statistics: Statistics) -> Iterator[str]:

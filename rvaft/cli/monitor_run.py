@@ -74,7 +74,8 @@ class TraceSource(NamedTuple):
             if sink is not None:
                 sink.warn(f"{first}; skipped, as are later ones like it")
 
-        needed = tuple((one.text, one.path[0]) for one in (plan.key.fields if plan.key else ()))
+        of_keys = (one for key in (plan.key, plan.distinct) if key is not None for one in key.fields)
+        needed = tuple((one.text, one.path[0]) for one in of_keys)
         given, strict = cast("LogSource", source), plan.strict_json
         return Log(self.reader, given, self.name, plan.reads, strict, line, needed=needed, on_reject=warn_of, live=live)
 
@@ -191,7 +192,7 @@ class _Run(Listener):
         sums = self.reporter.sums
         self.totals = Totals(
             Statistics(monitors.types) if sums or not tried else None,  # for this summary, or that of a resumed run
-            DataWarnings(monitors.types),
+            DataWarnings(monitors.types, sink.warn),
             SemanticsHint(monitors.columns[0].part, tried=tried) if settings.unchosen and sums else None,
         )
         self.reporter.totals = self.totals
@@ -215,6 +216,7 @@ class _Run(Listener):
             trace.file is not None
             and (path.is_file() or path.is_dir())
             and plan.order_by is None
+            and plan.distinct is None
             and not settings.follow
         )
         buffer = EventBuffer(path if again else None, reads=plan.reads, reader=trace.reader, late=not plan.plain)

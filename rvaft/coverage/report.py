@@ -68,6 +68,8 @@ def table_text(report: CoverageReport, *, width: int | None = None) -> str:
         cells = str(branch.number), ", ".join(_kinds(branch)) or "-", *numbers, _where(branch)
         table.add_row(*(Text(visible(cell)) for cell in cells))
     below = [""]
+    if report.logs > 1 and any(branch.reached and not branch.detected for branch in report.branches):
+        below.append("note: each log is read afresh, so a match that begins in one and ends in another is not found")
     if report.infeasible:
         listed = ", ".join(map(str, report.infeasible[:_LISTED]))
         below.append(f"no feasible scenario: branch {listed}{', …' if len(report.infeasible) > _LISTED else ''}")

@@ -21,6 +21,7 @@ from rvaft.engine.partial_matches import Contiguous, Following
 from rvaft.engine.scattered_general import ScatteredMatches
 from rvaft.engine.scattered_linear import LinearMonitor, linear_starts
 from rvaft.engine.settled_choices import SettledChoices
+from rvaft.model.event_time import Jump
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
@@ -50,6 +51,8 @@ class Engine(Monitor):
         self.semantics = Semantics(semantics or tree.semantics or Semantics.PROJECTED)
         self._position = 0
         self._latest: int | None = None
+        self.jumps: tuple[Jump, ...] = ()
+        """The last jumps of the maximum event time."""
         self._explanation: Explanation | None = None
         self._ended: Ended | None = None
         self._limit = limit
@@ -149,16 +152,18 @@ class Engine(Monitor):
     def go_on_after(self, earlier: Self) -> None:
         """Continue after another engine of the same tree; this engine must be new."""
         super().go_on_after(earlier)
-        self._position = earlier._position
+        self._position, self.jumps = earlier._position, earlier.jumps
         self.pass_time(earlier._latest)
 
-    def is_late(self, event: Json) -> bool:
+    def is_late(self, event: Json, number: int = 0) -> bool:
         """Whether an event is late (semantics, section 1.1); call it once per event, in order.
 
-        A caller of `take` passes late events to `skip` instead.
+        A caller of `take` passes late events to `skip` instead. `jumps` have the numbers of events.
         """
         late, latest = self.tree.time.is_late(event, self._latest) if self.tree.time else (False, None)
         if latest != self._latest:
+            if self.tree.time is not None:
+                self.jumps = self.tree.time.jumped(self.jumps, number, self._latest, latest)
             self.pass_time(latest)
         return late
 
@@ -175,7 +180,7 @@ class Engine(Monitor):
 
     def _advance(self, event: Json) -> Verdict:
         self._position += 1
-        if self._may_be_late and self.is_late(event):
+        if self._may_be_late and self.is_late(event, self._position):
             return self._strategy.advance(NOTHING, self._position)
         return self._strategy.advance(self._strategy.read(event, self.letters.classify(event)), self._position)
 

@@ -103,6 +103,12 @@ class Address(NamedTuple):
         )
 
 
+_REPEATED: Final = (
+    "the broker marks it as a possible duplicate: monitored twice, it may hide or forge a detection, or end it for "
+    "good; skip it with --distinct FIELD"
+)
+
+
 class MqttReader(LogReader):
     """Live MQTT messages.
 
@@ -146,7 +152,7 @@ class MqttReader(LogReader):
                     continue
                 number += 1
                 if message.dup:
-                    warn_once("the broker marks it as a possible duplicate, so it may count twice", f"message {number}")
+                    warn_once(_REPEATED, f"message {number}")
                 try:
                     event = _event(message, came, log)
                 except ValueError as error:

@@ -13,7 +13,7 @@ from datetime import UTC, date, datetime, timedelta, timezone, tzinfo
 from decimal import ROUND_05UP, ROUND_HALF_EVEN, Context, Decimal, DecimalException
 from enum import StrEnum
 from functools import lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 from zoneinfo import ZoneInfo
 
 from rvaft.errors import OptionError
@@ -225,6 +225,25 @@ def _instant(day: date, clock: tuple[int, int, int], decimals: str, ahead: int) 
     return whole * UNITS["s"] + part_
 
 
+class Jump(NamedTuple):
+    """An event whose time is more than the allowed lateness ahead of the maximum before it, or the first time."""
+
+    number: int
+    before: int | None
+    time: int
+    line: int | None = None
+
+    def makes_late(self, time: int, latest: int, allowed: int) -> bool:
+        """Whether a late event of that time would not be late without the jump, and the events after it."""
+        if self.before is None:
+            return latest == self.time
+        return self.before - allowed <= time < self.time
+
+
+JUMPS: Final = 16
+"""Number of jumps that are remembered."""
+
+
 @dataclass(frozen=True, slots=True)
 class EventTime:
     """`time FIELD as FORMAT [late DURATION];`.
@@ -277,6 +296,12 @@ class EventTime:
         if time is None or latest is None:
             return False, latest if time is None else time
         return latest - time > (self.late or 0), max(latest, time)
+
+    def jumped(self, jumps: tuple[Jump, ...], number: int, before: int | None, latest: int | None) -> tuple[Jump, ...]:
+        """Return the last `JUMPS` jumps after an event that moved the maximum time on from `before`."""
+        if latest is None or (before is not None and latest - before <= (self.late or 0)):
+            return jumps
+        return (*jumps, Jump(number, before, latest))[-JUMPS:]
 
     def stamped(self, event: Json) -> Json:
         """Return the event with its time in nanoseconds (or null) at the key `TIME`.

@@ -72,13 +72,13 @@ def read(
 ) -> Iterator[bool]:
     """Read all events of a source as `run.read` does, and pause after each block.
 
-    Without `by_blocks`, and under assumptions, events are read one by one. A `live` source is read
+    Without `by_blocks`, under assumptions, and with distinct ids, events are read one by one. A `live` source is read
     as events arrive. `jobs` processes decode a regular file. `log` is that of a restored run, in which
     irrelevant events may be held back without their fields.
     """
     if not (live or run.plan.monitors.engines):
         return run.read(source, name, line=line, whole=True)
-    if ENABLED and by_blocks and run.assumed is None:
+    if ENABLED and by_blocks and run.assumed is None and run.distinct is None:
         reading = BulkReading(run)
         blocks = reading.blocks(source, name, line, live=live, jobs=jobs)
         if blocks is not None:
@@ -399,6 +399,8 @@ class BulkOrdering:
             if turns and (known[0][0] < ordering.latest or any(map(gt, numbers[:turns], count(full)))):
                 return None
         due = known[:turns]
+        if ordering.came <= ordering.window:
+            ordering.count_steps(places[: ordering.window + 1 - ordering.came])
         ordering.came += len(events)
         ordering.held = known[turns:]
         if places:

@@ -36,7 +36,7 @@ from rvaft.engine.configuration import Configuration, Snapshot
 from rvaft.engine.scattered_linear import LinearSnapshot
 from rvaft.errors import CheckpointError, OptionError
 from rvaft.language.printer import dumps
-from rvaft.model.event_time import EventTime, TextFormat, TimeFormat
+from rvaft.model.event_time import EventTime, Jump, TextFormat, TimeFormat
 from rvaft.model.nodes import Assumption, Kind, Place
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Exact
@@ -61,12 +61,12 @@ _BATCH: Final = 500
 """Number of traces that are packed together."""
 _EDGE: Final = 1 << 16
 """Bytes hashed at the start of a trace and before the offset."""
-_MAGIC: Final = b"rvaft checkpoint 7\n"
+_MAGIC: Final = b"rvaft checkpoint 8\n"
 _BLOCK: Final = 1 << 20
 _ANEW: Final = "remove it to begin anew"
 _BUILT_IN: Final = (dict, frozenset, list, set, Counter, OrderedDict)
 _OF_TREES: Final = (
-    *(EventTime, Exact, Kind, NonFiniteEvent, Place, RepeatingObject, Semantics, TextFormat, TimeFormat, Verdict),
+    *(EventTime, Exact, Jump, Kind, NonFiniteEvent, Place, RepeatingObject, Semantics, TextFormat, TimeFormat, Verdict),
 )
 _OF_MONITORS: Final = (
     AlternativesSnapshot,

@@ -5,7 +5,7 @@ comparison is checked with the last values of the other variables.
 """
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from enum import StrEnum
@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 from rvaft.core.classifier import Values, flat, reader
 from rvaft.model.assumptions import AssumptionCheck
-from rvaft.model.event_time import duration_text
+from rvaft.model.event_time import UNITS, Jump, duration_text
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import Guard, Operation, Operator, time_points, value, variables, walk
 from rvaft.model.nodes import Assumption
@@ -39,6 +39,7 @@ class Reason(StrEnum):
     GUARD = "undefined guard"
     TIME = "unreadable time"
     LATE = "late event"
+    JUMP = "time far ahead"
     NUMBER = "number that is not finite"
     ASSUMPTION = "broken assumption"
 
@@ -47,6 +48,7 @@ _MESSAGES: Final = {
     Reason.GUARD: "undefined guard in {events}: {about}, where {example}",
     Reason.TIME: "no readable time in {events}: {example}",
     Reason.LATE: "{events} later than {about}, which no match uses: {example}",
+    Reason.JUMP: "{events} late only because one time is more than {about} ahead: {example}",
     Reason.NUMBER: "undefined number in {events}: {example}",
     Reason.ASSUMPTION: "assumption '{about}' broken in {events}: {example}",
 }
@@ -95,15 +97,21 @@ class _LetterChecks:
 
 
 class DataWarnings:
-    """Counts for the events of traces of one tree; can be pickled and merged."""
+    """Counts for the events of traces of one tree; can be pickled and merged.
 
-    def __init__(self, types: EventTypeIndex) -> None:
+    `warn` is called at once with the first event of a trace that is late because of a time far ahead.
+    """
+
+    def __init__(self, types: EventTypeIndex, warn: Callable[[str], object] | None = None) -> None:
         self.found: dict[tuple[Reason, str], DataWarning] = {}
         self._last: dict[str, Json] = {}
-        self.attach(types)
+        self.attach(types, warn)
 
-    def attach(self, types: EventTypeIndex) -> None:
+    def attach(self, types: EventTypeIndex, warn: Callable[[str], object] | None = None) -> None:
         """Attach the tree, after unpickling."""
+        self.warn = warn
+        self._warned: str | None = None
+        """The prefix of the last trace with such a warning."""
         self._types, self.time, self.version = types, types.tree.time, 0
         self._checks = dict(_checks(types))
 
@@ -170,15 +178,19 @@ class DataWarnings:
     def over(self, events: Iterable[tuple[int, Json]], prefix: str) -> Iterator[tuple[int, Json, EventKind | None]]:
         """Check and yield events with number and kind (None if late)."""
         latest, look_up, assumed = None, self._types.of, checked(self._types.tree)
+        jumps: tuple[Jump, ...] = ()
         time = self.time if self.time is not None and self.time.late is not None else None
         for number, event in events:
             if assumed is not None:
                 self.note_broken(assumed, event, f"{prefix}event {number}")
             late = False
             if time is not None:
-                late, latest = time.is_late(event, latest)
+                before = latest
+                late, latest = time.is_late(event, before)
+                if latest != before:
+                    jumps = time.jumped(jumps, number, before, latest)
             if late:
-                self.note_late(event, number, prefix, latest)
+                self.note_late(event, number, prefix, latest, jumps)
                 yield number, event, None
                 continue
             event_kind = look_up(event)
@@ -195,14 +207,24 @@ class DataWarnings:
         for assumption, message in {one.assumption: one.message for one in assumed.broken(event)[::-1]}.items():
             self.note(Reason.ASSUMPTION, assumption, place, message)
 
-    def note_late(self, event: Json, number: int, prefix: str, latest: int | None) -> None:
-        """Count a late event; `latest` is the greatest time before it."""
+    def note_late(self, event: Json, number: int, prefix: str, latest: int | None, jumps: Sequence[Jump] = ()) -> None:
+        """Count a late event; `latest` is the greatest time before it, with its last jumps."""
         assert self.time is not None, "only where times are declared are events late"
         time, written = self.time.read(event) or 0, self.time.written(event)
         shown = f"{Decimal(time).scaleb(-9).normalize():f} s" if isinstance(written, Mapping) else json.dumps(written)
         behind = f"{duration_text((latest or 0) - time)} behind the latest"
         example = f"{'.'.join(self.time.field)} is {shown}, {behind}"
-        self.note(Reason.LATE, duration_text(self.time.late or 0), f"{prefix}event {number}", example)
+        allowed, place = self.time.late or 0, f"{prefix}event {number}"
+        self.note(Reason.LATE, duration_text(allowed), place, example)
+        jump = next((one for one in jumps if one.makes_late(time, latest or 0, allowed)), None)
+        if jump is None:
+            return
+        line = "" if jump.line is None else f" (line {jump.line})"
+        ahead = f"{prefix}event {jump.number}{line} is {_about(jump.time - time)} ahead"
+        if self.warn is not None and self._warned != prefix:
+            self._warned = prefix
+            self.warn(f"{ahead} of event {number}, which is late therefore, as are others like it: no match uses them")
+        self.note(Reason.JUMP, duration_text(allowed), place, ahead)
 
     def merge(self, other: "DataWarnings") -> None:
         """Add the counts of a later trace."""
@@ -245,6 +267,12 @@ class DataWarnings:
             checks.good.clear()
         if types is not None:
             checks.good.add(types)
+
+
+def _about(nanoseconds: int) -> str:
+    """Return a duration with one decimal of the longest unit that fits."""
+    unit, size = next(((unit, size) for unit, size in UNITS.items() if size <= nanoseconds), ("ns", 1))
+    return f"{round(nanoseconds / size, 1):g} {unit}"
 
 
 def checked(tree: RVAFT, *, order: bool = False) -> AssumptionCheck | None:

@@ -1,11 +1,13 @@
-"""Event fields by path, keys, and the monitors of each value of a key."""
+"""Event fields by path, keys, the monitors of each value of a key, and the ids of events that came."""
 
+from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Self
+from hashlib import blake2b
+from typing import Final, Self, TypeAlias
 
 from rvaft.errors import OptionError, TooLarge
-from rvaft.model.values import Json, JsonObject, at, is_finite
+from rvaft.model.values import Exact, Json, JsonObject, at, is_finite
 from rvaft.model.values import key as value_key
 from rvaft.readers.json_lines import NonFiniteEvent
 from rvaft.stream.detection import counted
@@ -13,6 +15,8 @@ from rvaft.stream.listeners import MonitoredTrace
 
 MAX_KEYS: Final = 100_000
 """Default maximum number of values of a key."""
+MAX_DISTINCT: Final = 100_000
+"""Default number of ids that are remembered."""
 _ABSENT: Final = object()
 _OWN_KEYS: Final = frozenset({str, int})
 """Types whose values serve as dictionary keys."""
@@ -143,3 +147,91 @@ class KeyedTraces:
         if self.lacking:
             lacking = f"{counted(self.lacking)} without the field {' or '.join(one.text for one in self.key.fields)}"
             yield f"{lacking}, not monitored (first: event {self.first_lacking})"
+
+
+DistinctState: TypeAlias = tuple[list[bytes], tuple[int, str], tuple[int, str], int, bool]
+"""The remembered ids in order; how many events were skipped, and how many had no id, with the first; how many
+came; and whether ids were forgotten.
+"""
+
+
+class DistinctEvents:
+    """The ids of events, so that an event whose id came before is skipped; with a key, an id of that key.
+
+    `most` ids are remembered, by digests. An id is a text or a finite number; an event without one is
+    not skipped. `warn` is called when the first id is forgotten.
+
+    >>> distinct = DistinctEvents(Key.parse(["id"]), None, 10)
+    >>> [distinct.is_new({"id": name}) for name in (1, 2, 1.0, "1", None, None)]
+    [True, True, False, True, True, True]
+    """
+
+    def __init__(self, fields: Key, key: Key | None, most: int, warn: Callable[[str], object] | None = None) -> None:
+        self._fields, self._key, self._most, self._warn = fields, key, most, warn
+        self._ids: dict[bytes, None] = {}
+        self._order: deque[bytes] = deque()
+        self._skipped, self._lacking = (0, ""), (0, "")
+        self._came = 0
+        self._forgets = False
+
+    def is_new(self, event: Json, line: int | None = None) -> bool:
+        """Whether no event with this id was remembered; remember it."""
+        self._came += 1
+        found = self._fields.of(event)
+        texts = [None] if found is None else [_id_text(value) for value in found]
+        if None in texts:
+            self._lacking = self._counted(self._lacking, line)
+            return True
+        of_key = None if self._key is None else self._key.of(event)
+        key = None if of_key is None else [*map(value_key, of_key)]
+        name = blake2b(repr((key, texts)).encode(errors="surrogatepass"), digest_size=16).digest()
+        if name in self._ids:
+            self._skipped = self._counted(self._skipped, line)
+            return False
+        self._ids[name] = None
+        self._order.append(name)
+        if len(self._order) > self._most:
+            del self._ids[self._order.popleft()]
+            if not self._forgets and self._warn is not None:
+                what = f"more than {self._most} ids in {self._name}, of which the oldest are forgotten"
+                more = "an event that comes again later is monitored twice; --max-distinct allows more"
+                self._warn(f"{what}: {more}")
+            self._forgets = True
+        return True
+
+    def _counted(self, count: tuple[int, str], line: int | None) -> tuple[int, str]:
+        number, first = count
+        return number + 1, first or (f"event {self._came} as read" if line is None else f"line {line}")
+
+    @property
+    def _name(self) -> str:
+        return " and ".join(field.text for field in self._fields.fields)
+
+    @property
+    def state(self) -> DistinctState:
+        """The state for `restore`."""
+        return [*self._order], self._skipped, self._lacking, self._came, self._forgets
+
+    def restore(self, state: DistinctState) -> None:
+        """Continue from a state."""
+        order, self._skipped, self._lacking, self._came, self._forgets = state
+        self._order, self._ids = deque(order), dict.fromkeys(order)
+
+    @property
+    def warnings(self) -> Iterator[str]:
+        """The counts of skipped events and of events without an id, if any."""
+        if self._skipped[0]:
+            number, first = self._skipped
+            yield f"{counted(number)} skipped, whose {self._name} came before (first: {first})"
+        if self._lacking[0]:
+            number, first = self._lacking
+            yield f"{counted(number)} without a text or number in {self._name}, never skipped (first: {first})"
+
+
+def _id_text(value: Json) -> str | None:
+    """Return a text that equal texts or equal numbers have in common; None for other values."""
+    if isinstance(value, str):
+        return f"'{value}"
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or value - value != 0:
+        return None
+    return repr(int(value)) if value == int(value) and not isinstance(value, Exact) else repr(value)

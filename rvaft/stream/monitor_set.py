@@ -231,7 +231,7 @@ class MonitorSet:
                 self.monitors[column].step(event)
             return self._changed(number, event)
         if self.may_be_late:
-            self.late = engines[0].is_late(event) if late is None else late
+            self.late = engines[0].is_late(event, number) if late is None else late
             for column in self._live:
                 if engines[column].latest != engines[0].latest:
                     engines[column].pass_time(engines[0].latest)

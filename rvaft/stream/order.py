@@ -1,6 +1,7 @@
 """Time order: `Ordering` sorts events within a window, `Backwards` counts times that go back."""
 
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from heapq import heappush, heappushpop
 from itertools import chain
 from math import inf
@@ -53,9 +54,12 @@ class OrderedField:
 class Ordering(OrderedField, Generic[E]):
     """A buffer that returns the event with the smallest place once it holds `window` events.
 
-    Events with equal places keep their order. Sorting is exact if no event is more than `window`
-    places behind its own. A later event is returned at once and counted as `late`. An event without
-    a place follows the event before it, and is counted in `without`. Can be pickled.
+    Events with equal places keep their order. Where the window holds a whole trace in which each event
+    has a place and places never rise, the last event occurred first: equal places take the reverse
+    order. Sorting is
+    exact if no event is more than `window` places behind its own. A later event is returned at once
+    and counted as `late`. An event without a place follows the event before it, and is counted in
+    `without`. Can be pickled.
 
     >>> ordering = Ordering("time", window=1)
     >>> [ordering.add({"time": time}) for time in (2, 1, 3)]
@@ -74,6 +78,10 @@ class Ordering(OrderedField, Generic[E]):
         self.before: Place = -inf
         self.latest: Place = -inf
         """The greatest place of an event returned."""
+        self.rises = self.falls = 0
+        """Steps up and down in the first window."""
+        self.equal = 0
+        """The number of events with equal places, of a trace that the window holds."""
 
     def add(self, event: E) -> E | None:
         """Add the next event; return the event that is due, or None while the window is not
@@ -83,6 +91,8 @@ class Ordering(OrderedField, Generic[E]):
 
     def put(self, place: Place | None, event: E) -> E | None:
         """Add an event whose place is known."""
+        if self.came <= self.window and place is not None:
+            self.count_steps((place,))
         self.came += 1
         if place is None:
             place = self.before
@@ -101,18 +111,42 @@ class Ordering(OrderedField, Generic[E]):
         self.latest = max(self.latest, first[0])
         return first[2]
 
+    def count_steps(self, places: Iterable[Place]) -> None:
+        """Count the rises and falls of the next places."""
+        before = self.before
+        for place in places:
+            self.rises += -inf < before < place
+            self.falls += place < before
+            before = place
+
     def rest(self) -> Iterator[E]:
         """Return the held events in order, at the end of the trace."""
         rest, self.held = sorted(self.held, key=itemgetter(0, 1)), []
+        if self.came <= self.window:
+            self.equal = sum(size for size in Counter(place for place, _, _ in rest).values() if size > 1)
+            if self._newest_first:
+                rest.sort(key=lambda one: (one[0], -one[1]))
         yield from (event for _, _, event in rest)
+
+    @property
+    def _newest_first(self) -> bool:
+        return self.falls > 0 and not self.rises and not self.without and self.came <= self.window
 
     @property
     def warnings(self) -> Iterator[str]:
         """The warnings about late events and events without a place."""
         name = self.field.text
+        cure = "the log seems to be newest first: reverse it, as with tac LOG"
+        seems = self.falls > 2 * (self.rises + 1)
         if self.late:
             more = f"too late for a window of {self.window}: not reordered"
-            yield f"{counted(self.late)} by the field {name} {more} (first: event {self.first_late} as read)"
+            first = f"(first: event {self.first_late} as read){f'; {cure}' if seems else ''}"
+            yield f"{counted(self.late)} by the field {name} {more} {first}"
+        equal = f"{counted(self.equal)} with equal values of {name}"
+        if self.equal and self._newest_first:
+            yield f"the log is newest first: {equal} read from last to first"
+        elif self.equal and seems:
+            yield f"{equal} read in the order of the log, but {cure}"
         if self.without:
             what = "a number or a time of ISO 8601"
             remedy = f"; declare other formats in the tree with `time {name} as FORMAT;`"

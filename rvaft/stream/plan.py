@@ -6,7 +6,7 @@ from typing import Final, Self
 
 from rvaft.core.classifier import TreeReads
 from rvaft.stream.data_warnings import DataWarnings
-from rvaft.stream.keys import MAX_KEYS, Field, Key
+from rvaft.stream.keys import MAX_DISTINCT, MAX_KEYS, Field, Key
 from rvaft.stream.monitor_set import MonitorSet
 from rvaft.stream.order import DEFAULT_WINDOW
 from rvaft.stream.semantics_hint import SemanticsHint
@@ -18,7 +18,10 @@ TIME: Final = "time"
 
 @dataclass(frozen=True)
 class MonitoringPlan:
-    """How each trace is monitored; `monitors` are fresh, `also` are fields for other readers."""
+    """How each trace is monitored; `monitors` are fresh, `also` are fields for other readers.
+
+    An event is skipped if its `distinct` fields have the values of an event before it.
+    """
 
     monitors: MonitorSet
     key: Key | None = None
@@ -27,6 +30,8 @@ class MonitoringPlan:
     window: int = DEFAULT_WINDOW
     strict_json: bool = False
     also: tuple[Field, ...] = ()
+    distinct: Key | None = None
+    max_distinct: int = MAX_DISTINCT
 
     @property
     def plain(self) -> bool:
@@ -35,9 +40,10 @@ class MonitoringPlan:
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """The fields of the order and the key, and those in `also`."""
+        """The fields of the order, the key and the id, and those in `also`."""
         order = () if self.order_by is None else (Field.parse(self.order_by),)
-        return (*order, *(self.key.fields if self.key else ()), *self.also)
+        of_keys = (field for key in (self.key, self.distinct) if key is not None for field in key.fields)
+        return (*order, *of_keys, *self.also)
 
     @cached_property
     def reads(self) -> TreeReads:

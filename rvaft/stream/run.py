@@ -6,6 +6,7 @@ from dataclasses import KW_ONLY, dataclass
 from io import IOBase
 from typing import BinaryIO, Final, TypeAlias, cast
 
+from rvaft.engine.monitor import Engine
 from rvaft.errors import RvaftError, TooLarge
 from rvaft.model.values import Json, JsonObject
 from rvaft.model.values import key as value_key
@@ -15,7 +16,7 @@ from rvaft.readers.log import ALL, Log
 from rvaft.stream.data_warnings import DataWarnings, checked
 from rvaft.stream.detection import counted
 from rvaft.stream.follow import FollowedFile
-from rvaft.stream.keys import KeyedTraces
+from rvaft.stream.keys import DistinctEvents, DistinctState, KeyedTraces
 from rvaft.stream.listeners import Audience, EventBuffer, Listener, MonitoredTrace, TraceState, VerdictChange
 from rvaft.stream.order import Backwards, Ordering
 from rvaft.stream.plan import TIME, MonitoringPlan, Totals
@@ -32,8 +33,9 @@ StateBeside: TypeAlias = tuple[
     Backwards | None,
     Ordering[Lined] | None,
     tuple[Statistics | None, DataWarnings],
+    DistinctState | None,
 ]
-"""Events without a key, buffer with lines, clock, order, totals."""
+"""Events without a key, buffer with lines, clock, order, totals, ids."""
 RunState: TypeAlias = tuple[list[TraceState], StateBeside]
 
 
@@ -61,6 +63,10 @@ class TraceRun:
         if by is not None:
             self.ordering = Ordering(by, window=self.plan.window, time=monitors.time)
         name = TIME if monitors.time is None else ".".join(monitors.time.field)
+        self.distinct: DistinctEvents | None = None
+        if self.plan.distinct is not None:
+            ids, most, warn = self.plan.distinct, self.plan.max_distinct, self.totals.data_warnings.warn
+            self.distinct = DistinctEvents(ids, self.plan.key, most, warn)
         self.clock = None if by is not None or monitors.may_be_late else Backwards(name, monitors.time)
         self.assumed = checked(monitors.types.tree, order=not monitors.engines)
         self.number = self.detected = 0
@@ -161,7 +167,9 @@ class TraceRun:
             found = ((None, event) for event in cast("Iterable[Json]", source))
         for number, event in found:
             # a followed file may be replaced by another
-            yield stream.given if isinstance(stream, FollowedFile) else number, cast("JsonObject", event)
+            line_read = stream.given if isinstance(stream, FollowedFile) else number
+            if self.distinct is None or self.distinct.is_new(event, line_read):
+                yield line_read, cast("JsonObject", event)
 
     def _in_turn(self, events: Iterable[Lined]) -> Iterator[Lined | None]:
         """Yield events in time order, then None; an error comes last."""
@@ -212,10 +220,11 @@ class TraceRun:
                     watch = known.get((value,)) if type(value) is str else None
                     watch = watch or keys.of(event, number)
                 if kinds is None:
-                    late = may_be_late and watch is not None and watch.monitors.engines[0].is_late(event)
+                    late = may_be_late and watch is not None and self._is_late(watch.monitors.engines[0], event)
                     event_kind = types.late if late else look_up(event).of(event)
                     if watch is not None and late:
-                        data_warnings.note_late(event, number, prefix, watch.monitors.engines[0].latest)
+                        engine = watch.monitors.engines[0]
+                        data_warnings.note_late(event, number, prefix, engine.latest, engine.jumps)
                     elif event_kind.checks.looked_at or type(event) is not dict:
                         data_warnings.see(event, number, prefix, event_kind)
                     if statistics is not None:
@@ -258,6 +267,13 @@ class TraceRun:
             if clock is not None:
                 clock.see_all(concerned)
 
+    def _is_late(self, engine: Engine, event: JsonObject) -> bool:
+        """Whether the current event is late; a jump of its time is noted with its line."""
+        late, number = engine.is_late(event, self.number), self.number
+        if engine.jumps and engine.jumps[-1].number == number and (line := self.line_of(number)) not in (None, number):
+            engine.jumps = (*engine.jumps[:-1], engine.jumps[-1]._replace(line=line))
+        return late
+
     def _remember(self, served: list[tuple[int, JsonObject]]) -> None:
         """Keep events that an explanation may name."""
         before, lines = self.lines
@@ -295,13 +311,18 @@ class TraceRun:
         """The state besides that of the monitored traces."""
         lacking = (0, 0) if self.keys is None else (self.keys.lacking, self.keys.first_lacking)
         totals = (self.totals.statistics, self.totals.data_warnings)
-        return lacking, (self.buffer.known, self.buffer.lines), self.clock, self.ordering, totals
+        ids = None if self.distinct is None else self.distinct.state
+        return lacking, (self.buffer.known, self.buffer.lines), self.clock, self.ordering, totals, ids
 
     def restore(self, state: RunState, number: int) -> None:
         """Continue from a state after the event of that number."""
         watches, beside = state
-        lacking, (known, lines), self.clock, self.ordering, (statistics, self.totals.data_warnings) = beside
-        self.totals.data_warnings.attach(self.plan.monitors.types)
+        warn = self.totals.data_warnings.warn
+        lacking, (known, lines), self.clock, self.ordering, totals, ids = beside
+        statistics, self.totals.data_warnings = totals
+        if self.distinct is not None and ids is not None:
+            self.distinct.restore(ids)
+        self.totals.data_warnings.attach(self.plan.monitors.types, warn)
         self.number = number
         if statistics is not None:
             self.totals.statistics = statistics
@@ -345,6 +366,6 @@ class TraceRun:
             first = min(count.first_suppressed or 0 for count in counts)
             suppressed = sum(count.suppressed for count in counts)
             yield f"{counted(suppressed, 'detection')} suppressed by the cooldown (first: event {first})"
-        for part in (self.keys, self.clock, self.ordering):
+        for part in (self.keys, self.clock, self.ordering, self.distinct):
             if part is not None:
                 yield from part.warnings

@@ -177,3 +177,25 @@ def test_a_bar_is_drawn_on_a_terminal_and_never_elsewhere(tmp_path: Path) -> Non
     assert b"MB" in drawn
     alone = run("monitor", SAND, log)
     assert (said, alone.stderr) == (alone.stdout, "")
+
+
+def test_the_summary_says_that_each_log_is_monitored_afresh(tmp_path: Path) -> None:
+    """Only where it matters: with several logs, one of which may go on in another."""
+    first, second = (
+        written(tmp_path / f"{name}.jsonl", lines([{"event": word, "k": 1} for word in name])) for name in ("a", "bc")
+    )
+    whole = written(tmp_path / "abc.jsonl", lines([{"event": word} for word in "abc"]))
+    said = "each log is monitored afresh, so a match that begins in one and ends in another is not found"
+    for words in ([], ["--jobs", 2], ["--key", "k"], ["--repeat"], ["--semantics", "scattered"]):
+        result = run("monitor", SAND, first, second, *words)
+        assert (result.exit_code, result.stderr) == (0, "")
+        assert f"note: {said}" in result.stdout
+    assert "(1 of 3 end unknown)" in run("monitor", SAND, tmp_path / "*.jsonl").stdout  # ⊥ is none
+    for words in (["--format", "jsonl"], ["--format", "ecs"], ["--template", "{event}"]):
+        assert run("monitor", SAND, first, second, *words).stderr.startswith(f"rvaft: warning: {said}")
+    assert said in run("report", SAND, first, second, "-o", tmp_path / "page.html").stderr
+    for traces in ([first], [whole, whole]):
+        result = run("monitor", SAND, *traces)
+        assert "afresh" not in result.stdout + result.stderr
+    joined = first.read_text() + second.read_text()
+    assert run("monitor", SAND, data=joined).exit_code == 1

@@ -44,6 +44,8 @@ def test_what_was_detected_and_what_was_waited_for() -> None:
         "2": "attack 0 of 2 0 of 2 waits for c or d",
         "3": "- 2 of 2 1 of 2 detected: 2.jsonl.gz, event 3",
     }
+    assert "each log is read afresh" in result.stdout.splitlines()[-3]
+    assert "each log is read afresh" not in run("coverage", "tree", logs[0]).stdout
     ends = ["nodes never seen: kx, c, d, f", "branches exercised 1 of 3 (33%); nodes seen 4 of 8"]
     assert result.stdout.splitlines()[-2:] == ends
     value = json.loads(run("coverage", "tree", *logs, "--format", "json").stdout)

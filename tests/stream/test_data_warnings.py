@@ -2,21 +2,25 @@
 `scattered` makes of a ⊥.
 """
 
+import json
 import pickle
 from collections.abc import Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from rvaft import loads
+from rvaft.integrations.ros.protocol import Session
 from rvaft.model.guards import value, variables
 from rvaft.model.values import is_number
 from rvaft.stream import semantics_hint
 from rvaft.stream.data_warnings import MOST, DataWarnings
 from rvaft.stream.semantics_hint import SemanticsHint
 from rvaft.stream.statistics import EventTypeIndex
+from tests.cli.runs import lines, run, started, written
 
 EVENTS = "event e(v) = { e: v }; event f(v) = { f: v }; event d(v) = { d: { v: v } };"
 """Two types that the shape of an event decides, and one that it does not."""
@@ -103,3 +107,79 @@ def test_looking_back_is_bounded(name: str, bound: float, said: str, monkeypatch
         found.keep(1, number, {"e": number})
     found.look(1, "")
     assert str(found.line).endswith(f"they were tried up to {said} only, where it took too long")
+
+
+# -- one time far ahead --------------------------------------------------------------------------------------------
+
+LATE: Final = "time ts as s late 60 s; semantics scattered; top sand a b;"
+FAR: Final = 4_070_908_800
+
+
+def timed(*events: tuple[str, float]) -> str:
+    return lines([{"event": name, "ts": time, "k": 1} for name, time in events])
+
+
+def far_ahead(tmp_path: Path, data: str, *words: object) -> tuple[list[str], str]:
+    """What a run says at once of a time far ahead, and in the end."""
+    tree, log = written(tmp_path / "late.rvaft", LATE), written(tmp_path / "log.jsonl", data)
+    result = run("monitor", tree, log, *words)
+    assert result.exit_code == 0
+    at_once = [line for line in result.stderr.splitlines() if "which is late therefore" in line]
+    return at_once, "".join(line for line in result.stdout.splitlines() if "ahead" in line)
+
+
+@pytest.mark.parametrize("words", [[], ["--key", "k"], ["--semantics", "projected"], ["--repeat"], ["--per", "branch"]])
+def test_an_event_far_ahead_is_named_at_once_and_the_late_events_are_counted(words: list[str], tmp_path: Path) -> None:
+    """An irrelevant event of another century takes `b` away."""
+    data = "\n" + timed(("a", 100), ("zzz", FAR), ("b", 160), ("x", 161))
+    at_once, counted = far_ahead(tmp_path, data, *words)
+    said = "event 2 (line 3) is 47117 d ahead of event 3, which is late therefore, as are others like it"
+    assert at_once == [f"rvaft: warning: {said}: no match uses them"]
+    assert counted == (
+        "warning: 2 events late only because one time is more than 1 min ahead: event 2 (line 3) is 47117 d ahead "
+        "(first: event 3)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("data", "named"),
+    [
+        ([("zzz", FAR), ("a", 100), ("b", 101)], "event 1 is 47117 d ahead of event 2"),
+        ([("a", 1), ("y", FAR), ("z", FAR + 1e6), ("b", 2)], "event 2 is 47117 d ahead of event 4"),
+        ([("a", 1), ("x", 9000), ("b", 30)], "event 2 is 2.5 h ahead of event 3"),
+        ([("a", 1), ("x", 9000), ("b", 9001), ("a", 20000), ("b", 20001)], None),  # pauses
+        ([("a", 100), ("x", 150), ("x", 200), ("b", 110)], None),  # late, but nothing jumps
+        ([("a", 100), ("x", 160), ("b", 40), ("b", 39)], None),
+    ],
+)
+def test_what_is_far_ahead(data: list[tuple[str, float]], named: str | None, tmp_path: Path) -> None:
+    tree, log = written(tmp_path / "late.rvaft", LATE), written(tmp_path / "log.jsonl", timed(*data))
+    result = run("monitor", tree, log, "--format", "jsonl")
+    assert ("ahead of" in result.stderr, named is not None and named in result.stderr) == (named is not None,) * 2
+
+
+def test_several_logs_a_resumed_run_and_other_commands(tmp_path: Path) -> None:
+    tree = written(tmp_path / "late.rvaft", LATE)
+    data = timed(("a", 100), ("zzz", FAR), ("b", 160))
+    first, second = (written(tmp_path / f"{name}.jsonl", data) for name in "xy")
+    one, two = (run("monitor", tree, first, second, "--jobs", jobs) for jobs in (1, 2))
+    assert (one.stdout, one.stderr) == (two.stdout, two.stderr)
+    assert [line.split(": ")[2] for line in one.stderr.splitlines()] == [str(first), str(second)]
+    words = "monitor", tree, first, "--checkpoint", tmp_path / "state", "--order-by", "k", "--window", 1
+    assert "event 2 is" in run(*words).stderr
+    with first.open("a") as stream:
+        stream.write(timed(("b", 161)))
+    assert "2 events late only because" in run(*words).stdout
+    assert "late only because one time is more than 1 min ahead" in run("coverage", tree, first).stdout
+    assert "which is late therefore" in run("report", tree, first, "-o", tmp_path / "page.html").stderr
+    session = Session(loads(LATE))
+    for event in map(json.loads, data.splitlines()):
+        session.read(event, event)
+    assert any("late only because" in line for line in session.data_warnings.lines)
+
+
+def test_a_growing_log_says_at_once_that_an_event_is_far_ahead(tmp_path: Path) -> None:
+    tree = written(tmp_path / "late.rvaft", LATE)
+    log = written(tmp_path / "log.jsonl", timed(("a", 100), ("zzz", FAR), ("b", 160)))
+    with started("monitor", tree, log, "--follow") as running:
+        assert "event 2 is 47117 d ahead of event 3" in running.stderr.readline()

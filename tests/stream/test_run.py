@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 from random import Random
-from typing import Any
+from typing import Any, Final
 
 import pytest
 from hypothesis import given
@@ -37,7 +37,8 @@ from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun
 from rvaft.stream.statistics import Statistics
 from tests.benchmarks.logs import ignoring_tree, inspections
-from tests.cli.runs import lines
+from tests.cli.runs import SAND, lines
+from tests.cli.runs import run as cli
 from tests.tables import sampled
 from tests.trees import shipped
 
@@ -92,6 +93,8 @@ def by_hand(times: Sequence[Any], window: int) -> tuple[list[int], list[int]]:
             waiting.remove(first)
             said = max(said, first[0])
             order.append(first[1])
+    if len(times) <= window and None not in times and times == sorted(times, reverse=True) != sorted(times):
+        return [number for _, number in sorted(waiting, key=lambda one: (one[0], -one[1]))], late  # newest first
     return order + [number for _, number in sorted(waiting)], late
 
 
@@ -111,7 +114,8 @@ def test_within_the_window_it_is_a_stable_sort(times: list[float], window: int, 
     places = [place + random.randint(0, window) for place in range(len(times))]
     came = [time for _, _, time in sorted(zip(places, range(len(times)), sorted(times), strict=True))]
     order, met = in_order(came, window)
-    assert order == [number for number, _ in sorted(enumerate(came, 1), key=lambda pair: pair[1])]
+    if met.rises or len(came) > window:  # not newest first
+        assert order == [number for number, _ in sorted(enumerate(came, 1), key=lambda pair: pair[1])]
     assert met.late == 0
 
 
@@ -129,6 +133,53 @@ def test_times_of_iso_8601_are_an_order_too_and_no_numbers() -> None:
     order, met = in_order([last, later, 7, "soon", early], window=9)
     assert (order, met.without, met.first_without) == ([5, 2, 3, 4, 1], 2, 3)
     assert in_order([3, early, 1], window=9)[0] == [3, 1, 2]
+
+
+NEWEST: Final = [("c", 9), ("b", 5), ("a", 5)]
+OLDEST: Final = NEWEST[::-1]
+SEEMS: Final = "the log seems to be newest first: reverse it, as with tac LOG"
+
+
+@pytest.mark.parametrize("semantics", ["projected", "scattered"])
+@pytest.mark.parametrize("form", ["jsonl", "json"])
+@pytest.mark.parametrize(
+    ("log", "status", "said"),
+    [
+        (OLDEST, 1, ""),
+        (NEWEST, 1, "the log is newest first: 2 events with equal values of time read from last to first"),
+        ([("c", 9), ("b", 5), ("a", 4)], 1, ""),
+        ([("b", 5), ("a", 5), ("c", 9)], 0, ""),  # not newest first: the order of the log
+        (
+            [("z", n) for n in range(99, 9, -1)] + [("z", 50), *NEWEST],
+            0,
+            f"4 events with equal values of time read in the order of the log, but {SEEMS}",
+        ),
+    ],
+)
+def test_a_log_that_is_newest_first_is_read_from_its_end(
+    log: list[tuple[str, int]], *, status: int, said: str, form: str, semantics: str, tmp_path: Path
+) -> None:
+    found = [{"event": name, "time": time} for name, time in log]
+    text = lines(found) if form == "jsonl" else json.dumps({"Records": found})
+    file = tmp_path / f"log.{form}"
+    file.write_text(text)
+    result = cli("monitor", SAND, file, "--order-by", "time", "--semantics", semantics)
+    assert (result.exit_code, result.stderr) == (status, f"rvaft: warning: {said}\n" if said else "")
+
+
+def test_a_log_beyond_the_window_that_is_newest_first_is_said_and_goes_on_from_a_checkpoint(tmp_path: Path) -> None:
+    file, state = tmp_path / "log.jsonl", tmp_path / "state"
+    file.write_text(lines([{"event": "z", "time": n} for n in range(99, 9, -1)]))
+    words = "monitor", SAND, file, "--order-by", "time"
+    late = cli(*words, "--window", 20).stderr
+    assert "too late for a window of 20" in late
+    assert "the log seems to be newest first: reverse it" in late
+    file.write_text(lines([{"event": name, "time": time} for name, time in NEWEST[:2]]))
+    assert cli(*words, "--checkpoint", state).exit_code == 0
+    with file.open("a") as stream:
+        stream.write(lines([{"event": name, "time": time} for name, time in NEWEST[2:]]))
+    result = cli(*words, "--checkpoint", state)
+    assert (result.exit_code, "2 events with equal values of time read from last" in result.stderr) == (1, True)
 
 
 @pytest.mark.parametrize(
@@ -302,7 +353,7 @@ def test_times_late_events_and_oversights_are_the_same_however_they_are_read(lat
         _, watched, *_ = outcome(plan, lines(events).encode())
         assert watched[0] == ([*alone.run(events)][-1],)
         seen |= {reason for reason, _ in watched[2]}
-    assert seen == set(Reason) - {Reason.ASSUMPTION} - ({Reason.LATE} if not late else set())
+    assert seen == set(Reason) - {Reason.ASSUMPTION} - ({Reason.LATE, Reason.JUMP} if not late else set())
 
 
 KEYS = ["a", "b", 1, 1.0, True, None, math.nan, [1], {"x": 1}, -0.0, 0, 2**53 + 1, 10**400]

@@ -134,7 +134,7 @@ class Session:
         if _WHOLE not in self.failures and whole.serves:
             self.buffer.remember(self.events, kept(original, self.fields))
         if _WHOLE not in self.failures and whole.late:
-            self.data_warnings.note_late(event, self.events, "", whole.engines[0].latest)
+            self.data_warnings.note_late(event, self.events, "", whole.engines[0].latest, whole.engines[0].jumps)
         elif _WHOLE not in self.failures:
             self.data_warnings.see(event, self.events, "", whole.types.of(event))
         if self.listener is not None and _WHOLE not in self.failures:

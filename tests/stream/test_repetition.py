@@ -21,7 +21,7 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation
 from rvaft.semantics import Reference
 from rvaft.stream.monitor_set import MonitorSet, columns
-from tests.cli.runs import SAND, jsonl, lines, run, started, written
+from tests.cli.runs import SAND, jsonl, lines, run, soon, started, written
 from tests.engine.checking import check_explanation, small_valid_trees
 from tests.engine.dense import SHAPES, dense_trace, dense_tree
 from tests.tables import sampled
@@ -171,6 +171,7 @@ def test_a_growing_log_and_commands_tell_every_detection(tmp_path: Path) -> None
         with log.open("a") as stream:
             stream.write(lines([{"event": name} for name in "cxabc"]))
         assert [json.loads(running.stdout.readline())["event"] for _ in range(2)] == [6, 10]
+        assert soon(lambda: told.read_text().count("\n") == 3)  # the last command, too, has been started
         running.send_signal(signal.SIGTERM)
         assert running.wait(timeout=30) == 1
     assert [(one["event"], one["detection"]) for one in map(json.loads, told.read_text().splitlines())] == [

@@ -42,7 +42,9 @@ class Effort:
     - `traces`: number of random traces.
     - `length`: their maximum length (None: enough for a detection).
     - `recheck`: run the traces also for proved participants.
-    - `seconds`: time limit of each translation, proof and test run.
+    - `seconds`: time limit of each translation, proof and test run; what exceeds it is no agreement.
+    - `work`: number of steps of the reference for all traces (None: no limit).
+    - `probes`: number of traces with the constants of a text that a person wrote.
     """
 
     states: int = 20_000
@@ -51,12 +53,14 @@ class Effort:
     recheck: bool = True
     length: int | None = None
     seconds: float | None = None
+    work: int | None = None
+    probes: int = 1_000
     seed: str = "0"
 
 
 ONE_TREE: Final = Effort(traces=200)
 """For trees given by the user."""
-AGAINST: Final = Effort(traces=1_000, seconds=20)
+AGAINST: Final = Effort(traces=1_000, seconds=600, work=4_000_000)
 """For specifications by users: finding one missing condition takes many traces."""
 CATALOGUE: Final = Effort(words=100, traces=16, recheck=False)
 """For each small tree of the catalogue."""

@@ -81,6 +81,11 @@ class Reports:
                         where = f"{result.participant} differs from {baseline}: {_job(result)}"
                         shown = [f"  {visible(line)}" for line in reports.difference_lines(result)]
                         click.echo(inert("\n".join([visible(where), *shown, ""])))
+                    for result in results:
+                        first, *shown = reports.remark_lines(result) or [""]
+                        if first:
+                            where = f"{result.participant}: {_job(result)}: {first}"
+                            click.echo(inert("\n".join([visible(where), *(f"  {visible(one)}" for one in shown), ""])))
                     if bogus is not None:
                         for case in self.failures.collect(partial(shrunk, task), differing):
                             for folder in self.failures.collect(partial(save, folder=bogus), [case]):

@@ -1,0 +1,182 @@
+"""Probes: detecting traces with the constants of a text that a person wrote.
+
+A condition that few values meet, such as `user != "backup"`, stays unseen on random traces. So each
+constant of the text is put into every field, and each of its numbers is exceeded as a distance.
+"""
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from itertools import islice
+from random import Random
+from typing import Final
+
+from cross_check.generate.assumptions import conforming
+from cross_check.generate.times import MICROSECOND, timed
+from cross_check.generate.traces import PLAIN, WILD, NoTraceFound, Scenarios, guided, noise
+from cross_check.generate.values import COMMON, Path, field_at, places, put
+from rvaft.model.event_time import UNITS
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import NUMBER, Json, equal, is_number, key
+from rvaft.model.verdict import Semantics
+
+Trace = list[Json]
+
+_DRAWN: Final = 40
+"""Number of detecting traces from which those with different events are taken."""
+_BASES: Final = 6
+_FIELDS: Final = 8
+"""Maximum number of further fields of a text that events get."""
+LONGEST: Final = 300
+"""Maximum distance in events."""
+_TEXT: Final = re.compile(r"\"((?:\\.|[^\"\\\n])*)\"|'((?:''|\\.|[^'\\\n])*)'|`([^`\n]*)`")
+_WORD: Final = re.compile(r"[A-Za-z_@][\w.@-]*", re.ASCII)
+_YAML: Final = re.compile(r"^[^#\n]*?(?::|-)[ \t]+([^\s\"'{\[#][^#\n]*?)[ \t]*$", re.MULTILINE)
+_DIGITS: Final = re.compile(rf"(?<![\w.]){NUMBER.pattern}(?=(?:[nmu]?s|min|[mhd])?\b)", re.ASCII)
+_STARS: Final = str.maketrans("", "", "*%")
+
+
+def constants(text: str) -> tuple[list[str], list[int | float], list[str]]:
+    """Return the texts in quotes or of YAML, the numbers, and the words of a specification.
+
+    >>> constants("a == 'x*' and b > 1.50 within 3m")
+    (['x*', 'x'], [1.5, 3], ['a', 'and', 'b', 'within'])
+    """
+    quoted = [next(part for part in found.groups() if part is not None) for found in _TEXT.finditer(text)]
+    bare = _TEXT.sub(" ", text)
+    plain = [found[1] for found in _YAML.finditer(bare)]
+    texts = [one for found in (*quoted, *plain) for one in (found, found.translate(_STARS))]
+    numbers = [found[0] for one in (bare, *quoted) for found in _DIGITS.finditer(one)]
+    exact = [int(one) if one.lstrip("-").isdigit() and len(one) < 20 else float(one) for one in numbers]
+    words = [found[0] for found in _WORD.finditer(bare)]
+    finite = [one for one in exact if math.isfinite(one)]
+    return [*dict.fromkeys(texts)], [*dict.fromkeys(finite)], [*dict.fromkeys(words)]
+
+
+def probes(
+    tree: RVAFT, semantics: Semantics, written: str, known: str, *, seed: str, most: int
+) -> tuple[list[Trace], str]:
+    """Return up to `most` traces with the constants of a text, and what was not tried.
+
+    Constants that a `known` text has too, the translation of the tree, come last.
+    """
+    random = Random(seed)  # noqa: S311 (no secret)
+    texts, numbers, words = constants(written)
+    old_texts, old_numbers, old_words = constants(known)
+    texts.sort(key=lambda one: one in old_texts)
+    numbers.sort(key=lambda one: one in old_numbers)
+    bases = _bases(random, tree, semantics)
+    fields = _further_fields(bases, [one for one in (*texts, *words) if one not in (*old_texts, *old_words)])
+    every = [
+        _with_values(bases, [*(value for number in numbers for value in (number, number + 1)), *texts], fields),
+        _apart(random, tree, semantics, bases, [one for one in numbers if isinstance(one, int)]),
+        _later(random, tree, bases, numbers),
+    ]
+    found: list[Trace] = []
+    left = 0
+    for number, some in enumerate(every):
+        share = (most - len(found)) // (len(every) - number)
+        unique = {repr(key(trace)): trace for trace in some}
+        found += islice(unique.values(), share)
+        left += max(0, len(unique) - share)
+    far = [one for one in numbers if one > LONGEST] if semantics is not Semantics.STRICT else []
+    untried = [f"{left:,} traces with its constants" if left else ""]
+    untried += [f"distances over {LONGEST} events" if far else ""]
+    missing = " and ".join(filter(None, untried))
+    return found, f"not tried: {missing}" if missing else ""
+
+
+def _bases(random: Random, tree: RVAFT, semantics: Semantics) -> list[Trace]:
+    """Return detecting traces of different shapes that keep the assumptions of the tree."""
+    found: dict[str, Trace] = {}
+    scenarios = Scenarios(tree)
+    for number in range(_DRAWN):
+        with suppress(NoTraceFound):
+            manner = replace((PLAIN, WILD)[number % 2], attempts=5)
+            trace = guided(random, tree, semantics, manner, scenarios)
+            shape = repr([sorted(event) if isinstance(event, dict) else 0 for event in trace])
+            found.setdefault(shape, conforming(tree, trace, tree.assumes))
+        if len(found) == _BASES:
+            break
+    return [*found.values()]
+
+
+def _further_fields(bases: Sequence[Trace], words: Iterable[str]) -> list[str]:
+    known = {field_at(path) for trace in bases for path, _ in places(trace)}
+    names = (word.removeprefix("$.").strip('"') for word in words)
+    return [*islice(dict.fromkeys(one for one in names if _WORD.fullmatch(one) and one not in known), _FIELDS)]
+
+
+def _with_values(bases: Sequence[Trace], values: Sequence[Json], fields: Sequence[str]) -> Iterator[Trace]:
+    """Yield the traces with each value in place of each other one, and in further fields."""
+    for value in values:
+        for base in bases:
+            scalars = [
+                (path, old)
+                for path, old in places(base)
+                if len(path) > 1 and not isinstance(old, dict | list) and not equal(old, value)
+            ]
+            for old in {key(old): old for _, old in scalars}.values():
+                where = [path for path, other in scalars if equal(other, old)]
+                yield from (_put(base, some, value) for some in (where, where[:1], where[-1:]))
+            yield from ([{**event, field: value} for event in base] for field in fields)
+
+
+def _put(trace: Trace, paths: Iterable[Path], value: Json) -> Trace:
+    for path in paths:
+        trace = put(trace, path, value)
+    return trace
+
+
+def _apart(
+    random: Random, tree: RVAFT, semantics: Semantics, bases: Sequence[Trace], numbers: Iterable[int]
+) -> Iterator[Trace]:
+    """Yield the traces with so many irrelevant events before an event."""
+    if semantics is Semantics.STRICT:
+        return
+    for number in (one for one in numbers if 0 < one <= LONGEST):
+        for base in bases:
+            for at in range(len(base)):
+                extra = [noise(random, tree, COMMON) for _ in range(number)]
+                events = [event for event in extra if event is not None]
+                yield [*base[:at], *_between(tree, base, at, events), *base[at:]]
+
+
+def _between(tree: RVAFT, base: Trace, at: int, events: Trace) -> Trace:
+    """Return the events with times that increase between those of the neighbours."""
+    if tree.time is None:
+        return events
+    before = None if at == 0 else tree.time.read(base[at - 1])
+    after = tree.time.read(base[at])
+    if after is None:
+        return events
+    first = after - len(events) * MICROSECOND if before is None else before
+    step = (after - first) // (len(events) + 1) // MICROSECOND * MICROSECOND
+    plain = Random(0)  # noqa: S311 (no secret)
+    return [timed(plain, tree, event, first + step * number, plain=True) for number, event in enumerate(events, 1)]
+
+
+def _later(random: Random, tree: RVAFT, bases: Sequence[Trace], numbers: Iterable[int | float]) -> Iterator[Trace]:
+    """Yield the traces with an event, and those after it, so much time after the event before it."""
+    if tree.time is None:
+        return
+    for number in (one for one in numbers if is_number(one) and one > 0):
+        for unit in UNITS.values():
+            distance = round(number * unit)
+            for base in bases if 0 < distance < 4_000 * UNITS["d"] else ():
+                times = [tree.time.read(event) for event in base]
+                for at in range(1, len(base)):
+                    before, own = times[at - 1], times[at]
+                    if before is None or own is None:
+                        continue
+                    for by in (distance, distance + MICROSECOND):
+                        moved = [
+                            time if place < at or time is None else time + before + by - own
+                            for place, time in enumerate(times)
+                        ]
+                        yield [
+                            event if time is None else timed(random, tree, event, time, plain=True)
+                            for event, time in zip(base, moved, strict=True)
+                        ]

@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import islice
+from itertools import chain, islice, product, zip_longest
 from random import Random
 from typing import Final
 
@@ -19,7 +19,7 @@ from cross_check.generate.traces import PLAIN, WILD, NoTraceFound, Scenarios, gu
 from cross_check.generate.values import COMMON, Path, field_at, places, put
 from rvaft.model.event_time import UNITS
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import NUMBER, Json, equal, is_number, key
+from rvaft.model.values import NUMBER, Json, key
 from rvaft.model.verdict import Semantics
 
 Trace = list[Json]
@@ -64,28 +64,28 @@ def probes(
     """
     random = Random(seed)  # noqa: S311 (no secret)
     texts, numbers, words = constants(written)
-    old_texts, old_numbers, old_words = constants(known)
-    texts.sort(key=lambda one: one in old_texts)
-    numbers.sort(key=lambda one: one in old_numbers)
+    before = {repr(one) for some in constants(known) for one in some}
+    numbers.sort(key=lambda one: repr(one) in before)
+    values: list[Json] = [*texts, *(value for number in numbers for value in (number, number + 1))]
+    new = [one for one in values if repr(one) not in before]
     bases = _bases(random, tree, semantics)
-    fields = _further_fields(bases, [one for one in (*texts, *words) if one not in (*old_texts, *old_words)])
-    every = [
-        _with_values(bases, [*(value for number in numbers for value in (number, number + 1)), *texts], fields),
+    fields = _further_fields(bases, [one for one in (*texts, *words) if repr(one) not in before])
+    ways = [
+        chain(_with_values(bases, new), _with_fields(bases, new, fields), _with_values(bases, values)),
         _apart(random, tree, semantics, bases, [one for one in numbers if isinstance(one, int)]),
         _later(random, tree, bases, numbers),
     ]
-    found: list[Trace] = []
-    left = 0
-    for number, some in enumerate(every):
-        share = (most - len(found)) // (len(every) - number)
-        unique = {repr(key(trace)): trace for trace in some}
-        found += islice(unique.values(), share)
-        left += max(0, len(unique) - share)
-    far = [one for one in numbers if one > LONGEST] if semantics is not Semantics.STRICT else []
-    untried = [f"{left:,} traces with its constants" if left else ""]
-    untried += [f"distances over {LONGEST} events" if far else ""]
+    unique: dict[str, Trace] = {}
+    for trace in chain.from_iterable(zip_longest(*ways)):
+        if trace is not None and len(unique) <= most:
+            unique.setdefault(repr(trace), trace)
+        elif len(unique) > most:
+            break
+    untried = ["some of its constants" * (len(unique) > most)]
+    if semantics is not Semantics.STRICT and any(one > LONGEST for one in numbers):
+        untried.append(f"distances over {LONGEST} events")
     missing = " and ".join(filter(None, untried))
-    return found, f"not tried: {missing}" if missing else ""
+    return [*unique.values()][:most], f"not tried: {missing}" if missing else ""
 
 
 def _bases(random: Random, tree: RVAFT, semantics: Semantics) -> list[Trace]:
@@ -109,19 +109,23 @@ def _further_fields(bases: Sequence[Trace], words: Iterable[str]) -> list[str]:
     return [*islice(dict.fromkeys(one for one in names if _WORD.fullmatch(one) and one not in known), _FIELDS)]
 
 
-def _with_values(bases: Sequence[Trace], values: Sequence[Json], fields: Sequence[str]) -> Iterator[Trace]:
-    """Yield the traces with each value in place of each other one, and in further fields."""
-    for value in values:
-        for base in bases:
-            scalars = [
-                (path, old)
-                for path, old in places(base)
-                if len(path) > 1 and not isinstance(old, dict | list) and not equal(old, value)
-            ]
-            for old in {key(old): old for _, old in scalars}.values():
-                where = [path for path, other in scalars if equal(other, old)]
-                yield from (_put(base, some, value) for some in (where, where[:1], where[-1:]))
-            yield from ([{**event, field: value} for event in base] for field in fields)
+def _with_values(bases: Sequence[Trace], values: Sequence[Json]) -> Iterator[Trace]:
+    """Yield the traces with each value in place of another one: everywhere, first and last."""
+    for base in bases:
+        every = [(path, old) for path, old in places(base) if len(path) > 1 and not isinstance(old, dict | list)]
+        where: dict[object, list[Path]] = {}
+        for path, old in every:
+            where.setdefault(key(old), []).append(path)
+        for value in values:
+            for old, paths in where.items():
+                if old != key(value):
+                    yield from (_put(base, some, value) for some in (paths, paths[:1], paths[-1:]))
+
+
+def _with_fields(bases: Sequence[Trace], values: Sequence[Json], fields: Sequence[str]) -> Iterator[Trace]:
+    """Yield the traces whose events have a further field with each value."""
+    for base, field, value in product(bases, fields, values):
+        yield [{**event, field: value} for event in base]
 
 
 def _put(trace: Trace, paths: Iterable[Path], value: Json) -> Trace:
@@ -162,7 +166,7 @@ def _later(random: Random, tree: RVAFT, bases: Sequence[Trace], numbers: Iterabl
     """Yield the traces with an event, and those after it, so much time after the event before it."""
     if tree.time is None:
         return
-    for number in (one for one in numbers if is_number(one) and one > 0):
+    for number in (one for one in numbers if one > 0):
         for unit in UNITS.values():
             distance = round(number * unit)
             for base in bases if 0 < distance < 4_000 * UNITS["d"] else ():

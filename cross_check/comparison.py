@@ -546,8 +546,8 @@ class Comparison:
                     )
                     traces += tried
             if any(one.assumes for one in participants):  # most traces keep the assumptions, and have a verdict
-                of = enumerate(traces)
-                traces = [one if place % _BROKEN == 0 else self._mended(rest[0], one) for place, one in of]
+                numbered = enumerate(traces)
+                traces = [self._mended(rest[0], one, keeping=number % _BROKEN > 0) for number, one in numbered]
         expected = baseline.answers(traces)
         if expected is None:
             return False
@@ -618,11 +618,13 @@ class Comparison:
         kept += zip(others, baseline.aside(others), strict=False)
         return [one for one in kept if not one[1].expired]
 
-    def _mended(self, row: _Row, trace: Trace) -> Trace:
-        """Return the trace with the assumptions kept and, if necessary, increasing times."""
+    def _mended(self, row: _Row, trace: Trace, *, keeping: bool = True) -> Trace:
+        """Return the trace with the assumptions kept, unless not `keeping`, and, if necessary,
+        increasing times.
+        """
         if not row.leaves_open(trace):
             return trace
-        kept = conforming(self.tree, trace, row.assumes) if row.assumes else trace
+        kept = conforming(self.tree, trace, row.assumes) if row.assumes and keeping else trace
         return in_order(self.tree, kept) if row.leaves_open(kept) else kept
 
     def _matches(self, judged: Iterable[tuple[Trace, Answer]]) -> list[tuple[Trace, frozenset[Match]]]:

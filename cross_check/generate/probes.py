@@ -42,7 +42,7 @@ def constants(text: str) -> tuple[list[str], list[int | float], list[str]]:
     """Return the texts in quotes or of YAML, the numbers, and the words of a specification.
 
     >>> constants("a == 'x*' and b > 1.50 within 3m")
-    (['x*', 'x'], [1.5, 3], ['a', 'and', 'b', 'within'])
+    (['x*', 'x'], [1.5, 3], ['a', 'and', 'b', 'within', 'm'])
     """
     quoted = [next(part for part in found.groups() if part is not None) for found in _TEXT.finditer(text)]
     bare = _TEXT.sub(" ", text)

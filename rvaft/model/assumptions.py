@@ -372,12 +372,14 @@ def quoted(text: str) -> str:
 def described(found: Json) -> str:
     """Return a value of an event in the words of types, for a message."""
     match found:
+        case None:
+            return "null"
         case bool():
             return "a boolean"
         case str():
             return "a text"
         case float() if not isfinite(found):
-            return "no finite number"
+            return "not finite"
         case int() | float():
             return f"the number {found}"
         case list():

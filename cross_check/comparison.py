@@ -42,7 +42,7 @@ from cross_check.plain import plainer
 from cross_check.product import Exploration
 from cross_check.published_monitor import NAME as PUBLISHED
 from cross_check.published_monitor import published_of
-from cross_check.results import DETECTIONS_ONLY, Difference, Job, Result, Status, raised, reason
+from cross_check.results import DETECTIONS_ONLY, NOTHING, Difference, Job, Result, Status, raised, reason
 from cross_check.traces import Effort, Trace, letters_of, trials
 from rvaft.api import narrowed
 from rvaft.backend import Match
@@ -436,7 +436,7 @@ class Comparison:
             pass
         for row in self.rows:
             if row.status is not None and row.status.agrees and not row.detected:
-                row.end(Status.VACUOUS, row.limited)
+                row.end(Status.VACUOUS, row.limited or NOTHING)
         met = any(row.status in (Status.PROVED, Status.TESTED, Status.DIFFERS, Status.VACUOUS) for row in self.rows)
         baseline = self._present[0] if met and self._present else None
         if baseline is not None:

@@ -83,6 +83,7 @@ _FAILURES: Final = 20
 _JUNIT: Final = {**dict.fromkeys(_RAN, ""), Status.DIFFERS: "failure", **dict.fromkeys(_SKIPPED, "skipped")}
 
 
+NOTHING: Final = "nothing was detected in any trace"
 DETECTIONS_ONLY: Final = "detections only"
 """The note for participants without ⊥: only the first detection of a trace was compared."""
 
@@ -163,13 +164,11 @@ class Result:
                 matched = f", all matches of {self.matched}" if self.matched else ""
                 return f"tested: {self._tried}{matched}{self._masked}{because}"
             case Status.VACUOUS if self.traces:
-                limited = f" ({self.why})" if self.why else ""
+                limited = f" ({self.why})" if self.why != NOTHING else ""
                 return f"vacuous: nothing was detected in {self._tried}{self._masked}{limited}"
             case Status.DIFFERS:
                 length = len(self.difference.trace) if self.difference else 0
                 return f"differs after {length} {_plural('event', length)}"
-            case Status.VACUOUS if not self.why:
-                return f"{self.status}: nothing was detected in any trace"
             case _:
                 return f"{self.status}: {self.why}" if self.why else str(self.status)
 

@@ -315,7 +315,7 @@ def test_what_the_time_limit_cuts_off_is_no_agreement() -> None:
 def test_steps_of_the_reference_and_not_seconds_end_a_comparison(times: int) -> None:
     """Costly traces are left out, the same on each machine, and their number is told."""
     tree = loads(f"semantics scattered; top sand b a; a times {times}; b;")
-    job, effort = Job("tree", Semantics.SCATTERED), Effort(states=0, traces=60, work=4_000)
+    job, effort = Job("tree", Semantics.SCATTERED), Effort(states=0, words=0, traces=40, work=10_000)
     found = [Comparison(tree, job, effort).run(Roster(("c",)).candidates(tree, job)) for _ in range(2)]
     assert [(one.status, one.text) for one in found[0]] == [(one.status, one.text) for one in found[1]]
     assert all("steps of the reference" in one.why for one in found[0] if one.status is Status.TESTED) is (times == 8)

@@ -539,8 +539,8 @@ class Comparison:
             words = unproved and (more or self.effort.recheck)
             traces = [*trials(part, self.job, self.effort, participants, words=words)]
             for one in participants:
-                if one.written and self.effort.probes:
-                    seed, most = self.effort.seed, self.effort.probes
+                if one.written and self.effort.traces:
+                    seed, most = self.effort.seed, self.effort.traces
                     tried, untried[one.name] = probes(
                         part, self.job.semantics, one.written, one.known, seed=seed, most=most
                     )

@@ -39,12 +39,11 @@ class Effort:
 
     - `states`: limit of a proof (0: no proof).
     - `words`: limit of events in enumerated traces.
-    - `traces`: number of random traces.
+    - `traces`: number of random traces, and of those with the constants of a text of a person.
     - `length`: their maximum length (None: enough for a detection).
     - `recheck`: run the traces also for proved participants.
     - `seconds`: time limit of each translation, proof and test run; what exceeds it is no agreement.
     - `work`: number of steps of the reference for all traces (None: no limit).
-    - `probes`: number of traces with the constants of a text that a person wrote.
     """
 
     states: int = 20_000
@@ -54,7 +53,6 @@ class Effort:
     length: int | None = None
     seconds: float | None = None
     work: int | None = None
-    probes: int = 1_000
     seed: str = "0"
 
 

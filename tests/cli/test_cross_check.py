@@ -216,7 +216,7 @@ def test_a_text_of_a_person(
     name, content = text
     if name.endswith(".eql"):
         pytest.importorskip("eql", reason="the extra eql is not installed")
-    rule, options = written(tmp_path / name, content), ("--traces", 120, "--jobs", 1)
+    rule, options = written(tmp_path / name, content), ("--traces", 100, "--jobs", 1)
     result = run("cross-check", written(tmp_path / "t.rvaft", tree), "--against", rule, *options)
     assert result.exit_code == status, result.output
     assert {one: one in result.output for one in said} == said
@@ -245,7 +245,7 @@ def test_a_constant_that_a_program_in_c_excludes_is_tried(tmp_path: Path) -> Non
     old = "E(1).tag != RVAFT_ABSENT)"
     assert old in text
     wrong = written(tmp_path / "wrong.c", text.replace(old, f'{old[:-1]} && !is_text(&E(1), "zzz", 3))'))
-    result = run("cross-check", tree, "--against", wrong, "--run-c", "--traces", 40, "--jobs", 1)
+    result = run("cross-check", tree, "--against", wrong, "--run-c", "--traces", 200, "--jobs", 1)
     assert result.exit_code == 1, result.output
     assert '"x": "zzz"' in result.stdout
 

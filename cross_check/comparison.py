@@ -517,8 +517,8 @@ class Comparison:
                 row.why = VARIABLES
             elif number in found.differ:
                 trace = found.differ[number]
-                if row.leaves_open(trace):
-                    row.why = "the proof found a trace that breaks an assumption"
+                if why := row.leaves_open(trace):
+                    row.why, row.whole = f"the proof left out a trace that differs: {why}", trace
                 else:
                     row.status, row.difference, row.whole = Status.DIFFERS, (trace, row.verdicts_of(trace)), trace
             elif number and found.complete:
@@ -590,14 +590,16 @@ class Comparison:
         assert row.participant is not None
         open_ = row.participant.left_open or (lambda _: "")
         breaking = partial(first_violation, self.tree, assumptions=row.assumes)
-        judged = [*islice((one for one in given if breaking(one[0]) and not open_(one[0])), _OUTSIDE)]
+        known = [row.whole] if row.whole and row.difference is None and breaking(row.whole) else []
+        judged: list[tuple[Trace, Answer]] = [(trace, Answer(baseline.verdicts_of(trace))) for trace in known]
+        judged += [*islice((one for one in given if breaking(one[0]) and not open_(one[0])), _OUTSIDE)]
         other = _Row(row.name, self.tree, self.effort.seconds, row.participant, work=row.work)
         answers = other.aside([trace for trace, _ in judged])
         pairs = [one for one in zip(judged, answers, strict=False) if not one[1].expired]
         other.judge([trace for trace, _ in pairs], [answer for _, answer in pairs])
         if other.difference is not None and not breaking(other.difference[0]):  # the assumption is broken later
-            trace, got = other.difference
-            row.compare(trace, baseline.verdicts_of(trace), got)
+            trace, _ = other.difference
+            row.compare(trace, baseline.verdicts_of(trace), row.verdicts_of(trace))
             return
         other.shorten(baseline, lambda trace: breaking(trace) is not None and not open_(trace))
         if other.difference is not None and (broken := breaking(other.difference[0])) is not None:

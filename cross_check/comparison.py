@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import chain, count, islice
+from itertools import chain, count, islice, zip_longest
 from pathlib import Path
 from sys import maxsize
 from time import perf_counter
@@ -544,7 +544,7 @@ class Comparison:
                     tried, untried[one.name] = probes(
                         part, self.job.semantics, one.written, one.known, seed=seed, most=most
                     )
-                    traces += tried
+                    traces = [one for both in zip_longest(traces, tried) for one in both if one is not None]
             if any(one.assumes for one in participants):  # most traces keep the assumptions, and have a verdict
                 numbered = enumerate(traces)
                 traces = [self._mended(rest[0], one, keeping=number % _BROKEN > 0) for number, one in numbered]

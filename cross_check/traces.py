@@ -58,7 +58,7 @@ class Effort:
 
 ONE_TREE: Final = Effort(traces=200)
 """For trees given by the user."""
-AGAINST: Final = Effort(traces=1_000, seconds=600, work=2_000_000)
+AGAINST: Final = Effort(traces=1_000, seconds=600, work=3_000_000)
 """For specifications by users: finding one missing condition takes many traces."""
 CATALOGUE: Final = Effort(words=100, traces=16, recheck=False)
 """For each small tree of the catalogue."""

@@ -35,6 +35,8 @@ _TEXT: Final = re.compile(r"\"((?:\\.|[^\"\\\n])*)\"|'((?:''|\\.|[^'\\\n])*)'|`(
 _WORD: Final = re.compile(r"[A-Za-z_@][\w.@-]*", re.ASCII)
 _YAML: Final = re.compile(r"^[^#\n]*?(?::|-)[ \t]+([^\s\"'{\[#][^#\n]*?)[ \t]*$", re.MULTILINE)
 _DIGITS: Final = re.compile(rf"(?<![\w.]){NUMBER.pattern}(?=(?:[nmu]?s|min|[mhd])?\b)", re.ASCII)
+_DURATION: Final = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)([nmu]?s|min|[mhd])\b", re.ASCII)
+_BESIDE: Final = (0, MICROSECOND)
 _STARS: Final = str.maketrans("", "", "*%")
 
 
@@ -73,7 +75,7 @@ def probes(
     ways = [
         chain(_with_values(bases, new), _with_fields(bases, new, fields), _with_values(bases, values)),
         _apart(random, tree, semantics, bases, [one for one in numbers if isinstance(one, int)]),
-        _later(random, tree, bases, numbers),
+        _later(random, tree, bases, _distances(written, numbers)),
     ]
     unique: dict[str, Trace] = {}
     for trace in chain.from_iterable(zip_longest(*ways)):
@@ -162,25 +164,23 @@ def _between(tree: RVAFT, base: Trace, at: int, events: Trace) -> Trace:
     return [timed(plain, tree, event, first + step * number, plain=True) for number, event in enumerate(events, 1)]
 
 
-def _later(random: Random, tree: RVAFT, bases: Sequence[Trace], numbers: Iterable[int | float]) -> Iterator[Trace]:
+def _distances(written: str, numbers: Iterable[int | float]) -> list[int]:
+    """Return the durations that a text may mean, in nanoseconds: those with a unit first."""
+    stated = [float(number) * UNITS[{"m": "min"}.get(unit, unit)] for number, unit in _DURATION.findall(written)]
+    every = (*stated, *(number * unit for number in numbers for unit in UNITS.values()))
+    return [*dict.fromkeys(round(one) for one in every if 0 < one < 4_000 * UNITS["d"])]
+
+
+def _later(random: Random, tree: RVAFT, bases: Sequence[Trace], distances: Sequence[int]) -> Iterator[Trace]:
     """Yield the traces with an event, and those after it, so much time after the event before it."""
-    if tree.time is None:
-        return
-    for number in (one for one in numbers if one > 0):
-        for unit in UNITS.values():
-            distance = round(number * unit)
-            for base in bases if 0 < distance < 4_000 * UNITS["d"] else ():
-                times = [tree.time.read(event) for event in base]
-                for at in range(1, len(base)):
-                    before, own = times[at - 1], times[at]
-                    if before is None or own is None:
-                        continue
-                    for by in (distance, distance + MICROSECOND):
-                        moved = [
-                            time if place < at or time is None else time + before + by - own
-                            for place, time in enumerate(times)
-                        ]
-                        yield [
-                            event if time is None else timed(random, tree, event, time, plain=True)
-                            for event, time in zip(base, moved, strict=True)
-                        ]
+    for base in bases if tree.time is not None else ():
+        times = [None if tree.time is None else tree.time.read(event) for event in base]
+        for at, by in product(range(len(base) - 1, 0, -1), (one + more for one in distances for more in _BESIDE)):
+            before, own = times[at - 1], times[at]
+            if before is not None and own is not None:
+                yield [
+                    event
+                    if place < at or time is None
+                    else timed(random, tree, event, time + before + by - own, plain=True)
+                    for place, (event, time) in enumerate(zip(base, times, strict=True))
+                ]

@@ -533,25 +533,30 @@ class Comparison:
         more = any(row.status is None and not row.detections_only for row in rest)
         traces: list[Trace] = []
         untried: dict[str, str] = {}
+        places: list[int] = []
         if unproved or self.effort.recheck:
             part = restrict(self.tree, branch=self.job.branch, kind=self.job.kind)
             participants = [row.participant for row in self._present if row.participant is not None]
             words = unproved and (more or self.effort.recheck)
-            traces = [*trials(part, self.job, self.effort, participants, words=words)]
+            tested: list[list[Trace]] = [[*trials(part, self.job, self.effort, participants, words=words)]]
             for one in participants:
                 if one.written and self.effort.traces:
                     seed, most = self.effort.seed, self.effort.traces
                     tried, untried[one.name] = probes(
                         part, self.job.semantics, one.written, one.known, seed=seed, most=most
                     )
-                    traces = [one for both in zip_longest(traces, tried) for one in both if one is not None]
+                    tested.append([*tried])
+            # In turn, so that the steps suffice for some of each; plainer traces are compared first.
+            numbered = [[(place, one) for one in some] for place, some in enumerate(tested)]
+            turns = [one for some in zip_longest(*numbered) for one in some if one is not None]
+            places, traces = [place for place, _ in turns], [trace for _, trace in turns]
             if any(one.assumes for one in participants):  # most traces keep the assumptions, and have a verdict
-                numbered = enumerate(traces)
-                traces = [self._mended(rest[0], one, keeping=number % _BROKEN > 0) for number, one in numbered]
+                traces = [self._mended(rest[0], one, keeping=at % _BROKEN > 0) for at, one in enumerate(traces)]
         expected = baseline.answers(traces)
         if expected is None:
             return False
-        every = [one for one in zip(traces, expected, strict=False) if not one[1].expired]
+        found = [one for one in zip(places, zip(traces, expected, strict=False), strict=False) if not one[1][1].expired]
+        every = [one for _, one in sorted(found, key=lambda one: one[0])]
         baseline.judge(every, [answer for _, answer in every])
         for row in rest:
             if row.status is Status.PROVED and not self.effort.recheck:

@@ -274,6 +274,16 @@ def _time_cell(time: int | None, kind: str) -> Json:
     return time / 10**9 if kind == "double" else time // unit
 
 
+def time_line(time: EventTime) -> str:
+    """Return the line of a comment that defines the time of events."""
+    return f"time {json.dumps(time.field)} as {time.format}{'' if time.late is None else f' late {time.late} ns'}"
+
+
+def with_time(text: str, time: EventTime, comment: str) -> str:
+    """Return the text with a last line that defines the time of events, unless it has such a line."""
+    return text if declared_time(text, comment) is not None else f"{text}\n{comment} {time_line(time)}\n"
+
+
 def declared_time(text: str, comment: str = "--") -> EventTime | None:
     """Return the time of events that the comment of a text defines, or None; raises `LanguageError`."""
     found = re.search(rf"^{comment} time (\[.*\]) as (.+?)(?: late \d+ ns)?$", text, re.MULTILINE)

@@ -5,15 +5,17 @@ prefix is compared with that of the baseline: the reference or, without it, the 
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import chain, count, islice
+from itertools import chain, count, islice, zip_longest
 from pathlib import Path
+from sys import maxsize
 from time import perf_counter
 from typing import Final, TypeAlias, TypeVar
 
 from cross_check.generate.assumptions import conforming
+from cross_check.generate.probes import probes
 from cross_check.generate.times import in_order
 from cross_check.judges import FLINK, MONPOLY, R2U2, VERIFIED, VERIMON, flink_of, monpoly_of, r2u2_of, verified_of
 from cross_check.letters import TIMES, VARIABLES
@@ -40,7 +42,7 @@ from cross_check.plain import plainer
 from cross_check.product import Exploration
 from cross_check.published_monitor import NAME as PUBLISHED
 from cross_check.published_monitor import published_of
-from cross_check.results import DETECTIONS_ONLY, Difference, Job, Result, Status, raised, reason
+from cross_check.results import DETECTIONS_ONLY, NOTHING, Difference, Job, Result, Status, raised, reason
 from cross_check.traces import Effort, Trace, letters_of, trials
 from rvaft.api import narrowed
 from rvaft.backend import Match
@@ -54,7 +56,7 @@ from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.semantics import matches
 from rvaft.semantics.reference import chosen_scenarios
-from rvaft.support.budget import Expired, within
+from rvaft.support.budget import Expired, Undecided, within
 
 T = TypeVar("T")
 Enlist: TypeAlias = Callable[[], Enlisted]
@@ -164,17 +166,19 @@ def cross_check(
 
 
 _SHARE: Final = 20
-"""A monitor may use this share of the time limit for one trace."""
-_FIRST: Final = 8
-"""The size of the first batch of traces for a program that reads whole traces."""
+"""The reference may use this share of its steps for one trace."""
+_BATCH: Final = 50
+"""The number of traces for one answer of a participant."""
+_BROKEN: Final = 5
+"""One of so many traces may break the assumptions of the tree that `--against` compares with."""
+_OUTSIDE: Final = 200
+"""Maximum number of traces that break an assumption on which a text that a person wrote is tried."""
 
 
-def _batches(traces: Sequence[Trace], size: int, *, double: bool) -> Iterator[Sequence[Trace]]:
-    """Yield the traces in batches, with `double` each twice as large as the one before."""
-    start = 0
-    while start < len(traces):
-        yield traces[start : start + size]
-        start, size = start + size, size * (2 if double else 1)
+def _place(wanted: Sequence[Verdict], got: Sequence[Verdict]) -> int | None:
+    """Return the number of events after which verdicts first differ, or None."""
+    pairs = enumerate(zip(wanted, got, strict=True), 1)
+    return next((number for number, (one, other) in pairs if one is not other), None)
 
 
 @dataclass(slots=True)
@@ -191,6 +195,11 @@ class _Row:
     traces: int = 0
     longest: int = 0
     difference: tuple[tuple[Json, ...], tuple[Verdict, ...]] | None = None
+    note: str = ""
+    """What was compared: detections only, under which assumptions, with which times."""
+    whole: tuple[Json, ...] = ()
+    """The trace of the difference, before it was cut where the verdicts first differ."""
+    outside_assumed: Difference | None = None
     masks: dict[str, None] = field(default_factory=dict)
     masked: int = 0
     matched: int = 0
@@ -198,7 +207,11 @@ class _Row:
     reason: str = ""
     detected: bool = False
     limited: str = ""
+    """How many traces were compared within the steps of the reference, if not all."""
+    unfinished: str = ""
     """How many traces were compared within the time limit, if not all."""
+    work: int = maxsize
+    """The number of steps for the traces; counted only for a reference."""
 
     def end(self, status: Status | None, why: str = "") -> None:
         self.status, self.why = status, why
@@ -221,42 +234,76 @@ class _Row:
         assert self.participant is not None
         return self.participant.answers([trace])[0]
 
-    def answers(self, traces: Sequence[Trace]) -> Sequence[Answer] | None:
-        """Return the answers for the first traces, or None on an error.
+    @contextmanager
+    def spending(self, steps: int | None = None) -> Iterator[None]:
+        """Limit the steps of a reference in the block, by default to those for all traces."""
+        budget = None if self.participant is None else self.participant.budget
+        if budget is not None:
+            budget.left = self.work if steps is None else steps
+        try:
+            yield
+        finally:
+            if budget is not None:
+                budget.left = maxsize
 
-        With a time limit, a monitor may use a share of it for one trace; other traces expire. At
-        the limit, the rest is left out. External programs time themselves.
+    def answers(self, traces: Sequence[Trace]) -> Sequence[Answer] | None:
+        """Return the answers for the first traces, or None on an error or without any answer.
+
+        A trace expires that takes a reference more steps than its share, or than are left. The time
+        limit ends the row. External programs time themselves.
         """
         if self.outside is not None:
             return self.attempt(partial(self.outside.answers, traces), None)
-        assert self.participant is not None
-        if self.patience is None:
-            every = self.attempt(partial(self.participant.answers, traces), None)
-            return None if every is None else [*map(Answer, every)]
         found: list[Answer] = []
-        start, single = perf_counter(), self.participant.first_detections is None
-        for some in _batches(traces, 1 if single else _FIRST, double=not single):
-            left = self.patience - (perf_counter() - start)
-            if left <= 0:
+        start, left, before = perf_counter(), self.work, (self.status, self.why)
+        for first in range(0, len(traces), _BATCH):
+            rest = None if self.patience is None else self.patience - (perf_counter() - start)
+            if rest is not None and rest <= 0:
                 break
-            share = min(left, self.patience / _SHARE) if single else left
-            answers = self.attempt(partial(self.participant.answers, some), share)
-            if answers is not None:
-                found += map(Answer, answers)
-                continue
-            if self.status is not Status.TIMEOUT:
+            answers = self.attempt(partial(self._answered, traces[first : first + _BATCH], left), rest)
+            if answers is None and self.status is not Status.TIMEOUT:
                 return None
-            self.end(None)
-            if not single:
+            if answers is None:
                 break
-            found.append(Answer(expired=True))
+            found += answers[0]
+            left = answers[1]
         done = sum(not one.expired for one in found)
-        if traces and not done:
+        if traces and not found:
             self.end(Status.TIMEOUT, "no result within the time limit")
             return None
-        if done < len(traces):
-            self.limited = f"{done} of {len(traces)} traces within the time limit"
+        if traces and not done:
+            self.fail(TooLarge("steps of the reference", limit=self.work))
+            return None
+        self.end(*before)
+        if len(found) < len(traces):
+            self.unfinished = f"{done} of {len(traces)} traces within the time limit"
+        elif done < len(found):
+            self.limited = f"{done} of {len(traces)} traces within {self.work:,} steps of the reference"
         return found
+
+    def aside(self, traces: Sequence[Trace]) -> Sequence[Answer]:
+        """Return the answers for the first of further traces, without a mark in the result."""
+        before = self.status, self.why, self.limited, self.unfinished
+        found = self.answers(traces) or ()
+        self.status, self.why, self.limited, self.unfinished = before
+        return found
+
+    def _answered(self, traces: Sequence[Trace], left: int) -> tuple[list[Answer], int]:
+        """Return the answers, and the number of steps that are left."""
+        assert self.participant is not None
+        if (budget := self.participant.budget) is None:
+            return [*map(Answer, self.participant.answers(traces))], left
+        found: list[Answer] = []
+        for trace in traces:
+            given = min(left, self.work // _SHARE)
+            try:
+                with self.spending(given):
+                    found.append(Answer(self.verdicts_of(trace)))
+                    left -= given - budget.left
+            except Undecided:
+                found.append(Answer(expired=True))
+                left -= given
+        return found, left
 
     @property
     def detections_only(self) -> bool:
@@ -274,7 +321,8 @@ class _Row:
         """The assumptions that its text relies on."""
         source = self.participant or self.outside
         known = None if source is None else source.specification
-        return frozenset() if known is None else known.assumes
+        own = frozenset() if self.participant is None else self.participant.assumes
+        return own if known is None else own | known.assumes
 
     def judge(self, judged: Sequence[tuple[Trace, Answer]], answers: Sequence[Answer]) -> None:
         for (trace, wanted), answer in zip(judged, answers, strict=True):
@@ -293,14 +341,16 @@ class _Row:
         return None
 
     def compare(self, trace: Trace, wanted: Sequence[Verdict], got: Sequence[Verdict]) -> None:
-        if self.detections_only:
-            wanted = detections(wanted)
-        for length, (one, other) in enumerate(zip(wanted, got, strict=True), 1):
-            if one is not other:
-                self.status = Status.DIFFERS
-                if self.difference is None or length < len(self.difference[0]):
-                    self.difference = tuple(trace[:length]), tuple(got[:length])
-                return
+        length = _place(detections(wanted) if self.detections_only else wanted, got)
+        if length is not None:
+            self.status = Status.DIFFERS
+            if self.difference is None or length < len(self.difference[0]):
+                self.difference, self.whole = (tuple(trace[:length]), tuple(got[:length])), tuple(trace)
+
+    def differing(self, baseline: "_Row", trace: Trace) -> tuple[int | None, tuple[Verdict, ...]]:
+        """Return the number of events after which the verdicts on a trace differ, and its own verdicts."""
+        wanted, got = baseline.verdicts_of(trace), self.verdicts_of(trace)
+        return _place(detections(wanted) if self.detections_only else wanted, got), got
 
     @property
     def lists_matches(self) -> bool:
@@ -320,31 +370,39 @@ class _Row:
                 self.status, self.difference = Status.DIFFERS, (tuple(trace), self.verdicts_of(trace))
                 return
 
-    def shorten(self, baseline: "_Row") -> None:
-        position = 0
-        with suppress(Exception, Expired), within(self.patience):
-            while self.difference is not None and position < len(trace := self.difference[0]):
+    def shorten(self, baseline: "_Row", admits: Callable[[Trace], bool] | None = None) -> None:
+        """Cut the differing trace; a text that decides an event by later ones differs on it as a whole."""
+        if self.difference is None or self.match:
+            return
+        admitted = admits or (lambda trace: not self.leaves_open(trace))
+        with suppress(Exception, Expired), within(self.patience), baseline.spending(), self.spending():
+            trace = self.difference[0]
+            place, _ = self.differing(baseline, trace)
+            if place is None:
+                place, got = self.differing(baseline, trace := self.whole)
+                self.difference = trace, got
+                self.reason = "its verdict after an event depends on the events after it"
+            position = 0
+            while position < len(trace):
                 fewer = trace[:position] + trace[position + 1 :]
-                if self.leaves_open(fewer):
+                place, got = self.differing(baseline, fewer) if admitted(fewer) else (None, ())
+                if place is None:
                     position += 1
-                    continue
-                self.compare(fewer, baseline.verdicts_of(fewer), self.verdicts_of(fewer))
-                position += len(self.difference[0]) == len(trace)
+                else:
+                    self.difference = (trace := fewer), got
 
     def simplify(self, baseline: "_Row") -> None:
         """Give the differing trace ordinary times and values."""
         if self.difference is None or self.match:
             return
+        with suppress(Exception, Expired), within(self.patience), baseline.spending(), self.spending():
+            where, _ = self.differing(baseline, self.difference[0])
 
-        def differs(trace: Trace) -> bool:
-            if self.leaves_open(trace):
-                return False
-            wanted, got = baseline.verdicts_of(trace), self.verdicts_of(trace)
-            wanted = detections(wanted) if self.detections_only else wanted
-            return wanted[:-1] == got[:-1] and wanted[-1:] != got[-1:]
+            def differs(trace: Trace) -> bool:
+                return not self.leaves_open(trace) and self.differing(baseline, trace)[0] == where
 
-        with suppress(Exception, Expired), within(self.patience):
-            trace, self.reason = plainer(self.tree, self.difference[0], differs)
+            trace, reason = plainer(self.tree, self.difference[0], differs)
+            self.reason = self.reason or reason
             self.difference = trace, self.verdicts_of(trace)
 
 
@@ -361,14 +419,13 @@ class Comparison:
         """Return the results; `candidates` are named before their creation, which may time out."""
         for name, enlist in candidates:
             started = perf_counter()
-            row = _Row(name, self.tree, self.effort.seconds)
+            row = _Row(name, self.tree, self.effort.seconds, work=self.effort.work or maxsize)
             match row.attempt(enlist, self.effort.seconds):
                 case Absent(error):
                     row.fail(error)
                 case Outside() as outside:
-                    row.outside, row.why = outside, "its states are unknown"
-                    if outside.detections_only:
-                        row.why = DETECTIONS_ONLY
+                    row.outside = outside
+                    row.why = DETECTIONS_ONLY if outside.detections_only else "its states are unknown"
                 case participant:
                     row.participant = participant
             row.seconds = perf_counter() - started
@@ -379,7 +436,7 @@ class Comparison:
             pass
         for row in self.rows:
             if row.status is not None and row.status.agrees and not row.detected:
-                row.end(Status.VACUOUS, row.limited or "nothing was detected in any trace")
+                row.end(Status.VACUOUS, row.limited or NOTHING)
         met = any(row.status in (Status.PROVED, Status.TESTED, Status.DIFFERS, Status.VACUOUS) for row in self.rows)
         baseline = self._present[0] if met and self._present else None
         if baseline is not None:
@@ -414,31 +471,40 @@ class Comparison:
                 gaps = ["no letters within the time limit"] * len(present)
             except TooLarge as error:
                 gaps = [f"no letters: {reason(error)}"] * len(present)
+        able = []
         for row, gap in zip(present, gaps, strict=True):
-            if row.assumes:
-                row.why = f"assumes {assumptions_text(row.assumes, self.tree.time)}"
-            if row.detections_only:
-                row.why = "; ".join(filter(None, (DETECTIONS_ONLY, row.why)))
-            if row.why:
+            assert row.participant is not None
+            assumes = f"assumes {assumptions_text(row.assumes, self.tree.time)}" if row.assumes else ""
+            times = f"with the tree's `{row.participant.times}`" if row.participant.times else ""
+            only = DETECTIONS_ONLY if row.detections_only else ""
+            row.note = "; ".join(filter(None, (only, assumes, times)))
+            if only or row.assumes - row.participant.assumes:
                 continue
-            if self.effort.states and row.participant is not None and row.participant.timed:
-                row.why = TIMES
-                continue
-            row.why = gap or gaps[0]  # a gap of the baseline concerns all
-        able = [row for row in present if not row.why]
+            row.why = TIMES if self.effort.states and row.participant.timed else gap or gaps[0]
+            if not row.why:
+                able.append(row)
         if len(able) > 1:
             self._explore(able)
 
     def _explore(self, able: list[_Row]) -> None:
         participants = [row.participant for row in able if row.participant is not None]
+        why = ""
         try:
-            with within(self.effort.seconds):
+            with within(self.effort.seconds), ExitStack() as limits:
+                for row in able:
+                    limits.enter_context(row.spending())
                 letters = letters_of((one.observed or () for one in participants), proof=True)
                 found = Exploration(participants, letters, limit=self.effort.states)
-        except (Expired, TooLarge) as stopped:
-            late = isinstance(stopped, Expired)
+        except (Expired, Undecided, TooLarge) as stopped:
+            match stopped:
+                case Expired():
+                    why = "no proof within the time limit"
+                case Undecided():
+                    why = f"no proof within {self.effort.work:,} steps of the reference"
+                case _:
+                    why = f"no letters: {reason(stopped)}"
             for row in able:
-                row.why = "no proof within the time limit" if late else f"no letters: {reason(stopped)}"
+                row.why = why
             return
         for number, row in enumerate(able):
             row.verdicts += found.verdicts if number else 0
@@ -451,7 +517,10 @@ class Comparison:
                 row.why = VARIABLES
             elif number in found.differ:
                 trace = found.differ[number]
-                row.status, row.difference = Status.DIFFERS, (trace, row.verdicts_of(trace))
+                if why := row.leaves_open(trace):
+                    row.why, row.whole = f"the proof left out a trace that differs: {why}", trace
+                else:
+                    row.status, row.difference, row.whole = Status.DIFFERS, (trace, row.verdicts_of(trace)), trace
             elif number and found.complete:
                 row.status = Status.PROVED
             elif number:
@@ -463,57 +532,106 @@ class Comparison:
         unproved = any(row.status is None for row in rest)
         more = any(row.status is None and not row.detections_only for row in rest)
         traces: list[Trace] = []
+        untried: dict[str, str] = {}
+        places: list[int] = []
         if unproved or self.effort.recheck:
             part = restrict(self.tree, branch=self.job.branch, kind=self.job.kind)
             participants = [row.participant for row in self._present if row.participant is not None]
-            traces = list(
-                trials(part, self.job, self.effort, participants, words=unproved and (more or self.effort.recheck))
-            )
+            words = unproved and (more or self.effort.recheck)
+            tested: list[list[Trace]] = [[*trials(part, self.job, self.effort, participants, words=words)]]
+            for one in participants:
+                if one.written and self.effort.traces:
+                    seed, most = self.effort.seed, self.effort.traces
+                    tried, untried[one.name] = probes(
+                        part, self.job.semantics, one.written, one.known, seed=seed, most=most
+                    )
+                    tested.append([*tried])
+            # In turn, so that the steps suffice for some of each; plainer traces are compared first.
+            numbered = [[(place, one) for one in some] for place, some in enumerate(tested)]
+            turns = [one for some in zip_longest(*numbered) for one in some if one is not None]
+            places, traces = [place for place, _ in turns], [trace for _, trace in turns]
+            if any(one.assumes for one in participants):  # most traces keep the assumptions, and have a verdict
+                traces = [self._mended(rest[0], one, keeping=at % _BROKEN > 0) for at, one in enumerate(traces)]
         expected = baseline.answers(traces)
         if expected is None:
             return False
-        every = [one for one in zip(traces, expected, strict=False) if not one[1].expired]
-        expected = [answer for _, answer in every]
-        baseline.judge(every, expected)
+        found = [one for one in zip(places, zip(traces, expected, strict=False), strict=False) if not one[1][1].expired]
+        every = [one for _, one in sorted(found, key=lambda one: one[0])]
+        baseline.judge(every, [answer for _, answer in every])
         for row in rest:
             if row.status is Status.PROVED and not self.effort.recheck:
                 continue
             if traces:
-                json_alone = row.participant is None or row.participant.json_alone
-                judged = [one for one in every if not json_alone or all(map(is_finite, one[0]))]
-                judged = self._decidable(row, baseline, judged)
-                answers = row.answers([trace for trace, _ in judged])
-                if answers is not None:
-                    pairs = [one for one in zip(judged, answers, strict=False) if row.outside or not one[1].expired]
-                    row.judge([trace for trace, _ in pairs], [answer for _, answer in pairs])
-                if baseline.name == REFERENCE and row.lists_matches:  # the reference could enumerate the scenarios
-                    row.compare_matches(self._matches(judged))
-                if row.participant is not None:
-                    row.shorten(baseline)
-                    row.simplify(baseline)
+                self._compare(row, baseline, every)
             elif row.status is None:
                 row.end(Status.COULD_NOT_RUN, "there is no trace to test")
-            row.status, row.limited = row.status or Status.TESTED, row.limited or baseline.limited
-            row.why = "; ".join(filter(None, (row.why, row.limited)))
+            unfinished = row.unfinished or baseline.unfinished
+            if row.status is None and unfinished:
+                row.end(Status.TIMEOUT, f"not completed: {unfinished}")
+            elif row.status is None:
+                row.status, row.limited = Status.TESTED, row.limited or baseline.limited
+                name = "" if row.participant is None else row.participant.name
+                row.why = "; ".join(filter(None, (row.note, row.why, row.limited, untried.get(name, ""))))
         return True
+
+    def _compare(self, row: _Row, baseline: _Row, every: list[tuple[Trace, Answer]]) -> None:
+        json_alone = row.participant is None or row.participant.json_alone
+        given = [one for one in every if not json_alone or all(map(is_finite, one[0]))]
+        judged = self._decidable(row, baseline, given)
+        answers = row.answers([trace for trace, _ in judged])
+        if answers is not None:
+            pairs = [one for one in zip(judged, answers, strict=False) if row.outside or not one[1].expired]
+            row.judge([trace for trace, _ in pairs], [answer for _, answer in pairs])
+        if baseline.name == REFERENCE and row.lists_matches:  # the reference could enumerate the scenarios
+            row.compare_matches(self._matches(judged))
+        if row.participant is not None:
+            if row.participant.assumes:
+                self._look_outside(row, baseline, given)
+            row.shorten(baseline)
+            row.simplify(baseline)
+
+    def _look_outside(self, row: _Row, baseline: _Row, given: list[tuple[Trace, Answer]]) -> None:
+        """Note a trace that breaks an assumption, and on which the text differs."""
+        assert row.participant is not None
+        open_ = row.participant.left_open or (lambda _: "")
+        breaking = partial(first_violation, self.tree, assumptions=row.assumes)
+        known = [row.whole] if row.whole and row.difference is None and breaking(row.whole) else []
+        judged: list[tuple[Trace, Answer]] = [(trace, Answer(baseline.verdicts_of(trace))) for trace in known]
+        judged += [*islice((one for one in given if breaking(one[0]) and not open_(one[0])), _OUTSIDE)]
+        other = _Row(row.name, self.tree, self.effort.seconds, row.participant, work=row.work)
+        answers = other.aside([trace for trace, _ in judged])
+        pairs = [one for one in zip(judged, answers, strict=False) if not one[1].expired]
+        other.judge([trace for trace, _ in pairs], [answer for _, answer in pairs])
+        if other.difference is not None and not breaking(other.difference[0]):  # the assumption is broken later
+            trace, _ = other.difference
+            row.compare(trace, baseline.verdicts_of(trace), row.verdicts_of(trace))
+            return
+        other.shorten(baseline, lambda trace: breaking(trace) is not None and not open_(trace))
+        if other.difference is not None and (broken := breaking(other.difference[0])) is not None:
+            trace, got = other.difference
+            row.outside_assumed = Difference(trace, baseline.name, baseline.verdicts_of(trace), got, reason=str(broken))
 
     def _decidable(self, row: _Row, baseline: _Row, every: list[tuple[Trace, Answer]]) -> list[tuple[Trace, Answer]]:
         """Return the traces with verdicts in the language; others get increasing times, or are
         masked.
         """
-        kept = [one for one in every if not row.leaves_open(one[0])]
-        if len(kept) < len(every):
-            others = [self._mended(row, trace) for trace, _ in every if row.leaves_open(trace)]
-            whys = [why for trace in others if (why := row.leaves_open(trace))]
-            row.masks.update(dict.fromkeys(whys))
-            row.masked += len(whys)
-            others = [trace for trace in others if not row.leaves_open(trace)]
-            kept += zip(others, baseline.answers(others) or (), strict=False)
-        return kept
+        open_ = [bool(row.leaves_open(trace)) for trace, _ in every]
+        kept = [one for one, left in zip(every, open_, strict=True) if not left]
+        mended = [self._mended(row, trace) for (trace, _), left in zip(every, open_, strict=True) if left]
+        whys = [row.leaves_open(trace) for trace in mended]
+        row.masks.update(dict.fromkeys(filter(None, whys)))
+        row.masked += sum(map(bool, whys))
+        others = [trace for trace, why in zip(mended, whys, strict=True) if not why]
+        kept += zip(others, baseline.aside(others), strict=False)
+        return [one for one in kept if not one[1].expired]
 
-    def _mended(self, row: _Row, trace: Trace) -> Trace:
-        """Return the trace with the assumptions kept and, if necessary, increasing times."""
-        kept = conforming(self.tree, trace, row.assumes) if row.assumes else trace
+    def _mended(self, row: _Row, trace: Trace, *, keeping: bool = True) -> Trace:
+        """Return the trace with the assumptions kept, unless not `keeping`, and, if necessary,
+        increasing times.
+        """
+        if not row.leaves_open(trace):
+            return trace
+        kept = conforming(self.tree, trace, row.assumes) if row.assumes and keeping else trace
         return in_order(self.tree, kept) if row.leaves_open(kept) else kept
 
     def _matches(self, judged: Iterable[tuple[Trace, Answer]]) -> list[tuple[Trace, frozenset[Match]]]:
@@ -534,10 +652,15 @@ class Comparison:
         difference = None
         if row.difference is not None and baseline is not None:
             trace, got = row.difference
-            difference = Difference(trace, baseline.name, baseline.verdicts_of(trace), got, row.match, row.reason)
+            expected = baseline.verdicts_of(trace)
+            difference = Difference(trace, baseline.name, expected, got, row.match, row.reason)
+            wanted = detections(expected) if row.detections_only else expected
+            if not row.match and _place(wanted, got) is None:
+                row.end(Status.COULD_NOT_RUN, "its verdicts on one trace change from one run to the next")
+                difference = None
         names = ("seconds", "verdicts", "traces", "longest", "why", "masked", "matched")
         known = {name: getattr(row, name) for name in names}
         if source is not None and source.specification is not None:
             known |= {name: getattr(source.specification.metrics, name) for name in ("symbols", "states")}
         known |= {"masks": tuple(sorted(row.masks)), "detections_only": row.detections_only}
-        return Result(self.job, row.name, row.status, difference=difference, **known)
+        return Result(self.job, row.name, row.status, difference=difference, outside=row.outside_assumed, **known)

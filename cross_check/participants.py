@@ -29,13 +29,15 @@ from rvaft.model.expressions import time_text
 from rvaft.model.guards import Guard
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.guards import walk as guard_walk
-from rvaft.model.nodes import Kind
+from rvaft.model.nodes import Assumption, Kind
 from rvaft.model.patterns import Literal, Pattern, rigid_variables, walk
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor, FirstDetections, LeftOpen, Monitor
 from rvaft.semantics import Reference
+from rvaft.semantics.reference import Partial
+from rvaft.support.budget import Budget
 from rvaft.support.confinement import Limits
 from rvaft.support.files import opened
 
@@ -65,6 +67,10 @@ class Participant:
     - `matches`: returns all matches per trace, or None.
     - `specification`: its text, if any.
     - `tree`: another tree that it monitors.
+    - `budget`: the remaining steps of a reference, which raises `Undecided` without any.
+    - `assumes`: what traces keep on which a text that a person wrote has to agree.
+    - `written`: this text, whose constants the traces try, before those of `known`, a translation.
+    - `times`: the declaration of times that the text has from the tree.
     """
 
     name: str
@@ -77,6 +83,11 @@ class Participant:
     first_detections: FirstDetections | None = None
     left_open: LeftOpen | None = None
     matches: AllMatches | None = None
+    budget: Budget | None = None
+    assumes: frozenset[Assumption] = frozenset()
+    written: str = ""
+    known: str = ""
+    times: str = ""
 
     def answers(self, traces: Sequence[Sequence[Json]]) -> list[tuple[Verdict, ...]]:
         """Return the verdict after every prefix of each trace."""
@@ -231,9 +242,21 @@ def reference_of(
     scenarios = most_scenarios(build(tree))
     if scenarios > LIMIT:
         raise TooLarge(f"about {scenarios:.0e} scenarios to try one by one", limit=LIMIT)
-    first = Reference(tree, semantics, branch=branch, kind=kind)
+    first = _CountedReference(tree, semantics, branch=branch, kind=kind)
     part = restrict(tree, branch=branch, kind=kind)
-    return Participant(name, first.fork, observed=observed_by(part), timed=times_matter(part))
+    return Participant(name, first.fork, observed=observed_by(part), timed=times_matter(part), budget=first.budget)
+
+
+class _CountedReference(Reference):
+    """The reference with a budget of steps, which its forks share: a step tries one occurrence."""
+
+    def __init__(self, tree: RVAFT, semantics: Semantics, *, branch: int | None, kind: Kind | None) -> None:
+        super().__init__(tree, semantics, branch=branch, kind=kind)
+        self.budget = Budget(sys.maxsize)
+
+    def _extended(self, partial: Partial, event: Json, time: int | None) -> Iterator[Partial]:
+        self.budget.spend(len(self.scenarios[partial.scenario].occurrences))
+        return super()._extended(partial, event, time)
 
 
 @absent_on_error
@@ -319,20 +342,27 @@ class Handwritten:
     def enlist(self, tree: RVAFT, semantics: Semantics) -> Participant | Absent:
         """Return the participant for this text.
 
-        An undefined atom of the text is the event of the node of that name.
+        An undefined atom of the text is the event of the node of that name. A text that declares no
+        times has those of the tree.
         """
         if self.language == TREE:
             other = loads(self.text)
             found = reference_of(other, semantics, name=self.path)
-            return found if isinstance(found, Absent) else replace(found, tree=other)
+            return found if isinstance(found, Absent) else replace(found, tree=other, assumes=tree.assumes)
         reader = backend(self.language)
+        written = self.text if tree.time is None else reader.timed(self.text, tree.time)
+        times = "" if written == self.text or tree.time is None else time_text(tree.time)
         patterns = ((name, tree.pattern(name)) for name in tree.occurrences)
         atoms = _NodeEvents((name, pattern) for name, pattern in patterns if pattern is not None)
         atoms.path = self.path
         require_permission(reader, file=self.path, run_c=self.run_c)
-        text = ConfinedText(self.path, reader, self.text, Limits(seconds=self.seconds), atoms=atoms)
+        text = ConfinedText(self.path, reader, written, Limits(seconds=self.seconds), atoms=atoms)
         asks = text.observed, None, False, reader.json_alone, text.first_detections, text.left_open
-        return Participant(self.path, text.start, None, *asks, text.matches)
+        found = Participant(self.path, text.start, None, *asks, text.matches)
+        with suppress(RvaftError):
+            own = reader.translate(tree, semantics).text
+            found = replace(found, known=own)
+        return replace(found, assumes=tree.assumes, written=self.text, times=times)
 
 
 class _NodeEvents(dict[str, Pattern]):

@@ -35,13 +35,13 @@ def plainer(tree: RVAFT, trace: Trace, differs: Callable[[Trace], bool]) -> tupl
     (({'u': 'a'}, {'u': 'b'}), 'they agree if u of event 1 is "b" instead of "a"')
     """
     trace = next(filter(differs, _timed(tree, trace)), trace)
-    fields, reason = _fields(tree), ""
+    fields, literals, reason = _fields(tree), _literals(tree), ""
     for value in _values(trace, fields).values():
         where = [one for one in product(range(len(trace)), fields) if key(_at(trace, *one)) == key(value)]
         made = _changed(trace, where, _fresh(tree, trace, fields, fields[where[0][1]]))
         if differs(made):
             trace = made
-        elif not isinstance(value, str):
+        elif not isinstance(value, str) and key(value) not in literals:
             number, field = where[0]
             reason = f"they agree if {'.'.join(field)} of event {number + 1} is a text instead of {described(value)}"
     return trace, reason or _dependence(tree, trace, fields, differs)

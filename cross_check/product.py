@@ -16,6 +16,7 @@ from cross_check.participants import Participant
 from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
+from rvaft.support.budget import Undecided
 
 GONE = -1
 """The state of an excluded participant."""
@@ -113,6 +114,8 @@ class Exploration:
                     if twin < letter and machine.ties and machine.step(state, twin) != after:
                         self.tied.add(number)
                         after = GONE
+                except Undecided:  # a reference without steps
+                    raise
                 except Exception as error:  # noqa: BLE001 (see above)
                     self.failed[number] = error
             found.append(after)

@@ -76,12 +76,14 @@ def reason(error: BaseException) -> str:
 
 
 _RAN: Final = (Status.BASELINE, Status.PROVED, Status.TESTED, Status.DIFFERS)
+_FAILED: Final = (Status.TOOL_MISSING, Status.COULD_NOT_RUN)
 _SKIPPED: Final = (Status.VACUOUS, Status.NOT_EXPRESSIBLE, Status.TOO_LARGE, Status.TIMEOUT)
 _REASONS: Final = 2
 _FAILURES: Final = 20
 _JUNIT: Final = {**dict.fromkeys(_RAN, ""), Status.DIFFERS: "failure", **dict.fromkeys(_SKIPPED, "skipped")}
 
 
+NOTHING: Final = "nothing was detected in any trace"
 DETECTIONS_ONLY: Final = "detections only"
 """The note for participants without ⊥: only the first detection of a trace was compared."""
 
@@ -131,6 +133,7 @@ class Result:
     - `masked`, `masks`: traces with known deviations of the tool, and these deviations.
     - `matched`: traces on which all matches were compared.
     - `detections_only`: ⊥ was not compared.
+    - `outside`: a difference on a trace that breaks an assumption of the tree; no disagreement.
     """
 
     job: Job
@@ -148,6 +151,7 @@ class Result:
     masks: tuple[str, ...] = ()
     matched: int = 0
     detections_only: bool = False
+    outside: Difference | None = None
 
     @property
     def text(self) -> str:
@@ -160,7 +164,7 @@ class Result:
                 matched = f", all matches of {self.matched}" if self.matched else ""
                 return f"tested: {self._tried}{matched}{self._masked}{because}"
             case Status.VACUOUS if self.traces:
-                limited = f" ({self.why})" if "time limit" in self.why else ""
+                limited = f" ({self.why})" if self.why != NOTHING else ""
                 return f"vacuous: nothing was detected in {self._tried}{self._masked}{limited}"
             case Status.DIFFERS:
                 length = len(self.difference.trace) if self.difference else 0
@@ -214,6 +218,7 @@ class ComparisonTotals:
             counts = self.statuses.setdefault((called[result.participant], result.job.semantics), Counter())
             counts[result.status] += 1
         self.differing = [result for result in every if result.status is Status.DIFFERS]
+        self.remarkable = [result for result in every if result.outside is not None]
         self.unable = [result for result in every if result.status not in _RAN]
         self.vacuous = sum(result.status is Status.VACUOUS for result in every)
         compared = {result.job for result in every if result.status.agrees or result.status is Status.DIFFERS}
@@ -246,8 +251,12 @@ class ComparisonTotals:
         if not self.counts["verdict"]:
             outcome = "nothing was detected, so nothing was compared" if self.vacuous else "nothing was compared"
             return f"{summary}; {outcome}"
-        differ = len(self.differing)
-        return f"{summary}; {f'{differ:,}' if differ else 'no'} {_plural('disagreement', differ or 1)}"
+        differ, failed = len(self.differing), sum(one.status in _FAILED for one in self.unable)
+        ends = [
+            f"{differ:,} {_plural('disagreement', differ)}" * bool(differ),
+            f"{failed:,} could not run" * bool(failed),
+        ]
+        return f"{summary}; {', '.join(filter(None, ends)) or 'no disagreement'}"
 
 
 def _called(results: Iterable[Result]) -> dict[str, str]:
@@ -325,9 +334,17 @@ def _counted(counts: Mapping[Status, int]) -> str:
 
 def difference_lines(result: Result) -> list[str]:
     """Return the differing trace, with both verdicts after every event."""
-    found = result.difference
-    if found is None:
+    return [] if result.difference is None else _trace_lines(result, result.difference)
+
+
+def remark_lines(result: Result) -> list[str]:
+    """Return the trace that breaks an assumption of the tree, if the participant differs on it."""
+    if (found := result.outside) is None:
         return []
+    return ["remark: it differs on a trace that breaks what the tree assumes:", *_trace_lines(result, found)]
+
+
+def _trace_lines(result: Result, found: Difference) -> list[str]:
     rows = [("EVENT", found.baseline, result.participant)]
     for event, expected, got in zip(found.trace, found.expected, found.got, strict=True):
         rows.append((json.dumps(event, ensure_ascii=False), expected.symbol, got.symbol))
@@ -375,6 +392,7 @@ def _object(result: Result) -> dict[str, Json]:
         **{name: getattr(result, name) for name in sizes},
         "result": result.text,
         "difference": result.difference and _difference(result.difference),
+        "outside": result.outside and _difference(result.outside),
     }
 
 
@@ -420,6 +438,8 @@ def markdown_text(results: Iterable[Result], note: str = "") -> str:
     lines += [f"| {' | '.join(map(_cell, row))} |" for row in (head, ["---"] * len(head), *rows)]
     for result in totals.differing:
         lines += ["", f"### {_cell(_named(result))}", "", *(f"    {line}" for line in difference_lines(result))]
+    for result in totals.remarkable:
+        lines += ["", f"### {_cell(_named(result))}", "", *(f"    {line}" for line in remark_lines(result))]
     if totals.unable:
         lines += ["", "### Not compared", ""]
         lines += [f"- {_cell(f'{_named(result)}: {result.text}')}" for result in totals.unable]

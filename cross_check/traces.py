@@ -39,10 +39,11 @@ class Effort:
 
     - `states`: limit of a proof (0: no proof).
     - `words`: limit of events in enumerated traces.
-    - `traces`: number of random traces.
+    - `traces`: number of random traces, and of those with the constants of a text of a person.
     - `length`: their maximum length (None: enough for a detection).
     - `recheck`: run the traces also for proved participants.
-    - `seconds`: time limit of each translation, proof and test run.
+    - `seconds`: time limit of each translation, proof and test run; what exceeds it is no agreement.
+    - `work`: number of steps of the reference for all traces (None: no limit).
     """
 
     states: int = 20_000
@@ -51,12 +52,13 @@ class Effort:
     recheck: bool = True
     length: int | None = None
     seconds: float | None = None
+    work: int | None = None
     seed: str = "0"
 
 
 ONE_TREE: Final = Effort(traces=200)
 """For trees given by the user."""
-AGAINST: Final = Effort(traces=1_000, seconds=20)
+AGAINST: Final = Effort(traces=1_000, seconds=600, work=3_000_000)
 """For specifications by users: finding one missing condition takes many traces."""
 CATALOGUE: Final = Effort(words=100, traces=16, recheck=False)
 """For each small tree of the catalogue."""

@@ -23,6 +23,7 @@ from rvaft.core.passes import Pass, decide_constants, property_of
 from rvaft.core.property import Event, Part, Property
 from rvaft.errors import NotExpressible, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
 from rvaft.model import guards, patterns
+from rvaft.model.event_time import EventTime
 from rvaft.model.expressions import assumptions_text
 from rvaft.model.guards import Guard, Operator
 from rvaft.model.nodes import Assumption
@@ -306,6 +307,10 @@ class Backend(ABC):
         `mapping` has, for each event type, its fields.
         """
         raise OptionError(f"{self.name} takes no mapping: {self.language} uses the field names of events")
+
+    def timed(self, text: str, time: EventTime) -> str:  # noqa: ARG002
+        """Return the text with this declaration of times, unless it has one or the language has none."""
+        return text
 
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:  # noqa: ARG002
         """Return a trace in the log format of the language's programs; raises `OptionError`.

@@ -8,12 +8,13 @@ A text has one query per order of the tree's events; a match of any query is a d
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from backends.eql.reader import compiled
+from backends.eql.reader import compiled, with_time
 from backends.eql.translation import EqlText
 from rvaft.backend import Backend, Metrics, SpecificationText, stamped
 from rvaft.capabilities import COMPARING, EVERY_OPERATOR, GATES, LOGICAL, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, expand_times, order_ends
 from rvaft.core.property import Condition, Part, Property, Within
+from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator
 from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import Pattern
@@ -76,6 +77,10 @@ class EqlBackend(Backend):
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:
         """Return JSON Lines whose events have their time in `@timestamp`."""
         return "".join(f"{readable_json(event)}\n" for event in stamped(tree, trace, "@timestamp"))
+
+    def timed(self, text: str, time: EventTime) -> str:
+        """Return the text with this declaration of times, unless it has one."""
+        return with_time(text, time)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> DetectionMonitor:  # noqa: ARG002
         """Return a monitor that runs queries in Elasticsearch syntax, separated by `;`, in the

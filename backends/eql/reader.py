@@ -21,6 +21,7 @@ from rvaft.errors import LanguageError, ToolFailed, TraceError, installed
 from rvaft.language.diagnostics import error_at
 from rvaft.language.parser import parse_time
 from rvaft.model.event_time import UNITS, EventTime, TimeFormat
+from rvaft.model.expressions import time_text
 from rvaft.model.values import Json, key
 
 _TEXTS: Final = r"""\"{3}[^\r\n]*?\"{3,5}|"(?:\\.|[^"\\\r\n])*"|'(?:\\.|[^'\\\r\n])*'|`[^`\r\n]*`"""
@@ -153,6 +154,11 @@ class Queries:
         engine.add_output_hook(self._found.append)
         engine.add_queries(queries)
         return engine
+
+
+def with_time(text: str, time: EventTime) -> str:
+    """Return the text with a first line that defines the time of events, unless it has one."""
+    return text if _TIME.match(text) else f"// {time_text(time)}\n{text}"
 
 
 @lru_cache(maxsize=32)

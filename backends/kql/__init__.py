@@ -8,12 +8,13 @@ from typing import Any, ClassVar
 
 from backends.kql.reader import compiled
 from backends.kql.translation import KqlQuery
-from backends.tables import ROWID, Table
+from backends.tables import ROWID, Table, with_time
 from rvaft.backend import Backend, Match, SpecificationText
 from rvaft.capabilities import COMPARING, EVERY_OPERATOR, GATES, LOGICAL, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
 from rvaft.core.property import Condition, Part, Property
 from rvaft.errors import OptionError
+from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator
 from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import Pattern
@@ -81,6 +82,10 @@ class KqlBackend(Backend):
         if table.position == ROWID:
             raise OptionError("rows have no order in KQL: name the column that orders them (--position COLUMN)")
         return KqlBackend(table)
+
+    def timed(self, text: str, time: EventTime) -> str:
+        """Return the text with this declaration of times, unless it has one."""
+        return with_time(text, time, "//")
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> DetectionMonitor:  # noqa: ARG002
         """Return a monitor for a query in the subset that `write` uses; raises `LanguageError`."""

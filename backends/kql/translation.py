@@ -19,7 +19,7 @@ from itertools import product
 from typing import Final, NamedTuple
 
 from backends.joins import JoinedScenario, joined_scenarios, variable_paths
-from backends.tables import Path, Table, TableHeader, column_types
+from backends.tables import Path, Table, TableHeader, column_types, time_line
 from rvaft.backend import Metrics
 from rvaft.core.property import AtLeast, Event, Property, chooses
 from rvaft.core.times import Extreme, differences, untimed
@@ -134,7 +134,7 @@ class KqlQuery:
         yield f"The attack-fault tree {json.dumps(self.prop.tree.root)} under scattered: every match{fewest}."
         yield from self.header.lines()
         if self.prop.time is not None:
-            yield f"time {json.dumps(self.prop.time.field)} as {self.prop.time.format}"
+            yield time_line(self.prop.time)
         if self.header.position == self.header.time:
             yield f"Rows with equal {json.dumps(self.header.position)} are not ordered."
 

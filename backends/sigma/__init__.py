@@ -8,12 +8,13 @@ Python's sqlite3; translating needs PyYAML.
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Final
 
-from backends.sigma.reader import SigmaMonitor
+from backends.sigma.reader import SigmaMonitor, with_time
 from backends.sigma.translation import SigmaRules
 from rvaft.backend import Backend, Metrics, SpecificationText, stamped
 from rvaft.capabilities import COMPARING, GATES, LOGICAL, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, expand_times, order_ends
 from rvaft.core.property import Condition, Part, Property, Within
+from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator
 from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import Pattern
@@ -83,6 +84,10 @@ class SigmaBackend(Backend):
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:
         """Return JSON Lines whose events have their time in `timestamp`."""
         return "".join(f"{readable_json(event)}\n" for event in stamped(tree, trace, "timestamp"))
+
+    def timed(self, text: str, time: EventTime) -> str:
+        """Return the text with this declaration of times, unless it has one."""
+        return with_time(text, time)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """Return a monitor for any rules, compiled by pySigma."""

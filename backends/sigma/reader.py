@@ -14,6 +14,7 @@ from backends.sqlite import SqliteConnection
 from rvaft.errors import LanguageError, TraceError, installed
 from rvaft.language.parser import parse_time
 from rvaft.model.event_time import EventTime
+from rvaft.model.expressions import time_text
 from rvaft.model.values import Json, at, equal
 from rvaft.monitors import DetectionMonitor
 
@@ -30,6 +31,16 @@ class SigmaMonitor(DetectionMonitor):
     def __init__(self, text: str) -> None:
         program = _SigmaProgram(text)
         super().__init__(lambda traces: [program.known(json.dumps(trace)) for trace in traces], program.left_open)
+
+
+def with_time(text: str, time: EventTime) -> str:
+    """Return the rules with this declaration of times in the last one, unless a rule has one."""
+    yaml = installed("yaml", "PyYAML", _REMEDY)
+    documents = [one for one in yaml.safe_load_all(text) if isinstance(one, dict)]
+    if not documents or any("rvaft" in one for one in documents):
+        return text
+    found: str = yaml.safe_dump_all([*documents[:-1], {**documents[-1], "rvaft": time_text(time)}], sort_keys=False)
+    return found
 
 
 @lru_cache(maxsize=64)

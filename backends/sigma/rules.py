@@ -81,7 +81,8 @@ class EventRule:
         while todo:
             way, part = todo.pop(0)
             if way and (not _NAME.fullmatch(way[-1]) or _COLUMN.fullmatch(way[0])):
-                raise NotExpressible("the field name is reserved in Sigma or in SQL tables")
+                dot = f"Sigma reads the dot in the key {way[-1]} as a step to a field inside"
+                raise NotExpressible(dot if "." in way[-1] else "the field name is reserved in Sigma or in SQL tables")
             match part:
                 case ObjectPattern(inner) if inner:
                     todo[:0] = [((*way, step), below) for step, below in inner]

@@ -9,12 +9,13 @@ from typing import Any, ClassVar
 from backends.sql.dialects import DIALECTS, TRANSPILED, transpiled
 from backends.sql.reader import PROGRAMS, Query, dialect_of, query
 from backends.sql.translation import SqlQuery
-from backends.tables import Table
+from backends.tables import Table, with_time
 from rvaft.backend import Backend, Highlighting, Match, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
 from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
 from rvaft.core.property import Condition, Part, Property
 from rvaft.errors import OptionError
+from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator
 from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import Pattern
@@ -59,6 +60,10 @@ class SqlBackend(Backend):
         `TooLarge`.
         """
         return SpecificationText(*SqlQuery(prop, semantics, DIALECTS[self.dialect], limit).text())
+
+    def timed(self, text: str, time: EventTime) -> str:
+        """Return the text with this declaration of times, unless it has one."""
+        return with_time(text, time, "--")
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """Return a monitor for any query."""

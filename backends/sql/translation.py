@@ -23,7 +23,7 @@ from backends.joins import JoinedScenario, joined_scenarios, variable_paths
 from backends.sql.dialects import Dialect, Path
 from backends.sql.guards import FACETS, Guards, SqlTerm
 from backends.sql.rows import OWN, JsonRows, Rows, TableRows, renamed
-from backends.tables import Table
+from backends.tables import Table, time_line
 from rvaft.backend import Metrics
 from rvaft.core.property import Event, Property
 from rvaft.core.times import untimed
@@ -171,7 +171,7 @@ class SqlQuery:
         )
 
     def _header(self, text: str) -> str:
-        time, late = self.prop.time, self.late
+        time = self.prop.time
         rows = "the first match of each scenario" if self.first else "every match"
         rows += (
             ""
@@ -189,7 +189,7 @@ class SqlQuery:
             *self.rows.header(),
         ]
         if time is not None:
-            lines.append(f"time {json.dumps(time.field)} as {time.format}{'' if late is None else f' late {late} ns'}")
+            lines.append(time_line(time))
         return "".join(f"-- {line}\n" for line in lines)
 
     # Tables.

@@ -137,8 +137,8 @@ class DuckDbEngine(QueryEngine):
             if lacks:
                 found.append(f"({' AND '.join([*fits, ''])}({' OR '.join(lacks)}))")
         if Assumption.EXACT in tree.assumes:
-            integers = [one.name for one in self.columns if one.kind is ValueType.INTEGER]
-            found += [f"abs({name}) >= {EXACT}" for name in integers]
+            numbers = [one.name for one in self.columns if one.kind in (ValueType.INTEGER, ValueType.NUMBER)]
+            found += [f"abs({name}) >= {EXACT}" for name in numbers]
         return " OR ".join(found) or "false"
 
     def keys(self) -> Iterator[str]:

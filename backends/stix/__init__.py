@@ -28,6 +28,7 @@ from rvaft.capabilities import (
 )
 from rvaft.core.passes import Pass, expand_times, order_ends
 from rvaft.core.property import Condition, Part, Property, Within
+from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator
 from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import Pattern
@@ -107,6 +108,10 @@ class StixBackend(Backend):
         objects = [*chain.from_iterable(header.observations(trace))]
         bundle = {"type": "bundle", "id": f"bundle--{UUID(int=0)}", "objects": objects}
         return f"{readable_json(bundle, indent=1)}\n"
+
+    def timed(self, text: str, time: EventTime) -> str:
+        """Return the text with this declaration of times, unless it has one."""
+        return StixHeader.timed(text, time)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """Return a monitor for any pattern.

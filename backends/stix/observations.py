@@ -7,7 +7,7 @@ such a name, also followed by underscores, gets one more underscore.
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final, TypeAlias
 from uuid import UUID
@@ -95,6 +95,13 @@ class StixHeader:
         except (ValueError, AttributeError, TypeError) as error:
             reason = error.message if isinstance(error, LanguageError) else str(error)
             raise LanguageError(f"invalid header comment: {reason}", file="<stix>") from None
+
+    @classmethod
+    def timed(cls, text: str, time: EventTime) -> str:
+        """Return the text with this time in its header, unless it has one."""
+        header, found = cls.of(text), _HEADER.match(text)
+        rest = text if found is None else text[found.end() :]
+        return text if header.time is not None else f"{replace(header, time=time)}{rest}"
 
     def _times(self, trace: Sequence[Json]) -> list[int]:
         found = [-1]

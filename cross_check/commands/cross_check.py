@@ -81,6 +81,11 @@ class Reports:
                         where = f"{result.participant} differs from {baseline}: {_job(result)}"
                         shown = [f"  {visible(line)}" for line in reports.difference_lines(result)]
                         click.echo(inert("\n".join([visible(where), *shown, ""])))
+                    for result in results:
+                        first, *shown = reports.remark_lines(result) or [""]
+                        if first:
+                            where = f"{result.participant}: {_job(result)}: {first}"
+                            click.echo(inert("\n".join([visible(where), *(f"  {visible(one)}" for one in shown), ""])))
                     if bogus is not None:
                         for case in self.failures.collect(partial(shrunk, task), differing):
                             for folder in self.failures.collect(partial(save, folder=bogus), [case]):
@@ -169,7 +174,8 @@ _PUBLISHED: Final = "Also run RML in the published monitor; DIR is a checkout of
 @options.number("--limit", text="Limit of translations, in the unit of the backend.")
 @options.number("--jobs", text="Number of processes.  [default: one per processor]")
 @options.timeout_option(
-    "Seconds for each step of a comparison.  [default: none; 60 for an answer of a text or program]"
+    f"Seconds for each step of a comparison.  [default: none; with --against {AGAINST.seconds:g}; "
+    "60 for an answer of a text or program]"
 )
 @click.option("--stop-on-error", is_flag=True, help="Stop after the first comparison with a disagreement.")
 @click.option("--save-bogus", metavar="DIR", help="Shrink each disagreement and save it as a case below DIR.")

@@ -1,6 +1,7 @@
 """Traces that keep the assumptions of a tree, made from others by few changes."""
 
 from collections.abc import Iterable, Sequence
+from functools import reduce
 from random import Random
 from typing import Final
 
@@ -29,7 +30,8 @@ def _mended(tree: RVAFT, event: Json, assumptions: Iterable[Assumption]) -> Json
     for number in range(_ROUNDS):
         broken = check.broken(event)
         for violation in broken:
-            event = _with(event, violation.path, _sample(tree, violation, Random(f"{number} {event}")))  # noqa: S311
+            old = reduce(_step, violation.path, event)  # equal values stay equal
+            event = _with(event, violation.path, _sample(tree, violation, Random(f"{number} {old}")))  # noqa: S311
         if not broken:
             break
     return event
@@ -49,6 +51,12 @@ def _sample(tree: RVAFT, violation: Violation, random: Random) -> Json:
             fitting = [one for one in interesting_values(tree) if has_type(one, type_)]
             small = [one for one in fitting if not isinstance(one, int | float) or abs(one) < _LARGEST]
             return random.choice(small or fitting)
+
+
+def _step(value: Json, step: str | int) -> Json:
+    if isinstance(step, str):
+        return value.get(step) if isinstance(value, dict) else None
+    return value[step] if isinstance(value, list) and step < len(value) else None
 
 
 def _with(event: Json, path: Sequence[str | int], value: Json) -> Json:

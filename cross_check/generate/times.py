@@ -158,7 +158,7 @@ def _texts(random: Random, form: TextFormat, instant: int) -> Iterator[str]:
         ahead = timedelta(hours=int(offset[2]), minutes=int(offset[3]))
         clock = utc + (-ahead if offset[1] == "-" else ahead)
     first: str | None = None
-    for short, (shift, zone) in product((False, True), ((0, "Z"), (2, "+0200"), (-5, "-05"))):
+    for short, (shift, zone) in product((False, True), ((0, "Z"), (2, "+0200"), (-5, "-05"), (0, "z"))):
         moment = clock + timedelta(hours=shift) if "%z" in form.pattern else clock
         month, day = _MONTHS[moment.month - 1], _DAYS[moment.weekday()]
         names = {"%b": month[:3], "%B": month, "%a": day[:3], "%A": day, "%z": zone, "%%": "%"}

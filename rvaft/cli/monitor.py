@@ -16,7 +16,7 @@ from rvaft.cli.monitor_output import AFRESH, REPORTERS, MonitorSettings
 from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
 from rvaft.cli.native_run import NativeEngine, NativeRun
 from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
-from rvaft.errors import TooLarge, ToolMissing
+from rvaft.errors import NotExpressible, TooLarge, ToolMissing
 from rvaft.export import PICTURES
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import on_text
@@ -263,8 +263,12 @@ def _native_run(part: RVAFT, semantics: Semantics, given: Mapping[str, Any]) -> 
     if semantics is not Semantics.SCATTERED or not Engine(part, semantics).joins:
         return None
     key = Key.parse(given["key"]) if given["key"] else None
-    with options.suggesting():
-        return NativeRun(part, key=key, keys=given["max_keys"] or MAX_KEYS, repeat=given["repeat"])
+    try:
+        with options.suggesting():
+            return NativeRun(part, key=key, keys=given["max_keys"] or MAX_KEYS, repeat=given["repeat"])
+    except NotExpressible as error:
+        error.add_note("omit --native")
+        raise
 
 
 def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any], native_run: NativeRun | None = None) -> MonitoringPlan:

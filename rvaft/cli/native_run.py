@@ -20,9 +20,10 @@ from rvaft.api import monitor
 from rvaft.backend import Specification, backend
 from rvaft.cli import warn
 from rvaft.core.classifier import TreeReads
+from rvaft.core.passes import property_of
 from rvaft.engine.compiled_tree import NOTHING, EventClass, Inert, Reading
 from rvaft.engine.monitor import Engine
-from rvaft.errors import RvaftError, ToolFailed, TraceError
+from rvaft.errors import RvaftError, TooLarge, ToolFailed, TraceError
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, finite_decimal
 from rvaft.model.verdict import Semantics, Verdict
@@ -168,6 +169,7 @@ class NativeRun:
         self._text = self._backend.translate(part, Semantics.SCATTERED).text
         self._keys, self._repeat = keys, repeat
         self._explainer = MatchExplainer(part)
+        self._remedy = property_of(part).remedy
         self._found: dict[int, Sequence[MatchedLine]] = {}
         self._log: CompiledLog | None = None
         self._copy: BinaryIO | None = None
@@ -208,6 +210,8 @@ class NativeRun:
         self._feed(data)
 
     def _named(self, failure: RvaftError) -> RvaftError:
+        if isinstance(failure, TooLarge) and self._remedy and self._remedy not in getattr(failure, "__notes__", ()):
+            failure.add_note(self._remedy)
         if self._copy is None or not isinstance(failure, TraceError):
             return failure
         self._copy.seek(0)

@@ -237,6 +237,14 @@ class Property:
                 (shared if inner in seen else seen).add(inner)
         return frozenset(shared)
 
+    @property
+    def remedy(self) -> str:
+        """How partial matches come to expire, where conditions on time could rule them out."""
+        timed = any(node.within is not None or time_points(node.when) for node in self.tree.top_down())
+        if not timed or self.tree.time is None or self.tree.time.late is not None:
+            return ""
+        return "an older event may still come; `late 0 s` after the format of `time` says that none does"
+
     @cached_property
     def timed(self) -> bool:
         """Whether a window or a time point depends on the times of events."""

@@ -290,7 +290,7 @@ class Following(ABC):
         else:
             taken = union(configuration.taken for configuration in self.partial)
             grows = f"too many ways to match {self.compiled.some(bits(taken))}"
-        raise TooLarge(f"partial matches to follow; {grows}", limit=self.limit)
+        raise TooLarge(f"partial matches to follow; {grows}", limit=self.limit, remedy=self.compiled.prop.remedy)
 
 
 class Contiguous(Following):

@@ -455,7 +455,8 @@ class ScatteredMatches(Following):
         if group is None:
             if len(self._groups) > self._most:
                 named = self.compiled.some(bits(union(one.sample.taken for one in self._groups)))
-                raise TooLarge(f"sets of events in partial matches; any of {named} may be skipped", limit=self._most)
+                what = f"sets of events in partial matches; any of {named} may be skipped"
+                raise TooLarge(what, limit=self._most, remedy=self.compiled.prop.remedy)
             group = self._groups[stage] = StageGroup(stage.ranking, stage.rank, stage.deadlines, self._watermark)
             self._set = None
             self._complete.clear()

@@ -296,6 +296,16 @@ def _time_slips(at: _Situation) -> Advice:
         yield f"a duration is a number and a unit, one of {', '.join(UNITS)}, as in {example}", number.start
 
 
+_UNSUPPORTED_OTHER: Final = "a tree asks for events that happen, and not that an event stays out"
+_UNSUPPORTED: Final = {
+    "por": f"it needs its first child before the others; {_UNSUPPORTED_OTHER}; `or` drops the order",
+    "sor": "it needs failures at the same time; write `and` with `within 0 s`",
+    "inhibit": "write `and`, with the condition as a child",
+    "rdep": "it changes failure rates, and a monitor observes failures; leave it out",
+}
+"""Why a gate is refused, and what to write; the others are about events that stay out."""
+
+
 def _statement_slips(at: _Situation) -> Advice:
     bad, last, following = at.bad, at.last, at.following
     starts_node = len(at.before) == 1 and at.can("K_OF_N")
@@ -304,7 +314,8 @@ def _statement_slips(at: _Situation) -> Advice:
     # gates of Galileo and related languages
     if names_node and gate.text.lower() in DYNAMIC.difference(DYNAMIC_GATES):
         of = shown(name.text.strip('"'))
-        yield f"the gate {shown(gate.text)} of {of} is not supported", gate.start
+        why = _UNSUPPORTED.get(gate.text.lower(), _UNSUPPORTED_OTHER)
+        yield f"the gate {shown(gate.text)} of {of} is not supported: {why}", gate.start
     if names_node and gate.text in DYNAMIC_GATES and bad.text == "-" and bad.start == gate.end:
         of = shown(name.text.strip('"'))
         yield f"the gate {shown(f'{gate.text}-{following.text}')} of {of} is not supported", gate.start

@@ -7,6 +7,7 @@ the events that break it.
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
+from math import inf, isfinite
 from typing import Any, Final, NamedTuple, TypeAlias, assert_never, cast
 
 from rvaft.model.event_time import EventTime, duration_text
@@ -14,7 +15,7 @@ from rvaft.model.guards import UNDEFINED, Guard, Operation, Operator, Sort, valu
 from rvaft.model.nodes import Assumption, On, ValueType
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json, equal, is_number
+from rvaft.model.values import Json, equal, is_finite, is_number
 from rvaft.support.terminal import readable_json
 
 Path: TypeAlias = tuple[str | int, ...]
@@ -138,7 +139,7 @@ def has_type(found: Json, type_: ValueType, time: EventTime | None = None) -> bo
         case ValueType.TEXT:
             return isinstance(found, str)
         case ValueType.NUMBER:
-            return is_number(found)
+            return is_number(found) and is_finite(found)
         case ValueType.INTEGER:
             return is_number(found) and (isinstance(found, int) or found.is_integer())
         case ValueType.BOOLEAN:
@@ -147,6 +148,15 @@ def has_type(found: Json, type_: ValueType, time: EventTime | None = None) -> bo
             return time is not None and time.reads(found)
         case _:
             assert_never(type_)
+
+
+def is_inexact(value: Json) -> bool:
+    """Whether a value breaks the assumption `exact`: an integer, however written, of 2**53 or more.
+
+    >>> is_inexact(9007199254740992.0), is_inexact(1e300), is_inexact(9007199254740991), is_inexact(0.5)
+    (True, True, False, False)
+    """
+    return is_number(value) and EXACT <= abs(value) < inf  # so large a double has no fraction
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +221,7 @@ class AssumptionCheck:
                 if Assumption.TYPES in assumed and not has_type(found, type_, self._time):
                     message = f"{name} is {described(found)}, not of type {type_}"
                     yield Violation(Assumption.TYPES, number, message, path, type_)
-                if Assumption.EXACT in assumed and type(found) is int and abs(found) >= EXACT:
+                if Assumption.EXACT in assumed and is_inexact(found):
                     message = f"{name} is {found}, which a double may not hold exactly"
                     yield Violation(Assumption.EXACT, number, message, path, type_)
         for path, differs, text in self._tests:
@@ -313,8 +323,8 @@ def _guard_tests(guard: Guard | None, name: str) -> Iterator[tuple[Callable[[str
         texts = [one.value for one in part.operands if isinstance(one, Literal) and isinstance(one.value, str)]
         if part.operator in (Operator.EQ, Operator.NE, Operator.IN):
             yield from ((_other_case(text), text) for text in texts)
-        elif texts and part.operands[0] == Variable(name):
-            yield _other_outcome(part.operator, texts[0]), texts[0]
+        elif texts:
+            yield _other_outcome(part.operator, texts[0], first=part.operands[0] == Variable(name)), texts[0]
 
 
 def _fold(text: str) -> str:
@@ -327,9 +337,12 @@ def _other_case(text: str) -> Callable[[str], bool]:
     return lambda found: found != text and _fold(found) == folded
 
 
-def _other_outcome(operator: Operator, text: str) -> Callable[[str], bool]:
-    def outcome(left: str, right: str) -> Any:
-        found = value(Operation(operator, (Literal(left), Literal(right))), {})
+def _other_outcome(operator: Operator, text: str, *, first: bool) -> Callable[[str], bool]:
+    """Return whether the result changes with the case; the found text is the `first` operand, or the second."""
+
+    def outcome(found_: str, own: str) -> Any:
+        operands = (Literal(found_), Literal(own)) if first else (Literal(own), Literal(found_))
+        found = value(Operation(operator, operands), {})
         assert found is not UNDEFINED
         return found
 
@@ -359,10 +372,14 @@ def quoted(text: str) -> str:
 def described(found: Json) -> str:
     """Return a value of an event in the words of types, for a message."""
     match found:
+        case None:
+            return "null"
         case bool():
             return "a boolean"
         case str():
             return "a text"
+        case float() if not isfinite(found):
+            return "not finite"
         case int() | float():
             return f"the number {found}"
         case list():

@@ -141,7 +141,7 @@ _DIRECTIVES: Final[Mapping[str, str]] = {
     "M": _TWO,
     "S": _TWO,
     "f": r"\d{1,9}+",
-    "z": r"Z|[+-]\d\d(?::?\d\d)?+",
+    "z": r"[Zz]|[+-]\d\d(?::?\d\d)?+",
 }
 """The directives of text formats as regular expressions."""
 _DIGITS: Final = tuple("0123456789")
@@ -197,7 +197,7 @@ def _ahead(offset: str) -> int:
     """Return the seconds of an offset such as `+02:00`; raises `ValueError` if out of range."""
     found = _OFFSET.fullmatch(offset)
     if found is None:
-        return 0  # Z
+        return 0  # Z or z
     hours, minutes = int(found[2]), int(found[3] or 0)
     if hours > 23 or minutes > 59:
         raise ValueError(offset)
@@ -210,9 +210,10 @@ _OFFSET: Final = re.compile(r"([+-])(\d\d)(?::?(\d\d))?", re.ASCII)
 def _offset(day: date, clock: tuple[int, int, int], zone: tzinfo) -> int:
     """Return the offset of a zone in seconds; raises `ValueError` if it skips this time."""
     local = datetime(day.year, day.month, day.day, *clock[:2], tzinfo=zone)
-    if zone is not UTC and local.astimezone(UTC).astimezone(zone).replace(tzinfo=None) != local.replace(tzinfo=None):
+    offset, later = ((local.replace(fold=fold).utcoffset() or timedelta()) for fold in (0, 1))
+    if offset < later:  # a gap: the offset after it is larger
         raise ValueError(local)
-    return int((local.utcoffset() or timedelta()).total_seconds())
+    return int(offset.total_seconds())
 
 
 def _instant(day: date, clock: tuple[int, int, int], decimals: str, ahead: int) -> int | None:

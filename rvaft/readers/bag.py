@@ -30,6 +30,7 @@ ELSEWHERE: Final = {name: f"message_{name}" for name in (TOPIC, TIME)}
 _PLAIN: Final = frozenset({str, int, float, bool})
 _IDL: Final = "=" * 80 + "\n"
 """The line before each part of a definition in IDL."""
+_OF_FOXGLOVE: Final = "a file of --foxglove is for Foxglove, and --format jsonl writes detections that rvaft reads"
 _FLOATS: Final = frozenset({"float32", "float64", "float128"})
 
 
@@ -82,6 +83,8 @@ class BagReader(LogReader):
             raise
         except Exception as error:
             reason = " ".join(str(error).split()).removesuffix(".") or type(error).__name__
+            if reason == "Profile is not ros2":
+                reason = f"it has no messages of ROS 2; {_OF_FOXGLOVE}"
             stored = sorted(one.name for one in log.path.glob("*") if suffix(one) in self.suffixes)
             mend = f"; read the storage file instead: {', '.join(stored)}" if stored else ""
             raise log.error_at(

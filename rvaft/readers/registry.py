@@ -112,7 +112,29 @@ def format_of(file: str, options: InputOptions = InputOptions()) -> str:  # noqa
         with suppress(ToolFailed):
             if reader_class(name).suits(path, options):
                 return name
+    if (foreign := _FOREIGN.get(suffix(path))) is not None:
+        raise OptionError(f"{file}: rvaft does not read {foreign}: convert it to JSON Lines, CSV or Parquet")
     return JsonLinesReader.name
+
+
+_FOREIGN: Final[Mapping[str, str]] = {
+    ".asc": "CAN logs of Vector",
+    ".avro": "Avro",
+    ".blf": "CAN logs of Vector (BLF)",
+    ".evtx": "event logs of Windows (EVTX)",
+    ".h5": "HDF5",
+    ".mat": "MATLAB files",
+    ".mf4": "ASAM MDF",
+    ".orc": "ORC",
+    ".pcap": "network captures",
+    ".pcapng": "network captures",
+    ".tlog": "logs of MAVLink",
+    ".ulg": "ULog of PX4",
+    ".xls": "spreadsheets",
+    ".xlsx": "spreadsheets",
+    ".xml": "XML",
+}
+"""Suffixes of formats that no reader has, so that they are not taken for JSON Lines."""
 
 
 def read_log(

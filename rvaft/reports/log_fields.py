@@ -19,7 +19,7 @@ from math import log2
 from typing import Final, TypeAlias
 
 from rvaft.errors import OptionError
-from rvaft.model.assumptions import EXACT, has_type
+from rvaft.model.assumptions import EXACT, has_type, is_inexact
 from rvaft.model.event_time import NUMERIC, UNITS, EventTime, TextFormat, TimeFormat, duration_text
 from rvaft.model.expressions import WORD, assumptions_text, literal_text, name_text, pattern_text, time_text, word_text
 from rvaft.model.nodes import Assumption, ValueType
@@ -88,7 +88,7 @@ def _type_name(value: Json) -> str:
     if value is None:
         return "null"
     found = next((type_.value for type_ in _TYPES if has_type(value, type_)), None)
-    return found or ("list" if isinstance(value, list) else "object")
+    return found or ("list" if isinstance(value, list) else "object" if isinstance(value, Mapping) else "not finite")
 
 
 def _leaves(event: Json, path: Path = ()) -> Iterator[tuple[Path, Json]]:
@@ -126,7 +126,7 @@ class FieldCounts:
         """Count a value."""
         name = _type_name(value)
         self.types[name] += 1
-        self.large = self.large or (type(value) is int and abs(value) >= EXACT)
+        self.large = self.large or is_inexact(value)
         if len(self.examples) < EXAMPLES and self.types[name] <= SAMPLE and name not in ("object", "null"):
             text = cut(json.dumps(value, ensure_ascii=False))
             if text not in self.examples:

@@ -73,10 +73,16 @@ def listing(names: Sequence[str], conjunction: str = "and") -> str:
 
 def did_you_mean(name: str, known: Iterable[str], *, cutoff: float = 0.6) -> str:
     """Return `; did you mean NAME?` for a similar known name, ignoring case, or an empty string."""
+    found = similar(name, known, cutoff=cutoff)
+    return f"; did you mean {found}?" if found else ""
+
+
+def similar(name: str, known: Iterable[str], *, cutoff: float = 0.6) -> str:
+    """Return a similar known name, ignoring case, or an empty string."""
     candidates = [other for other in known if abs(len(other) - len(name)) <= 2][:_COMPARED]
     folded = {other.casefold(): other for other in reversed(candidates)}
     close = get_close_matches(name.casefold(), folded, n=1, cutoff=cutoff)
-    return f"; did you mean {folded[close[0]]}?" if close else ""
+    return folded[close[0]] if close else ""
 
 
 def branch_of(kept: Kept) -> str:

@@ -12,7 +12,7 @@ from rvaft.model.nodes import EventType, On, Place, ValueType, absolute, topic_o
 from rvaft.model.patterns import Literal, Variable
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.tree import RVAFT, find_cycle, knots, sorted_topologically
-from rvaft.rules.rule import RuleReport, did_you_mean, listing
+from rvaft.rules.rule import RuleReport, did_you_mean, listing, similar
 
 
 def duplicate_setting(draft: Draft) -> Iterator[RuleReport]:
@@ -195,9 +195,12 @@ def _calls(draft: Draft) -> Iterator[tuple[On, Place, tuple[str, ...]]]:
 def unknown_event(draft: Draft) -> Iterator[RuleReport]:
     """Every event type used is declared."""
     known = {event.name for event in draft.events}
+    used = {on.event for on, _, _ in _calls(draft)}
     for on, place, nodes in _calls(draft):
         if on.event not in known:
-            guess = did_you_mean(on.event, known) or f"; declare it with `event {on.event}(...) = {{ ... }};`"
+            guess = did_you_mean(on.event, known & used) or f"; declare it with `event {on.event}(...) = {{ ... }};`"
+            if unused := similar(on.event, known - used):
+                guess = f"; no node uses {unused}, which is declared: correct one of the two names"
             yield RuleReport(place, f"unknown event type {on.event}{guess}", nodes)
 
 

@@ -109,7 +109,7 @@ def _spellings(name: str, rest: str, following: str) -> list[str]:
         return ["AM", "PM", "am", "pm"]
     if name == "z":
         found = re.match("[-+][0-9]{2}(:?[0-9]{2})?", rest)
-        return [found[0] if found else "Z"]
+        return [found[0]] if found else ["Z", "z"]
     digits = len(rest) - len(rest.lstrip("0123456789"))
     fixed = following in ("%Y", "%m", "%d", "%H", "%I", "%M", "%S", "%f") or (
         following != "" and following in "0123456789"
@@ -139,7 +139,7 @@ def _dated(form: TextFormat, had: Mapping[str, str]) -> int | None:
         seconds = int(had.get("S", "0"))
         if seconds > 60:
             return None
-        if offset == "Z" or offset[0] in "+-":
+        if offset in ("Z", "z") or offset[0] in "+-":
             minutes = [int(one) for one in re.findall("[0-9]{2}", offset)]
             if minutes and (minutes[0] > 23 or minutes[-1] > 59):
                 return None

@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import re
+import shutil
 import signal
 import time
 from importlib.util import find_spec
@@ -15,6 +16,7 @@ import pytest
 from click.testing import Result
 
 from rvaft import load, translate
+from rvaft.support.confinement import can_confine
 from tests.cli.runs import PRUNED, children, run, soon, started, written
 from tests.tables import rows
 
@@ -205,6 +207,47 @@ def test_a_rule_of_elastic(old: str, new: str, status: int, message: str, tmp_pa
     assert result.exit_code == status, result.output
     assert result.exception is None or isinstance(result.exception, SystemExit)
     assert message in result.output
+
+
+@pytest.mark.parametrize(("tree", "text", "status", "said"), rows(__file__, "against.txt"))
+def test_a_text_of_a_person(
+    tree: str, text: tuple[str, str], status: int, said: dict[str, bool], tmp_path: Path
+) -> None:
+    name, content = text
+    if name.endswith(".eql"):
+        pytest.importorskip("eql", reason="the extra eql is not installed")
+    rule, options = written(tmp_path / name, content), ("--traces", 100, "--jobs", 1)
+    result = run("cross-check", written(tmp_path / "t.rvaft", tree), "--against", rule, *options)
+    assert result.exit_code == status, result.output
+    assert {one: one in result.output for one in said} == said
+    assert "?          ?\n\n" not in result.output
+
+
+def test_an_own_translation_agrees_where_the_tree_assumes(tmp_path: Path) -> None:
+    for module in ("sigma", "yaml", "sigma.backends.sqlite"):
+        pytest.importorskip(module, reason="the extra sigma is not installed")
+    tree, own = "docs/first/ssh_guessing.rvaft", tmp_path / "own.yml"
+    assert run("emit", tree, "--to", "sigma", "-o", own).exit_code == 0
+    result = run("cross-check", tree, "--against", own, "--traces", 60, "--jobs", 1)
+    assert result.exit_code == 0, result.output
+    assert "assumes types, present, case" in result.stdout
+
+
+def test_a_constant_that_a_program_in_c_excludes_is_tried(tmp_path: Path) -> None:
+    if not (can_confine() and shutil.which("cc")):
+        pytest.skip("needs a C compiler, and Landlock with seccomp")
+    tree = written(
+        tmp_path / "t.rvaft",
+        'event a(x) = { e: "a", x: x }; event b(x) = { e: "b", x: x }; semantics scattered; '
+        "top sand p q; p on a(X); q on b(X);",
+    )
+    text = translate(load(tree), "c", semantics="scattered").text
+    old = "E(1).tag != RVAFT_ABSENT)"
+    assert old in text
+    wrong = written(tmp_path / "wrong.c", text.replace(old, f'{old[:-1]} && !is_text(&E(1), "zzz", 3))'))
+    result = run("cross-check", tree, "--against", wrong, "--run-c", "--traces", 200, "--jobs", 1)
+    assert result.exit_code == 1, result.output
+    assert '"x": "zzz"' in result.stdout
 
 
 @pytest.mark.spot

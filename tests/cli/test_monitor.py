@@ -69,6 +69,19 @@ def test_events_of_a_stream_that_are_forgotten_are_not_made_up(monkeypatch: pyte
     assert "no longer stored" not in run("monitor", PRUNED, ROW1).stdout
 
 
+@pytest.mark.parametrize(("late", "status"), [("", 2), (" late 0 s", 0)])
+@pytest.mark.parametrize("condition", ["top sand a b within 10 s;", "top sand a b g; g when at(b) - at(a) <= 10 s;"])
+def test_partial_matches_expire_with_late_as_the_message_says(
+    late: str, status: int, condition: str, tmp_path: Path
+) -> None:
+    event = 'event a(u) = { e: "a", u: u }; event b(u) = { e: "b", u: u };'
+    text = f"time t as s{late}; {event} semantics scattered; {condition} a on a(U); b on b(U);"
+    log = written(tmp_path / "log.jsonl", lines([{"t": number, "e": "a", "u": number} for number in range(100)]))
+    result = run("monitor", written(tmp_path / "t.rvaft", text), log, "--max-configurations", 40)
+    assert result.exit_code == status, result.output
+    assert ("`late 0 s` after the format of `time`" in result.stderr) is bool(status)
+
+
 def test_a_limit_of_partial_matches_ends_the_run(tmp_path: Path) -> None:
     put, get = ('event put(x) = { event: "put", x: x };', 'event get(x) = { event: "get", x: x };')
     tree = written(tmp_path / "tree.rvaft", f"{put}{get} toplevel t; t sand a b c; a on put(X); b on get(X); c;")

@@ -297,18 +297,37 @@ class Slow(Reference):
         return super()._advance(event)
 
 
-def test_within_the_time_limit_the_traces_that_were_compared_count() -> None:
+def test_what_the_time_limit_cuts_off_is_no_agreement() -> None:
     def slow() -> Participant:
         return Participant("slow", lambda: Slow(TREE, Semantics.STRICT), observed=None)
 
-    effort = Effort(states=0, words=0, traces=40, seconds=1.0)
+    effort = Effort(states=0, words=0, traces=400, seconds=1.0)
     started = time.perf_counter()
     candidates = [("reference", lambda: reference_of(TREE, Semantics.STRICT)), ("slow", slow)]
-    _, found = Comparison(TREE, JOB, effort).run(candidates)
+    results = Comparison(TREE, JOB, effort).run(candidates)
     assert time.perf_counter() - started < 10
-    assert found.status is Status.TESTED
-    assert 0 < found.traces < 40
-    assert found.why.endswith(f"{found.traces} of 40 traces within the time limit")
+    assert results[1].status is Status.TIMEOUT
+    assert "within the time limit" in results[1].why
+    assert exit_status(results) == 2
+
+
+@pytest.mark.parametrize("times", [1, 8])
+def test_steps_of_the_reference_and_not_seconds_end_a_comparison(times: int) -> None:
+    """Costly traces are left out, the same on each machine, and their number is told."""
+    tree = loads(f"semantics scattered; top sand b a; a times {times}; b;")
+    job, effort = Job("tree", Semantics.SCATTERED), Effort(states=0, words=0, traces=40, work=10_000)
+    found = [Comparison(tree, job, effort).run(Roster(("c",)).candidates(tree, job)) for _ in range(2)]
+    assert [(one.status, one.text) for one in found[0]] == [(one.status, one.text) for one in found[1]]
+    assert all("steps of the reference" in one.why for one in found[0] if one.status is Status.TESTED) is (times == 8)
+
+
+def test_a_reference_without_a_trace_within_its_steps_is_too_large() -> None:
+    tree = loads("semantics scattered; top and a b c;")
+    job, effort = Job("tree", Semantics.SCATTERED), Effort(states=0, words=0, traces=9, work=1)
+    other = Handwritten("other.rvaft", "rvaft", "semantics scattered; top and a c b;")
+    results = Comparison(tree, job, effort).run(Roster(against=(other,)).candidates(tree, job))
+    assert results[0].text == "too large: steps of the reference (limit 1)"
+    assert exit_status(results) == 2
 
 
 def test_a_signal_that_a_callback_swallows_is_repeated() -> None:

@@ -83,7 +83,10 @@ def test_totals_and_words_that_are_not_blurred() -> None:
     assert list(totals.counts.values()) == [2, 2, 34, 1]
     assert [result.participant for result in totals.differing] == ["rml"]
     assert [result.participant for result in totals.unable] == ["rml", "automaton", "other"]
-    assert totals.headline == "2 trees, 2 comparisons, 34 verdicts, 1 proof, 2 masked traces; 1 disagreement"
+    assert (
+        totals.headline
+        == "2 trees, 2 comparisons, 34 verdicts, 1 proof, 2 masked traces; 1 disagreement, 1 could not run"
+    )
     assert [result.text for result in results()] == [
         *("baseline", "proved", "differs after 1 event", "baseline", "not expressible: no | pipes"),
         "tested: 5 traces up to length 4, 2 masked (1.0) (variables)",
@@ -149,3 +152,20 @@ def test_names_never_break_out(name: str) -> None:
     assert "<b>" not in markdown_text(every).replace("\\<", "")
     for line in [*result_lines(every), *summary_lines(ComparisonTotals(every)), *difference_lines(every[2])]:
         assert line.isprintable(), line
+
+
+def test_what_could_not_run_never_ends_in_no_disagreement() -> None:
+    job = Job("tree", Semantics.STRICT)
+    run = [Result(job, "reference", Status.BASELINE, verdicts=1), Result(job, "rml", Status.TESTED, verdicts=1)]
+    for status in (Status.COULD_NOT_RUN, Status.TOOL_MISSING):
+        headline = ComparisonTotals([*run, Result(job, "eql", status, why="no")]).headline
+        assert headline.endswith("; 1 could not run")
+    assert ComparisonTotals(run).headline.endswith("; no disagreement")
+
+
+def test_a_difference_outside_of_the_assumptions_is_a_remark_in_every_report() -> None:
+    found = Result(Job("t", Semantics.STRICT), "eql", Status.TESTED, traces=1, verdicts=1, outside=DIFFERENCE)
+    assert json.loads(json_text([found]))["results"][0]["outside"]["got"] == ["false"]
+    assert "remark: it differs on a trace that breaks what the tree assumes" in markdown_text([found])
+    assert ComparisonTotals([found]).headline.endswith("; no disagreement")
+    assert exit_status([found]) == 0

@@ -89,6 +89,15 @@ def test_keys_branches_and_times_of_recordings(tmp_path: Path) -> None:
     assert (detection["branch"], detection["kinds"], detection["events"]["5"]["name"]) == (2, ["fault"], "move")
 
 
+def test_a_written_file_is_not_read_and_the_message_says_what_is(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags", reason="rosbags is not installed")
+    tree, log = written(tmp_path / "t.rvaft", TIMED), written(tmp_path / "log.jsonl", lines(EVENTS))
+    run("monitor", tree, log, "--foxglove", tmp_path / "det.mcap")
+    result = run("monitor", tree, tmp_path / "det.mcap")
+    assert result.exit_code == 2
+    assert "it has no messages of ROS 2; a file of --foxglove is for Foxglove, and --format jsonl" in result.stderr
+
+
 def test_without_a_time_in_the_tree_it_is_now(tmp_path: Path) -> None:
     path, log = tmp_path / "run.mcap", written(tmp_path / "log", lines([{"event": "b", "time": 1}]))
     run("monitor", SAND, log, "--semantics", "strict", "--foxglove", path)

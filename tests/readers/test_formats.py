@@ -557,3 +557,13 @@ def test_a_document_that_looks_like_one_event_is_hinted_at(tmp_path: Path) -> No
     )
     assert run("monitor", tree, one, "--records", "hits.hits").stderr == ""
     assert run("monitor", tree, written(one, '{"event": "a"}')).stderr == ""
+
+
+@pytest.mark.parametrize("name", ["log.xml", "flight.ulg", "can.BLF", "dump.pcap.gz"])
+def test_a_format_without_a_reader_is_no_json_lines(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(b"\xff\xfe<a/>")
+    with pytest.raises(rvaft.OptionError, match=r"rvaft does not read .*: convert it to JSON Lines, CSV or Parquet"):
+        next(rvaft.read_log(tmp_path / name))
+    (tmp_path / name).write_bytes(b'{"a": 1}\n')
+    if not name.endswith("gz"):
+        assert next(rvaft.read_log(tmp_path / name, "jsonl")) == {"a": 1}

@@ -40,6 +40,29 @@ def test_a_log_is_monitored_as_the_reference_reads_it(form: TimeFormat | TextFor
     assert parts == whole
 
 
+@pytest.mark.parametrize(
+    ("form", "text", "iso"),
+    [
+        (TextFormat("%Y-%m-%d %H:%M", zone="+02:00"), "0001-01-01 00:30", "0001-01-01T00:30+02:00"),
+        (TextFormat("%Y-%m-%d %H:%M", zone="-05:30"), "9999-12-31 23:30", "9999-12-31T23:30-05:30"),
+        (TextFormat("%Y-%m-%d %H:%M", zone="Asia/Tokyo"), "0001-01-01 00:30", None),
+        (TextFormat("%Y-%m-%d %H:%M", zone="America/New_York"), "9999-12-31 23:30", "9999-12-31T23:30-05:00"),
+        (TextFormat("%Y-%m-%d %H:%M %z"), "0001-01-01 00:30 +0200", "0001-01-01T00:30+02:00"),
+        (TextFormat("%Y-%m-%d %H:%M %z"), "2026-01-01 00:30 z", "2026-01-01T00:30z"),
+        (TextFormat("%Y-%m-%d %H:%M%z"), "2026-01-01 00:30Z", "2026-01-01T00:30Z"),
+        (TextFormat("%Y-%m-%d %H:%M", zone="Europe/Berlin"), "2026-03-29 02:30", "undefined"),
+        (TextFormat("%Y-%m-%d %H:%M", zone="Europe/Berlin"), "2026-10-25 02:30", "2026-10-25T02:30+02:00"),
+    ],
+)
+def test_a_strptime_format_reads_what_iso8601_does(form: TextFormat, text: str, iso: str | None) -> None:
+    time = EventTime(("t",), form)
+    found = time.read({"t": text})
+    assert found == time_of(time, {"t": text})
+    if iso is not None:
+        assert found == EventTime(("t",), TimeFormat.ISO8601).read({"t": iso})
+    assert (found is None) is (iso == "undefined")
+
+
 @pytest.mark.parametrize("zeros", [0, 990, 5_000, 10_000])
 @pytest.mark.parametrize(("number", "less", "more"), [("2.0000000005", 2 * 10**9, 1), ("1.0000000015", 10**9 + 2, 0)])
 def test_a_number_is_rounded_once(number: str, less: int, more: int, zeros: int) -> None:

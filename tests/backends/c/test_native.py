@@ -12,7 +12,7 @@ from backends.c.log import NativeLog, _functions
 from cross_check.generate.traces import detecting
 from rvaft import Semantics, loads
 from tests.backends.c.programs import TIED, WINDOW
-from tests.cli.runs import TREES, run, started
+from tests.cli.runs import TREES, run, started, written
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
 
@@ -132,6 +132,24 @@ def test_native_output_is_that_of_the_engine(
     assert (found.stdout, found.stderr, found.exit_code) == (wanted.stdout, wanted.stderr, wanted.exit_code)
     assert found.exit_code == 1
     assert not keys or "without the field" in found.stderr
+
+
+@pytest.mark.parametrize(
+    ("declared", "top"),
+    [
+        ('event a(x) = { e: "a", x: x };', 'a on a(X) when lower(X) == "u"'),
+        ('event a(x) = { e: "a", x: [..., x, ...] };', "a on a(X)"),
+        ('event a(x) = { e: "a", x: x }; time t as "%Y-%m-%d";', "a on a(X) within 2 d"),
+    ],
+)
+def test_what_c_refuses_is_refused(declared: str, top: str, tmp_path: Path) -> None:
+    within = " within 2 d" if "within" in top else ""
+    text = f'{declared} event b(x) = {{ e: "b", x: x }}; top sand a b{within}; {top.removesuffix(within)}; b on b(X);'
+    tree = written(tmp_path / "t.rvaft", f"semantics scattered; {text}")
+    result = run("monitor", tree, written(tmp_path / "log.jsonl", '{"e": "a"}\n'), "--native")
+    assert result.exit_code == 2
+    assert "c cannot express this tree" in result.stderr
+    assert result.stderr.rstrip().endswith("omit --native")
 
 
 @pytest.mark.parametrize("semantics", Semantics)

@@ -15,7 +15,7 @@ from rvaft.core.conditions import Unsayable
 from rvaft.core.patterns import overlaps
 from rvaft.core.property import Event, Property
 from rvaft.core.scenarios import Scenario
-from rvaft.errors import NotExpressible, TooLarge
+from rvaft.errors import NotExpressible, TooLarge, unwritten
 from rvaft.model.guards import Guard, variables
 from rvaft.model.patterns import Literal, ObjectPattern, Variable, rigid_variables
 
@@ -74,7 +74,7 @@ class MfotlFormula:
                 ways.append(conditions.ways(guard))
             except Unsayable as error:
                 reason = f"a guard over several events: {error}"
-                return NotExpressible(reason, nodes=[node])
+                return NotExpressible(unwritten(reason), nodes=[node])
             return None
 
         own = self._orders.assigned_guards(scenario, bound, several)

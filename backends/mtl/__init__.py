@@ -13,6 +13,7 @@ from rvaft.backend import Backend, Metrics, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, expand_times, order_ends
 from rvaft.core.property import Condition, Part, Property, Within
+from rvaft.errors import Reason, cannot, unwritten
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
 from rvaft.model.verdict import Semantics, Verdict
@@ -21,7 +22,8 @@ from rvaft.monitors import DetectionMonitor
 __all__ = ["MtlBackend"]
 
 
-_UNTIMED: Final = "its discrete time counts events, and windows need clock times"
+_UNTIMED: Final = unwritten("its discrete time counts events, and windows need clock times")
+_ONE_EVENT: Final = cannot("a proposition is about one event")
 
 
 class MtlCapabilities(Backend):
@@ -34,12 +36,11 @@ class MtlCapabilities(Backend):
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM}
     ties: ClassVar[Ties] = Ties.NONE
-    reasons: ClassVar[Mapping[Capability, str]] = {
-        Semantics: "a chain of `once` cannot forbid events between its own",
+    reasons: ClassVar[Mapping[Capability, Reason]] = {
         Within: _UNTIMED,
         Feature.TIME_POINTS: _UNTIMED,
-        Ties.ALL_EVENTS: "a proposition is about one event",
-        Ties.ANY: "a proposition is about one event",
+        Ties.ALL_EVENTS: _ONE_EVENT,
+        Ties.ANY: _ONE_EVENT,
     }
     default_limit: ClassVar[int] = 5_000
 

@@ -9,7 +9,7 @@ from typing import Final
 from backends.orders import Orders, merged
 from rvaft.core.property import Event, Property
 from rvaft.core.scenarios import Scenario
-from rvaft.errors import NotExpressible
+from rvaft.errors import NotExpressible, unwritten
 from rvaft.model import patterns
 from rvaft.model.expressions import guard_text, pattern_text
 from rvaft.model.guards import Guard
@@ -68,7 +68,9 @@ def translation(prop: Property, limit: int) -> Chains:
     def letters(scenario: Scenario) -> dict[Event, tuple[str, ...]] | None:
         bound = {event: {*patterns.rigid_variables(event.pattern)} for event in scenario.events}
         several = "a proposition is about one event, and a guard compares several"
-        guards = orders.assigned_guards(scenario, bound, lambda node, _: NotExpressible(several, nodes=[node]))
+        guards = orders.assigned_guards(
+            scenario, bound, lambda node, _: NotExpressible(unwritten(several), nodes=[node])
+        )
         if guards is None:
             return None
         leaves = {event: orders.groups.get(event, ((event, guards[event]),)) for event in scenario.events}
@@ -80,7 +82,7 @@ def translation(prop: Property, limit: int) -> Chains:
         lambda several: tuple(dict.fromkeys(chain.from_iterable(several))),
     )
     if any(len(word) > _DEEPEST for word in words):
-        raise NotExpressible(f"Reelay aborts on formulas deeper than {_DEEPEST} events")
+        raise NotExpressible(unwritten(f"Reelay aborts on formulas deeper than {_DEEPEST} events"))
     if not words:
         return Chains({_NEVER: "{ } when false"}, (((_NEVER,),),))
     names = {

@@ -24,6 +24,7 @@ from rvaft.capabilities import (
 )
 from rvaft.core.passes import Pass, expand_times, order_ends
 from rvaft.core.property import Condition, Part, Property, Within
+from rvaft.errors import Reason, unwritten
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
 from rvaft.model.values import Json
@@ -48,7 +49,7 @@ HIGHLIGHTING: Final = Highlighting(
 """RML for the LaTeX package `listings`, without colours."""
 
 
-_UNTIMED: Final = "RML cannot convert strings and decimals to times"
+_UNTIMED: Final = unwritten("times are written as integers of one unit alone, as RML does not read dates")
 
 
 class RmlCapabilities(Backend):
@@ -60,10 +61,10 @@ class RmlCapabilities(Backend):
     operators: ClassVar[frozenset[Operator]] = LOGICAL | COMPARING | CALCULATING
     values: ClassVar[frozenset[Value]] = JSON_VALUES
     ties: ClassVar[Ties] = Ties.ANY
-    reasons: ClassVar[Mapping[Capability, str]] = {
+    reasons: ClassVar[Mapping[Capability, Reason]] = {
         Within: _UNTIMED,
         Feature.TIME_POINTS: _UNTIMED,
-        **{one: f"RML has no {one.value}" for one in TEXTUAL | READING},
+        **{one: unwritten(f"RML has no `{one}`") for one in TEXTUAL | READING},
     }
     default_limit: ClassVar[int] = 20_000
 

@@ -37,7 +37,7 @@ from cross_check.results import DETECTIONS_ONLY, Status, raised, reason
 from rvaft.api import loads, resolve_semantics
 from rvaft.backend import Metrics, all_backends, backend
 from rvaft.engine import Engine
-from rvaft.errors import NotExpressible, OptionError, RvaftError
+from rvaft.errors import NotExpressible, OptionError, RvaftError, unwritten
 from rvaft.language.printer import dumps
 from rvaft.model.assumptions import first_violation
 from rvaft.model.nodes import Assumption, Gate, Node
@@ -468,7 +468,7 @@ def _translated(cell: Cell, limit: int | None) -> tuple[str, Metrics, float, fro
         made = backend(cell.language).translate(tree, cell.semantics, limit=limit)
         times.append(thread_time() - start)
     if Assumption.ORDER in made.assumes:
-        raise NotExpressible(NO_LATE_EVENTS)
+        raise NotExpressible(unwritten(NO_LATE_EVENTS))
     return made.text, made.metrics, median(times), made.assumes
 
 

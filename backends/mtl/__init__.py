@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import ClassVar, Final
 
 from backends.mtl.reader import compiled
-from backends.mtl.translation import symbols, translation
+from backends.mtl.translation import REELAY, symbols, translation
 from rvaft.backend import Backend, Metrics, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, expand_times, order_ends
@@ -30,7 +30,7 @@ class MtlCapabilities(Backend):
     """The capabilities of past MTL, for all its text forms."""
 
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
-    semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
+    semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
@@ -46,7 +46,7 @@ class MtlCapabilities(Backend):
 
 
 class MtlBackend(MtlCapabilities):
-    """Past MTL: `scattered`, without variables over several events and without times.
+    """Past MTL, without variables over several events and without times.
 
     >>> from rvaft import loads
     >>> print(MtlBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text, end="")
@@ -64,11 +64,11 @@ class MtlBackend(MtlCapabilities):
     extra: ClassVar[str] = "mtl"
     modules: ClassVar[tuple[str, ...]] = ("reelay",)
 
-    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the formula; raises `NotExpressible` for too long chains."""
-        chains = translation(prop, limit)
-        header = "".join(f"{name} := {definition}\n" for name, definition in chains.propositions.items())
-        formula = chains.reelay()
+        chains = translation(prop, semantics, limit)
+        header = "".join(f"{name} := {definition}\n" for name, definition in chains.definitions)
+        formula = chains.formula(REELAY)
         return SpecificationText(f"/* rvaft\n{header}*/\n{formula}\n", Metrics(symbols(formula)))
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> DetectionMonitor:

@@ -4,6 +4,8 @@
     NAME := PATTERN when GUARD when GUARD
     */
 
+Several lines for one name are alternatives.
+
 Reelay ends the whole process on malformed or too deep formulas, so it receives formulas that are
 parsed here. Propositions are evaluated here per event and passed as Booleans.
 """
@@ -99,7 +101,7 @@ class _Written(Transformer_NonRecursive[Token, tuple[str, int]]):
 class MtlProgram:
     """A compiled formula."""
 
-    def __init__(self, formula: str, atoms: Mapping[str, Observed]) -> None:
+    def __init__(self, formula: str, atoms: Mapping[str, Sequence[Observed]]) -> None:
         (self._monitor, self._lock), self._atoms = _monitor(formula), atoms
 
     def first_detections(self, traces: Sequence[Sequence[Json]]) -> list[int | None]:
@@ -110,7 +112,7 @@ class MtlProgram:
     def _first(self, trace: Sequence[Json]) -> int | None:
         self._monitor.update({"go": False, **dict.fromkeys(map(_called, self._atoms), False)})
         for number, event in enumerate(trace, 1):
-            values = {_called(name): atom.fits(event) for name, atom in self._atoms.items()}
+            values = {_called(name): fits(some, event) for name, some in self._atoms.items()}
             if self._monitor.update({"go": True, **values})["value"]:
                 return number
         return None
@@ -148,18 +150,23 @@ def compiled(text: str, given: tuple[tuple[str, Pattern], ...]) -> MtlProgram:
         raise TooLarge("nested operators", limit=_DEEPEST)
     known = dict(given)
     named = {name: Observed(known.get(name) or ObjectPattern((("event", Literal(name)),))) for name in writing.names}
-    return MtlProgram(formula, {name: defined.get(name, one) for name, one in named.items()})
+    return MtlProgram(formula, {name: defined.get(name, (one,)) for name, one in named.items()})
 
 
-def definitions(text: str) -> dict[str, Observed]:
-    """Return the patterns and guards of the propositions of a header; raises `LanguageError`."""
-    found: dict[str, Observed] = {}
+def fits(alternatives: Sequence[Observed], event: Json) -> bool:
+    """Whether one of the alternative definitions of a proposition fits an event."""
+    return any(one.fits(event) for one in alternatives)
+
+
+def definitions(text: str) -> dict[str, tuple[Observed, ...]]:
+    """Return the alternative definitions of each proposition of a header; raises `LanguageError`."""
+    found: dict[str, tuple[Observed, ...]] = {}
     header = _HEADER.match(text)
     for line in re.finditer(r"[^\n]*\S", header[1]) if header else ():
         assert header is not None
         begin, content = header.start(1) + line.start(), _LINE.fullmatch(line[0])
-        if content is None or content[1] in found:
-            raise error_at("expected a header line NAME := PATTERN when GUARD, with each name once", text, begin, _FILE)
+        if content is None:
+            raise error_at("expected a header line NAME := PATTERN when GUARD", text, begin, _FILE)
         cuts = [when.span(1) for when in _WHEN.finditer(content[2]) if when[1]]
         ends = [*(cut[0] for cut in cuts), len(content[2])]
         try:
@@ -168,5 +175,5 @@ def definitions(text: str) -> dict[str, Observed]:
         except LanguageError as error:
             raise error_at(error.message, text, begin + content.start(2), _FILE) from None
         when = Operation(Operator.AND, tuple(several)) if len(several) > 1 else next(iter(several), None)
-        found[content[1]] = Observed(pattern, when)
+        found[content[1]] = (*found.get(content[1], ()), Observed(pattern, when))
     return found

@@ -78,4 +78,5 @@ class MtlBackend(MtlCapabilities):
         Other propositions match the event of their name.
         """
         self.require()
-        return DetectionMonitor(compiled(text, tuple((atoms or {}).items())).first_detections)
+        program = compiled(text, tuple((atoms or {}).items()))
+        return DetectionMonitor(program.first_detections, program.left_open)

@@ -1,16 +1,20 @@
 """Properties to past MTL: a disjunction of event orders, each a chain of earlier events."""
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
-from typing import Final, assert_never
+from itertools import chain, combinations, product
+from typing import Final, NoReturn, assert_never
 
+from backends.nests import NOTHING, WINDOW, Nest, Nesting
 from backends.orders import Orders, merged
-from rvaft.core.property import Event, Property
-from rvaft.core.scenarios import Scenario
+from rvaft.core.part_numbers import PartKind
+from rvaft.core.patterns import overlaps
+from rvaft.core.property import Event, Property, Within
+from rvaft.core.scenarios import Scenario, most_events
 from rvaft.errors import NotExpressible, unwritten
 from rvaft.model import patterns
+from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import guard_text, pattern_text
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import Pattern
@@ -19,6 +23,7 @@ from rvaft.model.verdict import Semantics
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"')
 _TOKEN: Final = re.compile(r"\w+|[^\s\w]")
 _DEEPEST: Final = 200
+_LONGEST: Final = 1_000_000_000
 _NEVER: Final = "never"
 _RELEVANT: Final = "relevant"
 _IGNORED: Final = "ignored"
@@ -157,3 +162,103 @@ def _relevance(prop: Property, *, several: bool) -> Iterator[tuple[str, str]]:
 def _definition(pattern: Pattern, guards: Sequence[Guard]) -> str:
     text = pattern_text(pattern) + "".join(f" when {guard_text(guard)}" for guard in dict.fromkeys(guards))
     return _STRING.sub(lambda found: found[0].replace("*/", "*\\u002f"), text)
+
+
+class WindowedFormula:
+    """The formula of a property with windows under `scattered`, in dense time.
+
+    A part holds at its last event. No event may match two parts that are not in order, so the
+    others were earlier. Raises `NotExpressible` and `TooLarge`.
+    """
+
+    def __init__(self, prop: Property, limit: int) -> None:
+        most, windows = most_events(prop.parts), [part for part in prop.parts if isinstance(part, Within)]
+        if single := [window.source.node for window in windows if most[window] < 2]:
+            raise self._unwritten("a window over one event only requires that it has a time", single)
+        self.unit = next(one for one in ("s", "ms", "us", "ns") if not any(w.duration % UNITS[one] for w in windows))
+        if any(window.duration >= _LONGEST * UNITS[self.unit] for window in windows):
+            raise self._unwritten(f"a bound is less than {_LONGEST:,} {self.unit}", (w.source.node for w in windows))
+        self._names: dict[str, str] = {}
+        nest = Nesting(prop, self._refuse, limit=limit, unit="events in all parts").nest()
+        self.text = f"once({self._part(nest, '')})"
+        self.definitions = tuple((name, one) for one, name in self._names.items())
+
+    @staticmethod
+    def _unwritten(why: str, nodes: Iterable[str]) -> NotExpressible:
+        return NotExpressible(unwritten(why), nodes=dict.fromkeys(nodes))
+
+    def _refuse(self, why: str, nodes: Iterable[str]) -> NoReturn:
+        what = "a window over parts with common events" if why == WINDOW else "events with common variables or guards"
+        raise self._unwritten(f"{what} beside windows", nodes)
+
+    def _part(self, nest: Nest, before: str, within: int | None = None) -> str:
+        """Return the formula of a part after another, with all its events within a duration of the last."""
+        own = [one for one in (nest.within, within) if one is not None]
+        within = min(own, default=None)
+        if within is not None and nest.op in (PartKind.ALL, PartKind.SEQUENCE):
+            *others, last = nest.parts if nest.op is PartKind.SEQUENCE else (*nest.parts, NOTHING)
+            flat = others[0].parts if len(others) == 1 and others[0].op is PartKind.ALL else others
+            if (nest.op is PartKind.SEQUENCE and len(others) > 1) or not all(map(self._is_single, (*flat, last))):
+                raise self._unwritten("a window over events in order, which are not two", nest.nodes())
+            self._require_apart([*flat, last])
+            if nest.op is PartKind.SEQUENCE:
+                return " and ".join([self._part(last, ""), *(self._recent(one, before, within) for one in flat)])
+        match nest.op:
+            case PartKind.EVENT:
+                assert nest.event is not None
+                definition = _definition(nest.event.pattern, nest.guards)
+                letter = REELAY.atom.format(self._names.setdefault(definition, f"p{len(self._names) + 1}"))
+                known = [] if within is None else [f"once{self._bounds(within)}({letter})"]
+                return " and ".join([letter, *known, *([REELAY.earlier.format(before)] if before else [])])
+            case PartKind.SEQUENCE:
+                for one in nest.parts:
+                    before = self._part(one, before)
+                return before
+            case PartKind.ONE:
+                return self._either(self._part(one, before, within) for one in nest.parts)
+            case PartKind.AT_LEAST:
+                return self._part(nest.ways(), before, within)
+            case PartKind.ALL:
+                self._require_apart(nest.parts)
+                return self._either(
+                    " and ".join(
+                        [
+                            self._bracketed(self._part(last, before)),
+                            *(self._recent(one, before, within) for one in nest.parts if one is not last),
+                        ]
+                    )
+                    for last in nest.parts
+                )
+            case _:
+                raise AssertionError(nest.op)
+
+    def _recent(self, nest: Nest, before: str, within: int | None) -> str:
+        return f"once{'' if within is None else self._bounds(within)}({self._part(nest, before)})"
+
+    def _bounds(self, within: int) -> str:
+        return f"[0:{within // UNITS[self.unit]}]"
+
+    @staticmethod
+    def _bracketed(part: str) -> str:
+        return f"({part})"
+
+    @staticmethod
+    def _either(parts: Iterable[str]) -> str:
+        found = list(parts)
+        return found[0] if len(found) == 1 else f"({' or '.join(f'({one})' for one in found)})"
+
+    @staticmethod
+    def _is_single(nest: Nest) -> bool:
+        return (
+            nest.op is PartKind.EVENT
+            or (nest.op is PartKind.ONE and all(one.op is PartKind.EVENT for one in nest.parts))
+            or nest == NOTHING
+        )
+
+    def _require_apart(self, parts: Sequence[Nest]) -> None:
+        """Raise `NotExpressible` if one event can match two of the parts."""
+        for one, other in combinations(parts, 2):
+            for event, another in product(one.events(), other.events()):
+                if overlaps(event.pattern, another.pattern):
+                    nodes = (event.source.node, another.source.node)
+                    raise self._unwritten("windows beside events that one event can match", nodes)

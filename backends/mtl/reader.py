@@ -113,20 +113,23 @@ class _Written(Transformer_NonRecursive[Token, tuple[str, int]]):
 class _Dense(_Written):
     """The formula for Reelay in dense time, in which all operators look at events only.
 
-    `step` is the length of a unit of bounds in Reelay, and `apart` is more than the number of
-    events with one time. `known` is true for events with a time.
+    A bound of `unit` ns is `unit / common * 2 * apart` in Reelay, where `apart` is more than the
+    number of events with one time. `known` is true for events with a time.
     """
 
-    def __init__(self, step: int, apart: int) -> None:
+    def __init__(self, unit: int, common: int, apart: int) -> None:
         super().__init__()
-        self._step, self._apart = step, apart
+        self._unit, self._common, self._apart = unit, common, apart
         self.bounds_found: list[int] = []
+
+    def _length(self, bound: int) -> int:
+        return bound * self._unit // self._common * 2 * self._apart
 
     def bounds(self, parts: list[Any]) -> tuple[str, int]:
         low, high = (None if one is None else int(one) for one in parts)
         self.bounds_found += [one for one in (low, high) if one is not None]
-        begin = max(0, (low or 0) * self._step - self._apart)
-        return f"[{begin}:{'' if high is None else high * self._step + self._apart}]", 0
+        begin = max(0, self._length(low or 0) - self._apart)
+        return f"[{begin}:{'' if high is None else self._length(high) + self._apart}]", 0
 
     def pre(self, parts: list[Any]) -> tuple[str, int]:
         now = f"({_GO} and {parts[0][0]})"
@@ -184,7 +187,7 @@ class DenseProgram:
 
     def __init__(self, formula: str, atoms: Mapping[str, Sequence[Observed]], time: EventTime, unit: int) -> None:
         self._formula, self._atoms, self._time, self._unit = formula, atoms, time, unit
-        self._bounds = [one * unit for one in _densely(formula, 0, 0)[1]]
+        self._bounds = [one * unit for one in _densely(formula, unit, unit, 1)[1]]
 
     def first_detections(self, traces: Sequence[Sequence[Json]]) -> list[int | None]:
         """Return per trace the number of the first event at which the formula holds, or None.
@@ -198,9 +201,9 @@ class DenseProgram:
             raise TraceError(why, line=None)
         if not trace:
             return None
-        places, step, apart = self._places(trace)
+        places, common, apart = self._places(trace)
         extension, options = _reelay()
-        formula = _densely(self._formula, step, apart)[0]
+        formula = _densely(self._formula, self._unit, common, apart)[0]
         monitor = extension.dense_monitor.make(formula, options)
         off = {"go": False, "known": False, **dict.fromkeys(map(_called, self._atoms), False)}
         found = [*monitor.update({"time": 0, **off})]  # Reelay does not read values at 0
@@ -222,12 +225,14 @@ class DenseProgram:
             return "times go backwards"
         if not trace:
             return ""
-        places, step, apart = self._places(trace)
-        most = max([places[-1], *(one // self._unit * step + apart for one in self._bounds)])
+        places, common, apart = self._places(trace)
+        most = max([places[-1], *(one // common * 2 * apart + apart for one in self._bounds)])
         return "the times are too many for the numbers of Reelay" if most >= _EXACT else ""
 
     def _places(self, trace: Sequence[Json]) -> tuple[list[int], int, int]:
-        """Return the places of the events in Reelay's time, the length of a unit, and half a distance."""
+        """Return the places of the events in Reelay's time, the common divisor of times and bounds in
+        nanoseconds, and half the place that it takes.
+        """
         read = [self._time.read(event) for event in trace]
         last = next((time for time in read if time is not None), 0)
         begin, moments = last, list[int]()
@@ -241,13 +246,13 @@ class DenseProgram:
         for number, moment in enumerate(moments):
             rank = rank + 1 if number and moment == moments[number - 1] else 0
             places.append(moment // common * 2 * apart + rank + 1)
-        return places, 2 * apart * self._unit // common, apart
+        return places, common, apart
 
 
 @lru_cache(maxsize=128)
-def _densely(formula: str, step: int, apart: int) -> tuple[str, tuple[int, ...]]:
+def _densely(formula: str, unit: int, common: int, apart: int) -> tuple[str, tuple[int, ...]]:
     """Return the formula for Reelay in dense time, and the bounds in it."""
-    writing = _Dense(step, apart)
+    writing = _Dense(unit, common, apart)
     written, _ = writing.transform(_parser().parse(formula))
     return f"{_GO} and {written}", tuple(writing.bounds_found)
 

@@ -85,7 +85,11 @@ GATES: Final[frozenset[type[Part]]] = frozenset({Event, All, Sequence, One, AtLe
 Capability: TypeAlias = type[Part] | Operator | Feature | Value | Ties | type[Semantics]
 """The subject of a reason; `Semantics` stands for every missing semantics."""
 
-_FEW: Final = "the backend does not list the values that other guards or types leave"
+_OPEN: Final[Mapping[Ties, str]] = {
+    Ties.ALL_EVENTS: "the backend does not list the values that guards and types leave",
+    Ties.ANY: "the backend does not take this guard apart",
+}
+"""Why a tie is refused that tests of single events might replace."""
 _CONSTRUCTS: Final[Mapping[type[Part], str]] = {
     Event: "events",
     Times: "counted events (`times`)",
@@ -193,7 +197,7 @@ def check(
         reason = capabilities.unassumed(need, missing) if missing else capabilities.reason(need)
         raise NotExpressible(reason, nodes=[node for node in nodes if node])
     if capabilities.ties is Ties.NONE and (tie := _tied(prop, semantics)) is not None:
-        why = capabilities.reason(tie.lacking) if tie.endless else unwritten(_FEW)
+        why = capabilities.reason(tie.lacking) if tie.endless else unwritten(_OPEN[tie.lacking])
         raise NotExpressible(why.about(tie.by), nodes=tie.nodes)
     return frozenset(assumed)
 
@@ -328,7 +332,10 @@ def _binding(prop: Property) -> _Binding:
     times = {event: 2 if isinstance(event, Times) and event.count > 1 else 1 for event in binding}
     uses = Counter(name for event, names in binding.items() for name in names for _ in range(times[event]))
     variables_of = {
-        part: [set(variables(conjunct)) for conjunct in conjuncts(part.guard)]
+        part: [
+            set(variables(conjunct)) - {point.name for point in time_points(conjunct)}
+            for conjunct in conjuncts(part.guard)
+        ]
         for part in prop.parts
         if isinstance(part, Condition)
     }

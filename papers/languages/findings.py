@@ -425,6 +425,36 @@ SECTIONS: Final[Mapping[str, Sequence[Finding]]] = {
                 {"symbols": lambda n, k: chains(n, k, lambda k: 14 * k - 13, other=3, more=2, joint=2)},
             ),
         ),
+        sized(
+            "Under the other semantics, too, SAND and PAND are one chain (n ≥ 2): for Reelay 9n + 18 symbols under "
+            "`strict`, 20n + 1 under `projected`, 20n - 12 under `consecutive`; for R2U2 14n + 8, 26n - 10, 26n - 25; "
+            "in MFOTL 20n - 2, 27n + 2, 27n - 17.",
+            in_a_row("mtl", STRICT, lambda n: 9 * n + 18),
+            in_a_row("mtl", PROJECTED, lambda n: 20 * n + 1),
+            in_a_row("mtl", CONSECUTIVE, lambda n: 20 * n - 12),
+            in_a_row("mtl-r2u2", STRICT, lambda n: 14 * n + 8),
+            in_a_row("mtl-r2u2", PROJECTED, lambda n: 26 * n - 10),
+            in_a_row("mtl-r2u2", CONSECUTIVE, lambda n: 26 * n - 25),
+            in_a_row("mfotl", STRICT, lambda n: 20 * n - 2),
+            in_a_row("mfotl", PROJECTED, lambda n: 27 * n + 2),
+            in_a_row("mfotl", CONSECUTIVE, lambda n: 27 * n - 17),
+        ),
+        sized(
+            "For AND and VOT, MFOTL has under `projected` and `consecutive` a chain per order of at least k children, "
+            "and under `strict` still a formula per set of them.",
+            Claim(
+                "mfotl",
+                (Gate.AND, Gate.VOT),
+                (PROJECTED, CONSECUTIVE),
+                {"subformulas": lambda n, k: sum(j * perm(n, j) for j in range(k, n + 1))},
+            ),
+            Claim(
+                "mfotl",
+                (Gate.AND, Gate.VOT),
+                (STRICT,),
+                {"subformulas": lambda n, k: larger(n, k, lambda j: 2 * j)},
+            ),
+        ),
     ),
 }
 FINDINGS: Final = tuple(finding for some in SECTIONS.values() for finding in some)

@@ -64,10 +64,10 @@ WALKING: Final = 30.0  # seconds to generate the events of a tree with the engin
 SLACK: Final = 10  # the ratio of wall time to CPU time that is allowed, per parallel process
 GRACE: Final = 5.0  # additional seconds of wall time per process
 SIZES: Final = ("symbols", "subformulas", "states", "edges")  # sizes of a text
-ONLY_EMITTED: Final = "only emitted: {} is not installed"
+ONLY_EMITTED: Final = "only emitted: {} was not run"
 """Of a text without a reader in rvaft; {} is the program that would run it."""
 PROGRAMS: Final[Mapping[str, str]] = {"mfotl": "MonPoly", "mtl-r2u2": "R2U2", "match-recognize": "Apache Flink"}
-"""Programs of languages without a reader: `MONPOLY` and `R2U2` of the environment are their paths."""
+"""Programs of languages without a reader; `MONPOLY` and `R2U2` of the environment are paths of the first two."""
 EVENTS: Final = 240  # events of all walks of a tree
 LONGEST: Final = 60  # the maximum number of events of a walk without a verdict
 _PATHS: Final[Mapping[str, str]] = {"mfotl": "MONPOLY", "mtl-r2u2": "R2U2"}

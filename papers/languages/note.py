@@ -137,14 +137,11 @@ def note(rows: Sequence[Measurement], limit: int) -> str:
         else:
             counts.append((outcome, sum(row.ended is outcome for row in rows)))
     outcomes = ", ".join(f"{count:,} {outcome}" for outcome, count in counts if count)
-    emitted = [name for name in names if any(row.only_emitted for row in rows if row.language == name)]
-    ran = [name for name in names if name in PROGRAMS and name not in emitted]
-    outside = [
-        f"{PROGRAMS[name]} ran the texts of `{name}`."
-        if name in ran
-        else f"The texts of `{name}` were not run: {PROGRAMS[name]} was not installed."
-        for name in (*ran, *emitted)
-    ]
+    outside = []
+    for name, program in PROGRAMS.items():
+        texts = [row for row in rows if row.language == name and row.result is Outcome.OK]
+        run = sum(not row.only_emitted for row in texts)
+        outside.append(f"{program} ran {run:,} of the {len(texts):,} texts of `{name}`.")
     head = _HEAD.format(
         languages=len(names),
         most=most,
@@ -220,7 +217,7 @@ def _is_said(row: Measurement) -> bool:
 
 
 def _told(rows: Sequence[Measurement]) -> str:
-    if any(row.only_emitted for row in rows):
+    if all(row.only_emitted for row in rows if row.result is Outcome.OK):
         return "emitted"
     return "detections only" if any(row.detections_only for row in rows) else "all"
 

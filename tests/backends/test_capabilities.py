@@ -102,7 +102,7 @@ def test_a_guard_that_decides_relevance_is_checked_where_relevance_counts() -> N
     [
         ("r and a b; a on e(X); b on f(X);", "variables over several events: variable X"),
         ("r and a b; a on e(X); b on f(Y) when Y > X;", "variables over several events: a guard over several events"),
-        ('r and a b when X == "u"; a on e(X); b on f(X);', "values that other guards or types leave: variable X"),
+        ('r and a b when X == "u"; a on e(X); b on f(X);', "values that guards and types leave: variable X"),
     ],
 )
 def test_what_ties_events_is_refused_unless_it_is_listed(text: str, reason: str) -> None:

@@ -39,7 +39,7 @@ from rvaft.model.guards import (
     time_points,
 )
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import Causality, Gate, Node
+from rvaft.model.nodes import Assumption, Causality, Gate, Node
 from rvaft.model.patterns import (
     Anything,
     ListPattern,
@@ -407,6 +407,7 @@ class RmlPaperBackend(RmlBackend):
     faithful: ClassVar[bool] = False
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.STRICT, Semantics.PROJECTED})
     passes: ClassVar[tuple[Pass, ...]] = ()
+    needs: ClassVar[Mapping[Capability, frozenset[Assumption]]] = {}
     reasons: ClassVar[Mapping[Capability, Reason]] = {
         **RmlBackend.reasons,
         **dict.fromkeys((Semantics, Times, EndInOrder, Within, Feature.TIME_POINTS), _UNSAID),

@@ -281,7 +281,7 @@ def test_random_trees(semantics: Semantics) -> None:
     [
         ("once({p2: true} and pre((not {p1: true} and not {p2: true}) since {p1: true}))", "consecutive"),
         (
-            "{b: true} and pre((not ({a: true} or {b: true})) since ({a: true} and not pre(once({a: true} or {b: true}))))",
+            "{b: true} and pre((not ({a: true} or {b: true})) since ({a: true} and not pre(once {a: true} or once {b: true})))",
             "projected",
         ),
     ],

@@ -20,6 +20,7 @@ from rvaft import (
     EventType,
     Gate,
     Node,
+    NotExpressible,
     On,
     OptionError,
     RvaftError,
@@ -30,6 +31,7 @@ from rvaft import (
     TraceError,
     loads,
 )
+from rvaft.errors import Cause
 from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.model.values import Json
 from rvaft.monitors import DetectionMonitor
@@ -70,6 +72,15 @@ def test_text_of_each_semantics(text: str, semantics: str, expected: str, bounde
 def test_text_of_windows(text: str, time: str, expected: str) -> None:
     lines = BACKEND.translate(loads(text), SCATTERED).text.splitlines()
     assert (lines[1], lines[-1]) == (time, expected)
+
+
+@pytest.mark.parametrize(("text", "semantics", "reason"), rows(__file__, "windows_refused.txt"))
+def test_windows_that_are_not_written(text: str, semantics: str, reason: str) -> None:
+    """This claims nothing of the language; the form for R2U2 has no windows."""
+    for language, said in ((BACKEND, reason), (BOUNDED, "R2U2 counts steps, and windows are durations")):
+        with pytest.raises(NotExpressible, match=re.escape(said)) as raised:
+            language.translate(loads(text), Semantics(semantics))
+        assert raised.value.cause is Cause.WRITER
 
 
 DENSE = "/* rvaft\ntime t as s, bounds in ms\n*/\n"
@@ -276,12 +287,16 @@ def test_random_trees(semantics: Semantics) -> None:
         asked += len(traces)
 
 
+_PREVIOUS = "{b: true} and pre((not ({a: true} or {b: true})) since "
+_FROM_THE_FIRST = f"{_PREVIOUS}({{a: true}} and not pre(once({{a: true}} or {{b: true}}))))"
+
+
 @pytest.mark.parametrize(
     ("formula", "semantics"),
     [
         ("once({p2: true} and pre((not {p1: true} and not {p2: true}) since {p1: true}))", "consecutive"),
         (
-            "{b: true} and pre((not ({a: true} or {b: true})) since ({a: true} and not pre(once {a: true} or once {b: true})))",
+            _FROM_THE_FIRST,
             "projected",
         ),
     ],

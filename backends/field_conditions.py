@@ -43,6 +43,7 @@ class Lack(Enum):
 class FieldConditions(ABC):
     """The conditions of one language; `{p}` in a template is a path, `{v}` a literal.
 
+    >>> from rvaft.errors import unwritten
     >>> class Dialect(FieldConditions):
     ...     exists, equals, differs, is_truth = "has {p}", "{p} = {v}", "{p} != {v}", "{p} = {v}"
     ...     reasons = {Lack.CALCULATION: unwritten("it calculates nothing")}
